@@ -1,0 +1,126 @@
+"""Every hyper-parameter of reconstruction: the paper's Table 11 and section 5.1, and the presets of `--quality`.
+
+A `Config` is plain data. It is written next to the checkpoints, so that a run continued by the same command can tell that it is
+the same run, and every ablation is one field changed with `dataclasses.replace`.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+from dataclasses import dataclass, field
+from typing import Literal
+
+from splatreel.errors import UsageError
+
+Quality = Literal["draft", "standard", "paper"]
+
+
+@dataclass(frozen=True)
+class LayeringConfig:
+    """Motion layering, paper section 4.1."""
+
+    flow: Literal["dis", "raft"] = "dis"
+    segment: Literal["grabcut", "sam2", "none"] = "none"
+    flow_threshold: float = 2.0
+    """lambda_raft: flow longer than this many pixels, at a width of 1352, is motion."""
+    flow_frames: int = 7
+    """Frames of the group that flow is computed to; the paper uses 1, the next keyframe."""
+    photometric_threshold: float = 6 / 255
+    """Flow counts only where the two frames also differ by this much: flow on flat walls is noise."""
+    lift: Literal["optimise", "vote"] = "vote"
+    lift_iterations: int = 400
+    lambda_nn: float = 0.5
+    lambda_dyn: float = 0.3
+    label_threshold: float = 0.5
+    neighbours: int = 8
+    adapt_every: int = 100
+    """Iterations between adaptive static-point conversions; 0 turns it off."""
+    adapt_gradient: float = 3e-4
+    """lambda_adp^grad, normalised device units."""
+    adapt_neighbours: float = 0.6
+    """lambda_adp^nn: the share of dynamic neighbours that makes a static point dynamic."""
+
+
+@dataclass(frozen=True)
+class KeyframeConfig:
+    """Static reconstruction of a keyframe: 3DGS, paper section 5.1."""
+
+    first_iterations: int = 20_000
+    refine_iterations: int = 5_000
+    coarse_share: float = 0.0
+    """Share of the iterations of the first keyframe trained at half size."""
+    sh_degree: int = 3
+    max_points: int = 1_000_000
+    cull_opacity: float = 0.05
+    densify_gradient: float = 2e-4
+    densify_every: int = 100
+
+
+@dataclass(frozen=True)
+class GroupConfig:
+    """Group reconstruction, paper section 4.2."""
+
+    length: int = 30
+    overlap: int = 5
+    deformation: Literal["trajectory", "hashgrid"] = "trajectory"
+    iterations_per_frame: int = 400
+    lambda_dssim: float = 0.2
+    lambda_arap: float = 0.01
+    lambda_temporal: float = 0.01
+    temporal_window: int = 2
+    progressive: float = 0.5
+    """Share of the iterations over which frames are let in one after the other; 0 turns progressive sampling off."""
+
+
+@dataclass(frozen=True)
+class EncodeConfig:
+    """Compression, paper section 4.3 and Tables 9 and 10."""
+
+    codec: Literal["h265"] = "h265"
+    position_bits: int = 20
+    """QP_DRC."""
+    quat_bits: int = 8
+    opacity_bits: int = 8
+    scale_bits: int = 12
+    color_bits: int = 8
+    sh_entries: int = 1024
+    """Size of the codebook of c_rest; 0 drops the higher SH bands."""
+    crf: int = 20
+    """CRF_265 of the low byte of dx and of dq."""
+    fold: bool = True
+    """Store the low byte mirrored where the high byte is odd: a triangle wave instead of a sawtooth."""
+
+
+@dataclass(frozen=True)
+class Config:
+    """Everything that decides what a reconstruction looks like."""
+
+    layering: LayeringConfig = field(default_factory=LayeringConfig)
+    keyframe: KeyframeConfig = field(default_factory=KeyframeConfig)
+    group: GroupConfig = field(default_factory=GroupConfig)
+    encode: EncodeConfig = field(default_factory=EncodeConfig)
+    correct_colors: bool = True
+    """Per-camera colour gain, learned on the training cameras around a mean of one; cameras never seen get none."""
+    seed: int = 0
+
+    def to_json(self) -> str:
+        return json.dumps(dataclasses.asdict(self), indent=1, sort_keys=True)
+
+
+def preset(quality: Quality) -> Config:
+    """The configuration of one `--quality`. Raises `UsageError` for an unknown name."""
+    if quality == "paper":
+        layering = LayeringConfig(flow_frames=1, lift="optimise", segment="grabcut")
+        return Config(layering=layering, group=GroupConfig(deformation="hashgrid"), correct_colors=False)
+    if quality == "standard":
+        return Config(
+            keyframe=KeyframeConfig(first_iterations=3000, refine_iterations=800, max_points=60_000, coarse_share=0.5),
+            group=GroupConfig(iterations_per_frame=130),
+        )
+    if quality == "draft":
+        return Config(
+            keyframe=KeyframeConfig(first_iterations=1000, refine_iterations=250, max_points=30_000, coarse_share=0.5),
+            group=GroupConfig(iterations_per_frame=30),
+        )
+    raise UsageError(f"Unknown quality {quality!r}. Choose draft, standard or paper.")

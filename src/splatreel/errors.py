@@ -1,0 +1,37 @@
+"""Every error Splatreel raises on purpose.
+
+A message says what happened, names the file and the offending value, and says what to do about it. The command line prints it
+as one block and leaves with the error's exit code; a program can catch `SplatreelError`.
+"""
+
+
+class SplatreelError(Exception):
+    """Base of every error a user can cause or meet."""
+
+    exit_code = 1
+
+
+class UsageError(SplatreelError):
+    """The request itself is wrong: an unknown option value, two options that exclude each other."""
+
+    exit_code = 2
+
+
+class CaptureError(SplatreelError):
+    """The input videos, images or cameras cannot be used as they are."""
+
+
+class ReelError(SplatreelError):
+    """A reel, or a file that claims to belong to one, is damaged, incomplete or of an unknown version."""
+
+
+class GaussiansError(SplatreelError):
+    """Gaussians hold values no renderer can draw (NaN, wrong shapes)."""
+
+
+class ReconstructionError(SplatreelError):
+    """Reconstruction cannot start or go on."""
+
+
+class MissingDependencyError(SplatreelError):
+    """An optional package is needed; the message names the extra that brings it."""

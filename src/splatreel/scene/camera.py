@@ -1,0 +1,63 @@
+"""Pinhole cameras in the OpenCV convention: x right, y down, z forward, pixel centres at +0.5."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from splatreel.errors import CaptureError
+
+
+@dataclass(frozen=True)
+class Camera:
+    """One static, undistorted camera.
+
+    viewmat: [4, 4] float32, world to camera. K: [3, 3] float32, pixels. width, height: pixels.
+    """
+
+    name: str
+    viewmat: np.ndarray
+    K: np.ndarray
+    width: int
+    height: int
+
+    def __post_init__(self) -> None:
+        for field, shape in (("viewmat", (4, 4)), ("K", (3, 3))):
+            value = np.asarray(getattr(self, field), np.float32)
+            if value.shape != shape:
+                raise CaptureError(f"Camera {self.name!r}: {field} has shape {value.shape}, expected {shape}.")
+            if not np.isfinite(value).all():
+                raise CaptureError(f"Camera {self.name!r}: {field} holds NaN or infinity. Check the capture's poses.")
+            object.__setattr__(self, field, value)
+
+    @property
+    def center(self) -> np.ndarray:
+        """Optical centre in world units, [3] float32."""
+        return -self.viewmat[:3, :3].T @ self.viewmat[:3, 3]
+
+    @property
+    def forward(self) -> np.ndarray:
+        """Viewing direction in the world, unit, [3] float32."""
+        return self.viewmat[2, :3]
+
+    def resized(self, width: int, height: int) -> Camera:
+        """The same camera with its image resampled to width x height pixels."""
+        K = self.K.copy()
+        K[0] *= width / self.width
+        K[1] *= height / self.height
+        return replace(self, K=K, width=width, height=height)
+
+
+def focus_point(cameras: list[Camera]) -> np.ndarray:
+    """The point closest, in the least squares sense, to all optical axes; [3] float64.
+
+    A weak pull to the mean camera centre keeps nearly parallel rigs finite.
+    """
+    centers = np.stack([c.center for c in cameras]).astype(np.float64)
+    directions = np.stack([c.forward for c in cameras]).astype(np.float64)
+    projectors = np.eye(3) - directions[:, :, None] * directions[:, None, :]
+    ridge = 1e-4 * len(cameras)
+    A = projectors.sum(0) + ridge * np.eye(3)
+    b = np.einsum("nij,nj->i", projectors, centers) + ridge * centers.mean(0)
+    return np.linalg.solve(A, b)

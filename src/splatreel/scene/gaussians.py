@@ -1,0 +1,82 @@
+"""A set of 3D Gaussians as plain arrays."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, fields
+
+import numpy as np
+
+from splatreel.errors import GaussiansError
+from splatreel.scene import rotations
+
+
+@dataclass(frozen=True)
+class Gaussians:
+    """Gaussians in world space, activated (no logarithms or logits), all float32.
+
+    means: [N, 3] world units. quats: [N, 4] wxyz, unit. scales: [N, 3] world units. opacities: [N] in 0..1.
+    sh: [N, (degree + 1)^2, 3] spherical harmonics in the 3DGS order; sh[:, 0] is the DC term (c_base), the rest c_rest.
+    """
+
+    means: np.ndarray
+    quats: np.ndarray
+    scales: np.ndarray
+    opacities: np.ndarray
+    sh: np.ndarray
+
+    def __post_init__(self) -> None:
+        for field in fields(self):
+            object.__setattr__(self, field.name, np.ascontiguousarray(getattr(self, field.name), np.float32))
+        n = len(self.means)
+        bands = self.sh.shape[1] if self.sh.ndim == 3 else -1
+        expected = {"means": (n, 3), "quats": (n, 4), "scales": (n, 3), "opacities": (n,), "sh": (n, bands, 3)}
+        for name, shape in expected.items():
+            if getattr(self, name).shape != shape:
+                raise GaussiansError(f"Gaussians: {name} has shape {getattr(self, name).shape}, expected {shape}.")
+        if bands not in (1, 4, 9, 16):
+            raise GaussiansError(f"Gaussians: sh has {bands} coefficients a channel, expected 1, 4, 9 or 16.")
+
+    def __len__(self) -> int:
+        return len(self.means)
+
+    def __getitem__(self, index: np.ndarray | slice) -> Gaussians:
+        """The points an index array, mask or slice selects."""
+        return Gaussians(*(getattr(self, f.name)[index] for f in fields(self)))
+
+    @property
+    def sh_degree(self) -> int:
+        return round(self.sh.shape[1] ** 0.5) - 1
+
+    def check_finite(self, what: str = "Gaussians") -> None:
+        """Raise `GaussiansError` if any number is NaN or infinite."""
+        for field in fields(self):
+            bad = ~np.isfinite(getattr(self, field.name))
+            if bad.any():
+                raise GaussiansError(f"{what}: {field.name} holds {int(bad.sum())} values that are NaN or infinite.")
+
+    def moved(self, dx: np.ndarray, dq: np.ndarray) -> Gaussians:
+        """Deformed by offsets: x + dx, q * dq (paper 4.2). dx: [N, 3]; dq: [N, 4], need not be unit."""
+        quats = rotations.multiply(self.quats, rotations.normalize(dq))
+        return Gaussians(self.means + dx, quats, self.scales, self.opacities, self.sh)
+
+    def faded(self, weight: float | np.ndarray) -> Gaussians:
+        """Faded by weight 0..1 in optical depth: opacity becomes 1 - (1 - opacity)^weight.
+
+        Two coinciding sets faded by w and 1 - w absorb exactly as much light as one, which a linear fade does not.
+        """
+        opacities = 1 - (1 - np.minimum(self.opacities, 0.9999)) ** np.asarray(weight, np.float32)
+        return Gaussians(self.means, self.quats, self.scales, opacities, self.sh)
+
+    @staticmethod
+    def empty(sh_degree: int = 3) -> Gaussians:
+        return Gaussians(
+            np.zeros((0, 3)), np.zeros((0, 4)), np.zeros((0, 3)), np.zeros(0), np.zeros((0, (sh_degree + 1) ** 2, 3))
+        )
+
+    @staticmethod
+    def concatenate(parts: list[Gaussians]) -> Gaussians:
+        """All points of parts, in order. SH of lower degrees is padded with zeros."""
+        bands = max(p.sh.shape[1] for p in parts)
+        padded = [np.pad(p.sh, ((0, 0), (0, bands - p.sh.shape[1]), (0, 0))) for p in parts]
+        names = ("means", "quats", "scales", "opacities")
+        return Gaussians(*(np.concatenate([getattr(p, n) for p in parts]) for n in names), np.concatenate(padded))

@@ -1,0 +1,55 @@
+"""A group of Gaussians (GOG, paper section 4): what a reel stores for one group of frames."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from splatreel.errors import GaussiansError
+from splatreel.scene.gaussians import Gaussians
+
+
+@dataclass(frozen=True)
+class Group:
+    """Dynamic points with their offsets over a group's frames, and which static points are alive in it.
+
+    dynamic: the canonical points P^d, at the keyframe or wherever training left them.
+    dx: [T, N, 3] float32 position offsets, world units. dq: [T, N, 4] float32 rotation offsets, wxyz, about unit.
+    T counts the group's own frames plus the overlap with the next group.
+    alive: [S] bool over all static points of the layers born up to and including this group, in reel order.
+    """
+
+    index: int
+    first_frame: int
+    dynamic: Gaussians
+    dx: np.ndarray
+    dq: np.ndarray
+    alive: np.ndarray
+
+    def __post_init__(self) -> None:
+        frames, n = self.dx.shape[0], len(self.dynamic)
+        if self.dx.shape != (frames, n, 3) or self.dq.shape != (frames, n, 4):
+            raise GaussiansError(
+                f"Group {self.index}: dx {self.dx.shape} and dq {self.dq.shape} do not fit {n} dynamic points."
+            )
+        if frames < 1:
+            raise GaussiansError(f"Group {self.index}: holds no frame.")
+
+    @property
+    def frames(self) -> int:
+        return self.dx.shape[0]
+
+    def at(self, frame: float) -> Gaussians:
+        """The dynamic points at a frame counted from first_frame; between frames dx is linear, dq normalised linear.
+
+        Times outside the group are clamped to its first and last frame.
+        """
+        frame = float(np.clip(frame, 0, self.frames - 1))
+        low = min(int(frame), max(self.frames - 2, 0))
+        high = min(low + 1, self.frames - 1)
+        u = np.float32(frame - low)
+        dx = (1 - u) * self.dx[low] + u * self.dx[high]
+        a, b = self.dq[low], self.dq[high]
+        near = np.where((a * b).sum(-1, keepdims=True) < 0, -b, b)  # the shorter way round
+        return self.dynamic.moved(dx, (1 - u) * a + u * near)
