@@ -1,3 +1,50 @@
-"""Splatreel: volumetric video from many static cameras."""
+"""Splatreel: volumetric video from many static cameras.
+
+The public names below are looked up on first use: `import splatreel` is quick, and playing a reel needs no torch.
+"""
+
+import importlib
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from splatreel.capture.opening import open_capture
+    from splatreel.config import Config, preset
+    from splatreel.evaluation.evaluate import evaluate
+    from splatreel.kernels.image import render_image as render
+    from splatreel.play.timeline import open_reel
+    from splatreel.recon.sequence import reconstruct
+    from splatreel.scene.camera import Camera
+    from splatreel.scene.gaussians import Gaussians
 
 __version__ = "0.1.0"
+
+__all__ = [
+    "Camera",
+    "Config",
+    "Gaussians",
+    "evaluate",
+    "open_capture",
+    "open_reel",
+    "preset",
+    "reconstruct",
+    "render",
+]
+
+_HOMES = {
+    "Camera": ("splatreel.scene.camera", "Camera"),
+    "Config": ("splatreel.config", "Config"),
+    "Gaussians": ("splatreel.scene.gaussians", "Gaussians"),
+    "evaluate": ("splatreel.evaluation.evaluate", "evaluate"),
+    "open_capture": ("splatreel.capture.opening", "open_capture"),
+    "open_reel": ("splatreel.play.timeline", "open_reel"),
+    "preset": ("splatreel.config", "preset"),
+    "reconstruct": ("splatreel.recon.sequence", "reconstruct"),
+    "render": ("splatreel.kernels.image", "render_image"),
+}
+
+
+def __getattr__(name: str) -> Any:
+    if name not in _HOMES:
+        raise AttributeError(f"module 'splatreel' has no attribute {name!r}")
+    module, attribute = _HOMES[name]
+    return getattr(importlib.import_module(module), attribute)

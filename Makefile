@@ -1,0 +1,53 @@
+# The few things one does here. Everything runs in .venv, which the first target that needs it creates.
+PYTHON ?= python3
+VENV := .venv
+BIN := $(VENV)/bin
+SETUP := $(VENV)/.installed
+NPM := $(shell command -v npm 2>/dev/null)
+
+.PHONY: demo test check bench player golden setup clean
+
+demo: $(SETUP)  ## capture, reconstruct, compress, evaluate and play the built-in scene
+	$(BIN)/splatreel demo --out out/demo
+
+test: $(SETUP)
+	$(BIN)/python -m pytest
+
+check: $(SETUP)  ## style, types, the import ladder and the sizes; that the committed player is the one its source builds
+	$(BIN)/ruff check .
+	$(BIN)/ruff format --check .
+	$(BIN)/pyright --pythonpath $(BIN)/python
+	$(BIN)/python -m pytest -q tests/test_house.py
+ifeq ($(NPM),)
+	@echo "check: npm is not installed, so the web player's bundle was NOT compared with its source."
+else
+	$(MAKE) player/node_modules/.package-lock.json
+	npm --prefix player run check
+endif
+
+bench: $(SETUP)  ## append to benchmarks/results.jsonl
+	$(BIN)/python benchmarks/demo.py
+	$(BIN)/splatreel bench kernels
+	$(BIN)/splatreel bench codec
+
+player: player/node_modules/.package-lock.json  ## rebuild the web player's bundle in src/splatreel/play/static
+	npm --prefix player run build
+
+golden: $(SETUP)  ## write the golden files anew, on purpose; look at the difference before committing it
+	SPLATREEL_GOLDEN=write $(BIN)/python -m pytest -q tests -k golden
+
+setup: $(SETUP)
+
+$(SETUP): pyproject.toml constraints.txt
+	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11) and "Splatreel needs Python 3.11 or newer; run: make PYTHON=python3.12")'
+	test -x $(BIN)/python || $(PYTHON) -m venv $(VENV)
+	$(BIN)/python -c 'import hatchling' 2>/dev/null || $(BIN)/python -m pip install --quiet --constraint constraints.txt hatchling
+	$(BIN)/python -m pip install --quiet --constraint constraints.txt --no-build-isolation --editable '.[dev]'
+	touch $@
+
+player/node_modules/.package-lock.json: player/package-lock.json
+	npm --prefix player ci --no-audit --no-fund
+	touch $@
+
+clean:
+	rm -rf $(VENV) out dist build player/node_modules

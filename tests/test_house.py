@@ -1,0 +1,174 @@
+"""The rules of the house that a machine can check: the import ladder, sizes, and imports without side effects."""
+
+import ast
+import json
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parent.parent
+SOURCE = ROOT / "src" / "splatreel"
+PYTHON_FILES = sorted(p for d in ("src", "tests", "benchmarks") for p in (ROOT / d).rglob("*.py"))
+TYPESCRIPT_FILES = sorted((ROOT / "player" / "src").rglob("*.ts"))
+RUNGS = {
+    **dict.fromkeys(("errors", "config", "progress"), 0),
+    "scene": 1,
+    **dict.fromkeys(("codec", "kernels", "capture"), 2),
+    "motion": 3,
+    **dict.fromkeys(("recon", "play"), 4),
+    "evaluation": 5,
+    "cli": 6,
+    "__main__": 7,
+}
+WITHOUT_TORCH = ("errors", "config", "progress", "scene", "codec", "capture", "play", "cli")
+MAX_FILE_LINES = 400
+MAX_FUNCTION_LINES = 80
+
+
+def room_of(path: Path) -> str:
+    """The first name below the package: the room, or the module if it lies in the package itself."""
+    return path.relative_to(SOURCE).parts[0].removesuffix(".py")
+
+
+def module_name(path: Path) -> str:
+    parts = path.relative_to(SOURCE.parent).with_suffix("").parts
+    return ".".join(parts[:-1] if parts[-1] == "__init__" else parts)
+
+
+def imported_names(tree: ast.AST) -> list[str]:
+    """Full names of what a module imports, also inside its functions: `splatreel.scene.camera.Camera`."""
+    names = []
+    for node in ast.walk(tree):
+        if isinstance(node, ast.Import):
+            names += [alias.name for alias in node.names]
+        elif isinstance(node, ast.ImportFrom):
+            assert node.level == 0, f"relative import in line {node.lineno}: write the full name"
+            names += [f"{node.module}.{alias.name}" for alias in node.names]
+    return names
+
+
+def ladder_fault(room: str, imported: str) -> str | None:
+    """Why a module of room may not import a name, or None if it may."""
+    parts = imported.split(".")
+    if parts[0] != "splatreel" or imported == "splatreel.__version__":
+        return None
+    if len(parts) < 2 or parts[1] not in RUNGS:
+        return f"imports {imported}: import from the module that defines it"
+    other = parts[1]
+    mine, theirs = RUNGS[room], RUNGS[other]
+    if theirs > mine or (theirs == mine and other != room and mine > 0):
+        return f"is on rung {mine} and imports {imported} of rung {theirs}: imports only go down the ladder"
+    return None
+
+
+def test_the_ladder_judges_right() -> None:
+    assert ladder_fault("recon", "splatreel.motion.flow.dis") is None
+    assert ladder_fault("codec", "numpy") is None
+    assert ladder_fault("codec", "splatreel.kernels.image.render_image") is not None
+    assert ladder_fault("scene", "splatreel.codec.reel") is not None
+    assert ladder_fault("cli", "splatreel.open_reel") is not None
+
+
+def test_imports_only_go_down_the_ladder() -> None:
+    faults = []
+    for path in SOURCE.rglob("*.py"):
+        if path == SOURCE / "__init__.py":
+            continue  # the public names, looked up late
+        for name in imported_names(ast.parse(path.read_text(encoding="utf-8"))):
+            fault = ladder_fault(room_of(path), name)
+            if fault:
+                faults.append(f"{path.relative_to(ROOT)} {fault}")
+    assert not faults, "\n".join(faults)
+
+
+def test_every_room_has_a_rung() -> None:
+    rooms = {room_of(p) for p in SOURCE.rglob("*.py")} - {"__init__"}
+    assert rooms <= set(RUNGS)
+
+
+def test_the_codec_never_imports_torch() -> None:
+    for path in (SOURCE / "codec").rglob("*.py"):
+        names = imported_names(ast.parse(path.read_text(encoding="utf-8")))
+        assert not [n for n in names if n.split(".")[0] == "torch"], path
+
+
+def test_files_fit() -> None:
+    long = {
+        str(p.relative_to(ROOT)): lines
+        for p in PYTHON_FILES + TYPESCRIPT_FILES
+        if (lines := len(p.read_text(encoding="utf-8").splitlines())) > MAX_FILE_LINES
+    }
+    assert not long, f"longer than {MAX_FILE_LINES} lines: {long}"
+
+
+def test_functions_fit_a_screen() -> None:
+    long = {}
+    for path in PYTHON_FILES:
+        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+            if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef):
+                lines = (node.end_lineno or node.lineno) - node.lineno + 1
+                if lines > MAX_FUNCTION_LINES:
+                    long[f"{path.relative_to(ROOT)}:{node.lineno} {node.name}"] = lines
+    assert not long, f"longer than {MAX_FUNCTION_LINES} lines: {long}"
+
+
+def test_room_inits_hold_no_logic() -> None:
+    for path in SOURCE.glob("*/__init__.py"):
+        body = ast.parse(path.read_text(encoding="utf-8")).body
+        assert all(isinstance(n, ast.Expr) and isinstance(n.value, ast.Constant) for n in body), path
+    assert not list(SOURCE.rglob("utils.py"))
+
+
+def tracked_text_files() -> list[Path]:
+    listed = subprocess.run(["git", "ls-files", "-z"], cwd=ROOT, capture_output=True, text=True)
+    if listed.returncode != 0:
+        pytest.skip("not a git checkout")
+    suffixes = {".py", ".md", ".ts", ".js", ".html", ".css", ".toml", ".txt", ".json", ".jsonl", ".yml", ""}
+    paths = [ROOT / name for name in listed.stdout.split("\0") if name]
+    return [p for p in paths if p.suffix in suffixes and p.is_file() and "static" not in p.parts]
+
+
+def test_nothing_is_left_to_do_and_no_path_of_one_machine_is_named() -> None:
+    unfinished = re.compile(r"\b(TO" + r"DO|FIX" + r"ME|XX" + r"X)\b")
+    one_machine = re.compile(r"(?<![\w.>~-])/(home|root|work|mnt|Users)/\w")
+    found = []
+    for path in tracked_text_files():
+        for number, line in enumerate(path.read_text(encoding="utf-8", errors="replace").splitlines(), 1):
+            if unfinished.search(line) or one_machine.search(line):
+                found.append(f"{path.relative_to(ROOT)}:{number}: {line.strip()[:100]}")
+    assert not found, "\n".join(found)
+
+
+IMPORT_ALL = """
+import importlib, json, sys, threading
+seen = {}
+for name in json.loads(sys.argv[1]):
+    importlib.import_module(name)
+    if "torch" in sys.modules and "torch" not in seen:
+        seen["torch"] = name
+print(json.dumps({"torch": seen.get("torch"), "threads": threading.active_count()}))
+"""
+
+
+def test_imports_are_quiet_and_the_base_needs_no_torch(tmp_path: Path) -> None:
+    """Importing every base module prints nothing, writes nothing, starts no thread and does not load torch."""
+    modules = [module_name(p) for p in sorted(SOURCE.rglob("*.py")) if room_of(p) in WITHOUT_TORCH]
+    command = [sys.executable, "-c", IMPORT_ALL, json.dumps(["splatreel", *modules])]
+    result = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, timeout=120)
+    assert result.returncode == 0, result.stderr
+    assert result.stderr == ""
+    assert json.loads(result.stdout) == {"torch": None, "threads": 1}
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_version_is_stated_once_and_the_same() -> None:
+    import tomllib
+
+    import splatreel
+
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
+    assert project["version"] == splatreel.__version__
+    assert f"## {splatreel.__version__}" in (ROOT / "CHANGELOG.md").read_text(encoding="utf-8")
