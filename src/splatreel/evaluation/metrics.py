@@ -1,0 +1,72 @@
+"""Image metrics, on float images [H, W, 3], sRGB 0..1."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from scipy.ndimage import correlate1d
+
+from splatreel.errors import UsageError
+
+PSNR_MAX = 100.0
+"""What two equal images score: infinity has no place in a mean or in JSON."""
+
+SSIM_WINDOW = 11
+SSIM_SIGMA = 1.5
+
+
+def psnr(image: np.ndarray, truth: np.ndarray) -> float:
+    """Peak signal-to-noise ratio in dB over all pixels and channels pooled. `UsageError` if the shapes differ."""
+    return _decibel(float(np.mean(_squared_error(image, truth))))
+
+
+def psnr_per_channel(image: np.ndarray, truth: np.ndarray) -> float:
+    """The mean of the three channels' own PSNR, in dB: the convention of Dynamic 3D Gaussians, never below the pooled."""
+    means = np.mean(_squared_error(image, truth), axis=(0, 1))
+    return float(np.mean([_decibel(float(m)) for m in means]))
+
+
+def ssim(image: np.ndarray, truth: np.ndarray) -> float:
+    """Structural similarity with an 11x11 Gaussian window of sigma 1.5, averaged over pixels and channels.
+
+    Zero padding at the border, as in the 3DGS code, so that figures compare with the field's.
+    Raises `UsageError` if the shapes differ.
+    """
+    _check(image, truth)
+    x, y = image.astype(np.float32), truth.astype(np.float32)
+    mean_x, mean_y = _blur(x), _blur(y)
+    var_x = _blur(x * x) - mean_x**2
+    var_y = _blur(y * y) - mean_y**2
+    covariance = _blur(x * y) - mean_x * mean_y
+    c1, c2 = 0.01**2, 0.03**2
+    above = (2 * mean_x * mean_y + c1) * (2 * covariance + c2)
+    below = (mean_x**2 + mean_y**2 + c1) * (var_x + var_y + c2)
+    return float(np.mean(above / below))
+
+
+def _blur(image: np.ndarray) -> np.ndarray:
+    offsets = np.arange(SSIM_WINDOW) - SSIM_WINDOW // 2
+    window = np.exp(-(offsets**2) / (2 * SSIM_SIGMA**2))
+    window /= window.sum()
+    rows = correlate1d(image, window, axis=0, mode="constant")
+    return correlate1d(rows, window, axis=1, mode="constant")
+
+
+def _squared_error(image: np.ndarray, truth: np.ndarray) -> np.ndarray:
+    _check(image, truth)
+    return (image.astype(np.float64) - truth.astype(np.float64)) ** 2
+
+
+def _check(image: np.ndarray, truth: np.ndarray) -> None:
+    if image.shape != truth.shape or image.ndim != 3 or image.shape[-1] != 3:
+        raise UsageError(
+            f"An image of shape {image.shape} cannot be compared with one of {truth.shape}; give [H, W, 3]."
+        )
+    if image.dtype.kind != "f" or truth.dtype.kind != "f":
+        raise UsageError(f"Images of {image.dtype} and {truth.dtype} cannot be compared; divide by 255 to floats 0..1.")
+
+
+def _decibel(mean_squared_error: float) -> float:
+    floor = 10 ** (-PSNR_MAX / 10)
+    return -10 * math.log10(max(mean_squared_error, floor))

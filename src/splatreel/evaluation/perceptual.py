@@ -1,0 +1,41 @@
+"""LPIPS, where its package and the network's weights are on this machine: evaluating downloads nothing."""
+
+from __future__ import annotations
+
+import importlib.util
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+Distance = Callable[[np.ndarray, np.ndarray], float]
+
+BACKBONE = "vgg16-397923af.pth"
+HOW_TO_GET = "pip install 'splatreel[models]' and run once: python -c \"import lpips; lpips.LPIPS(net='vgg')\""
+
+
+def available() -> bool:
+    """Whether `load` can work: the package is installed and torchvision's VGG-16 weights lie in torch's cache."""
+    if importlib.util.find_spec("torch") is None or importlib.util.find_spec("lpips") is None:
+        return False
+    import torch
+
+    return (Path(torch.hub.get_dir()) / "checkpoints" / BACKBONE).is_file()
+
+
+def load() -> Distance | None:
+    """LPIPS (VGG, as the 3DGS papers report it) of two float images [H, W, 3] 0..1; None if not `available`."""
+    if not available():
+        return None
+    import torch
+
+    lpips: Any = importlib.import_module("lpips")
+    model = lpips.LPIPS(net="vgg", verbose=False).eval()
+
+    def distance(image: np.ndarray, truth: np.ndarray) -> float:
+        pair = [torch.from_numpy(x.astype(np.float32)).permute(2, 0, 1)[None] * 2 - 1 for x in (image, truth)]
+        with torch.no_grad():
+            return float(model(*pair))
+
+    return distance

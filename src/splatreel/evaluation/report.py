@@ -1,0 +1,118 @@
+"""What an evaluation measured: report.json, and the same as Markdown."""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+import os
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from splatreel.errors import UsageError
+
+
+@dataclass(frozen=True)
+class Quality:
+    """Picture quality: of one image, or the mean over several. lpips is None without its weights."""
+
+    psnr: float
+    psnr_per_channel: float
+    ssim: float
+    lpips: float | None = None
+
+    @staticmethod
+    def mean(items: list[Quality]) -> Quality:
+        """Arithmetic mean of each number."""
+        names = ("psnr", "psnr_per_channel", "ssim")
+        lpips = [q.lpips for q in items if q.lpips is not None]
+        values = [sum(getattr(q, n) for q in items) / len(items) for n in names]
+        return Quality(*values, sum(lpips) / len(lpips) if len(lpips) == len(items) else None)
+
+
+@dataclass(frozen=True)
+class Report:
+    """The fields of report.json.
+
+    psnr: dB, each image's pixels and channels pooled, mean over frames and held-out cameras; psnr_per_channel: the
+    mean of the channels' own PSNR instead. psnr_undecoded: the same as psnr before encoding, None if that model is not
+    at hand. reel_bytes: all files of the reel; first_view_bytes: what a player loads for its first picture;
+    bytes_per_second: of video. seconds: wall time of each stage. points_static, points_dynamic: mean of a group. peak_memory_bytes: of the process.
+    cameras: [{name, psnr, psnr_per_channel, ssim, lpips}]; per_frame: the same with `frame` for the name.
+    """
+
+    psnr: float
+    psnr_per_channel: float
+    ssim: float
+    lpips: float | None
+    psnr_undecoded: float | None
+    reel_bytes: int
+    first_view_bytes: int
+    bytes_per_second: float
+    seconds: dict[str, float]
+    points_static: float
+    points_dynamic: float
+    peak_memory_bytes: int
+    device: str
+    frames: int
+    width: int
+    height: int
+    cameras: list[dict] = field(default_factory=list)
+    per_frame: list[dict] = field(default_factory=list)
+
+    def to_json(self) -> str:
+        return json.dumps(dataclasses.asdict(self), indent=1, allow_nan=False)
+
+    def to_markdown(self) -> str:
+        """A summary to read: one table of the whole, one of the cameras."""
+        rows = [
+            ("PSNR, decoded", f"{self.psnr:.2f} dB ({self.psnr_per_channel:.2f} as the mean of channels)"),
+            (
+                "PSNR, before encoding",
+                "not measured" if self.psnr_undecoded is None else f"{self.psnr_undecoded:.2f} dB",
+            ),
+            ("SSIM", f"{self.ssim:.4f}"),
+            ("LPIPS (VGG)", "not measured: no weights" if self.lpips is None else f"{self.lpips:.4f}"),
+            ("Reel", f"{megabytes(self.reel_bytes)}, {megabytes(self.bytes_per_second)} a second of video"),
+            ("First picture", megabytes(self.first_view_bytes)),
+            ("Points, mean of a group", f"{self.points_static:,.0f} static, {self.points_dynamic:,.0f} dynamic"),
+            ("Video", f"{self.frames} frames, evaluated at {self.width} x {self.height}"),
+            ("Time", ", ".join(f"{name} {value:.1f} s" for name, value in self.seconds.items()) or "not measured"),
+            ("Peak memory", megabytes(self.peak_memory_bytes)),
+            ("Device", self.device),
+        ]
+        lines = ["# Evaluation", "", "Held-out cameras, rendered from the decoded reel.", "", "| | |", "|---|---|"]
+        lines += [f"| {name} | {value} |" for name, value in rows]
+        lines += ["", "| camera | PSNR dB | SSIM | LPIPS |", "|---|---|---|---|"]
+        for camera in self.cameras:
+            lpips = "" if camera["lpips"] is None else f"{camera['lpips']:.4f}"
+            lines.append(f"| {camera['name']} | {camera['psnr']:.2f} | {camera['ssim']:.4f} | {lpips} |")
+        return "\n".join(lines) + "\n"
+
+    def write(self, folder: Path) -> None:
+        """Write report.json and report.md into folder, each at once."""
+        folder.mkdir(parents=True, exist_ok=True)
+        write_text(folder / "report.json", self.to_json() + "\n")
+        write_text(folder / "report.md", self.to_markdown())
+
+    @staticmethod
+    def read(path: Path) -> Report:
+        """Read a report.json. Raises `UsageError` if it is none of ours."""
+        try:
+            values = json.loads(path.read_text(encoding="utf-8"))
+            return Report(**values)
+        except (ValueError, TypeError) as error:
+            raise UsageError(
+                f"{path}: not a report of this version ({error}). Run `splatreel evaluate` again."
+            ) from error
+
+
+def megabytes(count: float) -> str:
+    """Such as 12.3 MB; 1 MB is 10^6 bytes."""
+    return f"{count / 1e6:.3g} MB" if count < 1e8 else f"{count / 1e6:,.0f} MB"
+
+
+def write_text(path: Path, text: str) -> None:
+    """Write a file so that it is either the old or the new one, never half of it."""
+    temporary = path.with_name(f".{path.name}.{os.getpid()}")
+    temporary.write_text(text, encoding="utf-8")
+    os.replace(temporary, path)

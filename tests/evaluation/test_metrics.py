@@ -1,0 +1,75 @@
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from splatreel.errors import UsageError
+from splatreel.evaluation.metrics import PSNR_MAX, psnr, psnr_per_channel, ssim
+
+
+def gray(value: float, shape: tuple[int, int, int] = (20, 30, 3)) -> np.ndarray:
+    return np.full(shape, value, np.float32)
+
+
+def noise(seed: int, shape: tuple[int, int, int] = (20, 30, 3)) -> np.ndarray:
+    return np.random.default_rng(seed).random(shape, np.float32)
+
+
+def test_psnr_of_a_constant_difference_is_known() -> None:
+    assert psnr(gray(0.5), gray(0.6)) == pytest.approx(20.0, abs=1e-4)
+    assert psnr_per_channel(gray(0.5), gray(0.6)) == pytest.approx(20.0, abs=1e-4)
+
+
+def test_psnr_pools_channels_and_the_other_averages_them() -> None:
+    image = gray(0.5)
+    image[..., 0] += 0.1
+    image[..., 1] += 0.01
+    image[..., 2] += 0.001
+    assert psnr(image, gray(0.5)) == pytest.approx(-10 * np.log10((1e-2 + 1e-4 + 1e-6) / 3), abs=1e-3)
+    assert psnr_per_channel(image, gray(0.5)) == pytest.approx(40.0, abs=1e-2)
+
+
+def test_equal_images() -> None:
+    assert psnr(noise(0), noise(0)) == PSNR_MAX
+    assert ssim(noise(0), noise(0)) == pytest.approx(1.0, abs=1e-6)
+
+
+def slow_ssim(x: np.ndarray, y: np.ndarray) -> float:
+    """The definition with the 121 weights written out, zero padded."""
+    line = np.exp(-((np.arange(11) - 5.0) ** 2) / (2 * 1.5**2))
+    weights = np.outer(line, line) / line.sum() ** 2
+
+    def mean(image: np.ndarray) -> np.ndarray:
+        padded = np.pad(image.astype(np.float64), ((5, 5), (5, 5), (0, 0)))
+        windows = np.lib.stride_tricks.sliding_window_view(padded, (11, 11), (0, 1))
+        return (windows * weights).sum((-1, -2))
+
+    mean_x, mean_y = mean(x), mean(y)
+    var_x, var_y, covariance = mean(x * x) - mean_x**2, mean(y * y) - mean_y**2, mean(x * y) - mean_x * mean_y
+    above = (2 * mean_x * mean_y + 0.01**2) * (2 * covariance + 0.03**2)
+    return float((above / ((mean_x**2 + mean_y**2 + 0.01**2) * (var_x + var_y + 0.03**2))).mean())
+
+
+def test_ssim_agrees_with_its_definition() -> None:
+    assert ssim(noise(1), noise(2)) == pytest.approx(slow_ssim(noise(1), noise(2)), abs=1e-5)
+
+
+@given(st.integers(0, 1000), st.floats(0.01, 0.3))
+def test_more_noise_is_worse(seed: int, amount: float) -> None:
+    truth, disturbance = noise(seed), noise(seed + 1) - 0.5
+    little, much = truth + amount * disturbance, truth + 2 * amount * disturbance
+    assert psnr(little, truth) == pytest.approx(psnr(much, truth) + 20 * np.log10(2), abs=1e-2)
+    assert ssim(little, truth) > ssim(much, truth)
+    assert psnr_per_channel(little, truth) >= psnr(little, truth) - 1e-6
+
+
+def test_ssim_is_symmetric() -> None:
+    assert ssim(noise(1), noise(2)) == pytest.approx(ssim(noise(2), noise(1)), abs=1e-6)
+
+
+@pytest.mark.parametrize("metric", [psnr, psnr_per_channel, ssim])
+def test_images_that_do_not_fit_are_refused(metric) -> None:
+    with pytest.raises(UsageError, match=r"\(20, 30, 3\).*\(20, 31, 3\)"):
+        metric(gray(0.5), gray(0.5, (20, 31, 3)))
+    with pytest.raises(UsageError, match="uint8"):
+        metric(np.zeros((4, 4, 3), np.uint8), np.zeros((4, 4, 3), np.uint8))

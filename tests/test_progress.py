@@ -1,0 +1,88 @@
+import io
+
+import pytest
+
+from splatreel.progress import Estimate, Lines, Silent, Terminal, console, format_numbers, format_seconds
+
+
+class Clock:
+    def __init__(self) -> None:
+        self.now = 100.0
+
+    def __call__(self) -> float:
+        return self.now
+
+
+def test_lines_come_at_the_start_now_and_then_and_at_the_end() -> None:
+    clock, stream = Clock(), io.StringIO()
+    lines = Lines(stream, interval=10, clock=clock)
+    lines.stage("keyframe", 100)
+    for done in range(1, 101):
+        clock.now += 0.25
+        lines.update(done, psnr=28.5, points=12_000)
+    lines.note("written")
+    assert stream.getvalue().splitlines() == [
+        "keyframe: 100 steps",
+        "keyframe: 40/100, psnr 28.5, points 12,000, 15 s left",
+        "keyframe: 80/100, psnr 28.5, points 12,000, 5.0 s left",
+        "keyframe: 100/100, psnr 28.5, points 12,000, took 25 s",
+        "written",
+    ]
+
+
+def test_the_time_left_is_that_of_the_whole_job_when_the_spans_are_known() -> None:
+    clock = Clock()
+    estimate = Estimate(clock)
+    estimate.stage(10, (0.5, 0.75))  # continued: half of the job was done before
+    assert estimate.seconds_left() is None
+    clock.now += 20
+    estimate.done = 5
+    assert estimate.seconds_left() == pytest.approx(60)
+    clock.now += 20
+    estimate.stage(10, (0.75, 1.0))
+    assert estimate.seconds_left() == pytest.approx(40)
+
+
+def test_a_stage_without_steps_is_no_division_by_zero() -> None:
+    stream = io.StringIO()
+    lines = Lines(stream, clock=Clock())
+    lines.stage("nothing", 0)
+    lines.update(0)
+    assert stream.getvalue().splitlines()[-1] == "nothing: 0/0, took 0.0 s"
+
+
+def test_a_terminal_gets_bars() -> None:
+    class Tty(io.StringIO):
+        def isatty(self) -> bool:
+            return True
+
+    stream = Tty()
+    display = console(stream)
+    assert isinstance(display, Terminal)
+    display.stage("keyframe [1]", 10)
+    display.update(10, psnr=30.0)
+    display.note("a [note]")
+    display.close()
+    assert "a [note]" in stream.getvalue()
+    assert "10/10" in stream.getvalue()
+    assert isinstance(console(io.StringIO()), Lines)
+
+
+def test_silence(capsys: pytest.CaptureFixture[str]) -> None:
+    silent = Silent()
+    silent.stage("a", 1)
+    silent.update(1)
+    silent.note("b")
+    assert capsys.readouterr() == ("", "")
+
+
+@pytest.mark.parametrize(
+    ("seconds", "text"),
+    [(0.44, "0.4 s"), (12, "12 s"), (59.7, "1 min 00 s"), (185, "3 min 05 s"), (7800, "2 h 10 min")],
+)
+def test_seconds_read_well(seconds: float, text: str) -> None:
+    assert format_seconds(seconds) == text
+
+
+def test_numbers_read_well() -> None:
+    assert format_numbers({"points": 40_000, "psnr": 29.1267}) == "points 40,000, psnr 29.13"
