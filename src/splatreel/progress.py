@@ -152,8 +152,8 @@ class Terminal:
 
 def console(stream: TextIO | None = None) -> Lines | Terminal:
     """The display that fits stream (standard error if None): live bars at a terminal, lines otherwise."""
-    stream = stream or sys.stderr
-    return Terminal(stream) if stream.isatty() else Lines(stream)
+    target = sys.stderr if stream is None else stream
+    return Terminal(target) if target.isatty() else Lines(target)
 
 
 def format_seconds(seconds: float) -> str:

@@ -22,7 +22,7 @@ def psnr(image: np.ndarray, truth: np.ndarray) -> float:
 
 
 def psnr_per_channel(image: np.ndarray, truth: np.ndarray) -> float:
-    """The mean of the three channels' own PSNR, in dB: the convention of Dynamic 3D Gaussians, never below the pooled."""
+    """The mean of the three channels' own PSNR, in dB, as Dynamic 3D Gaussians has it; never below the pooled one."""
     means = np.mean(_squared_error(image, truth), axis=(0, 1))
     return float(np.mean([_decibel(float(m)) for m in means]))
 

@@ -25,8 +25,8 @@ class Quality:
         """Arithmetic mean of each number."""
         names = ("psnr", "psnr_per_channel", "ssim")
         lpips = [q.lpips for q in items if q.lpips is not None]
-        values = [sum(getattr(q, n) for q in items) / len(items) for n in names]
-        return Quality(*values, sum(lpips) / len(lpips) if len(lpips) == len(items) else None)
+        values = {n: sum(getattr(q, n) for q in items) / len(items) for n in names}
+        return Quality(**values, lpips=sum(lpips) / len(lpips) if len(lpips) == len(items) else None)
 
 
 @dataclass(frozen=True)
@@ -36,8 +36,9 @@ class Report:
     psnr: dB, each image's pixels and channels pooled, mean over frames and held-out cameras; psnr_per_channel: the
     mean of the channels' own PSNR instead. psnr_undecoded: the same as psnr before encoding, None if that model is not
     at hand. reel_bytes: all files of the reel; first_view_bytes: what a player loads for its first picture;
-    bytes_per_second: of video. seconds: wall time of each stage. points_static, points_dynamic: mean of a group. peak_memory_bytes: of the process.
-    cameras: [{name, psnr, psnr_per_channel, ssim, lpips}]; per_frame: the same with `frame` for the name.
+    bytes_per_second: of video. seconds: wall time of each stage. points_static, points_dynamic: mean of a group.
+    peak_memory_bytes: of the process. cameras: [{name, psnr, psnr_per_channel, ssim, lpips}]; per_frame: the same with
+    `frame` for the name.
     """
 
     psnr: float
