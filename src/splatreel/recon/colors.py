@@ -1,0 +1,34 @@
+"""Per-camera colour gain, learned with the scene and anchored at a mean of one."""
+
+from __future__ import annotations
+
+import torch
+from torch import Tensor
+
+
+class CameraGains:
+    """One gain a camera and channel; the mean over cameras is held at one, so that a camera never seen needs none.
+
+    Real rigs differ by several percent between cameras. Without gains the scene averages them and every view is wrong.
+    """
+
+    def __init__(self, cameras: int, device: torch.device, enabled: bool = True, rate: float = 2e-3) -> None:
+        self.values = torch.ones(cameras, 3, device=device, requires_grad=enabled)
+        self.enabled = enabled
+        self._optimizer = torch.optim.Adam([self.values], lr=rate) if enabled else None
+
+    def apply(self, image: Tensor, camera: int) -> Tensor:
+        """image: [H, W, 3] as rendered; returns it as the camera would record it."""
+        return image * self.values[camera] if self.enabled else image
+
+    def step(self) -> None:
+        if self._optimizer is None:
+            return
+        self._optimizer.step()
+        self._optimizer.zero_grad(set_to_none=True)
+        with torch.no_grad():
+            self.values /= self.values.mean(0)
+
+    def load(self, values: Tensor) -> None:
+        with torch.no_grad():
+            self.values.copy_(values)

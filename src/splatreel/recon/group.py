@@ -1,0 +1,246 @@
+"""Group reconstruction (paper section 4.2): dynamic points and their deformation, fitted to all frames of one group."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from splatreel.config import Config
+from splatreel.kernels import splat
+from splatreel.progress import Progress
+from splatreel.recon import losses
+from splatreel.recon.colors import CameraGains
+from splatreel.recon.deformation import Deformation, deform
+from splatreel.recon.density import GradientMeter
+from splatreel.recon.drawing import Backdrop, View, draw, splats
+from splatreel.recon.hashgrid import HashGrid
+from splatreel.recon.points import TrainablePoints
+from splatreel.recon.schedule import FrameSchedule
+from splatreel.recon.trajectory import Trajectory
+from splatreel.scene.gaussians import Gaussians
+
+CANONICAL_RATES = {
+    "means": 4.5e-5,
+    "quats": 1e-3,
+    "log_scales": 3e-3,
+    "logit_opacities": 1e-2,
+    "sh_base": 2e-3,
+    "sh_rest": 1e-4,
+}
+"""Gentler than a keyframe's: the points are good already, it is the motion that is missing. Means per viewing distance."""
+
+
+@dataclass(frozen=True)
+class GroupFrames:
+    """All that a group is fitted to. images: [T, C, H, W, 3] uint8. unit, near: world units."""
+
+    images: Tensor
+    views: list[View]
+    near: float
+    unit: float
+
+    @property
+    def count(self) -> int:
+        return self.images.shape[0]
+
+
+@dataclass(frozen=True)
+class GroupResult:
+    """dynamic: canonical points; dx: [T, N, 3], dq: [T, N, 4] at every frame; alive: [S] bool over the static points."""
+
+    dynamic: Gaussians
+    dx: np.ndarray
+    dq: np.ndarray
+    alive: np.ndarray
+
+
+class GroupTrainer:
+    """One group's loop. Static points stay as they are, unless adaptive conversion makes them dynamic (paper 4.1)."""
+
+    def __init__(
+        self,
+        frames: GroupFrames,
+        dynamic: Gaussians,
+        static: Gaussians,
+        alive: np.ndarray,
+        gains: CameraGains,
+        config: Config,
+        seed: int,
+    ) -> None:
+        device = frames.images.device
+        self.frames, self.config, self.gains = frames, config, gains
+        rates = CANONICAL_RATES | {"means": CANONICAL_RATES["means"] * frames.unit}
+        self.points = TrainablePoints.from_gaussians(dynamic, rates, device)
+        self.backdrop = Backdrop(static, frames.views, frames.near, device)
+        self.backdrop.set_alive(torch.from_numpy(alive).to(device))
+        self.model = make_deformation(config.group.deformation, self.points.means.detach(), frames, seed)
+        self.iterations = config.group.iterations_per_frame * frames.count
+        self.schedule = FrameSchedule(frames.count, self.iterations, config.group.progressive, seed)
+        self.rng = np.random.default_rng(seed)
+        self.room = max(2000, len(self.points) // 2)
+        self._watch()
+
+    def train(self, progress: Progress) -> GroupResult:
+        if len(self.points) == 0:
+            progress.note("Nothing moves in this group: it holds static points only.")
+            return self.result()
+        layering = self.config.layering
+        for iteration in range(self.iterations):
+            loss = self._step(iteration)
+            share = (iteration + 1) / self.iterations
+            if layering.adapt_every and (iteration + 1) % layering.adapt_every == 0:
+                if share < 0.8:
+                    self._adapt()
+                self._prune()
+                self._watch()
+            if (iteration + 1) % 50 == 0 or share == 1:
+                progress.update(iteration + 1, loss=loss, dynamic=len(self.points))
+        progress.note(f"training views {self.psnr():.2f} dB, {len(self.points):,} dynamic points")
+        return self.result()
+
+    def _step(self, iteration: int) -> float:
+        share = iteration / self.iterations
+        frame = self.schedule.draw(iteration)
+        self.model.reach(self.schedule.frontier(iteration))
+        camera = int(self.rng.integers(len(self.frames.views)))
+        view = self.frames.views[camera]
+        dx, dq = self.model.offsets(self.points.means, frame)
+        moving = self._deformed(dx, dq, view)
+        drawing = draw(moving, view, self.backdrop.seen(camera))
+        with torch.no_grad():
+            gain = self.gains.values[camera]
+        loss = splat.photometric_loss(
+            drawing.image * gain, self.frames.images[frame, camera], self.config.group.lambda_dssim
+        )
+        (loss + self._regularisers(iteration, frame, dx, dq)).backward()
+        self._measure(drawing.means2d.grad, drawing.index, view)
+        self.points.scale_rates({}, default=0.1**share)
+        self.points.step()
+        self.model.step(share)
+        return float(loss.detach())
+
+    def _deformed(self, dx: Tensor, dq: Tensor, view: View):
+        p = self.points
+        means, quats = deform(p.means, p.quats, dx, dq)
+        return splats(means, quats, p.scales, p.opacities, p.sh, view, self.frames.near)
+
+    def _regularisers(self, iteration: int, frame: int, dx: Tensor, dq: Tensor) -> Tensor:
+        """ARAP on one random neighbour of every point, and temporal smoothness every fourth iteration: unbiased, and cheap."""
+        group, total = self.config.group, dx.new_zeros(())
+        if group.lambda_arap and len(self.points) > 1:
+            column = int(self.rng.integers(self.neighbours.shape[1]))
+            pairs = (torch.arange(len(self.points), device=dx.device), self.neighbours[:, column])
+            arap = losses.arap(self.points.means, dx, dq, pairs, self.pair_weights[:, column], self.frames.unit)
+            total = total + group.lambda_arap * arap
+        if group.lambda_temporal and self.frames.count > 2 and iteration % 4 == 0:
+            last = min(self.schedule.frontier(iteration), self.frames.count - 1)
+            start = min(frame, max(last - group.temporal_window, 0))
+            end = min(start + group.temporal_window, last)
+            if end > start:
+                delta = float(self.rng.uniform())
+                smooth = losses.temporal(self.model, self.points.means, start, end, delta, self.frames.unit)
+                total = total + 4 * group.lambda_temporal * smooth
+        return total
+
+    def _measure(self, grad: Tensor | None, index: Tensor | None, view: View) -> None:
+        assert grad is not None
+        count = len(self.points)
+        self.moving_meter.add(grad[:count], view.width, view.height)
+        if index is not None:
+            self.static_meter.add(grad[count:], view.width, view.height, index)
+
+    def _watch(self) -> None:
+        """Start the meters anew and find every point's neighbours, after the set of points has changed."""
+        device, count = self.points.means.device, len(self.points)
+        self.moving_meter = GradientMeter(count, device)
+        self.static_meter = GradientMeter(len(self.backdrop), device)
+        if count > 1:
+            k = min(self.config.layering.neighbours, count - 1)
+            self.neighbours, distance = splat.nearest_neighbours(self.points.means.detach(), k)
+            reach = 2 * distance[:, -1:].median().clamp_min(1e-9)
+            self.pair_weights = torch.exp(-((distance / reach) ** 2))
+
+    def _adapt(self) -> None:
+        """Adaptive static-point conversion (paper 4.1), then clone dynamic points that the images still pull at (4.2)."""
+        layering = self.config.layering
+        alive = self.backdrop.alive
+        convert = alive & (self.static_meter.mean() > layering.adapt_gradient)
+        convert |= alive & self._surrounded(alive)
+        chosen = torch.nonzero(convert)[:, 0]
+        if len(chosen) > self.room:
+            chosen = chosen[torch.topk(self.static_meter.mean()[chosen], self.room).indices]
+        grow = self.moving_meter.mean() > self.config.keyframe.densify_gradient * 1.5
+        clones = torch.nonzero(grow)[:, 0]
+        if len(clones) > max(self.room - len(chosen), 0):
+            clones = clones[torch.topk(self.moving_meter.mean()[clones], max(self.room - len(chosen), 0)).indices]
+        self.room -= len(chosen) + len(clones)
+        self._clone(clones)
+        self._convert(chosen)
+
+    def _surrounded(self, alive: Tensor) -> Tensor:
+        """[S] bool: static points with more than lambda_adp^nn of their nearest neighbours dynamic."""
+        index = torch.nonzero(alive)[:, 0]
+        everything = torch.cat([self.backdrop.means[index], self.points.means.detach()])
+        k = min(self.config.layering.neighbours, len(everything) - 1)
+        surrounded = torch.zeros_like(alive)
+        if len(index) and k > 0:
+            neighbours = splat.nearest_neighbours(everything, k)[0][: len(index)]
+            dynamic = (neighbours >= len(index)).float().mean(1)
+            surrounded[index] = dynamic > self.config.layering.adapt_neighbours
+        return surrounded
+
+    def _clone(self, index: Tensor) -> None:
+        if len(index):
+            rows = self.points.rows(index)
+            self.points.append(rows)
+            self.model.append(rows["means"], index)
+
+    def _convert(self, index: Tensor) -> None:
+        if len(index):
+            rows = {name: value[index] for name, value in self.backdrop.params.items()}
+            alive = self.backdrop.alive.clone()
+            alive[index] = False
+            self.backdrop.set_alive(alive)
+            self.points.append(rows)
+            self.model.append(rows["means"], None)
+
+    def _prune(self) -> None:
+        with torch.no_grad():
+            keep = self.points.opacities >= self.config.keyframe.cull_opacity
+            keep &= self.points.scales.amax(1) < 0.5 * self.frames.unit
+        if not bool(keep.all()) and bool(keep.any()):
+            index = torch.nonzero(keep)[:, 0]
+            self.points.keep(index)
+            self.model.keep(index)
+
+    @torch.no_grad()
+    def psnr(self, samples: int = 12) -> float:
+        """Mean PSNR over a few training images spread over the group's frames and cameras."""
+        values = []
+        for k in range(samples):
+            frame = k * (self.frames.count - 1) // max(samples - 1, 1)
+            camera = (k * 7) % len(self.frames.views)
+            dx, dq = self.model.offsets(self.points.means, frame)
+            view = self.frames.views[camera]
+            image = draw(self._deformed(dx, dq, view), view, self.backdrop.seen(camera)).image
+            target = self.frames.images[frame, camera].float() / 255
+            error = ((image * self.gains.values[camera]).clamp(0, 1) - target).square().mean()
+            values.append(-10 * math.log10(max(float(error), 1e-12)))
+        return float(np.mean(values))
+
+    @torch.no_grad()
+    def result(self) -> GroupResult:
+        offsets = [self.model.offsets(self.points.means, frame) for frame in range(self.frames.count)]
+        dx = torch.stack([o[0] for o in offsets]).cpu().numpy()
+        dq = torch.stack([o[1] for o in offsets]).cpu().numpy()
+        return GroupResult(self.points.gaussians(), dx, dq, self.backdrop.alive.cpu().numpy())
+
+
+def make_deformation(name: str, means: Tensor, frames: GroupFrames, seed: int) -> Deformation:
+    """The deformation model of a name: `trajectory` or `hashgrid`."""
+    model = HashGrid if name == "hashgrid" and len(means) else Trajectory
+    return model(means, frames.count, frames.unit, seed)

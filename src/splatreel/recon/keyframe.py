@@ -1,0 +1,153 @@
+"""Static reconstruction of a keyframe: 3DGS, from sparse points or from the previous group (paper section 5.1)."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from splatreel.config import KeyframeConfig
+from splatreel.kernels import splat
+from splatreel.progress import Progress
+from splatreel.recon.colors import CameraGains
+from splatreel.recon.density import GradientMeter, children, select_growth
+from splatreel.recon.drawing import Backdrop, View, draw, splats
+from splatreel.recon.points import TrainablePoints, default_rates
+from splatreel.scene.gaussians import Gaussians
+
+SH_C0 = 0.28209479177387814
+
+
+@dataclass(frozen=True)
+class Stage:
+    """What a stage of training looks at: the views, their targets at one resolution, and the scene's measures.
+
+    images: [C, H, W, 3] uint8. unit: typical viewing distance, near: near plane, both in world units.
+    """
+
+    views: list[View]
+    images: Tensor
+    near: float
+    unit: float
+
+
+def starting_points(
+    positions: np.ndarray, colors: np.ndarray, config: KeyframeConfig, unit: float, device: torch.device
+) -> TrainablePoints:
+    """Gaussians at sparse points, as large as the distance to their neighbours (3DGS section 5.1).
+
+    positions: [P, 3] world. colors: [P, 3] 0..1.
+    """
+    points = torch.from_numpy(np.asarray(positions, np.float32)).to(device)
+    neighbours = min(3, len(points) - 1)
+    if neighbours > 0:
+        distances = splat.nearest_neighbours(points, neighbours)[1]
+        size = distances.square().mean(1).sqrt().clamp(2e-3 * unit, 0.07 * unit)
+    else:
+        size = torch.full((len(points),), 0.02 * unit, device=device)
+    count = len(points)
+    quats = torch.zeros(count, 4, device=device)
+    quats[:, 0] = 1
+    base = (torch.from_numpy(np.asarray(colors, np.float32)).to(device) - 0.5) / SH_C0
+    params = {
+        "means": points,
+        "quats": quats,
+        "log_scales": size.log()[:, None].repeat(1, 3),
+        "logit_opacities": torch.full((count,), math.log(0.1 / 0.9), device=device),
+        "sh_base": base[:, None],
+        "sh_rest": torch.zeros(count, (config.sh_degree + 1) ** 2 - 1, 3, device=device),
+    }
+    return TrainablePoints(params, default_rates(unit))
+
+
+class KeyframeTrainer:
+    """Optimises points on the images of one frame, with densification in the first 60 % of the iterations."""
+
+    def __init__(
+        self,
+        points: TrainablePoints,
+        gains: CameraGains,
+        config: KeyframeConfig,
+        *,
+        backdrop: Gaussians | None = None,
+        max_points: int | None = None,
+        seed: int = 0,
+    ) -> None:
+        self.points = points
+        self.gains = gains
+        self.config = config
+        self.static = backdrop
+        self.max_points = max_points or config.max_points
+        self.generator = torch.Generator().manual_seed(seed)
+        self.rng = np.random.default_rng(seed)
+        self.done = 0
+
+    def train(self, stage: Stage, iterations: int, total: int, progress: Progress) -> None:
+        """Run `iterations` of `total` on one resolution; call again with another stage to go on."""
+        device = self.points.means.device
+        behind = None
+        if self.static is not None and len(self.static):
+            behind = Backdrop(self.static, stage.views, stage.near, device)
+        meter = GradientMeter(len(self.points), device)
+        cameras: list[int] = []
+        for _ in range(iterations):
+            if not cameras:
+                cameras = list(self.rng.permutation(len(stage.views)))
+            camera = int(cameras.pop())
+            loss, grad = self._step(stage, camera, behind)
+            self.done += 1
+            share = self.done / total
+            self._anneal(share)
+            if share <= 0.6:
+                meter.add(grad[: len(self.points)], stage.views[camera].width, stage.views[camera].height)
+                if self.done % self.config.densify_every == 0 and self.done >= 2 * self.config.densify_every:
+                    self._densify(meter, stage.unit)
+                    meter = GradientMeter(len(self.points), device)
+            elif self.done % 500 == 0:
+                self._prune(stage.unit)
+            if self.done % 25 == 0:
+                progress.update(self.done, loss=float(loss), points=len(self.points))
+        self._prune(stage.unit)
+
+    def _step(self, stage: Stage, camera: int, behind: Backdrop | None) -> tuple[Tensor, Tensor]:
+        p, view = self.points, stage.views[camera]
+        moving = splats(p.means, p.quats, p.scales, p.opacities, p.sh, view, stage.near)
+        drawing = draw(moving, view, behind.seen(camera) if behind else None)
+        image = self.gains.apply(drawing.image, camera)
+        loss = splat.photometric_loss(image, stage.images[camera])
+        loss.backward()
+        grad = drawing.means2d.grad
+        assert grad is not None
+        p.step()
+        self.gains.step()
+        return loss.detach(), grad
+
+    def _anneal(self, share: float) -> None:
+        late = 0.3 if share > 0.8 else 1.0
+        factors = {"means": 0.02**share, "quats": 1.0, "log_scales": 0.2 if share > 0.8 else 1.0}
+        self.points.scale_rates(factors, default=late)
+
+    def _densify(self, meter: GradientMeter, unit: float) -> None:
+        points = self.points
+        room = self.max_points - len(points)
+        grow = select_growth(meter, self.config.densify_gradient, room)
+        doomed = self._doomed(unit)
+        large = points.scales.detach().amax(1) > 0.01 * unit
+        split, clone = grow & large & ~doomed, grow & ~large & ~doomed
+        newborn = points.rows(clone)
+        halves = children(points, split, self.generator)
+        points.keep(~(doomed | split))
+        points.append({name: torch.cat([newborn[name], halves[name]]) for name in newborn})
+
+    def _doomed(self, unit: float) -> Tensor:
+        """Points too faint (5.1: 0.05, reached gradually so that young points may grow) or absurdly large."""
+        with torch.no_grad():
+            return (self.points.opacities < self.config.cull_opacity) | (self.points.scales.amax(1) > 0.5 * unit)
+
+    def _prune(self, unit: float) -> None:
+        doomed = self._doomed(unit)
+        if bool(doomed.any()) and not bool(doomed.all()):
+            self.points.keep(~doomed)

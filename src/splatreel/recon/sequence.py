@@ -1,0 +1,320 @@
+"""The whole way from a capture to a reel: group after group, published as they finish, continued where a run was cut off."""
+
+from __future__ import annotations
+
+import time
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import torch
+
+from splatreel.capture.base import Capture
+from splatreel.capture.prefetch import GroupFrames as FramePrefetcher
+from splatreel.codec.writer import ReelWriter
+from splatreel.config import Config
+from splatreel.errors import ReconstructionError, UsageError
+from splatreel.progress import Progress, Silent
+from splatreel.recon import checkpoint
+from splatreel.recon.colors import CameraGains
+from splatreel.recon.drawing import View
+from splatreel.recon.group import GroupFrames, GroupTrainer
+from splatreel.recon.initialise import initial_points, near_plane
+from splatreel.recon.keyframe import KeyframeTrainer, Stage, starting_points
+from splatreel.recon.layering import Layers, label_points, separate
+from splatreel.recon.layout import Layout, measure
+from splatreel.recon.points import TrainablePoints, default_rates
+from splatreel.scene.gaussians import Gaussians
+from splatreel.scene.group import Group
+
+
+@dataclass(frozen=True)
+class Span:
+    """The frames of one group: its own and, unless it is the last, the overlap with the next."""
+
+    index: int
+    first: int
+    own: int
+    count: int
+
+
+def spans(frames: int, length: int, overlap: int) -> list[Span]:
+    """Cut a video into groups. A rest no longer than the overlap joins the group before it."""
+    if overlap >= length:
+        raise UsageError(f"An overlap of {overlap} frames does not fit groups of {length}. Choose a smaller overlap.")
+    firsts = [f for f in range(0, frames, length) if f == 0 or frames - f > overlap]
+    ends = [*firsts[1:], frames]
+    return [
+        Span(i, first, end - first, min(end + overlap, frames) - first)
+        for i, (first, end) in enumerate(zip(firsts, ends, strict=True))
+    ]
+
+
+@dataclass
+class Scene:
+    """What is handed from group to group. static: all static points so far, as decoded; alive: [S] bool; dynamic: at the keyframe."""
+
+    static: Gaussians
+    alive: np.ndarray
+    dynamic: Gaussians
+
+
+@dataclass(frozen=True)
+class Result:
+    """Where a reconstruction lies. seconds: per stage, summed over the groups and over interrupted runs."""
+
+    reel: Path
+    work: Path
+    seconds: dict[str, float]
+    device: str
+
+
+def reconstruct(
+    capture: Capture, out: Path, config: Config, *, device: str = "auto", progress: Progress | None = None
+) -> Result:
+    """Reconstruct a capture into OUT/reel, with checkpoints in OUT/work; the same call continues an interrupted run.
+
+    device: auto, cpu or cuda. Raises `ReconstructionError` when OUT belongs to another capture or configuration, `UsageError` for a
+    device that is not there, and what the capture raises for frames that cannot be read.
+    """
+    run = Reconstruction(capture, Path(out), config, pick_device(device), progress or Silent())
+    return run.run()
+
+
+def pick_device(name: str) -> torch.device:
+    """CUDA if it is there and asked for or left open, else the CPU."""
+    if name not in ("auto", "cpu", "cuda"):
+        raise UsageError(f"Unknown device {name!r}. Choose auto, cpu or cuda.")
+    if name == "cuda" and not torch.cuda.is_available():
+        raise UsageError("--device cuda: PyTorch finds no CUDA device. Use --device cpu, or install PyTorch for CUDA.")
+    return torch.device("cuda" if name != "cpu" and torch.cuda.is_available() else "cpu")
+
+
+class Reconstruction:
+    """One run. Its methods are the stages, in order."""
+
+    def __init__(self, capture: Capture, out: Path, config: Config, device: torch.device, progress: Progress) -> None:
+        self.capture, self.config, self.device, self.progress = capture, config, device, progress
+        self.cameras = capture.training_cameras
+        if len(self.cameras) < 3:
+            raise ReconstructionError(
+                f"{capture.path}: only {len(self.cameras)} cameras are left to train on, at least 3 are needed."
+            )
+        self.names = [camera.name for camera in self.cameras]
+        self.reel, self.work = out / "reel", out / "work"
+        self.spans = spans(capture.frames, config.group.length, config.group.overlap)
+        self._claim()
+        self.seconds: dict[str, float] = self._load_seconds()
+        self.gains = CameraGains(len(self.cameras), device, config.correct_colors)
+
+    def run(self) -> Result:
+        layout = self._lay_out()
+        writer = self._open_reel(layout)
+        scene = Scene(Gaussians.empty(self.config.keyframe.sh_degree), np.zeros(0, bool), Gaussians.empty())
+        prefetcher = FramePrefetcher(self.capture, self.names, [(s.first, s.count) for s in self.spans])
+        with prefetcher:
+            for span in self.spans:
+                if self._finished(span):
+                    scene = self._restore(span)
+                    continue
+                with self._timed("decode"):
+                    frames = prefetcher.get(span.index)
+                scene = self._group(span, scene, frames, layout, writer)
+        writer.finish()
+        return Result(self.reel, self.work, self.seconds, self.device.type)
+
+    def _group(self, span: Span, scene: Scene, frames: np.ndarray, layout: Layout, writer: ReelWriter) -> Scene:
+        """All stages of one group; returns the scene at the next keyframe."""
+        torch.manual_seed(self.config.seed + span.index)
+        folder = self._folder(span)
+        points = self._keyframe(span, scene, frames[0], layout)
+        scene = Scene(scene.static, scene.alive, points)
+        layers = self._layer(span, scene, frames, layout)
+        scene = self._settle(span, scene, layers, writer)
+        with self._timed("group"):
+            self.progress.stage(self._title(span, "motion"), self.config.group.iterations_per_frame * span.count)
+            data = GroupFrames(torch.from_numpy(frames).to(self.device), self._views(), layout.near, layout.unit)
+            trainer = GroupTrainer(
+                data, scene.dynamic, scene.static, scene.alive, self.gains, self.config, self.config.seed + span.index
+            )
+            result = trainer.train(self.progress)
+        result.dynamic.check_finite(f"Group {span.index}")
+        with self._timed("encode"):
+            writer.add_group(Group(span.index, span.first, result.dynamic, result.dx, result.dq, result.alive))
+        arrays = checkpoint.pack(result.dynamic) | {"dx": result.dx, "dq": result.dq, "alive": result.alive}
+        checkpoint.save_arrays(folder / "group.safetensors", arrays)
+        return self._hand_over(span, scene.static, arrays)
+
+    def _keyframe(self, span: Span, scene: Scene, images: np.ndarray, layout: Layout) -> Gaussians:
+        """(a): the Gaussians of the keyframe. Group 0: everything; later: the dynamic points, before frozen static ones."""
+        path = self._folder(span) / "keyframe.safetensors"
+        if path.exists():
+            arrays = checkpoint.load_arrays(path)
+            self.gains.load(torch.from_numpy(arrays["gains"]).to(self.device))
+            return checkpoint.unpack(arrays)
+        with self._timed("keyframe"):
+            config, first = self.config.keyframe, span.index == 0
+            iterations = config.first_iterations if first else config.refine_iterations
+            if not first and len(scene.dynamic) == 0:
+                return scene.dynamic
+            self.progress.stage(self._title(span, "keyframe"), iterations)
+            trainer = self._keyframe_trainer(scene, layout, first)
+            coarse = round(iterations * config.coarse_share) if first else 0
+            if coarse:
+                trainer.train(self._stage(images, layout, 2), coarse, iterations, self.progress)
+            trainer.train(self._stage(images, layout, 1), iterations - coarse, iterations, self.progress)
+            self.progress.update(iterations, points=len(trainer.points))
+            points = trainer.points.gaussians()
+        points.check_finite(f"Keyframe {span.index}")
+        gains = self.gains.values.detach().cpu().numpy()
+        checkpoint.save_arrays(path, checkpoint.pack(points) | {"gains": gains})
+        return points
+
+    def _keyframe_trainer(self, scene: Scene, layout: Layout, first: bool) -> KeyframeTrainer:
+        config = self.config.keyframe
+        if first:
+            seeds = checkpoint.load_arrays(self.work / "points.safetensors")
+            points = starting_points(seeds["points"], seeds["colors"], config, layout.unit, self.device)
+            return KeyframeTrainer(points, self.gains, config, seed=self.config.seed)
+        points = TrainablePoints.from_gaussians(scene.dynamic, default_rates(layout.unit), self.device)
+        return KeyframeTrainer(
+            points,
+            self.gains,
+            config,
+            backdrop=scene.static[scene.alive],
+            max_points=len(points) + max(1000, len(points) // 3),
+            seed=self.config.seed,
+        )
+
+    def _layer(self, span: Span, scene: Scene, frames: np.ndarray, layout: Layout) -> Layers:
+        """(b): label all living points by their motion in this group."""
+        with self._timed("layering"):
+            self.progress.stage(self._title(span, "layering"), 1)
+            everything = Gaussians.concatenate([scene.static[scene.alive], scene.dynamic])
+            moves = label_points(everything, self.cameras, frames, layout.near, self.config.layering, self.device)
+            layers = separate(scene.static, scene.alive, scene.dynamic, moves)
+            self.progress.update(1, dynamic=len(layers.dynamic), static=len(layers.settled) + int(layers.alive.sum()))
+        return layers
+
+    def _settle(self, span: Span, scene: Scene, layers: Layers, writer: ReelWriter) -> Scene:
+        """Store the new static points as a layer, and go on with what a reader of the reel will see of them (closed loop)."""
+        if len(layers.settled) == 0:
+            return Scene(scene.static, layers.alive, layers.dynamic)
+        with self._timed("encode"):
+            decoded, order = writer.add_layer(span.index, span.first, layers.settled)
+        raw = layers.settled[order]
+        arrays = checkpoint.pack(raw, "raw_") | checkpoint.pack(decoded, "decoded_")
+        checkpoint.save_arrays(self._folder(span) / "layer.safetensors", arrays)
+        alive = np.concatenate([layers.alive, np.ones(len(decoded), bool)])
+        return Scene(Gaussians.concatenate([scene.static, decoded]), alive, layers.dynamic)
+
+    def _hand_over(self, span: Span, static: Gaussians, arrays: dict[str, np.ndarray]) -> Scene:
+        """The scene at the next keyframe: the dynamic points, deformed there (paper section 4)."""
+        at = min(span.own, len(arrays["dx"]) - 1)
+        dynamic = checkpoint.unpack(arrays).moved(arrays["dx"][at], arrays["dq"][at])
+        return Scene(static, arrays["alive"].astype(bool), dynamic)
+
+    def _restore(self, span: Span) -> Scene:
+        """The scene after a finished group, from the checkpoints."""
+        layers = []
+        for index in range(span.index + 1):
+            path = self.work / f"group{index:04d}" / "layer.safetensors"
+            if path.exists():
+                layers.append(checkpoint.unpack(checkpoint.load_arrays(path), "decoded_"))
+        static = Gaussians.concatenate(layers) if layers else Gaussians.empty(self.config.keyframe.sh_degree)
+        keyframe = self._folder(span) / "keyframe.safetensors"
+        if keyframe.exists():
+            self.gains.load(torch.from_numpy(checkpoint.load_arrays(keyframe)["gains"]).to(self.device))
+        return self._hand_over(span, static, checkpoint.load_arrays(self._folder(span) / "group.safetensors"))
+
+    def _lay_out(self) -> Layout:
+        """Initial points and the measures of the scene, from the first frame."""
+        path = self.work / "layout.json"
+        if path.exists() and (self.work / "points.safetensors").exists():
+            return Layout(**checkpoint.load_json(path))
+        with self._timed("points"):
+            self.progress.stage("initial points", 1)
+            images = self.capture.read(0, 1, self.names)[0]
+            seeds = initial_points(
+                self.cameras, images, self.capture.points, self.capture.point_colors, self.capture.near, self.config.seed
+            )
+            near = near_plane(self.cameras, seeds.points)
+            layout = measure(self.cameras, seeds.points, near)
+            self.progress.update(1, points=len(seeds.points))
+        checkpoint.save_arrays(self.work / "points.safetensors", {"points": seeds.points, "colors": seeds.colors})
+        checkpoint.save_json(path, layout.to_dict())
+        return layout
+
+    def _open_reel(self, layout: Layout) -> ReelWriter:
+        middle = self.cameras[len(self.cameras) // 2]
+        return ReelWriter(
+            self.reel,
+            fps=self.capture.fps,
+            group_length=self.config.group.length,
+            overlap=self.config.group.overlap,
+            sh_degree=self.config.keyframe.sh_degree,
+            bounds=layout.bounds,
+            up=layout.up,
+            camera=middle,
+            cameras=self.cameras,
+            config=self.config.encode,
+            resume=True,
+        )
+
+    def _stage(self, images: np.ndarray, layout: Layout, shrink: int) -> Stage:
+        """The keyframe's images [C, H, W, 3], at full size or shrunk by a whole factor."""
+        tensor = torch.from_numpy(images)
+        cameras = self.cameras
+        if shrink > 1:
+            small = torch.nn.functional.avg_pool2d(tensor.permute(0, 3, 1, 2).float(), shrink, ceil_mode=False)
+            tensor = small.round().to(torch.uint8).permute(0, 2, 3, 1).contiguous()
+            cameras = [shrunk(camera, shrink) for camera in cameras]
+        views = [View.of(camera, self.device) for camera in cameras]
+        return Stage(views, tensor.to(self.device), layout.near, layout.unit)
+
+    def _views(self) -> list[View]:
+        return [View.of(camera, self.device) for camera in self.cameras]
+
+    def _finished(self, span: Span) -> bool:
+        return (self._folder(span) / "group.safetensors").exists()
+
+    def _folder(self, span: Span) -> Path:
+        return self.work / f"group{span.index:04d}"
+
+    def _title(self, span: Span, what: str) -> str:
+        return f"group {span.index + 1}/{len(self.spans)} {what}"
+
+    def _claim(self) -> None:
+        """Refuse a folder that holds another capture or configuration, instead of mixing two."""
+        path = self.work / "run.json"
+        mine = {"capture": self.capture.fingerprint(), "config": self.config.to_json()}
+        if path.exists():
+            theirs = checkpoint.load_json(path)
+            for what in ("capture", "config"):
+                if theirs.get(what) != mine[what]:
+                    raise ReconstructionError(
+                        f"{path}: this folder holds a reconstruction with another {what}. "
+                        "Choose another --out, or delete the folder to start over."
+                    )
+        else:
+            checkpoint.save_json(path, mine)
+
+    def _load_seconds(self) -> dict[str, float]:
+        path = self.work / "seconds.json"
+        return checkpoint.load_json(path) if path.exists() else {}
+
+    @contextmanager
+    def _timed(self, stage: str):
+        start = time.monotonic()
+        yield
+        self.seconds[stage] = round(self.seconds.get(stage, 0.0) + time.monotonic() - start, 3)
+        checkpoint.save_json(self.work / "seconds.json", self.seconds)
+
+
+def shrunk(camera, factor: int):
+    """The camera of an image averaged over factor x factor blocks; rows and columns that do not fill a block are cut off."""
+    width, height = camera.width // factor, camera.height // factor
+    K = camera.K.copy()
+    K[:2] /= factor
+    return type(camera)(camera.name, camera.viewmat, K, width, height)

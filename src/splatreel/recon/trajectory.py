@@ -1,0 +1,139 @@
+"""`trajectory`: an explicit temporal basis on shared nodes and per point, our deformation model.
+
+Every offset is a uniform cubic B-spline in time. Its control values are the sum of a few levels: coarse nodes, finer nodes (both
+shared by the points around them) and the point itself. Coarse levels move whole limbs at once, the last one only what is left.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from splatreel.kernels import splat
+
+DIMENSIONS = 7
+"""dx, and dq less its identity."""
+
+
+class Trajectory:
+    """See `Deformation`. Control values are stored as [knots, rows, 7] in units of `unit`, the typical viewing distance."""
+
+    NODE_COUNTS = (64, 512)
+    RATES = (1e-3, 5e-4, 1.5e-4)
+    FRAMES_PER_KNOT = 3.4
+    EXTRAPOLATION = 0.8
+
+    def __init__(self, means: Tensor, frames: int, unit: float, seed: int = 0) -> None:
+        device = means.device
+        self.last = max(frames - 1, 1)
+        self.intervals = max(1, round(self.last / self.FRAMES_PER_KNOT))
+        self.knots = self.intervals + 3
+        self.reached = 3
+        self.unit = unit
+        self.scale = torch.tensor([unit] * 3 + [1.0] * 4, device=device)
+        self.identity = torch.tensor([1.0, 0, 0, 0], device=device)
+        self.nodes = [means[farthest_points(means, count, seed)] for count in self.NODE_COUNTS if count < len(means)]
+        self.skins = [skin(means, nodes) for nodes in self.nodes]
+        rows = [len(nodes) for nodes in self.nodes] + [len(means)]
+        self.controls = [torch.zeros(self.knots, n, DIMENSIONS, device=device, requires_grad=True) for n in rows]
+        rates = self.RATES[-len(rows) :]
+        self.optimizer = torch.optim.Adam(
+            [{"params": [c], "lr": r, "base": r} for c, r in zip(self.controls, rates, strict=True)],
+            eps=1e-12,
+            fused=True,
+        )
+
+    def offsets(self, means: Tensor, frame: float) -> tuple[Tensor, Tensor]:
+        knot, weights = basis(frame / self.last * self.intervals, self.intervals)
+        w = torch.from_numpy(weights).to(means.device)
+        total: Tensor | None = None
+        for level, controls in enumerate(self.controls):
+            rows = controls.shape[1]
+            value = (w @ controls[knot : knot + 4].reshape(4, -1)).view(rows, DIMENSIONS)
+            if level < len(self.nodes):
+                index, share = self.skins[level]
+                value = torch.nn.functional.embedding_bag(index, value, per_sample_weights=share, mode="sum")
+            total = value if total is None else total + value
+        assert total is not None
+        scaled = total * self.scale
+        return scaled[:, :3], scaled[:, 3:] + self.identity
+
+    def reach(self, frame: float) -> None:
+        needed = basis(frame / self.last * self.intervals, self.intervals)[0] + 3
+        with torch.no_grad():
+            while self.reached < needed:
+                self.reached += 1
+                k = self.reached
+                for controls in self.controls:
+                    controls[k] = controls[k - 1] + self.EXTRAPOLATION * (controls[k - 1] - controls[k - 2])
+
+    def step(self, share: float) -> None:
+        for group in self.optimizer.param_groups:
+            group["lr"] = group["base"] * 0.05**share
+        self.optimizer.step()
+        self.optimizer.zero_grad(set_to_none=True)
+        with torch.no_grad():
+            for controls in self.controls:
+                controls[self.reached + 1 :] = 0
+
+    def keep(self, index: Tensor) -> None:
+        self.skins = [(i[index], s[index]) for i, s in self.skins]
+        self._rewrite_points(lambda rows: rows[:, index])
+
+    def append(self, means: Tensor, parents: Tensor | None) -> None:
+        """Newcomers start with what makes their total offset zero: they were static."""
+        added = [skin(means, nodes) for nodes in self.nodes]
+        self.skins = [
+            (torch.cat([i, ai]), torch.cat([s, as_]))
+            for (i, s), (ai, as_) in zip(self.skins, added, strict=True)
+        ]
+        old = self.controls[-1].detach()
+        if parents is not None:
+            rows = old[:, parents]
+        else:
+            rows = torch.zeros(self.knots, len(means), DIMENSIONS, device=means.device)
+            for (index, share), controls in zip(added, self.controls[:-1], strict=True):
+                rows -= torch.einsum("nk,tnkd->tnd", share, controls.detach()[:, index])
+        state = torch.zeros_like(rows)
+        self._rewrite_points(lambda t: torch.cat([t, rows], 1), lambda t: torch.cat([t, state], 1))
+
+    def _rewrite_points(self, of_rows, of_state=None) -> None:
+        group = self.optimizer.param_groups[-1]
+        old = self.controls[-1]
+        state = self.optimizer.state.pop(old, None)
+        new = of_rows(old.detach()).contiguous().requires_grad_(True)
+        self.controls[-1] = new
+        group["params"] = [new]
+        if state:
+            for name in ("exp_avg", "exp_avg_sq"):
+                state[name] = (of_state or of_rows)(state[name]).contiguous()
+            self.optimizer.state[new] = state
+
+
+def basis(u: float, intervals: int) -> tuple[int, np.ndarray]:
+    """First knot and the four weights [4] float32 of the uniform cubic B-spline at u in 0..intervals."""
+    knot = min(max(int(u), 0), intervals - 1)
+    f = u - knot
+    weights = [(1 - f) ** 3, 3 * f**3 - 6 * f**2 + 4, -3 * f**3 + 3 * f**2 + 3 * f + 1, f**3]
+    return knot, np.array(weights, np.float32) / np.float32(6)
+
+
+def farthest_points(points: Tensor, count: int, seed: int) -> Tensor:
+    """Indices [count] of points spread evenly: each is the one farthest from those before it."""
+    chosen = torch.empty(count, dtype=torch.int64, device=points.device)
+    distance = torch.full((len(points),), torch.inf, device=points.device)
+    current = seed % len(points)
+    for i in range(count):
+        chosen[i] = current
+        distance = torch.minimum(distance, (points - points[current]).square().sum(1))
+        current = int(distance.argmax())
+    return chosen
+
+
+def skin(points: Tensor, nodes: Tensor) -> tuple[Tensor, Tensor]:
+    """The four nearest nodes of every point, [N, 4], and their weights [N, 4], which sum to one."""
+    index, distance = splat.nearest_neighbours(nodes, min(4, len(nodes)), queries=points)
+    width = distance[:, -1].median().clamp_min(1e-9)
+    weights = torch.exp(-2 * (distance / width) ** 2) + 1e-6
+    return index, weights / weights.sum(1, keepdim=True)

@@ -1,0 +1,169 @@
+"""Sparse points from feature matches between cameras whose poses are known.
+
+Matching is guided: only features near each other's epipolar line are compared, so that repeated texture does less harm and more
+weak features survive than in pose-free matching. Two-view matches are still often false; a point must be seen by three cameras.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+from scipy.sparse import coo_matrix
+from scipy.sparse.csgraph import connected_components
+
+from splatreel.scene.camera import Camera
+
+MAX_FEATURES = 3000
+EPIPOLAR_PIXELS = 1.5
+REPROJECTION_PIXELS = 1.5
+MIN_SIMILARITY = 0.7
+RATIO = 0.85
+MIN_ANGLE_DEGREES = 1.5
+MIN_VIEWS = 3
+
+
+@dataclass(frozen=True)
+class Tracks:
+    """Points seen by at least three cameras.
+
+    points: [P, 3] float64 world. colors: [P, 3] float32 0..1. seen: [P, C] bool, by which camera.
+    """
+
+    points: np.ndarray
+    colors: np.ndarray
+    seen: np.ndarray
+
+
+@dataclass(frozen=True)
+class _Features:
+    """pixels: [F, 2] float64, pixel centres at +0.5. descriptors: [F, 128] float32, unit (RootSIFT). colors: [F, 3] uint8."""
+
+    pixels: np.ndarray
+    descriptors: np.ndarray
+    colors: np.ndarray
+
+
+def triangulate(cameras: list[Camera], images: np.ndarray, neighbours: int = 8) -> Tracks:
+    """Match SIFT features between neighbouring cameras and triangulate those that at least three cameras agree on.
+
+    images: [C, H, W, 3] uint8. Textureless images give no points; that is not an error.
+    """
+    features = [_detect(image) for image in images]
+    first = np.cumsum([0] + [len(f.pixels) for f in features])
+    edges: list[np.ndarray] = [np.zeros((0, 2), np.int64)]
+    for i, j in neighbour_pairs(cameras, neighbours):
+        matches = _match(cameras[i], cameras[j], features[i], features[j])
+        edges.append(matches + [first[i], first[j]])
+    pairs = np.concatenate(edges)
+    graph = coo_matrix((np.ones(len(pairs)), (pairs[:, 0], pairs[:, 1])), shape=(first[-1], first[-1]))
+    track = connected_components(graph, directed=False)[1]
+    camera = np.repeat(np.arange(len(cameras)), np.diff(first))
+    pixels = np.concatenate([f.pixels for f in features])
+    colors = np.concatenate([f.colors for f in features])
+    return _solve_tracks(cameras, track, camera, pixels, colors)
+
+
+def neighbour_pairs(cameras: list[Camera], neighbours: int) -> list[tuple[int, int]]:
+    """Pairs i < j of cameras of which one is among the other's nearest."""
+    nearest = nearest_cameras(cameras, neighbours)
+    return sorted({(min(i, int(j)), max(i, int(j))) for i in range(len(cameras)) for j in nearest[i]})
+
+
+def nearest_cameras(cameras: list[Camera], count: int) -> np.ndarray:
+    """The cameras nearest to each by place and viewing direction, nearest first; [C, min(count, C - 1)] int."""
+    centers = np.stack([c.center for c in cameras]).astype(np.float64)
+    forwards = np.stack([c.forward for c in cameras]).astype(np.float64)
+    gaps = np.linalg.norm(centers[:, None] - centers[None], axis=-1)
+    spread = np.median(gaps) or 1.0
+    cost = gaps / spread + (1 - forwards @ forwards.T)
+    np.fill_diagonal(cost, np.inf)
+    return np.argsort(cost, 1, kind="stable")[:, : min(count, len(cameras) - 1)]
+
+
+def _detect(image: np.ndarray) -> _Features:
+    sift = cv2.SIFT_create(MAX_FEATURES, contrastThreshold=0.01, edgeThreshold=20)
+    keypoints, descriptors = sift.detectAndCompute(cv2.cvtColor(image, cv2.COLOR_RGB2GRAY), None)
+    if descriptors is None or len(keypoints) == 0:
+        return _Features(np.zeros((0, 2)), np.zeros((0, 128), np.float32), np.zeros((0, 3), np.uint8))
+    pixels = np.array([k.pt for k in keypoints], np.float64)
+    column, row = np.rint(pixels).astype(int).T
+    height, width = image.shape[:2]
+    colors = image[row.clip(0, height - 1), column.clip(0, width - 1)]
+    root = np.sqrt(descriptors / np.maximum(descriptors.sum(1, keepdims=True), 1e-9))
+    return _Features(pixels + 0.5, root.astype(np.float32), colors)
+
+
+def _fundamental(a: Camera, b: Camera) -> np.ndarray:
+    """F with x_b^T F x_a = 0 for homogeneous pixels."""
+    relative = b.viewmat.astype(np.float64) @ np.linalg.inv(a.viewmat.astype(np.float64))
+    x, y, z = relative[:3, 3]
+    cross = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
+    return np.linalg.inv(b.K.astype(np.float64)).T @ cross @ relative[:3, :3] @ np.linalg.inv(a.K.astype(np.float64))
+
+
+def _match(camera_a: Camera, camera_b: Camera, a: _Features, b: _Features) -> np.ndarray:
+    """Mutual best matches near the epipolar lines that pass the ratio test; [M, 2] int indices into a and b."""
+    if len(a.pixels) == 0 or len(b.pixels) == 0:
+        return np.zeros((0, 2), np.int64)
+    lines = np.c_[a.pixels, np.ones(len(a.pixels))] @ _fundamental(camera_a, camera_b).T
+    lines /= np.maximum(np.linalg.norm(lines[:, :2], axis=1, keepdims=True), 1e-12)
+    distance = lines.astype(np.float32) @ np.c_[b.pixels, np.ones(len(b.pixels))].T.astype(np.float32)
+    similarity = a.descriptors @ b.descriptors.T
+    similarity[np.abs(distance) > EPIPOLAR_PIXELS] = -1
+    rows = np.arange(len(a.pixels))
+    best = similarity.argmax(1)
+    mutual = similarity.argmax(0)[best] == rows
+    score = similarity[rows, best].copy()
+    similarity[rows, best] = -1
+    second = similarity.max(1)
+    gap = np.sqrt(np.maximum(2 - 2 * score, 0)) < RATIO * np.sqrt(np.maximum(2 - 2 * second, 0))
+    good = mutual & gap & (score > MIN_SIMILARITY)
+    return np.stack([rows[good], best[good]], 1)
+
+
+def _solve_tracks(
+    cameras: list[Camera], track: np.ndarray, camera: np.ndarray, pixels: np.ndarray, colors: np.ndarray
+) -> Tracks:
+    """Triangulate every track, dropping observations that do not fit, twice; keep those that three cameras still see.
+
+    track: [O] int, the track of every observation. camera: [O] int. pixels: [O, 2]. colors: [O, 3] uint8.
+    """
+    projections = np.stack([c.K.astype(np.float64) @ c.viewmat[:3].astype(np.float64) for c in cameras])
+    count = int(track.max(initial=-1)) + 1
+    alive = np.bincount(track, minlength=count)[track] >= MIN_VIEWS
+    points = np.zeros((count, 3))
+    for limit in (4 * REPROJECTION_PIXELS, REPROJECTION_PIXELS, REPROJECTION_PIXELS):
+        points = _intersect(projections[camera[alive]], pixels[alive], track[alive], count)
+        seen = np.einsum("oij,oj->oi", projections[camera, :, :3], points[track]) + projections[camera, :, 3]
+        with np.errstate(divide="ignore", invalid="ignore"):
+            error = np.linalg.norm(seen[:, :2] / seen[:, 2:] - pixels, axis=1)
+        alive &= (seen[:, 2] > 0) & (error < limit)
+    visible = np.zeros((count, len(cameras)), bool)
+    visible[track[alive], camera[alive]] = True
+    kept = (visible.sum(1) >= MIN_VIEWS) & (_widest_angle(cameras, points, visible) > np.radians(MIN_ANGLE_DEGREES))
+    shade = np.zeros((count, 3))
+    np.add.at(shade, track[alive], colors[alive] / 255.0)
+    shade /= np.maximum(np.bincount(track[alive], minlength=count), 1)[:, None]
+    return Tracks(points[kept], shade[kept].astype(np.float32), visible[kept])
+
+
+def _intersect(projections: np.ndarray, pixels: np.ndarray, track: np.ndarray, count: int) -> np.ndarray:
+    """Linear triangulation of `count` tracks; projections [O, 3, 4], pixels [O, 2], track [O] int -> [count, 3]."""
+    rows = pixels[:, :, None] * projections[:, 2:3] - projections[:, :2]
+    rows /= np.maximum(np.linalg.norm(rows[..., :3], axis=-1, keepdims=True), 1e-12)
+    normal = np.zeros((count, 4, 4))
+    np.add.at(normal, track, np.einsum("oki,okj->oij", rows, rows))
+    A = normal[:, :3, :3] + 1e-9 * np.eye(3)
+    return np.linalg.solve(A, -normal[:, :3, 3:])[..., 0]
+
+
+def _widest_angle(cameras: list[Camera], points: np.ndarray, visible: np.ndarray) -> np.ndarray:
+    """The largest angle between a point's first ray and its others, radians, [P]."""
+    centers = np.stack([c.center for c in cameras]).astype(np.float64)
+    rays = points[:, None] - centers
+    rays /= np.maximum(np.linalg.norm(rays, axis=-1, keepdims=True), 1e-12)
+    base = rays[np.arange(len(points)), visible.argmax(1)]
+    cosine = np.where(visible, np.einsum("pci,pi->pc", rays, base), 1.0)
+    return np.arccos(np.clip(cosine.min(1, initial=1.0), -1, 1))

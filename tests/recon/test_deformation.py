@@ -1,0 +1,109 @@
+"""Both deformation models honour the same protocol."""
+
+import pytest
+import torch
+
+from splatreel.recon.deformation import deform, multiply
+from splatreel.recon.hashgrid import HashGrid
+from splatreel.recon.trajectory import Trajectory, basis, farthest_points, skin
+
+MODELS = [Trajectory, HashGrid]
+
+
+def cloud(count=200, seed=0):
+    return torch.rand(count, 3, generator=torch.Generator().manual_seed(seed)) * 2 - 1
+
+
+def true_motion(means, frame, frames):
+    u = frame / (frames - 1)
+    return torch.stack([0.3 * u + 0.1 * means[:, 1] * u, -0.2 * u * u + 0 * means[:, 0], 0 * means[:, 2]], 1)
+
+
+def fit(model, means, frames, iterations):
+    generator = torch.Generator().manual_seed(1)
+    for i in range(iterations):
+        frontier = min(frames - 1, int(2 * frames * i / iterations))
+        model.reach(frontier)
+        frame = int(torch.randint(frontier + 1, (1,), generator=generator))
+        dx, dq = model.offsets(means, frame)
+        loss = (dx - true_motion(means, frame, frames)).square().mean() + 0.01 * dq[:, 1:].square().mean()
+        loss.backward()
+        model.step(i / iterations)
+
+
+@pytest.mark.parametrize("model", MODELS)
+def test_offsets_start_near_zero_and_learn_a_motion(model):
+    means, frames = cloud(), 12
+    net = model(means, frames, 1.0)
+    dx, dq = net.offsets(means, 6)
+    assert dx.abs().max() < 1e-2
+    torch.testing.assert_close(dq, torch.tensor([1.0, 0, 0, 0]).expand_as(dq), atol=1e-2, rtol=0)
+    fit(net, means, frames, 800)
+    errors = [(net.offsets(means, f)[0] - true_motion(means, f, frames)).abs().mean().item() for f in range(frames)]
+    assert max(errors) < 0.02
+    between = (net.offsets(means, 5.5)[0] - true_motion(means, 5.5, frames)).abs().mean().item()
+    assert between < 0.02
+
+
+@pytest.mark.parametrize("model", MODELS)
+def test_points_come_and_go(model):
+    means, frames = cloud(), 12
+    net = model(means, frames, 1.0)
+    fit(net, means, frames, 200)
+    before = net.offsets(means, 7)[0].detach()
+    kept = torch.arange(0, 200, 2)
+    net.keep(kept)
+    torch.testing.assert_close(net.offsets(means[kept], 7)[0], before[kept])
+    net.append(means[kept][:3], torch.tensor([0, 1, 2]))
+    grown = torch.cat([means[kept], means[kept][:3]])
+    after = net.offsets(grown, 7)[0]
+    torch.testing.assert_close(after[:100], before[kept])
+    torch.testing.assert_close(after[100:], before[kept][:3])
+    after.sum().backward()
+    net.step(0.5)
+
+
+def test_points_that_were_static_join_a_trajectory_at_rest():
+    means, frames = cloud(), 12
+    net = Trajectory(means, frames, 1.0)
+    fit(net, means, frames, 200)
+    newcomers = cloud(5, seed=3)
+    net.append(newcomers, None)
+    dx, dq = net.offsets(torch.cat([means, newcomers]), 8.3)
+    assert dx[200:].abs().max() < 1e-5
+    torch.testing.assert_close(dq[200:], torch.tensor([1.0, 0, 0, 0]).expand(5, 4), atol=1e-5, rtol=0)
+
+
+@pytest.mark.parametrize("count", [0, 1, 3, 70])
+def test_few_points_work(count):
+    means = cloud(max(count, 1))[:count]
+    net = Trajectory(means, 5, 1.0)
+    dx, dq = net.offsets(means, 2)
+    assert dx.shape == (count, 3)
+    assert dq.shape == (count, 4)
+
+
+def test_spline_weights_sum_to_one_and_are_continuous():
+    for u in (0.0, 0.3, 1.0, 4.999, 5.0):
+        assert abs(basis(u, 5)[1].sum() - 1) < 1e-6
+    left, right = basis(2 - 1e-6, 5), basis(2, 5)
+    assert right[0] == left[0] + 1
+    assert abs(left[1][1:] - right[1][:3]).max() < 1e-5
+
+
+def test_nodes_spread_and_weights_are_local():
+    means = cloud(500)
+    nodes = means[farthest_points(means, 50, 0)]
+    assert len(torch.unique(nodes, dim=0)) == 50
+    index, weights = skin(means, nodes)
+    torch.testing.assert_close(weights.sum(1), torch.ones(500))
+    nearest = torch.cdist(means, nodes).argmin(1)
+    assert (index[:, 0] == nearest).all()
+
+
+def test_deform_rotates_after_the_point():
+    half = torch.tensor([[0.5**0.5, 0, 0, 0.5**0.5]])
+    means, quats = deform(torch.zeros(1, 3), half, torch.ones(1, 3), 2 * half)
+    torch.testing.assert_close(means, torch.ones(1, 3))
+    torch.testing.assert_close(quats, multiply(half, half))
+    torch.testing.assert_close(quats, torch.tensor([[0.0, 0, 0, 1]]), atol=1e-6, rtol=0)

@@ -1,0 +1,73 @@
+import pytest
+import torch
+
+from splatreel.recon import losses
+from splatreel.recon.density import rotate
+from splatreel.recon.trajectory import Trajectory
+
+
+def grid():
+    axis = torch.linspace(-1, 1, 4)
+    return torch.stack(torch.meshgrid(axis, axis, axis, indexing="ij"), -1).reshape(-1, 3)
+
+
+def pairs(count):
+    return torch.arange(count - 1), torch.arange(1, count)
+
+
+def arap(means, dx, dq):
+    return losses.arap(means, dx, dq, pairs(len(means)), torch.ones(len(means) - 1), 1.0)
+
+
+def test_a_rigid_motion_costs_nothing():
+    means = grid()
+    dq = torch.tensor([[0.8, 0.0, 0.6, 0.0]]).expand(len(means), 4)
+    dx = rotate(dq, means) + torch.tensor([0.3, -0.2, 0.5]) - means
+    assert arap(means, dx, dq) < 1e-4
+
+
+@pytest.mark.parametrize("kind", ["stretch", "twist"])
+def test_stretching_and_twisting_cost(kind):
+    means = grid()
+    dq = torch.tensor([[1.0, 0, 0, 0]]).repeat(len(means), 1)
+    dx = torch.zeros_like(means)
+    if kind == "stretch":
+        dx = 0.2 * means
+    else:
+        dq[::2] = torch.tensor([0.8, 0.6, 0, 0])
+    assert arap(means, dx, dq) > 0.05
+
+
+def test_the_unit_makes_the_loss_independent_of_scale():
+    means, dx = grid(), 0.1 * grid().sin()
+    dq = torch.tensor([[1.0, 0, 0, 0]]).repeat(len(means), 1)
+    weights = torch.ones(len(means) - 1)
+    small = losses.arap(means, dx, dq, pairs(len(means)), weights, 1.0)
+    large = losses.arap(1000 * means, 1000 * dx, dq, pairs(len(means)), weights, 1000.0)
+    torch.testing.assert_close(small, large, rtol=1e-3, atol=1e-6)
+
+
+class Polynomial:
+    """Offsets t^power."""
+
+    def __init__(self, power):
+        self.power = power
+
+    def offsets(self, means, frame):
+        return torch.full_like(means, float(frame) ** self.power), torch.ones(len(means), 4)
+
+
+def test_constant_velocity_costs_nothing_and_acceleration_does():
+    means = grid()
+    assert losses.temporal(Polynomial(1), means, 2, 4, 0.3, 1.0) < 1e-5
+    expected = 3 * abs(0.7 * 4 + 0.3 * 16 - 2.6**2)
+    torch.testing.assert_close(losses.temporal(Polynomial(2), means, 2, 4, 0.3, 1.0).item(), expected, rtol=1e-4, atol=0)
+
+
+def test_the_losses_reach_the_parameters():
+    means = grid()
+    model = Trajectory(means, 10, 1.0)
+    dx, dq = model.offsets(means, 3)
+    loss = arap(means, dx + 0.1 * means, dq) + losses.temporal(model, means, 2, 4, 0.5, 1.0)
+    loss.backward()
+    assert all(torch.isfinite(c.grad).all() for c in model.controls)
