@@ -1,0 +1,1 @@
+"""All fast code: projection, spherical harmonics, rasterisation, losses, hash grid, nearest neighbours."""

@@ -1,0 +1,1 @@
+"""Numba kernels on numpy arrays; nothing in here imports torch, except `autograd`."""

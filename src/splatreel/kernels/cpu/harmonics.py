@@ -1,0 +1,131 @@
+"""Real spherical harmonics of degrees 0 to 3 in the 3DGS order and sign, forward and backward."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numba import njit, prange
+
+from splatreel.kernels.cpu.jit import ONE, PARALLEL, ZERO, F
+
+C0 = F(0.28209479177387814)
+C1 = F(0.4886025119029199)
+C2 = (
+    F(1.0925484305920792),
+    F(-1.0925484305920792),
+    F(0.31539156525252005),
+    F(-1.0925484305920792),
+    F(0.5462742152960396),
+)
+C3 = (
+    F(-0.5900435899266435),
+    F(2.890611442640554),
+    F(-0.4570457994644658),
+    F(0.3731763325901154),
+    F(-0.4570457994644658),
+    F(1.445305721320277),
+    F(-0.5900435899266435),
+)
+
+
+def forward(degree: int, directions: np.ndarray, coefficients: np.ndarray) -> np.ndarray:
+    """Sum of the bands up to degree; directions [N, 3] of any length, coefficients [N, K, 3] -> [N, 3]."""
+    colors = np.empty((len(directions), 3), np.float32)
+    _forward((degree + 1) ** 2, directions, coefficients, colors)
+    return colors
+
+
+def backward(
+    degree: int, directions: np.ndarray, coefficients: np.ndarray, d_colors: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Gradients to directions and coefficients."""
+    d_directions, d_coefficients = np.empty_like(directions), np.empty_like(coefficients)
+    _backward((degree + 1) ** 2, directions, coefficients, d_colors, d_directions, d_coefficients)
+    return d_directions, d_coefficients
+
+
+@njit(inline="always")
+def _basis(bands, x, y, z, basis):
+    """Writes the first `bands` basis functions at a unit direction."""
+    basis[0] = C0
+    if bands > 1:
+        basis[1], basis[2], basis[3] = -C1 * y, C1 * z, -C1 * x
+    if bands > 4:
+        basis[4] = C2[0] * x * y
+        basis[5] = C2[1] * y * z
+        basis[6] = C2[2] * (F(2) * z * z - x * x - y * y)
+        basis[7] = C2[3] * x * z
+        basis[8] = C2[4] * (x * x - y * y)
+    if bands > 9:
+        basis[9] = C3[0] * y * (F(3) * x * x - y * y)
+        basis[10] = C3[1] * x * y * z
+        basis[11] = C3[2] * y * (F(4) * z * z - x * x - y * y)
+        basis[12] = C3[3] * z * (F(2) * z * z - F(3) * x * x - F(3) * y * y)
+        basis[13] = C3[4] * x * (F(4) * z * z - x * x - y * y)
+        basis[14] = C3[5] * z * (x * x - y * y)
+        basis[15] = C3[6] * x * (x * x - F(3) * y * y)
+
+
+@njit(inline="always")
+def _direction_gradient(bands, x, y, z, g):
+    """Sum over bands of g[k] times the gradient of basis k, the basis taken as a polynomial in x, y, z."""
+    dx, dy, dz = -C1 * g[3], -C1 * g[1], C1 * g[2]
+    if bands > 4:
+        g4, g5, g6, g7, g8 = C2[0] * g[4], C2[1] * g[5], F(2) * C2[2] * g[6], C2[3] * g[7], F(2) * C2[4] * g[8]
+        dx += g4 * y - g6 * x + g7 * z + g8 * x
+        dy += g4 * x + g5 * z - g6 * y - g8 * y
+        dz += g5 * y + F(2) * g6 * z + g7 * x
+    if bands > 9:
+        g9, g10, g11, g12 = C3[0] * g[9], C3[1] * g[10], C3[2] * g[11], C3[3] * g[12]
+        g13, g14, g15 = C3[4] * g[13], C3[5] * g[14], C3[6] * g[15]
+        xx, yy, zz, xy, yz, xz = x * x, y * y, z * z, x * y, y * z, x * z
+        dx += F(6) * g9 * xy + g10 * yz - F(2) * g11 * xy - F(6) * g12 * xz
+        dx += g13 * (F(4) * zz - F(3) * xx - yy) + F(2) * g14 * xz + g15 * F(3) * (xx - yy)
+        dy += g9 * F(3) * (xx - yy) + g10 * xz + g11 * (F(4) * zz - xx - F(3) * yy) - F(6) * g12 * yz
+        dy += -F(2) * g13 * xy - F(2) * g14 * yz - F(6) * g15 * xy
+        dz += g10 * xy + F(8) * g11 * yz + g12 * (F(6) * zz - F(3) * xx - F(3) * yy)
+        dz += F(8) * g13 * xz + g14 * (xx - yy)
+    return dx, dy, dz
+
+
+@njit(**PARALLEL)
+def _forward(bands, directions, coefficients, colors):
+    for i in prange(directions.shape[0]):
+        x, y, z = directions[i, 0], directions[i, 1], directions[i, 2]
+        inverse = ONE / max(math.sqrt(x * x + y * y + z * z), F(1e-12))
+        basis = np.empty(16, np.float32)
+        _basis(bands, x * inverse, y * inverse, z * inverse, basis)
+        r = g = b = ZERO
+        for k in range(bands):
+            r += basis[k] * coefficients[i, k, 0]
+            g += basis[k] * coefficients[i, k, 1]
+            b += basis[k] * coefficients[i, k, 2]
+        colors[i, 0], colors[i, 1], colors[i, 2] = r, g, b
+
+
+@njit(**PARALLEL)
+def _backward(bands, directions, coefficients, d_colors, d_directions, d_coefficients):
+    for i in prange(directions.shape[0]):
+        x, y, z = directions[i, 0], directions[i, 1], directions[i, 2]
+        inverse = ONE / max(math.sqrt(x * x + y * y + z * z), F(1e-12))
+        x, y, z = x * inverse, y * inverse, z * inverse
+        basis = np.empty(16, np.float32)
+        _basis(bands, x, y, z, basis)
+        r, g, b = d_colors[i, 0], d_colors[i, 1], d_colors[i, 2]
+        for k in range(coefficients.shape[1]):
+            weight = basis[k] if k < bands else ZERO
+            d_coefficients[i, k, 0], d_coefficients[i, k, 1], d_coefficients[i, k, 2] = (
+                weight * r,
+                weight * g,
+                weight * b,
+            )
+        d_directions[i, 0] = d_directions[i, 1] = d_directions[i, 2] = ZERO
+        if bands > 1:
+            for k in range(bands):  # the basis is no longer needed: reuse it for the gradient to each basis value
+                basis[k] = r * coefficients[i, k, 0] + g * coefficients[i, k, 1] + b * coefficients[i, k, 2]
+            dx, dy, dz = _direction_gradient(bands, x, y, z, basis)
+            along = dx * x + dy * y + dz * z
+            d_directions[i, 0] = (dx - along * x) * inverse
+            d_directions[i, 1] = (dy - along * y) * inverse
+            d_directions[i, 2] = (dz - along * z) * inverse

@@ -1,0 +1,117 @@
+"""One multiresolution hash grid (Instant-NGP), trilinear, one task a level: no races, and a level's table stays in the cache."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numba import njit, prange
+
+from splatreel.kernels.cpu.jit import ONE, PARALLEL, ZERO, F
+
+PRIME_Y, PRIME_Z = np.uint32(2654435761), np.uint32(805459861)
+
+
+def forward(coords: np.ndarray, table: np.ndarray, resolutions: np.ndarray) -> np.ndarray:
+    """coords [N, 3] in 0..1 (clamped), table [L, T, F], resolutions [L, 3] cells an axis -> features [N, L * F]."""
+    levels, size, features = table.shape
+    out = np.empty((len(coords), levels * features), np.float32)
+    _forward(coords, table, resolutions.astype(np.uint32), is_dense(resolutions, size), out)
+    return out
+
+
+def table_gradient(coords: np.ndarray, table: np.ndarray, resolutions: np.ndarray, d_out: np.ndarray) -> np.ndarray:
+    d_table = np.zeros_like(table)
+    _table_gradient(coords, resolutions.astype(np.uint32), is_dense(resolutions, table.shape[1]), d_out, d_table)
+    return d_table
+
+
+def coords_gradient(coords: np.ndarray, table: np.ndarray, resolutions: np.ndarray, d_out: np.ndarray) -> np.ndarray:
+    """Zero along an axis on which the point was clamped."""
+    d_coords = np.empty_like(coords)
+    dense = is_dense(resolutions, table.shape[1])
+    _coords_gradient(coords, table, resolutions.astype(np.uint32), dense, d_out, d_coords)
+    return d_coords
+
+
+def is_dense(resolutions: np.ndarray, size: int) -> np.ndarray:
+    """[L] bool: whether a level's corners all fit into the table, so that it needs no hash."""
+    return np.array([math.prod(int(r) + 1 for r in level) <= size for level in resolutions])
+
+
+@njit(inline="always")
+def _cell(coord, resolution):
+    """The cell a coordinate in 0..1 lies in and the fraction within it; 1 belongs to the last cell."""
+    position = min(max(coord, ZERO), ONE) * F(resolution)
+    cell = min(np.uint32(position), np.uint32(resolution - np.uint32(1)))
+    return cell, position - F(cell)
+
+
+@njit(inline="always")
+def _row(x, y, z, resolution, dense, size):
+    """Table row of a corner: row-major (x fastest) when dense, else the usual xor of primes."""
+    if dense:
+        return x + (resolution[0] + np.uint32(1)) * (y + (resolution[1] + np.uint32(1)) * z)
+    return (x ^ (y * PRIME_Y) ^ (z * PRIME_Z)) % np.uint32(size)
+
+
+@njit(**PARALLEL)
+def _forward(coords, table, resolutions, dense, out):
+    levels, size, features = table.shape
+    for level in prange(levels):
+        resolution, is_dense = resolutions[level], dense[level]
+        for i in range(coords.shape[0]):
+            x, fx = _cell(coords[i, 0], resolution[0])
+            y, fy = _cell(coords[i, 1], resolution[1])
+            z, fz = _cell(coords[i, 2], resolution[2])
+            for f in range(features):
+                out[i, level * features + f] = ZERO
+            for corner in range(8):
+                bx, by, bz = np.uint32(corner & 1), np.uint32((corner >> 1) & 1), np.uint32(corner >> 2)
+                weight = (fx if bx else ONE - fx) * (fy if by else ONE - fy) * (fz if bz else ONE - fz)
+                row = _row(np.uint32(x + bx), np.uint32(y + by), np.uint32(z + bz), resolution, is_dense, size)
+                for f in range(features):
+                    out[i, level * features + f] += weight * table[level, row, f]
+
+
+@njit(**PARALLEL)
+def _table_gradient(coords, resolutions, dense, d_out, d_table):
+    levels, size, features = d_table.shape
+    for level in prange(levels):
+        resolution, is_dense = resolutions[level], dense[level]
+        for i in range(coords.shape[0]):
+            x, fx = _cell(coords[i, 0], resolution[0])
+            y, fy = _cell(coords[i, 1], resolution[1])
+            z, fz = _cell(coords[i, 2], resolution[2])
+            for corner in range(8):
+                bx, by, bz = np.uint32(corner & 1), np.uint32((corner >> 1) & 1), np.uint32(corner >> 2)
+                weight = (fx if bx else ONE - fx) * (fy if by else ONE - fy) * (fz if bz else ONE - fz)
+                row = _row(np.uint32(x + bx), np.uint32(y + by), np.uint32(z + bz), resolution, is_dense, size)
+                for f in range(features):
+                    d_table[level, row, f] += weight * d_out[i, level * features + f]
+
+
+@njit(**PARALLEL)
+def _coords_gradient(coords, table, resolutions, dense, d_out, d_coords):
+    """One task a point: its levels are summed in order."""
+    levels, size, features = table.shape
+    for i in prange(coords.shape[0]):
+        gx = gy = gz = ZERO
+        for level in range(levels):
+            resolution, is_dense = resolutions[level], dense[level]
+            x, fx = _cell(coords[i, 0], resolution[0])
+            y, fy = _cell(coords[i, 1], resolution[1])
+            z, fz = _cell(coords[i, 2], resolution[2])
+            for corner in range(8):
+                bx, by, bz = np.uint32(corner & 1), np.uint32((corner >> 1) & 1), np.uint32(corner >> 2)
+                row = _row(np.uint32(x + bx), np.uint32(y + by), np.uint32(z + bz), resolution, is_dense, size)
+                value = ZERO
+                for f in range(features):
+                    value += d_out[i, level * features + f] * table[level, row, f]
+                wx, wy, wz = fx if bx else ONE - fx, fy if by else ONE - fy, fz if bz else ONE - fz
+                gx += (value if bx else -value) * wy * wz * F(resolution[0])
+                gy += (value if by else -value) * wx * wz * F(resolution[1])
+                gz += (value if bz else -value) * wx * wy * F(resolution[2])
+        d_coords[i, 0] = gx if ZERO <= coords[i, 0] <= ONE else ZERO
+        d_coords[i, 1] = gy if ZERO <= coords[i, 1] <= ONE else ZERO
+        d_coords[i, 2] = gz if ZERO <= coords[i, 2] <= ONE else ZERO

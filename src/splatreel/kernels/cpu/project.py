@@ -1,0 +1,229 @@
+"""Perspective projection of 3D Gaussians to 2D (EWA splatting, as 3DGS and gsplat), forward and backward."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numba import njit, prange
+
+from splatreel.kernels.cpu.jit import HALF, ONE, PARALLEL, TWO, ZERO, F
+
+BLUR = F(0.3)  # added to the 2D covariance diagonal: no splat is thinner than about a pixel
+EXTENT = F(3.33)  # sqrt(2 ln 255): standard deviations at which an opaque splat falls to alpha 1/255
+
+
+def forward(
+    means: np.ndarray,
+    quats: np.ndarray,
+    scales: np.ndarray,
+    viewmat: np.ndarray,
+    K: np.ndarray,
+    width: int,
+    height: int,
+    near: float,
+) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """Returns means2d [N, 2], conics [N, 3], depths [N] and radii [N] int32; zero radius and zero rows where culled."""
+    n = len(means)
+    means2d, conics = np.empty((n, 2), np.float32), np.empty((n, 3), np.float32)
+    depths, radii = np.empty(n, np.float32), np.empty(n, np.int32)
+    lens = _lens(K, width, height)
+    _forward(means, quats, scales, viewmat, lens, F(width), F(height), F(near), means2d, conics, depths, radii)
+    return means2d, conics, depths, radii
+
+
+def backward(
+    means: np.ndarray,
+    quats: np.ndarray,
+    scales: np.ndarray,
+    viewmat: np.ndarray,
+    K: np.ndarray,
+    width: int,
+    height: int,
+    conics: np.ndarray,
+    radii: np.ndarray,
+    grads: tuple[np.ndarray, np.ndarray, np.ndarray],
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Gradients to means, quats and scales, given `grads` to means2d, conics and depths."""
+    d_means, d_quats, d_scales = np.empty_like(means), np.empty_like(quats), np.empty_like(scales)
+    lens = _lens(K, width, height)
+    _backward(means, quats, scales, viewmat, lens, conics, radii, *grads, d_means, d_quats, d_scales)
+    return d_means, d_quats, d_scales
+
+
+def _lens(K: np.ndarray, width: int, height: int) -> np.ndarray:
+    """fx, fy, cx, cy, and the range of x/z and y/z the Jacobian is evaluated in (1.3 times the field of view, as gsplat)."""
+    fx, fy, cx, cy = (float(K[index]) for index in ((0, 0), (1, 1), (0, 2), (1, 2)))
+    margin_x, margin_y = 0.15 * width / fx, 0.15 * height / fy
+    low_x, high_x = -cx / fx - margin_x, (width - cx) / fx + margin_x
+    low_y, high_y = -cy / fy - margin_y, (height - cy) / fy + margin_y
+    return np.array([fx, fy, cx, cy, low_x, high_x, low_y, high_y], np.float32)
+
+
+@njit(inline="always")
+def _rotation(w, x, y, z):
+    """Rotation matrix of a unit quaternion, row by row."""
+    return (
+        ONE - TWO * (y * y + z * z),
+        TWO * (x * y - w * z),
+        TWO * (x * z + w * y),
+        TWO * (x * y + w * z),
+        ONE - TWO * (x * x + z * z),
+        TWO * (y * z - w * x),
+        TWO * (x * z - w * y),
+        TWO * (y * z + w * x),
+        ONE - TWO * (x * x + y * y),
+    )
+
+
+@njit(inline="always")
+def _unit(quats, i):
+    """The normalised quaternion i, and one over its norm."""
+    w, x, y, z = quats[i, 0], quats[i, 1], quats[i, 2], quats[i, 3]
+    inverse = ONE / max(math.sqrt(w * w + x * x + y * y + z * z), F(1e-12))
+    return w * inverse, x * inverse, y * inverse, z * inverse, inverse
+
+
+@njit(inline="always")
+def _to_camera(V, means, i):
+    x, y, z = means[i, 0], means[i, 1], means[i, 2]
+    return (
+        V[0, 0] * x + V[0, 1] * y + V[0, 2] * z + V[0, 3],
+        V[1, 0] * x + V[1, 1] * y + V[1, 2] * z + V[1, 3],
+        V[2, 0] * x + V[2, 1] * y + V[2, 2] * z + V[2, 3],
+    )
+
+
+@njit(inline="always")
+def _jacobian_rows(V, gx, gy, u, v):
+    """The two rows of the projection's Jacobian times the world-to-camera rotation."""
+    return (
+        gx * (V[0, 0] - u * V[2, 0]),
+        gx * (V[0, 1] - u * V[2, 1]),
+        gx * (V[0, 2] - u * V[2, 2]),
+        gy * (V[1, 0] - v * V[2, 0]),
+        gy * (V[1, 1] - v * V[2, 1]),
+        gy * (V[1, 2] - v * V[2, 2]),
+    )
+
+
+@njit(**PARALLEL)
+def _forward(means, quats, scales, V, lens, width, height, near, means2d, conics, depths, radii):
+    fx, fy, cx, cy, low_x, high_x, low_y, high_y = lens
+    for i in prange(means.shape[0]):
+        X, Y, Z = _to_camera(V, means, i)
+        means2d[i, 0] = means2d[i, 1] = conics[i, 0] = conics[i, 1] = conics[i, 2] = depths[i] = ZERO
+        radii[i] = 0
+        if near > Z:
+            continue
+        w, x, y, z, _ = _unit(quats, i)
+        r00, r01, r02, r10, r11, r12, r20, r21, r22 = _rotation(w, x, y, z)
+        s0, s1, s2 = scales[i, 0], scales[i, 1], scales[i, 2]
+        inverse_z = ONE / Z
+        gx, gy = fx * inverse_z, fy * inverse_z
+        u = min(max(X * inverse_z, low_x), high_x)
+        v = min(max(Y * inverse_z, low_y), high_y)
+        j0, j1, j2, k0, k1, k2 = _jacobian_rows(V, gx, gy, u, v)
+        # The 2D covariance is [a; b] [a; b]^T with a, b the Jacobian rows times rotation times scales.
+        a0, a1, a2 = (
+            (j0 * r00 + j1 * r10 + j2 * r20) * s0,
+            (j0 * r01 + j1 * r11 + j2 * r21) * s1,
+            (j0 * r02 + j1 * r12 + j2 * r22) * s2,
+        )
+        b0, b1, b2 = (
+            (k0 * r00 + k1 * r10 + k2 * r20) * s0,
+            (k0 * r01 + k1 * r11 + k2 * r21) * s1,
+            (k0 * r02 + k1 * r12 + k2 * r22) * s2,
+        )
+        cxx = a0 * a0 + a1 * a1 + a2 * a2 + BLUR
+        cyy = b0 * b0 + b1 * b1 + b2 * b2 + BLUR
+        cxy = a0 * b0 + a1 * b1 + a2 * b2
+        determinant = cxx * cyy - cxy * cxy
+        px, py = gx * X + cx, gy * Y + cy
+        rx, ry = math.ceil(EXTENT * math.sqrt(cxx)), math.ceil(EXTENT * math.sqrt(cyy))
+        if determinant <= ZERO or px + rx <= ZERO or px - rx >= width or py + ry <= ZERO or py - ry >= height:
+            continue
+        inverse = ONE / determinant
+        means2d[i, 0], means2d[i, 1], depths[i] = px, py, Z
+        conics[i, 0], conics[i, 1], conics[i, 2] = cyy * inverse, -cxy * inverse, cxx * inverse
+        radii[i] = np.int32(min(max(rx, ry), F(1e9)))
+
+
+@njit(inline="always")
+def _covariance_gradient(conics, d_conics, i):
+    """Gradient to (cxx, cxy, cyy) of the 2D covariance from that to its inverse: -C dC C."""
+    A, B, C = conics[i, 0], conics[i, 1], conics[i, 2]
+    dA, dB, dC = d_conics[i, 0], HALF * d_conics[i, 1], d_conics[i, 2]
+    t00, t01 = A * dA + B * dB, A * dB + B * dC
+    t10, t11 = B * dA + C * dB, B * dB + C * dC
+    return -(t00 * A + t01 * B), -TWO * (t00 * B + t01 * C), -(t10 * B + t11 * C)
+
+
+@njit(inline="always")
+def _quaternion_gradient(w, x, y, z, inverse, n00, n01, n02, n10, n11, n12, n20, n21, n22):
+    """Gradient to the quaternion before normalisation, from that to the rotation matrix."""
+    qw = TWO * (x * (n21 - n12) + y * (n02 - n20) + z * (n10 - n01))
+    qx = TWO * (-TWO * x * (n11 + n22) + y * (n10 + n01) + z * (n20 + n02) + w * (n21 - n12))
+    qy = TWO * (x * (n10 + n01) - TWO * y * (n00 + n22) + z * (n21 + n12) + w * (n02 - n20))
+    qz = TWO * (x * (n20 + n02) + y * (n21 + n12) - TWO * z * (n00 + n11) + w * (n10 - n01))
+    along = qw * w + qx * x + qy * y + qz * z
+    return (
+        (qw - along * w) * inverse,
+        (qx - along * x) * inverse,
+        (qy - along * y) * inverse,
+        (qz - along * z) * inverse,
+    )
+
+
+@njit(**PARALLEL)
+def _backward(means, quats, scales, V, lens, conics, radii, d_means2d, d_conics, d_depths, d_means, d_quats, d_scales):
+    fx, fy, _, _, low_x, high_x, low_y, high_y = lens
+    for i in prange(means.shape[0]):
+        if radii[i] <= 0:
+            for c in range(3):
+                d_means[i, c] = d_scales[i, c] = ZERO
+            for c in range(4):
+                d_quats[i, c] = ZERO
+            continue
+        X, Y, Z = _to_camera(V, means, i)
+        w, x, y, z, inverse_norm = _unit(quats, i)
+        r00, r01, r02, r10, r11, r12, r20, r21, r22 = _rotation(w, x, y, z)
+        s0, s1, s2 = scales[i, 0], scales[i, 1], scales[i, 2]
+        inverse_z = ONE / Z
+        gx, gy = fx * inverse_z, fy * inverse_z
+        slope_x, slope_y = X * inverse_z, Y * inverse_z
+        u, v = min(max(slope_x, low_x), high_x), min(max(slope_y, low_y), high_y)
+        j0, j1, j2, k0, k1, k2 = _jacobian_rows(V, gx, gy, u, v)
+        m00, m01, m02, m10, m11, m12 = r00 * s0, r01 * s1, r02 * s2, r10 * s0, r11 * s1, r12 * s2
+        m20, m21, m22 = r20 * s0, r21 * s1, r22 * s2
+        a0, a1, a2 = j0 * m00 + j1 * m10 + j2 * m20, j0 * m01 + j1 * m11 + j2 * m21, j0 * m02 + j1 * m12 + j2 * m22
+        b0, b1, b2 = k0 * m00 + k1 * m10 + k2 * m20, k0 * m01 + k1 * m11 + k2 * m21, k0 * m02 + k1 * m12 + k2 * m22
+        dxx, dxy, dyy = _covariance_gradient(conics, d_conics, i)
+        p0, p1, p2 = TWO * dxx * a0 + dxy * b0, TWO * dxx * a1 + dxy * b1, TWO * dxx * a2 + dxy * b2
+        q0, q1, q2 = TWO * dyy * b0 + dxy * a0, TWO * dyy * b1 + dxy * a1, TWO * dyy * b2 + dxy * a2
+
+        # Through the Jacobian: rows j = gx (V0 - u V2) and k = gy (V1 - v V2).
+        dj0, dj1, dj2 = m00 * p0 + m01 * p1 + m02 * p2, m10 * p0 + m11 * p1 + m12 * p2, m20 * p0 + m21 * p1 + m22 * p2
+        dk0, dk1, dk2 = m00 * q0 + m01 * q1 + m02 * q2, m10 * q0 + m11 * q1 + m12 * q2, m20 * q0 + m21 * q1 + m22 * q2
+        j_along, k_along = V[2, 0] * dj0 + V[2, 1] * dj1 + V[2, 2] * dj2, V[2, 0] * dk0 + V[2, 1] * dk1 + V[2, 2] * dk2
+        dx, dy = d_means2d[i, 0], d_means2d[i, 1]
+        d_gx = V[0, 0] * dj0 + V[0, 1] * dj1 + V[0, 2] * dj2 - u * j_along + X * dx
+        d_gy = V[1, 0] * dk0 + V[1, 1] * dk1 + V[1, 2] * dk2 - v * k_along + Y * dy
+        du = -gx * j_along if low_x <= slope_x <= high_x else ZERO
+        dv = -gy * k_along if low_y <= slope_y <= high_y else ZERO
+        dX, dY = gx * dx + du * inverse_z, gy * dy + dv * inverse_z
+        dZ = d_depths[i] - inverse_z * (gx * d_gx + gy * d_gy + du * slope_x + dv * slope_y)
+        for c in range(3):
+            d_means[i, c] = V[0, c] * dX + V[1, c] * dY + V[2, c] * dZ
+
+        # Through rotation times scales: n is the gradient to that product.
+        n00, n01, n02 = j0 * p0 + k0 * q0, j0 * p1 + k0 * q1, j0 * p2 + k0 * q2
+        n10, n11, n12 = j1 * p0 + k1 * q0, j1 * p1 + k1 * q1, j1 * p2 + k1 * q2
+        n20, n21, n22 = j2 * p0 + k2 * q0, j2 * p1 + k2 * q1, j2 * p2 + k2 * q2
+        d_scales[i, 0] = r00 * n00 + r10 * n10 + r20 * n20
+        d_scales[i, 1] = r01 * n01 + r11 * n11 + r21 * n21
+        d_scales[i, 2] = r02 * n02 + r12 * n12 + r22 * n22
+        n00, n10, n20, n01, n11, n21 = n00 * s0, n10 * s0, n20 * s0, n01 * s1, n11 * s1, n21 * s1
+        d_quats[i, 0], d_quats[i, 1], d_quats[i, 2], d_quats[i, 3] = _quaternion_gradient(
+            w, x, y, z, inverse_norm, n00, n01, n02 * s2, n10, n11, n12 * s2, n20, n21, n22 * s2
+        )

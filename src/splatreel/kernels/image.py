@@ -1,0 +1,40 @@
+"""Renders Gaussians to a numpy image on the CPU, without torch."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from splatreel.errors import GaussiansError
+from splatreel.kernels.cpu import binning, harmonics, project, rasterize
+from splatreel.scene.camera import Camera
+from splatreel.scene.gaussians import Gaussians
+
+
+def render_image(
+    gaussians: Gaussians,
+    camera: Camera,
+    *,
+    near: float = 0.01,
+    degree: int | None = None,
+    background: tuple[float, float, float] = (0, 0, 0),
+) -> np.ndarray:
+    """The view of a camera, [H, W, 3] float32; values may exceed 1. degree: SH degree used, by default all there is.
+
+    Raises `GaussiansError` for NaN or infinity.
+    """
+    gaussians.check_finite()
+    if degree is None:
+        degree = gaussians.sh_degree
+    if not 0 <= degree <= gaussians.sh_degree:
+        raise GaussiansError(
+            f"render_image: degree {degree} is not within 0..{gaussians.sh_degree}, what the Gaussians hold."
+        )
+    width, height = camera.width, camera.height
+    means2d, conics, depths, radii = project.forward(
+        gaussians.means, gaussians.quats, gaussians.scales, camera.viewmat, camera.K, width, height, near
+    )
+    colors = harmonics.forward(degree, gaussians.means - camera.center, gaussians.sh)
+    colors = np.maximum(colors + np.float32(0.5), 0)
+    bins = binning.bin_splats(means2d, conics, gaussians.opacities, depths, radii, width, height)
+    image, alpha = rasterize.forward(bins, colors)
+    return image + (1 - alpha[..., None]) * np.asarray(background, np.float32)

@@ -1,0 +1,197 @@
+"""Differentiable Gaussian splatting on torch tensors: the one door to every fast kernel.
+
+The device of the tensors picks the implementation: numba kernels with hand-written gradients on the CPU, gsplat on CUDA. Both
+follow gsplat's rules: 0.3 px^2 added to the 2D covariance diagonal, alpha = min(0.999, opacity exp(-sigma)), alphas below
+1/255 skipped, a pixel full once its transmittance would fall to 1e-4, pixel centres at +0.5. `twin` holds a readable
+torch version of every function here, with the same signature, as the oracle of the tests.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+import torch
+from scipy.spatial import cKDTree
+from torch import Tensor
+
+from splatreel.errors import GaussiansError
+from splatreel.kernels import cuda, twin
+from splatreel.kernels.cpu import autograd as cpu
+
+
+class Projection(NamedTuple):
+    """means2d: [N, 2] pixels. conics: [N, 3], the inverse 2D covariance's xx, xy, yy. depths: [N]. radii: [N] int32, 0 = culled."""
+
+    means2d: Tensor
+    conics: Tensor
+    depths: Tensor
+    radii: Tensor
+
+
+class Rendered(NamedTuple):
+    """image: [H, W, 3] over black. alpha: [H, W]. means2d: [N, 2] pixels, in the graph. radii: [N] int32, 0 = culled."""
+
+    image: Tensor
+    alpha: Tensor
+    means2d: Tensor
+    radii: Tensor
+
+
+def project(
+    means: Tensor,
+    quats: Tensor,
+    scales: Tensor,
+    viewmat: Tensor | np.ndarray,
+    K: Tensor | np.ndarray,
+    width: int,
+    height: int,
+    near: float = 0.01,
+) -> Projection:
+    """Projects Gaussians to the image; rows of culled ones are zero.
+
+    means: [N, 3] world. quats: [N, 4] wxyz, normalised inside, with the gradient through it. scales: [N, 3].
+    viewmat: [4, 4] world to camera, K: [3, 3] pixels; neither gets a gradient. near: least depth drawn, scene units.
+    Raises `GaussiansError` for NaN or infinity.
+    """
+    _check_finite(means=means, quats=quats, scales=scales)
+    if means.is_cuda:
+        return Projection(*cuda.project(means, quats, scales, viewmat, K, width, height, near))
+    arguments = (_matrix(viewmat), _matrix(K), width, height, near)
+    return Projection(*cpu.Project.apply(means, quats, scales, *arguments))  # pyright: ignore[reportGeneralTypeIssues]
+
+
+def spherical_harmonics(degree: int, directions: Tensor, coefficients: Tensor) -> Tensor:
+    """Sum of the harmonics up to degree 0..3 in the 3DGS order, without the 0.5 of 3DGS colours.
+
+    directions: [N, 3], from the camera to the point, any length. coefficients: [N, K, 3], K >= (degree + 1)^2 -> [N, 3].
+    """
+    if not 0 <= degree <= 3 or coefficients.shape[1] < (degree + 1) ** 2:
+        raise GaussiansError(
+            f"SH degree {degree} does not fit {coefficients.shape[1]} coefficients; degree must be 0..3 and have (degree + 1)^2."
+        )
+    if coefficients.is_cuda:
+        return cuda.spherical_harmonics(degree, directions, coefficients)
+    return cpu.SphericalHarmonics.apply(degree, directions, coefficients)  # pyright: ignore[reportReturnType]
+
+
+def rasterize(
+    means2d: Tensor,
+    conics: Tensor,
+    colors: Tensor,
+    opacities: Tensor,
+    depths: Tensor,
+    radii: Tensor,
+    width: int,
+    height: int,
+) -> tuple[Tensor, Tensor]:
+    """Blends projected Gaussians front to back over black.
+
+    colors: [N, C], any C; opacities: [N] in 0..1; the others as `project` returns them. Returns the image [H, W, C] and alpha
+    [H, W]. Gradients go to means2d, conics, colors and opacities. Raises `GaussiansError` for NaN or infinity.
+    """
+    _check_finite(means2d=means2d, conics=conics, colors=colors, opacities=opacities)
+    if means2d.is_cuda:
+        return cuda.rasterize(means2d, conics, colors, opacities, depths, radii, width, height)
+    arguments = (means2d, conics, colors, opacities, depths, radii, width, height)
+    return cpu.Rasterize.apply(*arguments)  # pyright: ignore[reportReturnType]
+
+
+def render(
+    means: Tensor,
+    quats: Tensor,
+    scales: Tensor,
+    opacities: Tensor,
+    sh: Tensor,
+    viewmat: Tensor | np.ndarray,
+    K: Tensor | np.ndarray,
+    width: int,
+    height: int,
+    *,
+    near: float = 0.01,
+    degree: int | None = None,
+) -> Rendered:
+    """The image of Gaussians with SH colours [N, K, 3]; degree defaults to all K holds.
+
+    Call `means2d.retain_grad()` on the result before backward to get screen-space gradients, in loss per pixel.
+    """
+    if degree is None:
+        degree = round(sh.shape[1] ** 0.5) - 1
+    projection = project(means, quats, scales, viewmat, K, width, height, near)
+    pose = torch.as_tensor(viewmat, dtype=torch.float32, device=means.device)
+    center = -pose[:3, :3].T @ pose[:3, 3]
+    colors = (spherical_harmonics(degree, means - center, sh) + 0.5).clamp_min(0)
+    means2d, conics, depths, radii = projection
+    image, alpha = rasterize(means2d, conics, colors, opacities, depths, radii, width, height)
+    return Rendered(image, alpha, means2d, radii)
+
+
+def photometric_loss(image: Tensor, target: Tensor, lambda_dssim: float = 0.2) -> Tensor:
+    """(1 - lambda) mean|image - target| + lambda (1 - mean SSIM), as 3DGS: 11 x 11 Gaussian window, sigma 1.5, zero padding.
+
+    image: [H, W, 3] 0..1. target: [H, W, 3], float 0..1 or uint8; it gets no gradient.
+    """
+    if image.shape != target.shape or image.shape[-1] != 3:
+        raise GaussiansError(
+            f"photometric_loss: image {tuple(image.shape)} and target {tuple(target.shape)} must be [H, W, 3]."
+        )
+    if target.dtype == torch.uint8:
+        target = target.to(torch.float32) / 255
+    if image.is_cuda:
+        return twin.photometric_loss(image, target, lambda_dssim)
+    return cpu.PhotometricLoss.apply(image, target, lambda_dssim)  # pyright: ignore[reportReturnType]
+
+
+def nearest_neighbours(points: Tensor, k: int, queries: Tensor | None = None) -> tuple[Tensor, Tensor]:
+    """The k nearest points of each query: indices [Q, k] int64 and distances [Q, k], nearest first.
+
+    points: [N, 3]. queries: [Q, 3]; None asks for the neighbours of the points themselves, each excluding itself.
+    """
+    available = len(points) - (queries is None)
+    if not 1 <= k <= available:
+        raise GaussiansError(f"nearest_neighbours: asked for {k} neighbours where there are {available}.")
+    if points.is_cuda:
+        return twin.nearest_neighbours(points, k, queries)
+    array = points.detach().numpy()
+    asked = array if queries is None else queries.detach().numpy()
+    count = k + (queries is None)
+    distances, indices = cKDTree(array).query(asked, k=range(1, count + 1), workers=-1)
+    if queries is None:
+        indices, distances = _without_self(indices, distances)
+    return torch.from_numpy(indices.astype(np.int64)), torch.from_numpy(distances.astype(np.float32))
+
+
+def hashgrid(coords: Tensor, table: Tensor, resolutions: Tensor | np.ndarray) -> Tensor:
+    """Multiresolution hash grid (Instant-NGP): trilinear features of every level, [N, L * F].
+
+    coords: [N, 3], clamped to 0..1. table: [L, T, F]. resolutions: [L, 3] ints, cells an axis; a level whose corners fit into T
+    rows is stored densely, others are hashed. Gradients go to table and coords.
+    """
+    cells = np.ascontiguousarray(resolutions if isinstance(resolutions, np.ndarray) else resolutions.cpu().numpy())
+    if coords.is_cuda:
+        return twin.hashgrid(coords, table, cells)
+    return cpu.HashGrid.apply(coords, table, cells)  # pyright: ignore[reportReturnType]
+
+
+def _matrix(value: Tensor | np.ndarray) -> np.ndarray:
+    if isinstance(value, Tensor):
+        value = value.detach().cpu().numpy()
+    return np.ascontiguousarray(value, np.float32)
+
+
+def _without_self(indices: np.ndarray, distances: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Drops each point from its own neighbours; coinciding points may come in any order, so it need not be the first."""
+    own = indices == np.arange(len(indices))[:, None]
+    own[~own.any(1), -1] = True  # crowded out by coinciding points: drop the last instead
+    shape = (len(indices), indices.shape[1] - 1)
+    return indices[~own].reshape(shape), distances[~own].reshape(shape)
+
+
+def _check_finite(**tensors: Tensor) -> None:
+    for name, tensor in tensors.items():
+        values = tensor.detach()
+        if not torch.isfinite(values.sum()) and not torch.isfinite(values).all():  # the sum is quick, but may overflow
+            bad = int((~torch.isfinite(values)).sum())
+            raise GaussiansError(
+                f"Gaussians: {name} holds {bad} values that are NaN or infinite; lower the learning rate."
+            )

@@ -1,0 +1,167 @@
+"""The oracle: every kernel of `splat` as plain torch, readable and differentiated by autograd, far too slow and dense to train with."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import torch
+import torch.nn.functional as functional
+from torch import Tensor
+
+from splatreel.kernels.cpu import harmonics
+from splatreel.kernels.cpu.hashgrid import PRIME_Y, PRIME_Z, is_dense
+from splatreel.kernels.cpu.similarity import SSIM_C1, SSIM_C2, WINDOW
+
+
+def project(
+    means: Tensor,
+    quats: Tensor,
+    scales: Tensor,
+    viewmat: Tensor | np.ndarray,
+    K: Tensor | np.ndarray,
+    width: int,
+    height: int,
+    near: float = 0.01,
+) -> tuple[Tensor, Tensor, Tensor, Tensor]:
+    """As `splat.project`: means2d, conics, depths, radii."""
+    pose, lens = (torch.as_tensor(m, dtype=means.dtype, device=means.device) for m in (viewmat, K))
+    fx, fy, cx, cy = lens[0, 0], lens[1, 1], lens[0, 2], lens[1, 2]
+    X, Y, Z = (means @ pose[:3, :3].T + pose[:3, 3]).unbind(-1)
+    in_front = near <= Z
+    Z = torch.where(in_front, Z, torch.ones_like(Z))
+
+    margin_x, margin_y = 0.15 * width / fx, 0.15 * height / fy
+    u = (X / Z).clamp(-cx / fx - margin_x, (width - cx) / fx + margin_x)
+    v = (Y / Z).clamp(-cy / fy - margin_y, (height - cy) / fy + margin_y)
+    zero = torch.zeros_like(Z)
+    jacobian = torch.stack([fx / Z, zero, -fx / Z * u, zero, fy / Z, -fy / Z * v], -1).view(-1, 2, 3)
+    rotated = jacobian @ pose[:3, :3] @ _rotation(quats) * scales[:, None]
+    covariance = rotated @ rotated.mT + 0.3 * torch.eye(2, dtype=means.dtype, device=means.device)
+    cxx, cxy, cyy = covariance[:, 0, 0], covariance[:, 0, 1], covariance[:, 1, 1]
+    determinant = cxx * cyy - cxy * cxy
+    conics = torch.stack([cyy, -cxy, cxx], -1) / determinant[:, None]
+    means2d = torch.stack([fx * X / Z + cx, fy * Y / Z + cy], -1)
+
+    extent = (3.33 * torch.stack([cxx, cyy], -1).sqrt()).ceil()
+    size = torch.tensor([width, height], device=means.device)
+    inside = ((means2d + extent > 0) & (means2d - extent < size)).all(-1)
+    seen = in_front & inside & (determinant > 0)
+    radii = torch.where(seen, extent.amax(-1), zero).int()
+    return means2d * seen[:, None], conics * seen[:, None], Z * seen, radii
+
+
+def _rotation(quats: Tensor) -> Tensor:
+    w, x, y, z = functional.normalize(quats, dim=-1).unbind(-1)
+    rows = [
+        torch.stack([1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)], -1),
+        torch.stack([2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)], -1),
+        torch.stack([2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)], -1),
+    ]
+    return torch.stack(rows, -2)
+
+
+def spherical_harmonics(degree: int, directions: Tensor, coefficients: Tensor) -> Tensor:
+    """As `splat.spherical_harmonics`."""
+    x, y, z = functional.normalize(directions, dim=-1).unbind(-1)
+    xx, yy, zz = x * x, y * y, z * z
+    polynomials = [torch.ones_like(x), -y, z, -x, x * y, y * z, 2 * zz - xx - yy, x * z, xx - yy]
+    polynomials += [y * (3 * xx - yy), x * y * z, y * (4 * zz - xx - yy), z * (2 * zz - 3 * xx - 3 * yy)]
+    polynomials += [x * (4 * zz - xx - yy), z * (xx - yy), x * (xx - 3 * yy)]
+    factors = [harmonics.C0, *[harmonics.C1] * 3, *harmonics.C2, *harmonics.C3]
+    bands = (degree + 1) ** 2
+    basis = torch.stack([float(f) * p for f, p in zip(factors, polynomials, strict=True)][:bands], -1)
+    return (basis[..., None] * coefficients[:, :bands]).sum(1)
+
+
+def rasterize(
+    means2d: Tensor,
+    conics: Tensor,
+    colors: Tensor,
+    opacities: Tensor,
+    depths: Tensor,
+    radii: Tensor,
+    width: int,
+    height: int,
+) -> tuple[Tensor, Tensor]:
+    """As `splat.rasterize`; every pixel meets every Gaussian, [H * W, N] at once."""
+    order = torch.argsort(depths.detach(), stable=True)
+    order = order[radii[order] > 0]
+    ys, xs = torch.meshgrid(
+        torch.arange(height, dtype=means2d.dtype, device=means2d.device) + 0.5,
+        torch.arange(width, dtype=means2d.dtype, device=means2d.device) + 0.5,
+        indexing="ij",
+    )
+    dx, dy = xs.reshape(-1, 1) - means2d[order, 0], ys.reshape(-1, 1) - means2d[order, 1]
+    a, b, c = conics[order].unbind(-1)
+    sigma = 0.5 * (a * dx * dx + c * dy * dy) + b * dx * dy
+    alpha = (opacities[order] * torch.exp(-sigma)).clamp_max(0.999)
+    alpha = torch.where(alpha >= 1 / 255, alpha, torch.zeros_like(alpha))
+    drawn = torch.cumprod(1 - alpha.detach(), 1) > 1e-4  # transmittance only falls: once false, false for all behind
+    alpha = alpha * drawn
+    transmittance = torch.cumprod(torch.cat([torch.ones_like(dx[:, :1].sum(1, keepdim=True)), 1 - alpha], 1), 1)
+    image = (alpha * transmittance[:, :-1]) @ colors[order]
+    return image.view(height, width, -1), (1 - transmittance[:, -1]).view(height, width)
+
+
+def photometric_loss(image: Tensor, target: Tensor, lambda_dssim: float = 0.2) -> Tensor:
+    """As `splat.photometric_loss`; also what CUDA uses."""
+    if target.dtype == torch.uint8:
+        target = target.to(image.dtype) / 255
+    x, y = image.permute(2, 0, 1), target.permute(2, 0, 1)
+    mx, my, xx, yy, xy = _blur(torch.stack([x, y, x * x, y * y, x * y]))
+    vx, vy, covariance = xx - mx * mx, yy - my * my, xy - mx * my
+    c1, c2 = float(SSIM_C1), float(SSIM_C2)
+    ssim = (2 * mx * my + c1) * (2 * covariance + c2) / ((mx * mx + my * my + c1) * (vx + vy + c2))
+    return (1 - lambda_dssim) * (image - target).abs().mean() + lambda_dssim * (1 - ssim.mean())
+
+
+def _blur(maps: Tensor) -> Tensor:
+    """The SSIM window over [M, 3, H, W], zeros outside."""
+    flat = maps.reshape(-1, 1, *maps.shape[-2:])
+    window = torch.as_tensor(WINDOW, dtype=maps.dtype, device=maps.device)
+    across = functional.conv2d(flat, window.view(1, 1, 1, -1), padding=(0, len(window) // 2))
+    return functional.conv2d(across, window.view(1, 1, -1, 1), padding=(len(window) // 2, 0)).view(maps.shape)
+
+
+def nearest_neighbours(points: Tensor, k: int, queries: Tensor | None = None) -> tuple[Tensor, Tensor]:
+    """As `splat.nearest_neighbours`; brute force, 4096 queries at a time."""
+    asked = points if queries is None else queries
+    indices, distances = [], []
+    for start in range(0, len(asked), 4096):
+        table = torch.cdist(asked[start : start + 4096], points, compute_mode="donot_use_mm_for_euclid_dist")
+        if queries is None:
+            rows = torch.arange(len(table), device=points.device)
+            table[rows, rows + start] = math.inf
+        nearest = table.topk(k, largest=False)
+        indices.append(nearest.indices)
+        distances.append(nearest.values)
+    if not indices:
+        empty = torch.zeros((0, k), device=points.device)
+        return empty.long(), empty
+    return torch.cat(indices), torch.cat(distances)
+
+
+def hashgrid(coords: Tensor, table: Tensor, resolutions: Tensor | np.ndarray) -> Tensor:
+    """As `splat.hashgrid`; also what CUDA uses."""
+    levels, size, features = table.shape
+    cells = np.asarray(resolutions)
+    dense = is_dense(cells, size)
+    outputs = []
+    for level in range(levels):
+        resolution = torch.as_tensor(cells[level], dtype=torch.int64, device=coords.device)
+        position = coords.clamp(0, 1) * resolution
+        cell = torch.minimum(position.detach().long(), resolution - 1)
+        fraction = position - cell
+        total = torch.zeros((len(coords), features), dtype=table.dtype, device=table.device)
+        for corner in range(8):
+            offset = torch.tensor([corner & 1, corner >> 1 & 1, corner >> 2], device=coords.device)
+            x, y, z = (cell + offset).unbind(-1)
+            if dense[level]:
+                row = x + (resolution[0] + 1) * (y + (resolution[1] + 1) * z)
+            else:
+                row = ((x ^ (y * int(PRIME_Y)) ^ (z * int(PRIME_Z))) & 0xFFFFFFFF) % size
+            weight = torch.where(offset.bool(), fraction, 1 - fraction).prod(-1)
+            total = total + weight[:, None] * table[level][row]
+        outputs.append(total)
+    return torch.cat(outputs, -1)
