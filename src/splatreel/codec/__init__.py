@@ -1,0 +1,1 @@
+"""Bytes in and out: quantisation, point clouds, offset codecs, the manifest, reading and writing reels. No torch."""

@@ -1,0 +1,113 @@
+"""Layer and group files: safetensors whose tensors are sections and whose metadata says how to decode them."""
+
+from __future__ import annotations
+
+import json
+import os
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import safetensors.numpy
+
+from splatreel.codec.manifest import VERSION
+from splatreel.codec.quantize import integer
+from splatreel.codec.sections import Section, Sections
+from splatreel.errors import ReelError
+
+_KEY = "splatreel"
+_MAX_HEADER = 1 << 20
+
+
+@dataclass(frozen=True)
+class FileHeader:
+    """What a file says about itself. kind: `layer` or `group`; frames: 0 for layers."""
+
+    kind: str
+    index: int
+    points: int
+    first_frame: int
+    frames: int = 0
+
+
+def pack_file(header: FileHeader, sections: Sections) -> bytes:
+    """The bytes of a file; the same content gives the same bytes."""
+    own: dict[str, Any] = {"version": VERSION, "kind": header.kind, "index": header.index, "points": header.points}
+    own |= {"first_frame": header.first_frame} | ({"frames": header.frames} if header.kind == "group" else {})
+    own["sections"] = {name: section.parameters for name, section in sorted(sections.items())}
+    tensors = {name: np.frombuffer(section.data, np.uint8) for name, section in sections.items()}
+    return safetensors.numpy.save(tensors, {_KEY: json.dumps(own, allow_nan=False)})
+
+
+def unpack_file(data: bytes) -> tuple[FileHeader, Sections]:
+    """Header and sections of a file. Raises `ReelError` if data is no such file; reads nothing outside of data."""
+    size = int.from_bytes(data[:8], "little")
+    if len(data) < 8 or size > min(_MAX_HEADER, len(data) - 8):
+        raise ReelError("is not a safetensors file, or truncated.")
+    tensors = _json_object(data[8 : 8 + size], "header")
+    metadata = tensors.pop("__metadata__", None)
+    text = metadata.get(_KEY) if isinstance(metadata, dict) else None
+    if not isinstance(text, str):
+        raise ReelError("has no `splatreel` metadata: it is not part of a reel.")
+    own = _json_object(text.encode(), "metadata")
+    if own.get("version") != VERSION or isinstance(own["version"], bool):
+        raise ReelError(f"has version {own.get('version')!r}; this Splatreel reads {VERSION}. Update Splatreel.")
+    if own.get("kind") not in ("layer", "group"):
+        raise ReelError(f"is of the unknown kind {own.get('kind')!r:.100}.")
+    parameters = own.get("sections")
+    if not isinstance(parameters, dict) or not all(isinstance(p, dict) for p in parameters.values()):
+        raise ReelError("has metadata without a table of sections.")
+    header = FileHeader(
+        kind=own["kind"],
+        index=integer(own, "index", 0, 1 << 40),
+        points=integer(own, "points", 0, 1 << 40),
+        first_frame=integer(own, "first_frame", 0, 1 << 40),
+        frames=integer(own, "frames", 1, 1 << 40) if own["kind"] == "group" else 0,
+    )
+    body = memoryview(data)[8 + size :]
+    sections = {name: Section(_tensor(body, tensors, name), p) for name, p in parameters.items()}
+    return header, sections
+
+
+def write_atomically(path: Path, data: bytes) -> None:
+    """Replace path by data, whole or not at all. Raises `ReelError` where the disk refuses."""
+    temporary = path.with_name(f".{path.name}.{os.getpid()}.tmp")
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        try:
+            with open(temporary, "wb") as file:
+                file.write(data)
+                file.flush()
+                os.fsync(file.fileno())
+            os.replace(temporary, path)
+        finally:
+            temporary.unlink(missing_ok=True)
+    except OSError as error:
+        raise ReelError(
+            f"{path}: could not write {len(data)} bytes ({error.strerror or error}). What was published before is intact; "
+            "free space or fix the permissions and run the same command again."
+        ) from error
+
+
+def _tensor(body: memoryview, tensors: dict[str, Any], name: str) -> bytes:
+    tensor = tensors.get(name)
+    if not isinstance(tensor, dict) or tensor.get("dtype") != "U8":
+        raise ReelError(f"section {name!r} is in the metadata, but no tensor of bytes.")
+    offsets = tensor.get("data_offsets")
+    if not isinstance(offsets, list) or len(offsets) != 2 or not all(type(o) is int for o in offsets):
+        raise ReelError(f"section {name!r} has no valid data offsets.")
+    begin, end = offsets
+    if not 0 <= begin <= end <= len(body) or tensor.get("shape") != [end - begin]:
+        raise ReelError(f"section {name!r} lies outside of the file, which is truncated or damaged.")
+    return bytes(body[begin:end])
+
+
+def _json_object(data: bytes, what: str) -> dict[str, Any]:
+    try:
+        value = json.loads(data.decode("utf-8"))
+    except (ValueError, RecursionError) as error:
+        raise ReelError(f"has a {what} that is not JSON ({error}).") from error
+    if not isinstance(value, dict):
+        raise ReelError(f"has a {what} that is not a JSON object.")
+    return value

@@ -1,0 +1,85 @@
+"""A group and a layer as the bytes of their files."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from splatreel.codec import offsets, quantize
+from splatreel.codec.container import FileHeader, pack_file, unpack_file
+from splatreel.codec.sections import Section, decode_gaussians, encode_gaussians
+from splatreel.config import EncodeConfig
+from splatreel.errors import ReelError
+from splatreel.scene.gaussians import Gaussians
+from splatreel.scene.group import Group
+
+MAX_STATIC = 1 << 26
+"""Static points of all layers together."""
+
+
+def encode_layer(
+    group: int, first_frame: int, gaussians: Gaussians, config: EncodeConfig, log_scales: bool = True
+) -> tuple[bytes, np.ndarray]:
+    """The file of the static points born at a group, and order [N]: the input point of each point of the file."""
+    sections, order = encode_gaussians(gaussians, config, log_scales)
+    return pack_file(FileHeader("layer", group, len(gaussians), first_frame), sections), order
+
+
+def encode_group(group: Group, config: EncodeConfig, log_scales: bool = True) -> tuple[bytes, np.ndarray]:
+    """The file of a group, and order [N]: the input point of each dynamic point of the file."""
+    sections, order = encode_gaussians(group.dynamic, config, log_scales)
+    if len(order):
+        sections["offsets"] = Section(*offsets.encode(group.dx[:, order], group.dq[:, order], config))
+    if len(group.alive):
+        sections["alive"] = Section(*quantize.encode_bits(group.alive))
+    header = FileHeader("group", group.index, len(order), group.first_frame, group.frames)
+    return pack_file(header, sections), order
+
+
+def decode_layer(data: bytes, source: str) -> tuple[FileHeader, Gaussians]:
+    """Header and points of a layer file. Raises `ReelError` naming `source` and the section."""
+    try:
+        header, sections = unpack_file(data)
+        if header.kind != "layer":
+            raise ReelError(f"is a {header.kind} file, expected a layer.")
+        return header, decode_gaussians(sections, header.points)
+    except ReelError as error:
+        raise ReelError(f"{source}: {error}") from error
+
+
+def decode_group(data: bytes, source: str) -> Group:
+    """The group in a group file. Raises `ReelError` naming `source` and the section."""
+    try:
+        header, sections = unpack_file(data)
+        if header.kind != "group":
+            raise ReelError(f"is a {header.kind} file, expected a group.")
+        dynamic = decode_gaussians(sections, header.points)
+        dx, dq = _decode_offsets(sections, header)
+        alive = np.zeros(0, bool)
+        if "alive" in sections:
+            alive = _decode_alive(sections["alive"])
+        return Group(header.index, header.first_frame, dynamic, dx, dq, alive)
+    except ReelError as error:
+        raise ReelError(f"{source}: {error}") from error
+
+
+def _decode_offsets(sections: dict[str, Section], header: FileHeader) -> tuple[np.ndarray, np.ndarray]:
+    if header.frames > offsets.MAX_FRAMES:
+        raise ReelError(f"claims {header.frames} frames, more than the {offsets.MAX_FRAMES} a group may have.")
+    if not header.points:
+        return np.zeros((header.frames, 0, 3), np.float32), np.zeros((header.frames, 0, 4), np.float32)
+    if "offsets" not in sections:
+        raise ReelError("has no section 'offsets'.")
+    section = sections["offsets"]
+    try:
+        return offsets.decode(section.data, section.parameters, header.frames, header.points)
+    except ReelError as error:
+        raise ReelError(f"section 'offsets' {error}") from error
+
+
+def _decode_alive(section: Section) -> np.ndarray:
+    try:
+        if section.parameters.get("codec") != "bits":
+            raise ReelError(f"has the unknown codec {section.parameters.get('codec')!r}, expected 'bits'.")
+        return quantize.decode_bits(section.data, section.parameters, MAX_STATIC)
+    except ReelError as error:
+        raise ReelError(f"section 'alive' {error}") from error

@@ -1,0 +1,153 @@
+"""HEVC tracks of bytes in an MP4 file: the video side of the `h265` offset codec, through PyAV's libx265."""
+
+from __future__ import annotations
+
+import io
+
+import av
+import numpy as np
+from av.error import FFmpegError
+
+from splatreel.errors import MissingDependencyError, ReelError
+
+_X265 = (
+    "keyint={frames}:min-keyint={frames}:scenecut=0:open-gop=0:bframes=0:repeat-headers=0:info=0:range=full:"
+    "log-level=none:frame-threads=1:{rate}"
+)
+"""One key picture, no reordering; one frame thread, because x265's result depends on their number."""
+
+_LEVELS = ((36_864, 30), (122_880, 60), (245_760, 63), (552_960, 90), (983_040, 93), (2_228_224, 120), (8_912_896, 150))
+"""(largest luma picture, general_level_idc), from Table A.8 of H.265."""
+
+MAX_PIXELS = 8_912_896
+"""Luma pixels of the largest picture that common decoders take (level 5)."""
+
+
+def encode_tracks(tracks: list[tuple[str, np.ndarray, str]], fps: int = 30) -> bytes:
+    """An MP4 file. tracks: (name, pictures [T, H, W] uint8, x265 rate control such as `lossless=1` or `crf=20`).
+
+    The same pictures give the same bytes. Raises `MissingDependencyError` without libx265.
+    """
+    file = io.BytesIO()
+    container = av.open(file, "w", format="mp4", options={"fflags": "+bitexact"})
+    try:
+        streams = [_add_stream(container, name, pictures, rate, fps) for name, pictures, rate in tracks]
+        for stream, (_, pictures, _) in zip(streams, tracks, strict=True):
+            for index, picture in enumerate(pictures):
+                container.mux(stream.encode(_frame(picture, index)))
+            container.mux(stream.encode(None))
+    finally:
+        container.close()
+    level = next(level for size, level in _LEVELS if max(p[0].size for _, p, _ in tracks) <= size)
+    return _with_level(file.getvalue(), level)
+
+
+def decode_tracks(data: bytes, count: int, frames: int, sizes: list[tuple[int, int]]) -> list[np.ndarray]:
+    """The pictures of each of `count` tracks, [frames, height, width] uint8 each; sizes: (width, height) of each track.
+
+    Raises `ReelError` if data is anything else.
+    """
+    return [_decode_track(data, track, count, frames, *sizes[track]) for track in range(count)]
+
+
+def _add_stream(container, name: str, pictures: np.ndarray, rate: str, fps: int):  # noqa: ANN202 - PyAV's own types
+    frames, height, width = pictures.shape
+    if height * width > MAX_PIXELS:
+        raise ReelError(f"Offset maps of {width} x {height} pixels are more than a video holds ({MAX_PIXELS} pixels).")
+    try:
+        stream = container.add_stream("libx265", rate=fps)
+    except (ValueError, FFmpegError) as error:
+        raise MissingDependencyError("PyAV has no libx265 encoder. Install the `av` wheel from PyPI.") from error
+    stream.width, stream.height, stream.pix_fmt = width, height, "yuv420p"
+    stream.options = {"x265-params": _X265.format(frames=max(frames, 1), rate=rate), "preset": "medium"}
+    stream.codec_context.codec_tag = "hvc1"
+    stream.metadata["handler_name"] = name
+    return stream
+
+
+def _frame(picture: np.ndarray, index: int) -> av.VideoFrame:
+    height, width = picture.shape
+    frame = av.VideoFrame(width, height, "yuv420p")
+    luma, *chroma = frame.planes
+    rows = np.zeros((luma.height, luma.line_size), np.uint8)
+    rows[:height, :width] = picture
+    luma.update(rows)
+    for plane in chroma:
+        plane.update(np.full(plane.buffer_size, 128, np.uint8))
+    frame.pts = index
+    return frame
+
+
+def _decode_track(data: bytes, track: int, count: int, frames: int, width: int, height: int) -> np.ndarray:
+    pictures = np.empty((frames, height, width), np.uint8)
+    decoded = 0
+    try:
+        with av.open(io.BytesIO(data), "r", format="mov") as container:
+            streams = container.streams.video
+            if len(streams) != count:
+                raise ReelError(f"holds {len(streams)} video tracks, expected {count}.")
+            context = streams[track].codec_context
+            if context.name != "hevc":
+                raise ReelError(f"has a track of codec {context.name}, expected hevc.")
+            context.options = {"max_pixels": str(2 * (width + 64) * (height + 64))}
+            context.thread_type = "NONE"
+            for frame in container.decode(streams[track]):
+                if decoded == frames or (frame.width, frame.height) != (width, height):
+                    raise ReelError(
+                        f"track {track} has a picture {decoded} of {frame.width} x {frame.height} pixels; "
+                        f"expected {frames} pictures of {width} x {height}."
+                    )
+                if not frame.format.name.startswith(("yuv420p", "yuvj420p")) or frame.format.components[0].bits != 8:
+                    raise ReelError(f"track {track} has pictures of format {frame.format.name}, expected yuv420p.")
+                luma = frame.planes[0]
+                pictures[decoded] = np.frombuffer(luma, np.uint8).reshape(-1, luma.line_size)[:height, :width]
+                decoded += 1
+    except (FFmpegError, ValueError, EOFError) as error:
+        raise ReelError(f"is not a video file that can be decoded ({error}).") from error
+    if decoded != frames:
+        raise ReelError(f"track {track} holds {decoded} pictures, expected {frames}.")
+    return pictures
+
+
+def _with_level(data: bytes, level: int) -> bytes:
+    """Write general_level_idc into every hvcC box and the VPS and SPS in it.
+
+    x265 marks lossless streams as level 8.5, which hardware decoders refuse, and takes no level for them.
+    """
+    out = bytearray(data)
+    box = out.find(b"hvcC")
+    while box >= 0:
+        end = box - 4 + int.from_bytes(out[box - 4 : box], "big")
+        start = box + 4
+        out[start + 12] = level
+        at = start + 23
+        for _ in range(out[start + 22]):
+            kind, units = out[at] & 63, int.from_bytes(out[at + 1 : at + 3], "big")
+            at += 3
+            for _ in range(units):
+                size = int.from_bytes(out[at : at + 2], "big")
+                at += 2
+                if kind in _LEVEL_BYTE:
+                    out[_raw_position(out, at, _LEVEL_BYTE[kind])] = level
+                at += size
+        box = out.find(b"hvcC", end)
+    return bytes(out)
+
+
+_LEVEL_BYTE = {32: 17, 33: 14}
+"""Where general_level_idc stands in a VPS (NAL type 32) and an SPS (33), emulation prevention bytes not counted."""
+
+
+def _raw_position(data: bytearray, start: int, index: int) -> int:
+    """The position in data of byte `index` of the NAL unit at `start`, skipping emulation prevention bytes."""
+    zeros = 0
+    at = start
+    while True:
+        if zeros >= 2 and data[at] == 3:
+            zeros = 0
+        elif index == 0:
+            return at
+        else:
+            index -= 1
+            zeros = zeros + 1 if data[at] == 0 else 0
+        at += 1

@@ -1,0 +1,202 @@
+"""`manifest.json`: what a reel consists of (docs/format.md). Parsing trusts nothing it reads."""
+
+from __future__ import annotations
+
+import json
+import re
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from splatreel.codec.quantize import boolean, integer, number, numbers
+from splatreel.errors import ReelError
+from splatreel.scene.camera import Camera
+
+FORMAT = "splatreel"
+VERSION = 1
+MAX_BYTES = 16 << 20
+"""Size of the largest manifest that is read."""
+MAX_FILE_BYTES = 1 << 30
+"""Size of the largest layer or group file that is read."""
+
+_URI = re.compile(r"[A-Za-z0-9_][A-Za-z0-9_.-]*(/[A-Za-z0-9_][A-Za-z0-9_.-]*)*")
+_BIG = 1 << 40
+
+
+@dataclass(frozen=True)
+class FileEntry:
+    """One layer or group file. group: the group a layer was born at, a group's own index. frames: 0 for layers."""
+
+    uri: str
+    bytes: int
+    sha256: str
+    first_frame: int
+    frames: int
+    points: int
+    group: int
+
+
+@dataclass(frozen=True)
+class Manifest:
+    """The fields of `manifest.json`; bounds [2, 3] and up [3] in world units."""
+
+    generator: str
+    live: bool
+    fps: float
+    frames: int
+    group_length: int
+    overlap: int
+    sh_degree: int
+    bounds: np.ndarray
+    up: np.ndarray
+    camera: Camera
+    cameras: tuple[Camera, ...]
+    layers: tuple[FileEntry, ...] = ()
+    groups: tuple[FileEntry, ...] = ()
+
+    def with_files(self, layers: list[FileEntry], groups: list[FileEntry]) -> Manifest:
+        """The same reel with these files, its number of frames counted anew."""
+        frames = max((g.first_frame + g.frames for g in groups), default=0)
+        return replace(self, layers=tuple(layers), groups=tuple(groups), frames=frames)
+
+    def static_points(self, group: int) -> int:
+        """Static points of all layers born up to a group."""
+        return sum(layer.points for layer in self.layers if layer.group <= group)
+
+    def to_json(self) -> str:
+        document = {
+            "format": FORMAT,
+            "version": VERSION,
+            "generator": self.generator,
+            "live": self.live,
+            "fps": self.fps,
+            "frames": self.frames,
+            "group_length": self.group_length,
+            "overlap": self.overlap,
+            "sh_degree": self.sh_degree,
+            "bounds": np.asarray(self.bounds, np.float64).tolist(),
+            "up": np.asarray(self.up, np.float64).tolist(),
+            "camera": _camera_to_json(self.camera),
+            "cameras": [_camera_to_json(camera) for camera in self.cameras],
+            "layers": [_file_to_json(layer, "layer") for layer in self.layers],
+            "groups": [_file_to_json(group, "group") for group in self.groups],
+        }
+        return json.dumps(document, indent=1, allow_nan=False) + "\n"
+
+
+def parse_manifest(data: bytes, source: str) -> Manifest:
+    """The manifest in data. Raises `ReelError`, with `source` in its message, for whatever is not a valid one."""
+    try:
+        return _parse(_load(data))
+    except ReelError as error:
+        raise ReelError(f"{source}: {error}") from error
+
+
+def _load(data: bytes) -> dict[str, Any]:
+    if len(data) > MAX_BYTES:
+        raise ReelError(f"is longer than the {MAX_BYTES} bytes a manifest may have.")
+    try:
+        document = json.loads(data.decode("utf-8"))
+    except (ValueError, RecursionError) as error:
+        raise ReelError(f"is not JSON ({error}).") from error
+    if not isinstance(document, dict) or document.get("format") != FORMAT:
+        raise ReelError("is not the manifest of a reel: its `format` is not 'splatreel'.")
+    if document.get("version") != VERSION or isinstance(document["version"], bool):
+        raise ReelError(f"has version {document.get('version')!r}; this Splatreel reads {VERSION}. Update Splatreel.")
+    return document
+
+
+def _parse(document: dict[str, Any]) -> Manifest:
+    live = boolean(document, "live")
+    bounds = [numbers({"bounds": corner}, "bounds", 3) for corner in _list(document, "bounds", 2, 2)]
+    if (bounds[0] > bounds[1]).any():
+        raise ReelError(f"has bounds whose first corner {bounds[0].tolist()} is above its second.")
+    layers = [_parse_file(entry, "layer", i) for i, entry in enumerate(_list(document, "layers", 0, 1 << 20))]
+    groups = [_parse_file(entry, "group", i) for i, entry in enumerate(_list(document, "groups", 0, 1 << 20))]
+    for kind, order in (("groups", [g.first_frame for g in groups]), ("layers", [layer.group for layer in layers])):
+        if any(a >= b for a, b in zip(order, order[1:], strict=False)):
+            raise ReelError(f"has {kind} that are not in order of time.")
+    if not groups and not live:
+        raise ReelError("has no group.")
+    if layers and layers[-1].group >= len(groups):
+        raise ReelError(f"has a layer of group {layers[-1].group}, but {len(groups)} groups.")
+    generator = document.get("generator", "")
+    return Manifest(
+        generator=generator if isinstance(generator, str) else "",
+        live=live,
+        fps=number(document, "fps", 1e-3, 1e5),
+        frames=integer(document, "frames", 0 if live else 1, _BIG),
+        group_length=integer(document, "group_length", 1, _BIG),
+        overlap=integer(document, "overlap", 0, _BIG),
+        sh_degree=integer(document, "sh_degree", 0, 3),
+        bounds=np.stack(bounds),
+        up=numbers(document, "up", 3),
+        camera=_parse_camera(document.get("camera")),
+        cameras=tuple(_parse_camera(camera) for camera in _list(document, "cameras", 0, 100_000)),
+        layers=tuple(layers),
+        groups=tuple(groups),
+    )
+
+
+def _parse_file(entry: object, kind: str, index: int) -> FileEntry:
+    try:
+        if not isinstance(entry, dict):
+            raise ReelError("is not an object.")
+        uri, digest = entry.get("uri"), entry.get("sha256")
+        if not isinstance(uri, str) or len(uri) > 500 or not _URI.fullmatch(uri):
+            raise ReelError(f"has the uri {uri!r:.100}; only plain relative paths inside the reel are read.")
+        if not isinstance(digest, str) or not re.fullmatch("[0-9a-f]{64}", digest):
+            raise ReelError(f"has the sha256 {digest!r:.100}, expected 64 hexadecimal digits.")
+        return FileEntry(
+            uri=uri,
+            bytes=integer(entry, "bytes", 1, MAX_FILE_BYTES),
+            sha256=digest,
+            first_frame=integer(entry, "first_frame", 0, _BIG),
+            frames=integer(entry, "frames", 1, _BIG) if kind == "group" else 0,
+            points=integer(entry, "points", 0, _BIG),
+            group=index if kind == "group" else integer(entry, "group", 0, _BIG),
+        )
+    except ReelError as error:
+        raise ReelError(f"{kind}s[{index}] {error}") from error
+
+
+def _file_to_json(entry: FileEntry, kind: str) -> dict[str, Any]:
+    common = {"uri": entry.uri, "bytes": entry.bytes, "sha256": entry.sha256, "first_frame": entry.first_frame}
+    own = {"frames": entry.frames} if kind == "group" else {"group": entry.group}
+    return common | own | {"points": entry.points}
+
+
+def _parse_camera(value: object) -> Camera:
+    if not isinstance(value, dict):
+        raise ReelError("has a camera that is not an object.")
+    name = value.get("name", "")
+    if not isinstance(name, str) or len(name) > 200:
+        raise ReelError(f"has a camera of the name {name!r:.100}.")
+    try:
+        return Camera(
+            name=name,
+            viewmat=numbers(value, "viewmat", 16).reshape(4, 4),
+            K=numbers(value, "K", 9).reshape(3, 3),
+            width=integer(value, "width", 1, 1 << 20),
+            height=integer(value, "height", 1, 1 << 20),
+        )
+    except ReelError as error:
+        raise ReelError(f"camera {name!r} {error}") from error
+
+
+def _camera_to_json(camera: Camera) -> dict[str, Any]:
+    return {
+        "name": camera.name,
+        "width": int(camera.width),
+        "height": int(camera.height),
+        "K": camera.K.astype(np.float64).ravel().tolist(),
+        "viewmat": camera.viewmat.astype(np.float64).ravel().tolist(),
+    }
+
+
+def _list(document: dict[str, Any], name: str, low: int, high: int) -> list:
+    value = document.get(name)
+    if not isinstance(value, list) or not low <= len(value) <= high:
+        raise ReelError(f"has {name} that are not a list of {low} to {high} items.")
+    return value

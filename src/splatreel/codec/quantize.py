@@ -1,0 +1,152 @@
+"""Bit quantisation (paper section 4.3, Fig. 6): floats to integers of few bits with recorded ranges, integers to bytes."""
+
+from __future__ import annotations
+
+import math
+import zlib
+from typing import Any
+
+import numpy as np
+
+from splatreel.errors import ReelError
+
+Parameters = dict[str, Any]
+"""What a section's entry in the file's header says: `codec` and whatever that codec needs."""
+
+
+def pack(values: np.ndarray, bits: int) -> bytes:
+    """Integers [K] of `bits` bits (1..16) as bytes: the low bytes of all, then the bits above, packed without gaps."""
+    values = np.ascontiguousarray(values, np.uint16).ravel()
+    low = b""
+    if bits > 8:
+        low = (values & 0xFF).astype(np.uint8).tobytes()
+        values, bits = values >> 8, bits - 8
+    planes = (values[:, None] >> np.arange(bits, dtype=np.uint16)) & 1
+    return low + np.packbits(planes.astype(np.uint8).ravel(), bitorder="little").tobytes()
+
+
+def packed_size(count: int, bits: int) -> int:
+    """Bytes `pack` makes of `count` integers."""
+    if bits > 8:
+        return count + (count * (bits - 8) + 7) // 8
+    return (count * bits + 7) // 8
+
+
+def unpack(data: bytes, bits: int, count: int) -> np.ndarray:
+    """The inverse of `pack`: [count] uint16. Raises `ReelError` if data has not exactly the bytes it needs."""
+    expected = packed_size(count, bits)
+    if len(data) != expected:
+        raise ReelError(f"holds {len(data)} bytes where {count} integers of {bits} bits need {expected}.")
+    low = np.zeros(count, np.uint16)
+    shift = 0
+    if bits > 8:
+        low = np.frombuffer(data, np.uint8, count).astype(np.uint16)
+        data, bits, shift = data[count:], bits - 8, 8
+    if bits == 8:
+        return low | (np.frombuffer(data, np.uint8, count).astype(np.uint16) << shift)
+    planes = np.unpackbits(np.frombuffer(data, np.uint8), count=count * bits, bitorder="little").reshape(count, bits)
+    high = (planes.astype(np.uint16) << np.arange(bits, dtype=np.uint16)).sum(1, dtype=np.uint16)
+    return low | (high << shift)
+
+
+def deflate(data: bytes) -> tuple[bytes, bool]:
+    """(zlib stream, True), or (data, False) where that would be no shorter."""
+    packed = zlib.compress(data, 9)
+    return (packed, True) if len(packed) < len(data) else (data, False)
+
+
+def inflate(data: bytes, parameters: Parameters, size: int) -> bytes:
+    """Undo `deflate` as the parameters say; never makes more than `size` bytes. Raises `ReelError`."""
+    if not boolean(parameters, "deflate", default=False):
+        return data
+    stream = zlib.decompressobj()
+    try:
+        plain = stream.decompress(data, size + 1)
+    except zlib.error as error:
+        raise ReelError(f"is not a zlib stream ({error}).") from error
+    if len(plain) > size or not stream.eof or stream.unused_data:
+        raise ReelError(f"does not inflate to the {size} bytes it should hold.")
+    return plain
+
+
+def encode_linear(values: np.ndarray, bits: int, log: bool = False) -> tuple[bytes, Parameters]:
+    """Quantise each column of values [N, C] over its own range; `log` quantises base 2 logarithms of positive values."""
+    columns = np.asarray(values, np.float64)
+    if log:
+        columns = np.log2(np.maximum(columns, np.finfo(np.float32).tiny))
+    low, high = columns.min(0), columns.max(0)
+    steps = (1 << bits) - 1
+    q = np.rint((columns - low) / np.where(high > low, high - low, 1) * steps)
+    data, packed = deflate(pack(q.T, bits))
+    parameters: Parameters = {"codec": "linear", "bits": bits, "min": low.tolist(), "max": high.tolist()}
+    if log:
+        parameters["log"] = True
+    return data, parameters | {"deflate": packed}
+
+
+def decode_linear(data: bytes, parameters: Parameters, rows: int, columns: int) -> np.ndarray:
+    """The values [rows, columns] float32 of a `linear` section. Raises `ReelError`."""
+    bits = integer(parameters, "bits", 1, 16)
+    low, high = numbers(parameters, "min", columns), numbers(parameters, "max", columns)
+    if (high < low).any():
+        raise ReelError(f"has a range whose min {low.tolist()} is above its max {high.tolist()}.")
+    plain = inflate(data, parameters, packed_size(rows * columns, bits))
+    q = unpack(plain, bits, rows * columns).reshape(columns, rows).T
+    values = low + q * ((high - low) / ((1 << bits) - 1))
+    if boolean(parameters, "log", default=False):
+        if (np.abs(low) > 126).any() or (np.abs(high) > 126).any():
+            raise ReelError(f"has logarithms {low.tolist()}..{high.tolist()} that no float32 holds.")
+        values = np.exp2(values)
+    return np.ascontiguousarray(values, np.float32)
+
+
+def encode_bits(flags: np.ndarray) -> tuple[bytes, Parameters]:
+    """A `bits` section: one bit each of flags [S] bool."""
+    data, packed = deflate(pack(flags, 1))
+    return data, {"codec": "bits", "count": len(flags), "deflate": packed}
+
+
+def decode_bits(data: bytes, parameters: Parameters, max_count: int) -> np.ndarray:
+    """The flags [count] bool of a `bits` section. Raises `ReelError`."""
+    count = integer(parameters, "count", 0, max_count)
+    return unpack(inflate(data, parameters, packed_size(count, 1)), 1, count).astype(bool)
+
+
+def integer(parameters: Parameters, name: str, low: int, high: int) -> int:
+    """An integer parameter in low..high. Raises `ReelError`."""
+    value = parameters.get(name)
+    if isinstance(value, bool) or not isinstance(value, int) or not low <= value <= high:
+        raise ReelError(f"has {name} = {_short(value)}, expected a whole number from {low} to {high}.")
+    return value
+
+
+def boolean(parameters: Parameters, name: str, default: bool | None = None) -> bool:
+    """A boolean parameter. Raises `ReelError` if it is something else, or missing without a default."""
+    value = parameters.get(name, default)
+    if not isinstance(value, bool):
+        raise ReelError(f"has {name} = {_short(value)}, expected true or false.")
+    return value
+
+
+def number(parameters: Parameters, name: str, low: float, high: float) -> float:
+    """A finite number in low..high. Raises `ReelError`."""
+    value = parameters.get(name)
+    if isinstance(value, bool) or not isinstance(value, (int, float)) or not low <= value <= high:
+        raise ReelError(f"has {name} = {_short(value)}, expected a number from {low:g} to {high:g}.")
+    return float(value)
+
+
+def numbers(parameters: Parameters, name: str, count: int) -> np.ndarray:
+    """A list of `count` finite numbers that a float32 can hold, as [count] float64. Raises `ReelError`."""
+    value = parameters.get(name)
+    if not isinstance(value, list) or len(value) != count:
+        raise ReelError(f"has {name} = {_short(value)}, expected {count} numbers.")
+    for item in value:
+        if isinstance(item, bool) or not isinstance(item, (int, float)) or not math.isfinite(item) or abs(item) > 3e38:
+            raise ReelError(f"has {name} = {_short(value)}, expected {count} finite numbers.")
+    return np.array(value, np.float64)
+
+
+def _short(value: object) -> str:
+    text = repr(value)
+    return text if len(text) <= 60 else text[:57] + "..."

@@ -1,0 +1,120 @@
+"""Reading a reel from a directory or over HTTP; nothing in it is trusted."""
+
+from __future__ import annotations
+
+import hashlib
+from collections import OrderedDict
+from pathlib import Path
+
+import numpy as np
+
+from splatreel.codec.group_file import decode_group, decode_layer
+from splatreel.codec.manifest import MAX_BYTES, FileEntry, Manifest, parse_manifest
+from splatreel.codec.source import open_source
+from splatreel.errors import ReelError
+from splatreel.scene.gaussians import Gaussians
+from splatreel.scene.group import Group
+
+_CACHED_GROUPS = 3
+"""Two are shown at once in an overlap; one more makes stepping back and forth over a border free."""
+
+
+class ReelReader:
+    """An open reel. Files are read when asked for, checked against the manifest, and decoded.
+
+    location: a directory, its manifest.json, or an http(s) URL of either. Raises `ReelError` for anything that is not a reel.
+    """
+
+    def __init__(self, location: str | Path) -> None:
+        self._source = open_source(location)
+        self.manifest = self._read_manifest()
+        self._layers: dict[str, Gaussians] = {}
+        self._static: tuple[int, Gaussians, np.ndarray] | None = None
+        self._groups: OrderedDict[int, Group] = OrderedDict()
+
+    @property
+    def fps(self) -> float:
+        return self.manifest.fps
+
+    @property
+    def frames(self) -> int:
+        return self.manifest.frames
+
+    @property
+    def duration(self) -> float:
+        """Seconds from the first frame to the end of the last."""
+        return self.frames / self.fps
+
+    def reload(self) -> Manifest:
+        """Read the manifest again: a live reel grows. What was decoded and did not change is kept."""
+        old, self.manifest = self.manifest, self._read_manifest()
+        if old.layers != self.manifest.layers[: len(old.layers)]:
+            self._layers.clear()
+        self._static = None
+        if old.groups != self.manifest.groups[: len(old.groups)]:
+            self._groups.clear()
+        return self.manifest
+
+    def layer(self, index: int) -> Gaussians:
+        """The static points of layers[index] of the manifest, in reel order."""
+        entry = self.manifest.layers[index]
+        if entry.sha256 not in self._layers:
+            name = self._source.name(entry.uri)
+            header, gaussians = decode_layer(self.read_file(entry), name)
+            found = (header.index, header.points, header.first_frame)
+            self._check_same(name, found, (entry.group, entry.points, entry.first_frame))
+            self._layers[entry.sha256] = gaussians
+        return self._layers[entry.sha256]
+
+    def static(self, group: int) -> tuple[Gaussians, np.ndarray]:
+        """All static points of the layers born up to a group, alive or not, and the group [S] each was born at."""
+        count = sum(layer.group <= group for layer in self.manifest.layers)
+        if self._static is None or self._static[0] != count:
+            layers = [self.layer(i) for i in range(count)]
+            points = Gaussians.concatenate(layers) if layers else Gaussians.empty(0)
+            born = np.repeat([entry.group for entry in self.manifest.layers[:count]], [len(g) for g in layers])
+            self._static = (count, points, born.astype(np.int64))
+        return self._static[1:]
+
+    def group(self, index: int) -> Group:
+        """The group of that index."""
+        if not 0 <= index < len(self.manifest.groups):
+            raise ReelError(f"{self.name}: has {len(self.manifest.groups)} groups, group {index} was asked for.")
+        if index not in self._groups:
+            self._groups[index] = self._load_group(self.manifest.groups[index])
+            if len(self._groups) > _CACHED_GROUPS:
+                self._groups.popitem(last=False)
+        self._groups.move_to_end(index)
+        return self._groups[index]
+
+    def read_file(self, entry: FileEntry) -> bytes:
+        """The bytes of a file, of the length and digest the manifest says. Raises `ReelError` otherwise."""
+        name = self._source.name(entry.uri)
+        data = self._source.read(entry.uri, entry.bytes)
+        if len(data) != entry.bytes:
+            raise ReelError(f"{name}: has {len(data)} bytes, the manifest says {entry.bytes}. Copy the reel anew.")
+        if hashlib.sha256(data).hexdigest() != entry.sha256:
+            raise ReelError(f"{name}: its sha256 is not the manifest's: the file is damaged. Copy the reel anew.")
+        return data
+
+    @property
+    def name(self) -> str:
+        """What to call the reel in messages."""
+        return self._source.name("manifest.json")
+
+    def _read_manifest(self) -> Manifest:
+        return parse_manifest(self._source.read("manifest.json", MAX_BYTES), self.name)
+
+    def _load_group(self, entry: FileEntry) -> Group:
+        name = self._source.name(entry.uri)
+        group = decode_group(self.read_file(entry), name)
+        found = (group.index, len(group.dynamic), group.first_frame, group.frames)
+        self._check_same(name, found, (entry.group, entry.points, entry.first_frame, entry.frames))
+        static = self.manifest.static_points(entry.group)
+        if len(group.alive) != static:
+            raise ReelError(f"{name}: section 'alive' holds {len(group.alive)} bits, the layers {static} points.")
+        return group
+
+    def _check_same(self, name: str, found: tuple[int, ...], said: tuple[int, ...]) -> None:
+        if found != said:
+            raise ReelError(f"{name}: says (index, points, first frame, ...) {found} of itself, the manifest {said}.")

@@ -1,0 +1,85 @@
+"""Is a reel whole? Reads and decodes all of it and compares it with what it says of itself."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from splatreel.codec.reader import ReelReader
+from splatreel.errors import GaussiansError, ReelError
+
+
+@dataclass(frozen=True)
+class Verified:
+    """What was found to be in order."""
+
+    files: int
+    bytes: int
+    layers: int
+    groups: int
+    points: int
+    """Static and dynamic points of all files."""
+
+
+def verify_reel(location: str | Path) -> Verified:
+    """Check lengths, digests, ranges and that everything decodes.
+
+    Raises `ReelError` whose message has one line for each problem, naming the file and the section.
+    """
+    reel = ReelReader(location)
+    manifest = reel.manifest
+    problems: list[str] = []
+    for index in range(len(manifest.layers)):
+        problems += _problems(lambda i=index: _check_layer(reel, i))
+    for index in range(len(manifest.groups)):
+        problems += _problems(lambda i=index: _check_group(reel, i))
+    problems += _problems(lambda: _check_frames(reel))
+    if problems:
+        raise ReelError("\n".join(problems))
+    files = (*manifest.layers, *manifest.groups)
+    return Verified(
+        files=len(files) + 1,
+        bytes=sum(entry.bytes for entry in files),
+        layers=len(manifest.layers),
+        groups=len(manifest.groups),
+        points=sum(entry.points for entry in files),
+    )
+
+
+def _problems(check) -> list[str]:  # noqa: ANN001 - a function without arguments
+    try:
+        check()
+    except (ReelError, GaussiansError) as error:
+        return [str(error)]
+    return []
+
+
+def _check_layer(reel: ReelReader, index: int) -> None:
+    layer, uri = reel.layer(index), reel.manifest.layers[index].uri
+    layer.check_finite(uri)
+    if layer.sh_degree > reel.manifest.sh_degree:
+        raise ReelError(f"{uri}: has SH degree {layer.sh_degree}, above the manifest's {reel.manifest.sh_degree}.")
+
+
+def _check_group(reel: ReelReader, index: int) -> None:
+    group, uri = reel.group(index), reel.manifest.groups[index].uri
+    group.dynamic.check_finite(uri)
+    if not (np.isfinite(group.dx).all() and np.isfinite(group.dq).all()):
+        raise ReelError(f"{uri}: section 'offsets' decodes to NaN or infinity.")
+    if group.dynamic.sh_degree > reel.manifest.sh_degree:
+        raise ReelError(
+            f"{uri}: has SH degree {group.dynamic.sh_degree}, above the manifest's {reel.manifest.sh_degree}."
+        )
+
+
+def _check_frames(reel: ReelReader) -> None:
+    manifest = reel.manifest
+    groups = manifest.groups
+    for before, after in zip(groups, groups[1:], strict=False):
+        if before.first_frame + before.frames < after.first_frame:
+            raise ReelError(f"{reel.name}: no group holds the frames from {before.uri}'s last to {after.uri}'s first.")
+    end = max((group.first_frame + group.frames for group in groups), default=0)
+    if manifest.frames != end:
+        raise ReelError(f"{reel.name}: says it has {manifest.frames} frames, its groups hold {end}.")

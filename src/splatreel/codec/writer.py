@@ -1,0 +1,166 @@
+"""Writing a reel, group by group; at any moment what is on disk is a valid reel."""
+
+from __future__ import annotations
+
+import hashlib
+from dataclasses import replace
+from importlib import metadata
+from pathlib import Path
+
+import numpy as np
+
+from splatreel.codec.container import write_atomically
+from splatreel.codec.group_file import decode_group, decode_layer, encode_group, encode_layer
+from splatreel.codec.manifest import FileEntry, Manifest, parse_manifest
+from splatreel.config import EncodeConfig
+from splatreel.errors import ReelError
+from splatreel.scene.camera import Camera
+from splatreel.scene.gaussians import Gaussians
+from splatreel.scene.group import Group
+
+
+class ReelWriter:
+    """Encodes layers and groups into the directory `path` and publishes each group in the manifest (docs/format.md).
+
+    For every group, in order: `add_layer` if static points are born at it, then `add_group`. With `resume` the groups already
+    published are kept; to go on, start with any index up to their number: the group of that index and all later ones are dropped.
+    Without it, a reel that is already in `path` is dropped.
+
+    fps: frames a second. bounds: [2, 3] box of the content. up: [3] unit. camera: where a player starts.
+    log_scales: False stores scales linearly, as the paper. Raises `ReelError` where files cannot be read or written.
+    """
+
+    def __init__(
+        self,
+        path: str | Path,
+        *,
+        fps: float,
+        group_length: int,
+        overlap: int,
+        sh_degree: int,
+        bounds: np.ndarray,
+        up: np.ndarray,
+        camera: Camera,
+        cameras: list[Camera],
+        config: EncodeConfig,
+        resume: bool = False,
+        log_scales: bool = True,
+    ) -> None:
+        self.path = Path(path)
+        self.config = config
+        self.log_scales = log_scales
+        self._pending: FileEntry | None = None
+        self._manifest = Manifest(
+            generator=f"splatreel {metadata.version('splatreel')}",
+            live=True,
+            fps=float(fps),
+            frames=0,
+            group_length=int(group_length),
+            overlap=int(overlap),
+            sh_degree=int(sh_degree),
+            bounds=np.asarray(bounds, np.float64),
+            up=np.asarray(up, np.float64),
+            camera=camera,
+            cameras=tuple(cameras),
+        )
+        published = self._published()
+        if published:
+            self._manifest = self._manifest.with_files(list(published.layers), list(published.groups))
+            if not resume:
+                self._drop_from(0)
+
+    @property
+    def manifest(self) -> Manifest:
+        """What is published so far."""
+        return self._manifest
+
+    def add_layer(self, group: int, first_frame: int, gaussians: Gaussians) -> tuple[Gaussians, np.ndarray]:
+        """Encode the static points born at `group`; they are published together with that group.
+
+        Returns the decoded points in reel order (train on against these: later groups then absorb the error), and
+        order [N]: order[i] is the index of the input point that became reel point i.
+        """
+        self._check_next(group)
+        self._drop_from(group)
+        if not len(gaussians):
+            return gaussians, np.zeros(0, np.int64)
+        uri = f"layers/{group:04d}.safetensors"
+        data, order = encode_layer(group, first_frame, gaussians, self.config, self.log_scales)
+        entry = self._write(uri, data, FileEntry(uri, 0, "", first_frame, 0, len(gaussians), group))
+        self._pending = entry
+        return decode_layer(data, uri)[1], order
+
+    def add_group(self, group: Group) -> Group:
+        """Encode and publish a group; returns it decoded, its dynamic points in reel order.
+
+        Raises `ReelError` if its `alive` does not fit the layers.
+        """
+        self._check_next(group.index)
+        pending = self._pending if self._pending and self._pending.group == group.index else None
+        self._drop_from(group.index)
+        layers = [*self._manifest.layers, *([pending] if pending else [])]
+        static = sum(layer.points for layer in layers)
+        if group.alive.shape != (static,):
+            raise ReelError(
+                f"Group {group.index} says of {len(group.alive)} static points whether they are alive, but the layers "
+                f"hold {static}. Add the layer of this group before it."
+            )
+        uri = f"groups/{group.index:04d}.safetensors"
+        data, _ = encode_group(group, self.config, self.log_scales)
+        blank = FileEntry(uri, 0, "", group.first_frame, group.frames, len(group.dynamic), group.index)
+        entry = self._write(uri, data, blank)
+        self._publish(self._manifest.with_files(layers, [*self._manifest.groups, entry]))
+        self._pending = None
+        return decode_group(data, uri)
+
+    def finish(self) -> None:
+        """Declare the reel complete. Raises `ReelError` if it has no group."""
+        if not self._manifest.groups:
+            raise ReelError(f"{self.path}: a reel without a group cannot be finished.")
+        self._publish(self._manifest, live=False)
+
+    def _published(self) -> Manifest | None:
+        file = self.path / "manifest.json"
+        try:
+            return parse_manifest(file.read_bytes(), str(file))
+        except FileNotFoundError:
+            return None
+        except OSError as error:
+            raise ReelError(f"{file}: cannot be read ({error.strerror}).") from error
+
+    def _check_next(self, group: int) -> None:
+        if not 0 <= group <= len(self._manifest.groups):
+            raise ReelError(
+                f"{self.path}: group {group} cannot be added, the next one is {len(self._manifest.groups)}."
+            )
+
+    def _drop_from(self, group: int) -> None:
+        """Take a group and all that follows out of the manifest first, and only then delete the files."""
+        self._pending = None
+        manifest = self._manifest
+        dropped = [entry for entry in (*manifest.layers, *manifest.groups) if entry.group >= group]
+        if not dropped:
+            return
+        layers = [entry for entry in manifest.layers if entry.group < group]
+        self._publish(manifest.with_files(layers, list(manifest.groups[:group])))
+        for entry in dropped:
+            self._delete(entry.uri)
+
+    def _publish(self, manifest: Manifest, live: bool = True) -> None:
+        """Replace manifest.json; without groups there is none."""
+        manifest = replace(manifest, live=live)
+        if manifest.groups:
+            write_atomically(self.path / "manifest.json", manifest.to_json().encode())
+        else:
+            self._delete("manifest.json")
+        self._manifest = manifest
+
+    def _write(self, uri: str, data: bytes, entry: FileEntry) -> FileEntry:
+        write_atomically(self.path / uri, data)
+        return replace(entry, bytes=len(data), sha256=hashlib.sha256(data).hexdigest())
+
+    def _delete(self, uri: str) -> None:
+        try:
+            (self.path / uri).unlink(missing_ok=True)
+        except OSError as error:
+            raise ReelError(f"{self.path / uri}: cannot be deleted ({error.strerror}).") from error

@@ -1,0 +1,138 @@
+"""The golden reel: a tiny reel in the repository that the Python and the TypeScript decoder both turn into the same numbers.
+
+`python -m tests.golden` makes tests/data/golden anew: do it only when the format changes.
+
+    manifest.json, layers/, groups/     the reel: 2 groups of 6 frames and an overlap of 2, with static points born at both
+    expected.npz                        every decoded array
+    expected.json                       these and what is shown at `TIMES`, sampled, for tests in any language
+
+Floats agree within `TOLERANCE` (relative to 1 or the value, whichever is larger); integers and bits exactly.
+"""
+
+from __future__ import annotations
+
+import json
+import shutil
+from dataclasses import fields
+from pathlib import Path
+
+import numpy as np
+
+from splatreel.codec.reader import ReelReader
+from splatreel.codec.writer import ReelWriter
+from splatreel.config import EncodeConfig
+from splatreel.play.timeline import Timeline
+from splatreel.scene import rotations
+from splatreel.scene.camera import Camera
+from splatreel.scene.gaussians import Gaussians
+from splatreel.scene.group import Group
+
+GOLDEN = Path(__file__).parent / "data" / "golden"
+TIMES = (0.0, 0.05, 0.1, 0.2, 0.225, 0.25, 0.3, 0.43, 9.0)
+TOLERANCE = 1e-5
+FPS = 30
+
+
+def random_gaussians(
+    rng: np.random.Generator, count: int, degree: int, center: tuple[float, float, float]
+) -> Gaussians:
+    """Points on a bumpy sphere with sizes over three decades."""
+    direction = rng.normal(size=(count, 3))
+    direction /= np.linalg.norm(direction, axis=1, keepdims=True)
+    means = np.array(center) + direction * (1 + 0.05 * rng.normal(size=(count, 1)))
+    sh = rng.normal(size=(count, (degree + 1) ** 2, 3)) * np.r_[0.8, np.full((degree + 1) ** 2 - 1, 0.08)][:, None]
+    return Gaussians(
+        means=means,
+        quats=rotations.normalize(rng.normal(size=(count, 4))),
+        scales=10 ** rng.uniform(-3, -0.5, (count, 3)),
+        opacities=rng.beta(2, 1, count),
+        sh=sh,
+    )
+
+
+def random_motion(rng: np.random.Generator, points: Gaussians, frames: int) -> tuple[np.ndarray, np.ndarray]:
+    """dx [T, N, 3] and dq [T, N, 4]: a turn about a random axis, a drift, and a little of each point's own."""
+    time = np.linspace(0, 1, frames)[:, None, None]
+    axis = rng.normal(size=3)
+    axis /= np.linalg.norm(axis)
+    angle = 0.6 * time + 0.02 * rng.normal(size=(1, len(points), 1)) * time
+    dq = np.concatenate([np.cos(angle / 2), np.sin(angle / 2) * axis], -1)
+    turned = np.einsum("tnij,nj->tni", rotations.to_matrix(dq), points.means)
+    return turned - points.means + time * rng.normal(size=3) * 0.3, dq
+
+
+def camera(name: str, x: float) -> Camera:
+    viewmat = np.eye(4)
+    viewmat[:3, 3] = (-x, 0, 4)
+    return Camera(name, viewmat, np.array([[120, 0, 80], [0, 120, 60], [0, 0, 1]]), 160, 120)
+
+
+def write_golden(path: Path) -> None:
+    """Write the golden reel into a directory: layers of degree 3 and 2, dynamic points of degree 1."""
+    rng = np.random.default_rng(4)
+    if path.exists():
+        shutil.rmtree(path)
+    writer = ReelWriter(
+        path,
+        fps=FPS,
+        group_length=6,
+        overlap=2,
+        sh_degree=3,
+        bounds=np.array([[-1.5, -1.5, -1.5], [1.5, 1.5, 1.5]]),
+        up=np.array([0.0, -1.0, 0.0]),
+        camera=camera("start", 0.0),
+        cameras=[camera("cam00", -0.5), camera("cam01", 0.5)],
+        config=EncodeConfig(),
+    )
+    alive = np.ones(0, bool)
+    for index, (born, moving, frames) in enumerate(((150, 100, 8), (50, 90, 8))):
+        layer, _ = writer.add_layer(index, index * 6, random_gaussians(rng, born, 3 - index, (0, 0, 0)))
+        alive = np.concatenate([alive & (rng.random(len(alive)) > 0.3), np.ones(len(layer), bool)])
+        dynamic = random_gaussians(rng, moving, 1, (0.5, 0.2, 0))
+        dx, dq = random_motion(rng, dynamic, frames)
+        writer.add_group(Group(index, index * 6, dynamic, dx, dq, alive))
+    writer.finish()
+
+
+def decoded(path: Path) -> dict[str, np.ndarray]:
+    """Every array of the reel by name: `layer0.means`, `group1.dynamic.sh`, `group1.dx`, `at0.05.opacities`, ..."""
+    reel = ReelReader(path)
+    arrays: dict[str, np.ndarray] = {}
+    for index in range(len(reel.manifest.layers)):
+        arrays |= _flat(f"layer{index}", reel.layer(index))
+    for index in range(len(reel.manifest.groups)):
+        group = reel.group(index)
+        arrays |= _flat(f"group{index}.dynamic", group.dynamic)
+        arrays |= {f"group{index}.{name}": getattr(group, name) for name in ("dx", "dq", "alive")}
+    for time in TIMES:
+        arrays |= _flat(f"at{time:g}", Timeline(reel).at(time))
+    return arrays
+
+
+def sampled(arrays: dict[str, np.ndarray], values: int = 48) -> dict:
+    """For each array its shape and at most `values` numbers: (positions in the flat array, values there)."""
+    entries = {}
+    for name, array in arrays.items():
+        flat = array.ravel()
+        where = (
+            np.unique(np.linspace(0, flat.size - 1, min(values, flat.size)).round().astype(int)) if flat.size else []
+        )
+        picked = [int(flat[i]) if array.dtype == bool else float(flat[i]) for i in where]
+        entries[name] = {"shape": list(array.shape), "index": [int(i) for i in where], "value": picked}
+    return {"tolerance": TOLERANCE, "times": list(TIMES), "arrays": entries}
+
+
+def _flat(prefix: str, gaussians: Gaussians) -> dict[str, np.ndarray]:
+    return {f"{prefix}.{field.name}": getattr(gaussians, field.name) for field in fields(gaussians)}
+
+
+def main() -> None:
+    write_golden(GOLDEN)
+    arrays = decoded(GOLDEN)
+    stored = {name: array for name, array in arrays.items() if not name.startswith("at")}
+    np.savez_compressed(GOLDEN / "expected.npz", **stored)
+    (GOLDEN / "expected.json").write_text(json.dumps(sampled(arrays), indent=None, separators=(",", ":")) + "\n")
+
+
+if __name__ == "__main__":
+    main()
