@@ -52,7 +52,7 @@ class Report:
     seconds: dict[str, float]
     points_static: float
     points_dynamic: float
-    peak_memory_bytes: int
+    peak_memory_bytes: int | None
     device: str
     frames: int
     width: int
@@ -78,7 +78,7 @@ class Report:
             ("Points, mean of a group", f"{self.points_static:,.0f} static, {self.points_dynamic:,.0f} dynamic"),
             ("Video", f"{self.frames} frames, evaluated at {self.width} x {self.height}"),
             ("Time", ", ".join(f"{name} {value:.1f} s" for name, value in self.seconds.items()) or "not measured"),
-            ("Peak memory", megabytes(self.peak_memory_bytes)),
+            ("Peak memory", "unknown" if self.peak_memory_bytes is None else megabytes(self.peak_memory_bytes)),
             ("Device", self.device),
         ]
         lines = ["# Evaluation", "", "Held-out cameras, rendered from the decoded reel.", "", "| | |", "|---|---|"]

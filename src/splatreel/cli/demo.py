@@ -1,0 +1,80 @@
+"""`splatreel demo`: the whole way on the built-in capture."""
+
+from __future__ import annotations
+
+import sys
+import time
+from pathlib import Path
+
+from splatreel.cli.reconstruct import Device, configure
+from splatreel.config import Quality
+
+
+def demo(
+    out: Path,
+    serve: bool = True,
+    quality: Quality = "standard",
+    device: Device = "auto",
+    width: int = 256,
+    height: int = 192,
+    frames: int = 60,
+    seed: int = 0,
+) -> None:
+    """Film a small scene, reconstruct it, evaluate the decoded reel and play it in the browser.
+
+    Args:
+        out: OUT/capture, OUT/work, OUT/reel and OUT/report.json are made here; the same command continues.
+        serve: Serve the player at the end, until Ctrl-C; without a terminal the demo just ends.
+        quality: How long to train.
+        device: Where to train; auto takes a CUDA GPU if there is one.
+        width: Width of the videos in pixels, even.
+        height: Height of the videos in pixels, even.
+        frames: Length of the videos, 30 frames a second.
+        seed: Seed of everything random.
+    """
+    from splatreel.capture.opening import open_capture
+    from splatreel.capture.synthetic import make_capture
+    from splatreel.evaluation.evaluate import evaluate
+    from splatreel.evaluation.undecoded import UndecodedReel
+    from splatreel.progress import console
+    from splatreel.recon import sequence
+
+    progress = console()
+    try:
+        start = time.monotonic()
+        progress.stage("capture", 100)
+        folder = make_capture(
+            out / "capture",
+            width=width,
+            height=height,
+            frames=frames,
+            fps=30,
+            seed=seed,
+            progress=lambda share: progress.update(round(100 * share)),
+        )
+        filming = round(time.monotonic() - start, 3)
+        capture = open_capture(folder)
+        result = sequence.reconstruct(
+            capture, out, configure(quality, None, None, seed), device=device, progress=progress
+        )
+        undecoded = UndecodedReel(result.reel, result.work)
+        report = evaluate(
+            result.reel,
+            capture,
+            out=out,
+            undecoded=undecoded.frame,
+            seconds={"capture": filming, **result.seconds},
+            device=result.device,
+            progress=progress,
+        )
+    finally:
+        progress.close()
+    capture.close()
+    print(report.to_markdown())
+    print(f"{out / 'report.json'}, {out / 'pictures'}, {result.reel}")
+    if serve and sys.stdout.isatty():
+        from splatreel.cli.serve import run
+
+        run(result.reel, "127.0.0.1", 8080, browser=False)
+    else:
+        print(f"Play it with\n  splatreel serve {result.reel}")

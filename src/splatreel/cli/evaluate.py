@@ -1,0 +1,54 @@
+"""`splatreel evaluate`."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from tyro.conf import Positional
+
+from splatreel.cli.options import parse_frames, parse_names, reel_folder
+
+
+def evaluate(
+    reel: Positional[Path],
+    capture: Positional[Path],
+    /,
+    out: Path,
+    cameras: str | None = None,
+    width: int | None = None,
+    scale: float | None = None,
+    frames: str | None = None,
+    json: bool = False,
+) -> None:
+    """Compare a reel with the cameras that it has not seen.
+
+    Args:
+        reel: Folder of the reel.
+        capture: Folder of the capture that it was made from.
+        out: Where report.json, report.md and the pictures go.
+        cameras: Names of the cameras to compare with, as NAME,NAME; the capture's held-out ones by default.
+        width: Width to compare at, in pixels; by default that of the reel's cameras.
+        scale: Size to compare at, as a share of the capture's, instead of the width.
+        frames: Frames of the capture that the reel was made of, as A:B, if not all.
+        json: Print report.json instead of the summary.
+    """
+    from splatreel.capture.opening import open_capture
+    from splatreel.evaluation.evaluate import evaluate as compare
+    from splatreel.evaluation.evaluate import reel_width
+    from splatreel.evaluation.undecoded import UndecodedReel
+    from splatreel.progress import console
+
+    reel = reel_folder(reel)
+    if width is None and scale is None:
+        width = reel_width(reel)
+    names = parse_names(cameras, "--cameras")
+    work = reel.parent / "work"
+    undecoded = UndecodedReel(reel, work).frame if work.is_dir() else None
+    source = open_capture(capture, width=width, scale=scale, frames=parse_frames(frames))
+    progress = console()
+    try:
+        report = compare(reel, source, cameras=names, out=out, undecoded=undecoded, progress=progress)
+    finally:
+        progress.close()
+        source.close()
+    print(report.to_json() if json else report.to_markdown(), end="" if not json else "\n")

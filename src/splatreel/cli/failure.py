@@ -1,0 +1,50 @@
+"""What the command line says, and returns, when something goes wrong: one readable block, no traceback."""
+
+from __future__ import annotations
+
+import errno
+import shlex
+from collections.abc import Sequence
+
+from splatreel.errors import SplatreelError
+
+INTERRUPTED = 130
+"""What shells return for a program ended by Ctrl-C."""
+
+
+def explain(error: BaseException, arguments: Sequence[str]) -> tuple[str, int] | None:
+    """The text for standard error and the exit code, or None for an error nobody foresaw: a bug, worth a traceback."""
+    command = shlex.join(["splatreel", *arguments])
+    if isinstance(error, SplatreelError):
+        return f"Error: {error}", error.exit_code
+    if isinstance(error, KeyboardInterrupt):
+        return f"Interrupted. What is finished is kept; continue with the same command:\n  {command}", INTERRUPTED
+    if _is_disk_full(error):
+        where = getattr(error, "filename", None)
+        place = f" while writing {where}" if where else ""
+        text = f"Error: the disk is full{place}. What is finished is kept; free some space, then run\n  {command}"
+        return text, 1
+    if _is_out_of_memory(error):
+        text = (
+            "Error: out of memory. Ask for a smaller picture (--width), fewer frames (--frames A:B) or --quality draft."
+        )
+        return text, 1
+    if isinstance(error, OSError) and error.filename is not None:
+        return f"Error: {error.filename}: {error.strerror}.", 1
+    return None
+
+
+def _is_disk_full(error: BaseException) -> bool:
+    """Also where a library made its own exception of the system's error."""
+    full = (errno.ENOSPC, errno.EDQUOT)
+    if isinstance(error, OSError) and error.errno in full:
+        return True
+    return isinstance(error, Exception) and any(s in str(error) for s in ("No space left on device", "os error 28"))
+
+
+def _is_out_of_memory(error: BaseException) -> bool:
+    """Python's own error, and torch's RuntimeErrors for the CPU and for CUDA."""
+    if isinstance(error, MemoryError):
+        return True
+    signs = ("can't allocate memory", "not enough memory", "CUDA out of memory")
+    return isinstance(error, RuntimeError) and any(sign in str(error) for sign in signs)

@@ -1,0 +1,69 @@
+"""The `splatreel` command: parse, call one function, print. One module a verb, which imports what it needs when run."""
+
+from __future__ import annotations
+
+import os
+import sys
+from collections.abc import Sequence
+
+from tyro.extras import SubcommandApp
+
+from splatreel.cli import bench
+from splatreel.cli.capture import capture_check
+from splatreel.cli.demo import demo
+from splatreel.cli.encode import encode
+from splatreel.cli.evaluate import evaluate
+from splatreel.cli.export import export
+from splatreel.cli.failure import explain
+from splatreel.cli.info import info
+from splatreel.cli.reconstruct import reconstruct
+from splatreel.cli.serve import serve, view
+from splatreel.cli.verify import verify
+
+DESCRIPTION = "Volumetric video from many static cameras: reconstruct, compress, stream and play groups of Gaussians."
+
+
+def build() -> SubcommandApp:
+    """All verbs, in the order in which one meets them."""
+    capture = SubcommandApp()
+    capture.__doc__ = "Look at a capture before using it."
+    capture.command(name="check")(capture_check)
+    app = SubcommandApp()
+    app.command(demo)
+    app.command(capture, name="capture")
+    for verb in (reconstruct, encode, info, verify, serve, view, export, evaluate):
+        app.command(verb)
+    app.command(bench.build(), name="bench")
+    return app
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run one command line; returns the exit code: 0 for success only, 2 for wrong use, 130 after Ctrl-C."""
+    arguments = sys.argv[1:] if arguments is None else list(arguments)
+    if arguments == ["--version"]:
+        from splatreel import __version__
+
+        print(f"splatreel {__version__}")
+        return 0
+    quiet_threads()
+    try:
+        build().cli(prog="splatreel", description=DESCRIPTION, args=arguments)
+    except BrokenPipeError:
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())  # the reader left; say nothing at exit either
+        return 1
+    except (Exception, KeyboardInterrupt) as error:
+        known = explain(error, arguments)
+        if known is None:
+            raise
+        print(known[0], file=sys.stderr)
+        return known[1]
+    return 0
+
+
+def quiet_threads() -> None:
+    """Threads that wait sleep instead of spinning. Next to another busy process a spinning barrier costs 4 ms a kernel.
+
+    Read when the OpenMP runtimes load, so it must come before numba and torch.
+    """
+    os.environ.setdefault("GOMP_SPINCOUNT", "0")
+    os.environ.setdefault("KMP_BLOCKTIME", "0")

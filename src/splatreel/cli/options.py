@@ -1,0 +1,41 @@
+"""Option values that are more than a number or a path."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+from splatreel.errors import UsageError
+
+
+def parse_frames(text: str | None) -> tuple[int, int] | None:
+    """`A:B` as (first, end), end exclusive; None stays None. Raises `UsageError` for anything else."""
+    if text is None:
+        return None
+    match = re.fullmatch(r"(\d+):(\d+)", text.strip())
+    if match is None or int(match[1]) >= int(match[2]):
+        raise UsageError(
+            f"--frames {text!r} is no range of frames. Write A:B with A < B, such as 0:60 for the first 60."
+        )
+    return int(match[1]), int(match[2])
+
+
+def parse_names(text: str | None, option: str) -> list[str] | None:
+    """`0,10,cam03` as a list of names; None stays None. Raises `UsageError` for an empty name or one given twice."""
+    if text is None:
+        return None
+    names = [name.strip() for name in text.split(",")]
+    if not all(names):
+        raise UsageError(
+            f"{option} {text!r} holds an empty name. Write names with commas between them, such as cam00,cam10."
+        )
+    if len(set(names)) < len(names):
+        twice = next(n for n in names if names.count(n) > 1)
+        raise UsageError(f"{option} {text!r} names {twice!r} twice.")
+    return names
+
+
+def reel_folder(path: Path) -> Path:
+    """The reel itself, where the output folder of `reconstruct` or `demo` is given instead of its `reel` folder."""
+    inside = path / "reel"
+    return inside if not (path / "manifest.json").exists() and (inside / "manifest.json").exists() else path

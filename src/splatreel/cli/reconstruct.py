@@ -1,0 +1,73 @@
+"""`splatreel reconstruct`."""
+
+from __future__ import annotations
+
+import dataclasses
+from pathlib import Path
+from typing import Literal
+
+from tyro.conf import Positional
+
+from splatreel.cli.options import parse_frames, parse_names
+from splatreel.config import Config, Quality, preset
+
+Device = Literal["auto", "cpu", "cuda"]
+Codec = Literal["h265"]
+Deformation = Literal["trajectory", "hashgrid"]
+
+
+def reconstruct(
+    capture: Positional[Path],
+    /,
+    out: Path,
+    width: int | None = None,
+    scale: float | None = None,
+    frames: str | None = None,
+    hold_out: str | None = None,
+    quality: Quality = "standard",
+    device: Device = "auto",
+    codec: Codec | None = None,
+    deformation: Deformation | None = None,
+    seed: int = 0,
+) -> None:
+    """Make a reel of a capture. Interrupt it at will: the same command continues.
+
+    Args:
+        capture: Folder of the videos or images and their cameras.
+        out: OUT/reel becomes the reel, playable while it grows; OUT/work holds the checkpoints.
+        width: Width of the images to train on, in pixels; their own by default.
+        scale: Size of the images to train on, as a share of their own, instead of the width.
+        frames: Which frames, as A:B (B is left out); all by default.
+        hold_out: Names of cameras to keep for evaluation, as NAME,NAME; what the format says by default.
+        quality: How long to train.
+        device: Where to train; auto takes a CUDA GPU if there is one.
+        codec: How offsets are coded; what the quality says by default.
+        deformation: How points move; what the quality says by default.
+        seed: Seed of everything random.
+    """
+    from splatreel.capture.opening import open_capture
+    from splatreel.progress import console
+    from splatreel.recon import sequence
+
+    source = open_capture(
+        capture, width=width, scale=scale, frames=parse_frames(frames), held_out=parse_names(hold_out, "--hold-out")
+    )
+    progress = console()
+    try:
+        result = sequence.reconstruct(
+            source, out, configure(quality, codec, deformation, seed), device=device, progress=progress
+        )
+    finally:
+        progress.close()
+        source.close()
+    print(f"{result.reel}: play it with\n  splatreel serve {result.reel}")
+
+
+def configure(quality: Quality, codec: Codec | None, deformation: Deformation | None, seed: int) -> Config:
+    """The preset of a quality with what the command line changes."""
+    config = dataclasses.replace(preset(quality), seed=seed)
+    if codec is not None:
+        config = dataclasses.replace(config, encode=dataclasses.replace(config.encode, codec=codec))
+    if deformation is not None:
+        config = dataclasses.replace(config, group=dataclasses.replace(config.group, deformation=deformation))
+    return config

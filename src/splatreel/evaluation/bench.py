@@ -1,0 +1,116 @@
+"""Timings of the parts, on made-up input of a stated size."""
+
+from __future__ import annotations
+
+import tempfile
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+
+from splatreel.codec.reader import ReelReader
+from splatreel.codec.writer import ReelWriter
+from splatreel.config import EncodeConfig
+from splatreel.kernels.image import render_image
+from splatreel.scene.camera import Camera
+from splatreel.scene.gaussians import Gaussians
+from splatreel.scene.group import Group
+
+Row = dict[str, float | int | str]
+
+
+def bench_kernels(points: int, width: int, height: int, repeats: int) -> list[Row]:
+    """Milliseconds a picture: rendering to numpy, and, if torch is installed, one training step (forward and backward)."""
+    gaussians, camera = cloud(points), front_camera(width, height)
+    shape: Row = {"points": points, "width": width, "height": height}
+    rows = [{"what": "render_image", **shape, "ms": median_ms(lambda: render_image(gaussians, camera), repeats)}]
+    try:
+        import torch
+
+        from splatreel.kernels import splat
+    except ImportError:
+        return rows
+    names = ("means", "quats", "scales", "opacities", "sh")
+    means, quats, scales, opacities, sh = [
+        torch.from_numpy(getattr(gaussians, name)).requires_grad_() for name in names
+    ]
+    target = torch.zeros((height, width, 3), dtype=torch.uint8)
+
+    def step() -> None:
+        image = splat.render(means, quats, scales, opacities, sh, camera.viewmat, camera.K, width, height).image
+        splat.photometric_loss(image, target).backward()
+
+    return [*rows, {"what": "training step", **shape, "ms": median_ms(step, repeats)}]
+
+
+def bench_codec(points: int, frames: int, repeats: int) -> list[Row]:
+    """Milliseconds and bytes of encoding and decoding one group whose points swing smoothly."""
+    group = swinging_group(points, frames)
+    camera = front_camera(640, 480)
+    with tempfile.TemporaryDirectory(prefix="splatreel-bench-") as folder:
+
+        def encode() -> None:
+            writer = ReelWriter(
+                Path(folder) / "reel",
+                fps=30,
+                group_length=frames,
+                overlap=0,
+                sh_degree=3,
+                bounds=np.array([[-2.0, -2, -2], [2, 2, 2]]),
+                up=np.array([0.0, -1, 0]),
+                camera=camera,
+                cameras=[camera],
+                config=EncodeConfig(),
+            )
+            writer.add_group(group)
+            writer.finish()
+
+        encoding = median_ms(encode, repeats)
+        decoding = median_ms(lambda: ReelReader(Path(folder) / "reel").group(0), repeats)
+        size = ReelReader(Path(folder) / "reel").manifest.groups[0].bytes
+    shape: Row = {"points": points, "frames": frames, "bytes": size}
+    return [{"what": "encode a group", **shape, "ms": encoding}, {"what": "decode a group", **shape, "ms": decoding}]
+
+
+def median_ms(work: Callable[[], object], repeats: int) -> float:
+    """Median wall time of `repeats` calls after one that is not counted (it may compile)."""
+    work()
+    times = []
+    for _ in range(repeats):
+        start = time.perf_counter()
+        work()
+        times.append(time.perf_counter() - start)
+    return round(1000 * float(np.median(times)), 3)
+
+
+def cloud(points: int, seed: int = 0) -> Gaussians:
+    """Random small Gaussians in a box in front of `front_camera`."""
+    rng = np.random.default_rng(seed)
+    quats = rng.normal(size=(points, 4))
+    return Gaussians(
+        means=rng.uniform(-1, 1, (points, 3)) * [1.6, 1.2, 1.0],
+        quats=quats / np.linalg.norm(quats, axis=1, keepdims=True),
+        scales=np.exp(rng.normal(-4.2, 0.5, (points, 3))),
+        opacities=rng.uniform(0.1, 1, points),
+        sh=rng.normal(0, 0.2, (points, 16, 3)),
+    )
+
+
+def front_camera(width: int, height: int) -> Camera:
+    """Looks at the cloud from four units away."""
+    viewmat = np.eye(4)
+    viewmat[2, 3] = 4
+    K = np.array([[width, 0, width / 2], [0, width, height / 2], [0, 0, 1]])
+    return Camera("front", viewmat, K, width, height)
+
+
+def swinging_group(points: int, frames: int) -> Group:
+    """The cloud, every point swinging by a tenth of a unit with the phase of its place."""
+    dynamic = cloud(points)
+    t = np.arange(frames)[:, None, None] / 30
+    dx = 0.1 * np.sin(2 * np.pi * t + 2 * dynamic.means[None])
+    dq = np.zeros((frames, points, 4))
+    dq[..., 0] = 1
+    dq[..., 1] = 0.1 * np.sin(2 * np.pi * t[..., 0] + dynamic.means[None, :, 0])
+    return Group(0, 0, dynamic, dx.astype(np.float32), dq.astype(np.float32), np.zeros(0, bool))

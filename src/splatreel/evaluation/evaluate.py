@@ -1,0 +1,162 @@
+"""Compare a reel, as decoded, with the cameras of its capture that training has not seen."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import asdict
+from pathlib import Path
+
+import numpy as np
+
+from splatreel.capture.base import Capture
+from splatreel.codec.manifest import Manifest
+from splatreel.codec.reader import ReelReader
+from splatreel.errors import UsageError
+from splatreel.evaluation import perceptual
+from splatreel.evaluation.memory import peak_memory_bytes
+from splatreel.evaluation.metrics import psnr, psnr_per_channel, ssim
+from splatreel.evaluation.pictures import comparison, write_png
+from splatreel.evaluation.report import Quality, Report
+from splatreel.evaluation.sizes import first_view_bytes, reel_bytes
+from splatreel.kernels.image import render_image
+from splatreel.play.timeline import Timeline
+from splatreel.progress import Progress, Silent
+from splatreel.scene.camera import Camera
+from splatreel.scene.gaussians import Gaussians
+
+CHUNK = 8
+"""Frames read from the capture at a time."""
+
+
+def evaluate(
+    reel: str | Path,
+    capture: Capture,
+    *,
+    cameras: Sequence[str] | None = None,
+    out: Path | None = None,
+    undecoded: Callable[[int], Gaussians] | None = None,
+    frames: Sequence[int] | None = None,
+    seconds: Mapping[str, float] | None = None,
+    device: str = "cpu",
+    progress: Progress | None = None,
+) -> Report:
+    """Render the decoded reel from held-out cameras and measure it; `out` gets report.json, report.md and pictures.
+
+    cameras: names, the capture's held-out ones by default. undecoded: frame -> the Gaussians before encoding,
+    for psnr_undecoded. frames: which, all that both have by default. seconds: wall time of earlier stages, and device, where
+    they ran: both only go into the report. The picture of each camera, truth | render | error, is of the middle frame.
+    Raises `UsageError` for cameras or frames that do not fit, and what reading the reel and the capture raises.
+    """
+    started = time.monotonic()
+    progress = progress or Silent()
+    reader = ReelReader(reel)
+    check_same_capture(reader.manifest, capture, str(reel))
+    views = choose_cameras(capture, cameras)
+    chosen = choose_frames(min(capture.frames, reader.frames), frames)
+    picture = chosen[len(chosen) // 2]
+    timeline, lpips = Timeline(reader), perceptual.load()
+    scores: dict[tuple[int, str], Quality] = {}
+    before: list[float] = []
+    progress.stage("evaluate", len(chosen))
+    for done, (frame, truths) in enumerate(read_frames(capture, chosen, [v.name for v in views]), 1):
+        gaussians = timeline.at(frame / reader.fps)
+        raw = undecoded(frame) if undecoded is not None else None
+        for view, truth in zip(views, truths, strict=True):
+            image = np.clip(render_image(gaussians, view), 0, 1)
+            scores[frame, view.name] = measure(image, truth, lpips)
+            if raw is not None:
+                before.append(psnr(np.clip(render_image(raw, view), 0, 1), truth))
+            if out is not None and frame == picture:
+                write_png(out / "pictures" / f"{view.name.replace('/', '_')}.png", comparison(truth, image))
+        progress.update(done, psnr=float(np.mean([q.psnr for q in scores.values()])))
+    spent = {**(seconds or {}), "evaluate": round(time.monotonic() - started, 3)}
+    report = summarise(reader, scores, before, views[0], spent, device)
+    if out is not None:
+        report.write(out)
+    return report
+
+
+def measure(image: np.ndarray, truth: np.ndarray, lpips: perceptual.Distance | None) -> Quality:
+    """All metrics of one image against its truth, both float32 [H, W, 3] 0..1."""
+    distance = lpips(image, truth) if lpips is not None else None
+    return Quality(psnr(image, truth), psnr_per_channel(image, truth), ssim(image, truth), distance)
+
+
+def summarise(
+    reader: ReelReader,
+    scores: dict[tuple[int, str], Quality],
+    before: list[float],
+    view: Camera,
+    seconds: dict[str, float],
+    device: str,
+) -> Report:
+    """The report of the scores by (frame, camera name)."""
+    frames = sorted({frame for frame, _ in scores})
+    names = list(dict.fromkeys(name for _, name in scores))
+    alive = [int(reader.group(g).alive.sum()) for g in range(len(reader.manifest.groups))]
+    total = reel_bytes(reader.manifest)
+    return Report(
+        **asdict(Quality.mean(list(scores.values()))),
+        psnr_undecoded=float(np.mean(before)) if before else None,
+        reel_bytes=total,
+        first_view_bytes=first_view_bytes(reader.manifest),
+        bytes_per_second=total / reader.duration,
+        seconds=seconds,
+        points_static=float(np.mean(alive)),
+        points_dynamic=float(np.mean([g.points for g in reader.manifest.groups])),
+        peak_memory_bytes=peak_memory_bytes(),
+        device=device,
+        frames=len(frames),
+        width=view.width,
+        height=view.height,
+        cameras=[{"name": n} | asdict(Quality.mean([scores[f, n] for f in frames])) for n in names],
+        per_frame=[{"frame": f} | asdict(Quality.mean([scores[f, n] for n in names])) for f in frames],
+    )
+
+
+def read_frames(capture: Capture, frames: list[int], names: list[str]):
+    """Yield (frame, float32 [C, H, W, 3] 0..1) for ascending frames, reading neighbours together."""
+    for first in range(0, len(frames), CHUNK):
+        chunk = frames[first : first + CHUNK]
+        together = chunk[-1] - chunk[0] + 1 == len(chunk)
+        images = capture.read(chunk[0], len(chunk), names) if together else None
+        for i, frame in enumerate(chunk):
+            truths = images[i] if images is not None else capture.read(frame, 1, names)[0]
+            yield frame, truths.astype(np.float32) / 255
+
+
+def choose_cameras(capture: Capture, names: Sequence[str] | None) -> list[Camera]:
+    """The cameras of those names, the held-out ones by default. Raises `UsageError` if there are none."""
+    names = capture.held_out if names is None else names
+    if not names:
+        raise UsageError(f"{capture.path}: no camera is held out. Name the cameras to evaluate: --cameras NAME,NAME.")
+    return [capture.camera(name) for name in names]
+
+
+def choose_frames(available: int, frames: Sequence[int] | None) -> list[int]:
+    """Frames in order, all available by default. Raises `UsageError` for one that is not there."""
+    chosen = list(range(available)) if frames is None else sorted(set(frames))
+    bad = [f for f in chosen if not 0 <= f < available]
+    if bad or not chosen:
+        raise UsageError(
+            f"Frames {bad or 'none'} cannot be evaluated: reel and capture share frames 0 to {available - 1}."
+        )
+    return chosen
+
+
+def check_same_capture(manifest: Manifest, capture: Capture, reel: str) -> None:
+    """Raise `UsageError` if the reel was made with other cameras than the capture's."""
+    known = {camera.name: camera for camera in capture.cameras}
+    for camera in manifest.cameras:
+        other = known.get(camera.name)
+        if other is None or not np.allclose(other.viewmat, camera.viewmat, atol=1e-4):
+            raise UsageError(
+                f"{reel}: was made with a camera {camera.name!r} that {capture.path} does not have in that place. "
+                "Give the capture that the reel was made from."
+            )
+
+
+def reel_width(reel: str | Path) -> int:
+    """Width in pixels of the images that the reel was made from."""
+    return ReelReader(reel).manifest.camera.width
