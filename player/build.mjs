@@ -1,0 +1,59 @@
+// Bundles the player into one folder of static files: node build.mjs [output folder].
+import { build } from "esbuild";
+import { copyFile, mkdir, readFile, rm, writeFile } from "node:fs/promises";
+import { dirname, join, resolve } from "node:path";
+import { fileURLToPath } from "node:url";
+
+const here = dirname(fileURLToPath(import.meta.url));
+const out = resolve(process.argv[2] ?? join(here, "../src/splatreel/play/static"));
+const packages = join(here, "node_modules");
+
+// The decoders stay separate files: a reel that does not need one never downloads it.
+const decoders = {
+  "draco-decode.js": "draco3d/draco_decoder_nodejs.js",
+  "draco_decoder.wasm": "draco3d/draco_decoder.wasm",
+  "hevc-decode.js": "@hevcjs/core/wasm/hevc-decode.js",
+  "hevc-decode.wasm": "@hevcjs/core/wasm/hevc-decode.wasm",
+};
+
+const common = {
+  absWorkingDir: here,
+  bundle: true,
+  minify: true,
+  target: "es2022",
+  charset: "utf8",
+  legalComments: "none",
+  loader: { ".css": "text", ".svg": "text" },
+  logLevel: "warning",
+};
+
+await rm(out, { recursive: true, force: true });
+await mkdir(out, { recursive: true });
+await build({ ...common, entryPoints: { player: "src/main.ts" }, format: "esm", outdir: out });
+await build({
+  ...common,
+  entryPoints: {
+    "decode-worker": "src/decode-worker.ts",
+    "hevc-worker": "src/hevc-worker.ts",
+    "sort-worker": "src/sort-worker.ts",
+  },
+  format: "iife",
+  outdir: out,
+});
+await copyFile(join(here, "src/index.html"), join(out, "index.html"));
+for (const [name, source] of Object.entries(decoders)) await copyFile(join(packages, source), join(out, name));
+await writeFile(join(out, "THIRD_PARTY.txt"), await notices());
+
+async function notices() {
+  const hevc = await readFile(join(packages, "@hevcjs/core/LICENSE"), "utf8");
+  return [
+    "The player in this folder is part of Splatreel (Apache-2.0). It carries two decoders of others:",
+    "",
+    "draco-decode.js, draco_decoder.wasm: npm package draco3d, Copyright The Draco Authors, Apache License 2.0.",
+    "https://www.apache.org/licenses/LICENSE-2.0",
+    "",
+    "hevc-decode.js, hevc-decode.wasm: npm package @hevcjs/core, under this licence:",
+    "",
+    hevc,
+  ].join("\n");
+}

@@ -1,0 +1,60 @@
+/** safetensors files with a `splatreel` header (docs/format.md). */
+import { ReelError } from "./errors";
+
+export interface Section {
+  codec: string;
+  [parameter: string]: unknown;
+}
+
+export interface Tensor {
+  dtype: string;
+  shape: number[];
+  bytes: Uint8Array;
+}
+
+export interface Container {
+  kind: "layer" | "group";
+  index: number;
+  points: number;
+  sections: Record<string, Section>;
+  tensors: Record<string, Tensor>;
+}
+
+const ITEM_BYTES: Record<string, number> = { U8: 1, I8: 1, BOOL: 1, U16: 2, I16: 2, F16: 2, U32: 4, I32: 4, F32: 4, F64: 8, I64: 8, U64: 8 };
+
+/** Split a file into its sections. Throws `ReelError` naming the file when it is damaged. */
+export function parseContainer(file: Uint8Array, name: string): Container {
+  const fail = (why: string): never => {
+    throw new ReelError(`${name} is damaged: ${why}. Reload, or encode the reel again.`);
+  };
+  if (file.byteLength < 8) fail("it is too short for a header");
+  const view = new DataView(file.buffer, file.byteOffset, file.byteLength);
+  const headerBytes = view.getUint32(0, true) + view.getUint32(4, true) * 2 ** 32;
+  if (headerBytes > file.byteLength - 8) fail("its header is cut off");
+  let header: Record<string, unknown> = {};
+  let meta: Record<string, unknown> = {};
+  try {
+    header = JSON.parse(new TextDecoder().decode(file.subarray(8, 8 + headerBytes)));
+    meta = JSON.parse((header.__metadata__ as Record<string, string>).splatreel);
+  } catch {
+    fail("its header cannot be read");
+  }
+  if (meta.version !== 1) throw new ReelError(`${name} has version ${JSON.stringify(meta.version)}; this player knows version 1.`);
+  const body = file.subarray(8 + headerBytes);
+  const tensors: Record<string, Tensor> = {};
+  for (const [key, value] of Object.entries(header)) {
+    if (key === "__metadata__") continue;
+    const { dtype, shape, data_offsets: offsets } = value as { dtype: string; shape: number[]; data_offsets: [number, number] };
+    const [begin, end] = offsets;
+    const size = shape.reduce((product, side) => product * side, ITEM_BYTES[dtype] ?? NaN);
+    if (!(begin >= 0 && end <= body.byteLength && end - begin === size)) fail(`section ${key} does not fit the file`);
+    tensors[key] = { dtype, shape, bytes: body.subarray(begin, end) };
+  }
+  return {
+    kind: meta.kind as "layer" | "group",
+    index: meta.index as number,
+    points: meta.points as number,
+    sections: (meta.sections ?? {}) as Record<string, Section>,
+    tensors,
+  };
+}

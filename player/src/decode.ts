@@ -1,0 +1,41 @@
+/** One file of a reel, decoded. */
+import { parseContainer } from "./container";
+import { flags, tensor } from "./dequantize";
+import { ReelError, messageOf } from "./errors";
+import { decodeGaussians, type DecodePoints, type Gaussians } from "./gaussians";
+import { decodeOffsets, type DecodeTrack, type Offsets } from "./offsets";
+
+export interface DecodedFile {
+  points: Gaussians;
+  /** Groups: [S] which static points of the layers born so far are alive. */
+  alive: Uint8Array;
+  /** Groups with dynamic points. */
+  offsets: Offsets | null;
+}
+
+/** Decode a layer or group file. Errors name the file. */
+export async function decodeFile(bytes: Uint8Array, name: string, decodePoints: DecodePoints, decodeTrack: DecodeTrack): Promise<DecodedFile> {
+  const file = parseContainer(bytes, name);
+  try {
+    const section = file.sections.offsets;
+    const [points, offsets, alive] = await Promise.all([
+      decodeGaussians(file, decodePoints),
+      section && file.points > 0 ? decodeOffsets(tensor(file, "offsets"), section, file.points, decodeTrack) : null,
+      file.sections.alive ? flags(file, "alive") : new Uint8Array(),
+    ]);
+    return { points, alive, offsets };
+  } catch (error) {
+    throw new ReelError(`${name} cannot be played: ${messageOf(error)}.`);
+  }
+}
+
+/** The buffers of a decoded file, to be handed to another thread without copying. */
+export function buffersOf(file: DecodedFile): ArrayBuffer[] {
+  const arrays: ArrayBufferView[] = [file.alive];
+  const collect = (value: object): void => {
+    for (const item of Object.values(value)) if (ArrayBuffer.isView(item)) arrays.push(item);
+  };
+  collect(file.points);
+  if (file.offsets) collect(file.offsets);
+  return [...new Set(arrays.map((array) => array.buffer as ArrayBuffer))];
+}

@@ -1,0 +1,83 @@
+/** `linear`, `vq` and `bits` sections: packed integers, deflated or not, back to numbers (docs/format.md). */
+import type { Container, Section } from "./container";
+import { ReelError } from "./errors";
+
+/** Bytes that `count` integers of `bits` bits are packed into. */
+export function packedSize(count: number, bits: number): number {
+  return bits > 8 ? count + Math.ceil((count * (bits - 8)) / 8) : Math.ceil((count * bits) / 8);
+}
+
+/** Integers [count] of 1 to 16 bits: the low bytes of all, then the bits above, without gaps, lowest bit first. */
+export function unpack(data: Uint8Array, bits: number, count: number): Uint16Array {
+  const result = new Uint16Array(count);
+  let shift = 0;
+  if (bits > 8) {
+    for (let i = 0; i < count; i++) result[i] = data[i];
+    data = data.subarray(count);
+    bits -= 8;
+    shift = 8;
+  }
+  const mask = (1 << bits) - 1;
+  for (let i = 0, bit = 0; i < count; i++, bit += bits) {
+    const at = bit >> 3;
+    const pair = data[at] | ((data[at + 1] ?? 0) << 8);
+    result[i] |= ((pair >> (bit & 7)) & mask) << shift;
+  }
+  return result;
+}
+
+/** Undo zlib where the section says so; the result must have exactly `size` bytes. */
+export async function inflate(data: Uint8Array, deflated: boolean, size: number): Promise<Uint8Array> {
+  if (deflated) {
+    const stream = new Blob([data as BlobPart]).stream().pipeThrough(new DecompressionStream("deflate"));
+    data = new Uint8Array(await new Response(stream).arrayBuffer());
+  }
+  if (data.byteLength !== size) throw new ReelError(`a section holds ${data.byteLength} bytes, expected ${size}`);
+  return data;
+}
+
+/** Integers [columns * rows] of a section, column by column. */
+export async function integers(file: Container, name: string, bits: number, count: number): Promise<Uint16Array> {
+  const plain = await inflate(tensor(file, name), file.sections[name].deflate === true, packedSize(count, bits));
+  return unpack(plain, bits, count);
+}
+
+/** Values [rows, columns] of a `linear` section. */
+export async function linear(file: Container, name: string, rows: number, columns: number): Promise<Float32Array> {
+  const section = sectionOf(file, name, "linear");
+  const bits = section.bits as number;
+  const low = section.min as number[];
+  const high = section.max as number[];
+  const q = await integers(file, name, bits, rows * columns);
+  const values = new Float32Array(rows * columns);
+  for (let c = 0; c < columns; c++) {
+    const step = (high[c] - low[c]) / ((1 << bits) - 1);
+    for (let r = 0; r < rows; r++) {
+      const value = low[c] + q[c * rows + r] * step;
+      values[r * columns + c] = section.log === true ? 2 ** value : value;
+    }
+  }
+  return values;
+}
+
+/** Flags [count], 0 or 1, of a `bits` section. */
+export async function flags(file: Container, name: string): Promise<Uint8Array> {
+  const count = sectionOf(file, name, "bits").count as number;
+  return Uint8Array.from(await integers(file, name, 1, count));
+}
+
+/** A section's parameters, if its codec is the one this player knows for it. */
+export function sectionOf(file: Container, name: string, codec: string): Section {
+  const section = file.sections[name];
+  if (!section) throw new ReelError(`it has no section ${name}`);
+  if (section.codec !== codec) {
+    throw new ReelError(`section ${name} has the codec ${section.codec}; this player knows ${codec}`);
+  }
+  return section;
+}
+
+export function tensor(file: Container, name: string): Uint8Array {
+  const found = file.tensors[name];
+  if (!found) throw new ReelError(`it has no data for section ${name}`);
+  return found.bytes;
+}

@@ -1,0 +1,142 @@
+/** manifest.json of a reel (docs/format.md): reading and checking. */
+import { ReelError, messageOf } from "./errors";
+import type { Vec3 } from "./matrix";
+
+/** A pinhole camera, OpenCV: K [9] in pixels and viewmat [16] world to camera, both row by row. */
+export interface Camera {
+  name: string;
+  width: number;
+  height: number;
+  K: number[];
+  viewmat: number[];
+}
+
+export interface ReelFile {
+  uri: string;
+  bytes: number;
+  firstFrame: number;
+  /** Frames the file holds; 0 for a layer. */
+  frames: number;
+  points: number;
+  /** The group at which a layer was born; a group's own index for groups. */
+  group: number;
+}
+
+export interface Manifest {
+  /** Absolute; the files' uris are relative to it. */
+  url: string;
+  live: boolean;
+  fps: number;
+  frames: number;
+  overlap: number;
+  shDegree: number;
+  bounds: [Vec3, Vec3];
+  up: Vec3;
+  camera: Camera;
+  cameras: Camera[];
+  layers: ReelFile[];
+  groups: ReelFile[];
+}
+
+type Json = Record<string, unknown>;
+
+/** Download and check a manifest. Throws `ReelError` with the url in its message. */
+export async function loadManifest(url: string): Promise<Manifest> {
+  let response: Response;
+  try {
+    response = await fetch(url, { cache: "no-cache" });
+  } catch (error) {
+    throw new ReelError(`Cannot reach ${url} (${messageOf(error)}). Check the address, the network and the host's CORS headers.`);
+  }
+  if (!response.ok) throw new ReelError(`${url} answered ${response.status} ${response.statusText}`.trim() + ".");
+  const text = await response.text();
+  let value: unknown;
+  try {
+    value = JSON.parse(text);
+  } catch {
+    throw new ReelError(`${url} is not a reel's manifest: it is not JSON.`);
+  }
+  return parseManifest(value, new URL(url, location.href).href);
+}
+
+/** Check a manifest's fields; unknown ones are ignored, an unknown version is an error. */
+export function parseManifest(value: unknown, url: string): Manifest {
+  const json = record(value, "the manifest");
+  if (json.format !== "splatreel") throw new ReelError(`${url} is not a reel: its format is ${JSON.stringify(json.format)}.`);
+  if (json.version !== 1) {
+    throw new ReelError(`${url} is a reel of version ${JSON.stringify(json.version)}; this player knows version 1.`);
+  }
+  const bounds = list(json.bounds, "bounds").map((corner) => numbers(corner, 3, "bounds") as Vec3);
+  if (bounds.length !== 2) throw new ReelError(`${url}: bounds needs two corners.`);
+  const groups = list(json.groups, "groups").map((item, index) => parseFile(item, index));
+  if (groups.length === 0) throw new ReelError(`${url} holds no group yet.`);
+  return {
+    url,
+    live: json.live === true,
+    fps: positive(json.fps, "fps"),
+    frames: positive(json.frames, "frames"),
+    overlap: number(json.overlap, "overlap"),
+    shDegree: number(json.sh_degree, "sh_degree"),
+    bounds: bounds as [Vec3, Vec3],
+    up: numbers(json.up, 3, "up") as Vec3,
+    camera: parseCamera(json.camera),
+    cameras: list(json.cameras ?? [], "cameras").map(parseCamera),
+    layers: list(json.layers, "layers").map((item, index) => parseFile(item, index)),
+    groups,
+  };
+}
+
+function parseFile(value: unknown, index: number): ReelFile {
+  const json = record(value, "a file");
+  if (typeof json.uri !== "string") throw new ReelError("The manifest names a file without a uri.");
+  return {
+    uri: json.uri,
+    bytes: number(json.bytes, "bytes"),
+    firstFrame: number(json.first_frame ?? 0, "first_frame"),
+    frames: number(json.frames ?? 0, "frames"),
+    points: number(json.points, "points"),
+    group: number(json.group ?? index, "group"),
+  };
+}
+
+function parseCamera(value: unknown): Camera {
+  const json = record(value, "a camera");
+  return {
+    name: String(json.name ?? ""),
+    width: positive(json.width, "camera width"),
+    height: positive(json.height, "camera height"),
+    K: numbers(json.K, 9, "camera K"),
+    viewmat: numbers(json.viewmat, 16, "camera viewmat"),
+  };
+}
+
+function record(value: unknown, what: string): Json {
+  if (typeof value !== "object" || value === null || Array.isArray(value)) {
+    throw new ReelError(`The manifest is damaged: ${what} is not an object.`);
+  }
+  return value as Json;
+}
+
+function list(value: unknown, what: string): unknown[] {
+  if (!Array.isArray(value)) throw new ReelError(`The manifest is damaged: ${what} is not a list.`);
+  return value;
+}
+
+function number(value: unknown, what: string): number {
+  if (typeof value !== "number" || !Number.isFinite(value)) {
+    throw new ReelError(`The manifest is damaged: ${what} is ${JSON.stringify(value)}, not a number.`);
+  }
+  return value;
+}
+
+function positive(value: unknown, what: string): number {
+  const result = number(value, what);
+  if (result <= 0) throw new ReelError(`The manifest is damaged: ${what} is ${result}.`);
+  return result;
+}
+
+function numbers(value: unknown, count: number, what: string): number[] {
+  const result = list(value, what).flat();
+  if (result.length !== count) throw new ReelError(`The manifest is damaged: ${what} has ${result.length} numbers, not ${count}.`);
+  return result.map((item) => number(item, what));
+}

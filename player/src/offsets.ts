@@ -1,0 +1,102 @@
+/** The `h265` offsets section: maps in three video tracks back to integers per frame and point (docs/format.md). */
+import type { Section } from "./container";
+import { ReelError } from "./errors";
+import { parseMp4, type Track } from "./mp4";
+
+/**
+ * Offsets as the integers they were stored as, one texel a point: the vertex stage undoes the quantisation.
+ * dx = dxMin + value * dxStep; dq = dqMin + value * dqStep, to be normalised.
+ */
+export interface Offsets {
+  frames: number;
+  /** [T, N, 4]; the fourth channel is unused. */
+  dx: Uint16Array;
+  /** [T, N, 4] wxyz */
+  dq: Uint8Array;
+  dxMin: number[];
+  dxStep: number[];
+  dqMin: number[];
+  dqStep: number[];
+}
+
+export type DecodeTrack = (track: Track) => Promise<Uint8Array>;
+
+const BLOCK = 16;
+
+export async function decodeOffsets(bytes: Uint8Array, section: Section, count: number, decodeTrack: DecodeTrack): Promise<Offsets> {
+  if (section.codec !== "h265") throw new ReelError(`its offsets have the codec ${section.codec}; this player knows h265`);
+  const { width, height } = section as unknown as { width: number; height: number };
+  const tracks = parseMp4(bytes);
+  [3, 3, 4].forEach((channels, i) => {
+    if (tracks[i]?.width !== channels * width || tracks[i].height !== height) throw new ReelError("its offset maps have the wrong size");
+  });
+  const frames = tracks[0].samples.length;
+  if (!tracks.every((track) => track.samples.length === frames)) throw new ReelError("its offset tracks differ in length");
+  const [high, low, rotation] = await Promise.all(tracks.slice(0, 3).map(decodeTrack));
+  const pixels = pixelsOf(count, width);
+  const range = (name: string, steps: number): { min: number[]; step: number[] } => {
+    const min = section[`${name}_min`] as number[];
+    return { min, step: (section[`${name}_max`] as number[]).map((max, i) => (max - min[i]) / steps) };
+  };
+  const dx = range("dx", 65535);
+  const dq = range("dq", 255);
+  return {
+    frames,
+    dx: joinBytes(high, low, pixels, width, height, frames, section.fold === true),
+    dq: gather(rotation, pixels, width, height, frames),
+    dxMin: dx.min,
+    dxStep: dx.step,
+    dqMin: dq.min,
+    dqStep: dq.step,
+  };
+}
+
+/** Where each point lies in a map of that width: Z-order in blocks of 16 x 16, blocks back and forth. Index [count]. */
+export function pixelsOf(count: number, width: number): Uint32Array {
+  const evenBits = (v: number): number => (v & 1) | ((v >> 1) & 2) | ((v >> 2) & 4) | ((v >> 3) & 8);
+  const columns = width / BLOCK;
+  return Uint32Array.from({ length: count }, (_, index) => {
+    const block = index >> 8;
+    const row = Math.floor(block / columns);
+    const column = row & 1 ? columns - 1 - (block % columns) : block % columns;
+    return (row * BLOCK + evenBits((index & 255) >> 1)) * width + column * BLOCK + evenBits(index & 255);
+  });
+}
+
+/** dx [T, N, 4] of the high and low bytes' pictures [T, height, 3 * width]. */
+function joinBytes(
+  high: Uint8Array, low: Uint8Array, pixels: Uint32Array, width: number, height: number, frames: number, fold: boolean,
+): Uint16Array {
+  const count = pixels.length;
+  const result = new Uint16Array(frames * count * 4);
+  for (let i = 0; i < count; i++) {
+    const y = Math.floor(pixels[i] / width);
+    const inPicture = pixels[i] + y * 2 * width;
+    for (let t = 0; t < frames; t++) {
+      const from = t * 3 * width * height + inPicture;
+      const to = 4 * (t * count + i);
+      for (let c = 0; c < 3; c++) {
+        const h = high[from + c * width];
+        const l = low[from + c * width];
+        result[to + c] = (h << 8) | (fold && h & 1 ? 255 - l : l);
+      }
+    }
+  }
+  return result;
+}
+
+/** Bytes [T, N, 4] of pictures [T, height, 4 * width]. */
+function gather(picture: Uint8Array, pixels: Uint32Array, width: number, height: number, frames: number): Uint8Array {
+  const count = pixels.length;
+  const result = new Uint8Array(frames * count * 4);
+  for (let i = 0; i < count; i++) {
+    const y = Math.floor(pixels[i] / width);
+    const inPicture = pixels[i] + y * 3 * width;
+    for (let t = 0; t < frames; t++) {
+      const from = t * 4 * width * height + inPicture;
+      const to = 4 * (t * count + i);
+      for (let c = 0; c < 4; c++) result[to + c] = picture[from + c * width];
+    }
+  }
+  return result;
+}

@@ -1,0 +1,286 @@
+/** Draws a reel's points in WebGL2. Knows nothing about time or downloads: it is told what to show. */
+import { ReelError } from "./errors";
+import { eyeOf } from "./matrix";
+import type { DecodedFile } from "./decode";
+import { projectFragment, projectVertex, splatFragment, splatVertex, TEXTURE_WIDTH } from "./shaders";
+import type { Scene } from "./sort-worker";
+import { PointTextures, rowsOf } from "./textures";
+import { staticFlags, staticWeights, type Shown } from "./timeline";
+
+/** A pinhole view: viewmat [16] world to camera row by row (OpenCV), lens in pixels of a width x height picture. */
+export interface View {
+  viewmat: number[];
+  fx: number;
+  fy: number;
+  cx: number;
+  cy: number;
+  width: number;
+  height: number;
+}
+
+export const NEAR = 0.01;
+
+/** Groups that fit into memory at a time: the shown one, its neighbours, and one to load into after a seek. */
+export const SLOTS = 4;
+
+export class Renderer {
+  private readonly gl: WebGL2RenderingContext;
+  private readonly project: Program;
+  private readonly splat: Program;
+  private readonly target: WebGLFramebuffer;
+  private readonly shape: WebGLTexture;
+  private readonly color: WebGLTexture;
+  private readonly quads: WebGLVertexArrayObject;
+  private readonly empty: WebGLVertexArrayObject;
+  private readonly order: WebGLBuffer;
+  private readonly layerRows: number[];
+  private readonly slotRows: number;
+  private readonly slots: (number | null)[] = Array(SLOTS).fill(null);
+  private readonly layers: PointTextures[] = [];
+  private readonly groups = new Map<number, { textures: PointTextures; alive: Uint8Array }>();
+  private flagsKey = "";
+  private drawn = 0;
+
+  /** layerPoints: points of each layer, in order. groupPoints: most dynamic points of any group. */
+  constructor(readonly canvas: HTMLCanvasElement, layerPoints: number[], groupPoints: number) {
+    const gl = canvas.getContext("webgl2", { alpha: false, antialias: false, depth: false, powerPreference: "high-performance" });
+    if (!gl) throw new ReelError("This browser or device offers no WebGL 2, which the player draws with.");
+    this.gl = gl;
+    this.project = new Program(gl, projectVertex, projectFragment);
+    this.splat = new Program(gl, splatVertex, splatFragment);
+    this.slotRows = rowsOf(groupPoints);
+    this.layerRows = [0];
+    for (const count of layerPoints) this.layerRows.push(this.layerRows.at(-1)! + rowsOf(count));
+    const rows = Math.max(this.layerRows.at(-1)! + SLOTS * this.slotRows, 1);
+    const most = gl.getParameter(gl.MAX_TEXTURE_SIZE) as number;
+    if (rows > most) throw new ReelError(`The reel has more points than this device draws (${rows * TEXTURE_WIDTH} of ${most * TEXTURE_WIDTH}).`);
+    this.shape = this.integerTexture(rows);
+    this.color = this.integerTexture(rows);
+    this.target = gl.createFramebuffer();
+    gl.bindFramebuffer(gl.FRAMEBUFFER, this.target);
+    gl.framebufferTexture2D(gl.FRAMEBUFFER, gl.COLOR_ATTACHMENT0, gl.TEXTURE_2D, this.shape, 0);
+    gl.framebufferTexture2D(gl.FRAMEBUFFER, gl.COLOR_ATTACHMENT1, gl.TEXTURE_2D, this.color, 0);
+    gl.drawBuffers([gl.COLOR_ATTACHMENT0, gl.COLOR_ATTACHMENT1]);
+    this.empty = gl.createVertexArray();
+    this.quads = gl.createVertexArray();
+    this.order = gl.createBuffer();
+    gl.bindVertexArray(this.quads);
+    gl.bindBuffer(gl.ARRAY_BUFFER, this.order);
+    gl.enableVertexAttribArray(0);
+    gl.vertexAttribIPointer(0, 1, gl.UNSIGNED_INT, 0, 0);
+    gl.vertexAttribDivisor(0, 1);
+  }
+
+  /** Upload a layer; returns the index of its first point in the draw order. */
+  addLayer(index: number, file: DecodedFile): number {
+    this.layers[index] = new PointTextures(this.gl, this.layerRows[index], file.points, null);
+    this.flagsKey = "";
+    return this.layerRows[index] * TEXTURE_WIDTH;
+  }
+
+  /** Upload a group into a free slot; returns the index of its first point in the draw order. */
+  addGroup(index: number, file: DecodedFile): number {
+    const slot = this.slots.indexOf(null);
+    if (slot < 0) throw new Error("No free slot: drop a group first.");
+    this.slots[slot] = index;
+    const firstRow = this.layerRows.at(-1)! + slot * this.slotRows;
+    const textures = new PointTextures(this.gl, firstRow, file.points, file.offsets);
+    this.groups.set(index, { textures, alive: file.alive });
+    return firstRow * TEXTURE_WIDTH;
+  }
+
+  dropGroup(index: number): void {
+    this.groups.get(index)?.textures.delete();
+    this.groups.delete(index);
+    const slot = this.slots.indexOf(index);
+    if (slot >= 0) this.slots[slot] = null;
+  }
+
+  /** Whether a scene's groups are in memory. */
+  holds(scene: Scene): boolean {
+    return [scene.current, scene.previous].every((shown) => shown === null || this.groups.has(shown.group));
+  }
+
+  /** Far-to-near order of points, as the sort worker gave it. */
+  setOrder(order: Uint32Array, count: number): void {
+    const { gl } = this;
+    gl.bindBuffer(gl.ARRAY_BUFFER, this.order);
+    gl.bufferData(gl.ARRAY_BUFFER, order, gl.DYNAMIC_DRAW, 0, count);
+    this.drawn = count;
+  }
+
+  /** Draw a scene. weight: of what is new in the current group. */
+  draw(scene: Scene, weight: number, view: View): void {
+    const { gl, canvas } = this;
+    if (canvas.width !== view.width || canvas.height !== view.height) [canvas.width, canvas.height] = [view.width, view.height];
+    this.updateFlags(scene);
+    this.projectPoints(scene, weight, view);
+    gl.bindFramebuffer(gl.FRAMEBUFFER, null);
+    gl.viewport(0, 0, view.width, view.height);
+    gl.clearColor(0, 0, 0, 1);
+    gl.clear(gl.COLOR_BUFFER_BIT);
+    this.splat.use();
+    this.splat.texture("uShape", 0, gl.TEXTURE_2D, this.shape);
+    this.splat.texture("uColor", 1, gl.TEXTURE_2D, this.color);
+    gl.uniform2f(this.splat.at("uSize"), view.width, view.height);
+    gl.bindVertexArray(this.quads);
+    gl.enable(gl.BLEND);
+    gl.blendFunc(gl.ONE, gl.ONE_MINUS_SRC_ALPHA);
+    gl.drawArraysInstanced(gl.TRIANGLE_STRIP, 0, 4, this.drawn);
+    gl.disable(gl.BLEND);
+  }
+
+  /** RGBA bytes of what was just drawn, top row first. */
+  readPixels(): Uint8Array {
+    const { gl, canvas } = this;
+    const { width, height } = canvas;
+    const bottomUp = new Uint8Array(4 * width * height);
+    gl.readPixels(0, 0, width, height, gl.RGBA, gl.UNSIGNED_BYTE, bottomUp);
+    const result = new Uint8Array(bottomUp.length);
+    for (let y = 0; y < height; y++) result.set(bottomUp.subarray(4 * width * y, 4 * width * (y + 1)), 4 * width * (height - 1 - y));
+    return result;
+  }
+
+  /** Free what the GPU holds; the context stays with the canvas. */
+  destroy(): void {
+    const { gl } = this;
+    for (const file of [...this.layers, ...[...this.groups.values()].map((group) => group.textures)]) file?.delete();
+    for (const texture of [this.shape, this.color]) gl.deleteTexture(texture);
+    for (const array of [this.quads, this.empty]) gl.deleteVertexArray(array);
+    gl.deleteFramebuffer(this.target);
+    gl.deleteBuffer(this.order);
+    this.project.delete();
+    this.splat.delete();
+  }
+
+  private updateFlags(scene: Scene): void {
+    const key = `${scene.layers} ${scene.current?.group} ${scene.previous?.group}`;
+    if (key === this.flagsKey) return;
+    this.flagsKey = key;
+    const layers = this.layers.slice(0, scene.layers);
+    const total = layers.reduce((sum, layer) => sum + layer.count, 0);
+    const now = scene.current ? this.groups.get(scene.current.group)!.alive : new Uint8Array(total).fill(1);
+    const flags = staticFlags(total, now, scene.previous ? this.groups.get(scene.previous.group)!.alive : null);
+    let first = 0;
+    for (const layer of layers) {
+      layer.setFlags(flags.subarray(first, first + layer.count));
+      first += layer.count;
+    }
+  }
+
+  private projectPoints(scene: Scene, weight: number, view: View): void {
+    const { gl, project } = this;
+    gl.bindFramebuffer(gl.FRAMEBUFFER, this.target);
+    gl.bindVertexArray(this.empty);
+    project.use();
+    setView(gl, project, view);
+    gl.uniform1i(project.at("uMoving"), 0);
+    gl.uniform4fv(project.at("uWeights"), staticWeights(weight));
+    for (const layer of this.layers.slice(0, scene.layers)) this.projectFile(layer);
+    gl.uniform1i(project.at("uMoving"), 1);
+    this.projectGroup(scene.current, weight);
+    this.projectGroup(scene.previous, 1 - weight);
+  }
+
+  private projectGroup(shown: Shown | null, weight: number): void {
+    const group = shown && this.groups.get(shown.group)!.textures;
+    if (!shown || !group || !group.range) return;
+    const { gl, project } = this;
+    const { frames, dxMin, dxStep, dqMin, dqStep } = group.range;
+    const low = Math.min(Math.floor(shown.frame), frames - 1);
+    gl.uniform2i(project.at("uFrames"), low, Math.min(low + 1, frames - 1));
+    gl.uniform1f(project.at("uBetween"), shown.frame - low);
+    gl.uniform3fv(project.at("uDxMin"), dxMin);
+    gl.uniform3fv(project.at("uDxStep"), dxStep);
+    gl.uniform4fv(project.at("uDqMin"), dqMin);
+    gl.uniform4fv(project.at("uDqStep"), dqStep);
+    gl.uniform4f(project.at("uWeights"), weight, 0, 0, 0);
+    this.projectFile(group);
+  }
+
+  /** One fragment a point of the file, into its rows of the target. */
+  private projectFile(file: PointTextures): void {
+    if (file.count === 0) return;
+    const { gl, project } = this;
+    project.texture("uPoints", 0, gl.TEXTURE_2D_ARRAY, file.points);
+    project.texture("uCodebook", 1, gl.TEXTURE_2D, file.codebook);
+    project.texture("uFlags", 2, gl.TEXTURE_2D, file.flags);
+    project.texture("uDx", 3, gl.TEXTURE_2D_ARRAY, file.dx);
+    project.texture("uDq", 4, gl.TEXTURE_2D_ARRAY, file.dq);
+    gl.uniform1i(project.at("uFirstRow"), file.firstRow);
+    gl.uniform1i(project.at("uCount"), file.count);
+    gl.uniform1i(project.at("uShDegree"), file.shDegree);
+    gl.viewport(0, file.firstRow, TEXTURE_WIDTH, rowsOf(file.count));
+    gl.drawArrays(gl.TRIANGLES, 0, 3);
+  }
+
+  private integerTexture(rows: number): WebGLTexture {
+    const { gl } = this;
+    const texture = gl.createTexture();
+    gl.bindTexture(gl.TEXTURE_2D, texture);
+    gl.texStorage2D(gl.TEXTURE_2D, 1, gl.RGBA32UI, TEXTURE_WIDTH, rows);
+    gl.texParameteri(gl.TEXTURE_2D, gl.TEXTURE_MIN_FILTER, gl.NEAREST);
+    gl.texParameteri(gl.TEXTURE_2D, gl.TEXTURE_MAG_FILTER, gl.NEAREST);
+    return texture;
+  }
+}
+
+/** Camera uniforms; the range is where the Jacobian is evaluated, 1.3 times the field of view as in 3DGS. */
+function setView(gl: WebGL2RenderingContext, program: Program, view: View): void {
+  const { viewmat: m, fx, fy, cx, cy, width, height } = view;
+  const marginX = (0.15 * width) / fx;
+  const marginY = (0.15 * height) / fy;
+  gl.uniformMatrix4fv(program.at("uView"), true, m);
+  gl.uniform3fv(program.at("uEye"), eyeOf(m));
+  gl.uniform4f(program.at("uLens"), fx, fy, cx, cy);
+  gl.uniform4f(program.at("uRange"), -cx / fx - marginX, (width - cx) / fx + marginX, -cy / fy - marginY, (height - cy) / fy + marginY);
+  gl.uniform2f(program.at("uSize"), width, height);
+  gl.uniform1f(program.at("uNear"), NEAR);
+}
+
+class Program {
+  private readonly program: WebGLProgram;
+  private readonly locations = new Map<string, WebGLUniformLocation | null>();
+
+  constructor(private readonly gl: WebGL2RenderingContext, vertex: string, fragment: string) {
+    this.program = gl.createProgram();
+    const stages = [compile(gl, gl.VERTEX_SHADER, vertex), compile(gl, gl.FRAGMENT_SHADER, fragment)];
+    for (const stage of stages) gl.attachShader(this.program, stage);
+    gl.linkProgram(this.program);
+    for (const stage of stages) gl.deleteShader(stage);
+    if (!gl.getProgramParameter(this.program, gl.LINK_STATUS) && !gl.isContextLost()) {
+      throw new ReelError(`This device's graphics driver refuses the player's shaders: ${gl.getProgramInfoLog(this.program)}`);
+    }
+  }
+
+  use(): void {
+    this.gl.useProgram(this.program);
+  }
+
+  at(name: string): WebGLUniformLocation | null {
+    let location = this.locations.get(name);
+    if (location === undefined) this.locations.set(name, (location = this.gl.getUniformLocation(this.program, name)));
+    return location;
+  }
+
+  texture(name: string, unit: number, target: number, texture: WebGLTexture | null): void {
+    const { gl } = this;
+    gl.activeTexture(gl.TEXTURE0 + unit);
+    gl.bindTexture(target, texture);
+    gl.uniform1i(this.at(name), unit);
+  }
+
+  delete(): void {
+    this.gl.deleteProgram(this.program);
+  }
+}
+
+function compile(gl: WebGL2RenderingContext, type: number, source: string): WebGLShader {
+  const shader = gl.createShader(type)!;
+  gl.shaderSource(shader, source);
+  gl.compileShader(shader);
+  if (!gl.getShaderParameter(shader, gl.COMPILE_STATUS) && !gl.isContextLost()) {
+    throw new ReelError(`This device's graphics driver refuses the player's shaders: ${gl.getShaderInfoLog(shader)}`);
+  }
+  return shader;
+}

@@ -1,0 +1,65 @@
+/** The page's side of the sort worker: one request at a time, buffers handed back and forth. */
+import { startWorker } from "./assets";
+import type { DecodedFile } from "./decode";
+import { NEAR, type View } from "./renderer";
+import type { Scene, SortMessage, SortReply } from "./sort-worker";
+
+export class Sorter {
+  private readonly worker = startWorker("sort-worker.js");
+  private waiting: ((reply: SortReply) => void) | null = null;
+  private spare: Uint32Array | null = null;
+
+  constructor(onError: (message: string) => void) {
+    this.worker.onmessage = ({ data }: MessageEvent<SortReply>) => {
+      const resolve = this.waiting;
+      this.waiting = null;
+      resolve?.(data);
+    };
+    this.worker.onerror = (event) => onError(`Sorting failed (${event.message}).`);
+  }
+
+  get busy(): boolean {
+    return this.waiting !== null;
+  }
+
+  /** Hand over a layer's positions; base is its first point in the draw order. */
+  addLayer(index: number, base: number, file: DecodedFile): void {
+    const { means } = file.points;
+    this.post({ type: "layer", index, layer: { base, means } }, [means.buffer as ArrayBuffer]);
+  }
+
+  /** Hand over a group's positions and offsets, which leave this thread; what is alive in it is copied. */
+  addGroup(index: number, base: number, file: DecodedFile): void {
+    const { means } = file.points;
+    const { dx, dxMin, dxStep, frames } = file.offsets ?? { dx: new Uint16Array(), dxMin: [0, 0, 0], dxStep: [0, 0, 0], frames: 1 };
+    const group = { base, means, frames, dx, dxMin, dxStep, alive: file.alive };
+    this.post({ type: "group", index, group }, [means.buffer as ArrayBuffer, dx.buffer as ArrayBuffer]);
+  }
+
+  dropGroup(index: number): void {
+    this.post({ type: "drop", index });
+  }
+
+  /** The far-to-near order of a scene. Only while not busy; give the order back with `recycle`. */
+  sort(scene: Scene, view: View): Promise<SortReply> {
+    const [, , , , , , , , x, y, z, w] = view.viewmat;
+    const buffer = this.spare;
+    this.spare = null;
+    return new Promise((resolve) => {
+      this.waiting = resolve;
+      this.post({ type: "sort", scene, axis: [x, y, z, w], near: NEAR, buffer }, buffer ? [buffer.buffer as ArrayBuffer] : []);
+    });
+  }
+
+  recycle(order: Uint32Array): void {
+    this.spare = order;
+  }
+
+  destroy(): void {
+    this.worker.terminate();
+  }
+
+  private post(message: SortMessage, transfer: Transferable[] = []): void {
+    this.worker.postMessage(message, transfer);
+  }
+}

@@ -1,0 +1,318 @@
+var Le=Math.PI,Fe=60;function se(s,e,t,r){let i=new Map,n=[0,0],o=0,a=c=>{i.set(c.pointerId,{x:c.clientX,y:c.clientY,pan:c.button!==0||c.shiftKey}),s.setPointerCapture(c.pointerId),e()?.flick(0,0),n=[0,0]},l=c=>{let v=i.get(c.pointerId),p=e();if(!v||!p)return;let g=c.clientX-v.x,y=c.clientY-v.y;if(i.size===1&&!v.pan){let D=Le/Math.max(Math.min(s.clientWidth,s.clientHeight),1);p.orbit(g*D,y*D);let re=Math.max((c.timeStamp-o)/1e3,.004),ie=(Me,Se)=>.6*Me+.4*Se;n=[ie(n[0],g*D/re),ie(n[1],y*D/re)]}else i.size>1&&p.zoom(ne(i)/ne(i,c)),p.pan(g/i.size,y/i.size,t());o=c.timeStamp,[v.x,v.y]=[c.clientX,c.clientY],r()},u=c=>{let v=i.get(c.pointerId);i.delete(c.pointerId),v&&!v.pan&&i.size===0&&c.timeStamp-o<Fe&&e()?.flick(...n),r()},m=c=>{c.preventDefault();let v=c.deltaMode===WheelEvent.DOM_DELTA_LINE?16:1;e()?.zoom(Math.exp(Math.min(Math.max(c.deltaY*v,-200),200)*.0015)),r()},h=c=>c.preventDefault();return s.addEventListener("pointerdown",a),s.addEventListener("pointermove",l),s.addEventListener("pointerup",u),s.addEventListener("pointercancel",u),s.addEventListener("wheel",m,{passive:!1}),s.addEventListener("contextmenu",h),()=>{s.removeEventListener("pointerdown",a),s.removeEventListener("pointermove",l),s.removeEventListener("pointerup",u),s.removeEventListener("pointercancel",u),s.removeEventListener("wheel",m),s.removeEventListener("contextmenu",h)}}function ne(s,e){let t=[...s].map(([n,o])=>e&&n===e.pointerId?{x:e.clientX,y:e.clientY}:o),r=t.reduce((n,o)=>n+o.x,0)/t.length,i=t.reduce((n,o)=>n+o.y,0)/t.length;return Math.max(t.reduce((n,o)=>n+Math.hypot(o.x-r,o.y-i),0)/t.length,1)}var x=(s,e)=>[s[0]+e[0],s[1]+e[1],s[2]+e[2]],E=(s,e)=>[s[0]-e[0],s[1]-e[1],s[2]-e[2]],b=(s,e)=>[s[0]*e,s[1]*e,s[2]*e],R=(s,e)=>s[0]*e[0]+s[1]*e[1]+s[2]*e[2],k=s=>Math.sqrt(R(s,s));function _(s,e){return[s[1]*e[2]-s[2]*e[1],s[2]*e[0]-s[0]*e[2],s[0]*e[1]-s[1]*e[0]]}function U(s){let e=k(s);return e>1e-12?b(s,1/e):[0,0,1]}function Y(s,e,t){let r=Math.cos(t),i=Math.sin(t),n=R(e,s)*(1-r);return x(x(b(s,r),b(_(e,s),i)),b(e,n))}function oe(s,e,t,r){let i=n=>[...n,-R(n,s)];return[...i(e),...i(t),...i(r),0,0,0,1]}function A(s){let e=t=>-(s[t]*s[3]+s[4+t]*s[7]+s[8+t]*s[11]);return[e(0),e(1),e(2)]}var De=6,ae=.1,P=class{up;home;extent;homePivot;pivot=[0,0,0];eye=[0,0,0];right=[1,0,0];down=[0,1,0];forward=[0,0,1];spin=[0,0];constructor(e){let[t,r]=e.bounds,i=b(x(t,r),.5);this.up=U(e.up),this.home=e.camera,this.extent=Math.max(k(E(r,t)),1e-6);let n=this.home.viewmat,o=A(n),a=[n[8],n[9],n[10]],l=R(E(i,o),a);this.homePivot=x(o,b(a,l>.05*this.extent?l:.5*this.extent)),this.reset()}reset(){this.moveTo(this.home.viewmat,this.homePivot)}get viewmat(){return oe(this.eye,this.right,this.down,this.forward)}set viewmat(e){let t=k(E(this.pivot,this.eye));this.moveTo(e,x(A(e),b([e[8],e[9],e[10]],t)))}orbit(e,t){let r=Math.acos(Math.min(Math.max(R(this.forward,this.up),-1),1)),i=Math.min(Math.max(-t,Math.min(r-Math.PI+ae,0)),Math.max(r-ae,0)),n=a=>Y(Y(a,this.right,i),this.up,-e),o=n(E(this.eye,this.pivot));[this.right,this.down,this.forward]=[n(this.right),n(this.down),n(this.forward)],this.forward=U(this.forward),this.right=U(_(this.down,this.forward)),this.down=_(this.forward,this.right),this.eye=x(this.pivot,o)}pan(e,t,r){let i=k(E(this.pivot,this.eye))/r,n=x(b(this.right,-e*i),b(this.down,-t*i));this.eye=x(this.eye,n),this.pivot=x(this.pivot,n)}zoom(e){let t=E(this.eye,this.pivot),r=k(t),i=Math.min(Math.max(r*e,.01*this.extent),Math.max(5*this.extent,r));this.eye=x(this.pivot,b(t,i/r))}flick(e,t){this.spin=[e,t]}step(e){let[t,r]=this.spin;if(Math.hypot(t,r)<.02)return!1;this.orbit(t*e,r*e);let i=Math.exp(-De*e);return this.spin=[t*i,r*i],!0}view(e,t){let{K:r,width:i,height:n}=this.home,o=Math.min(e/i,t/n),a=Math.max(e/i,t/n),l=Math.min(a,1.4*o);return{viewmat:this.viewmat,fx:r[0]*l,fy:r[4]*l,cx:e/2+(r[2]-i/2)*l,cy:t/2+(r[5]-n/2)*l,width:e,height:t}}moveTo(e,t){this.eye=A(e),[this.right,this.down,this.forward]=[[e[0],e[1],e[2]],[e[4],e[5],e[6]],[e[8],e[9],e[10]]],this.pivot=t,this.spin=[0,0]}};var d=class extends Error{name="ReelError"};function V(s){return s instanceof Error?s.message:String(s)}async function ce(s){let e;try{e=await fetch(s,{cache:"no-cache"})}catch(i){throw new d(`Cannot reach ${s} (${V(i)}). Check the address, the network and the host's CORS headers.`)}if(!e.ok)throw new d(`${s} answered ${e.status} ${e.statusText}`.trim()+".");let t=await e.text(),r;try{r=JSON.parse(t)}catch{throw new d(`${s} is not a reel's manifest: it is not JSON.`)}return _e(r,new URL(s,location.href).href)}function _e(s,e){let t=K(s,"the manifest");if(t.format!=="splatreel")throw new d(`${e} is not a reel: its format is ${JSON.stringify(t.format)}.`);if(t.version!==1)throw new d(`${e} is a reel of version ${JSON.stringify(t.version)}; this player knows version 1.`);let r=M(t.bounds,"bounds").map(n=>C(n,3,"bounds"));if(r.length!==2)throw new d(`${e}: bounds needs two corners.`);let i=M(t.groups,"groups").map((n,o)=>le(n,o));if(i.length===0)throw new d(`${e} holds no group yet.`);return{url:e,live:t.live===!0,fps:z(t.fps,"fps"),frames:z(t.frames,"frames"),overlap:w(t.overlap,"overlap"),shDegree:w(t.sh_degree,"sh_degree"),bounds:r,up:C(t.up,3,"up"),camera:ue(t.camera),cameras:M(t.cameras??[],"cameras").map(ue),layers:M(t.layers,"layers").map((n,o)=>le(n,o)),groups:i}}function le(s,e){let t=K(s,"a file");if(typeof t.uri!="string")throw new d("The manifest names a file without a uri.");return{uri:t.uri,bytes:w(t.bytes,"bytes"),firstFrame:w(t.first_frame??0,"first_frame"),frames:w(t.frames??0,"frames"),points:w(t.points,"points"),group:w(t.group??e,"group")}}function ue(s){let e=K(s,"a camera");return{name:String(e.name??""),width:z(e.width,"camera width"),height:z(e.height,"camera height"),K:C(e.K,9,"camera K"),viewmat:C(e.viewmat,16,"camera viewmat")}}function K(s,e){if(typeof s!="object"||s===null||Array.isArray(s))throw new d(`The manifest is damaged: ${e} is not an object.`);return s}function M(s,e){if(!Array.isArray(s))throw new d(`The manifest is damaged: ${e} is not a list.`);return s}function w(s,e){if(typeof s!="number"||!Number.isFinite(s))throw new d(`The manifest is damaged: ${e} is ${JSON.stringify(s)}, not a number.`);return s}function z(s,e){let t=w(s,e);if(t<=0)throw new d(`The manifest is damaged: ${e} is ${t}.`);return t}function C(s,e,t){let r=M(s,t).flat();if(r.length!==e)throw new d(`The manifest is damaged: ${t} has ${r.length} numbers, not ${e}.`);return r.map(i=>w(i,t))}var he=`#version 300 es
+void main() {
+  // One triangle that covers the viewport.
+  gl_Position = vec4(vec2(gl_VertexID & 1, gl_VertexID >> 1) * 4.0 - 1.0, 0.0, 1.0);
+}`,de=`#version 300 es
+precision highp float;
+precision highp int;
+uniform highp usampler2DArray uPoints;
+uniform highp sampler2D uCodebook;
+uniform highp usampler2D uFlags;
+uniform highp usampler2DArray uDx;
+uniform highp usampler2DArray uDq;
+uniform int uFirstRow;
+uniform int uCount;
+uniform int uShDegree;
+uniform bool uMoving;
+uniform ivec2 uFrames;
+uniform float uBetween;
+uniform vec3 uDxMin, uDxStep;
+uniform vec4 uDqMin, uDqStep;
+uniform vec4 uWeights;
+uniform mat4 uView;
+uniform vec3 uEye;
+uniform vec4 uLens;
+uniform vec4 uRange;
+uniform vec2 uSize;
+uniform float uNear;
+layout(location = 0) out uvec4 outShape;
+layout(location = 1) out uvec4 outColor;
+
+const float BLUR = 0.3;
+
+mat3 rotationOf(vec4 q) {
+  float w = q.x, x = q.y, y = q.z, z = q.w;
+  return mat3(
+    1.0 - 2.0 * (y * y + z * z), 2.0 * (x * y + w * z), 2.0 * (x * z - w * y),
+    2.0 * (x * y - w * z), 1.0 - 2.0 * (x * x + z * z), 2.0 * (y * z + w * x),
+    2.0 * (x * z + w * y), 2.0 * (y * z - w * x), 1.0 - 2.0 * (x * x + y * y));
+}
+
+vec4 multiply(vec4 a, vec4 b) {
+  return vec4(a.x * b.x - dot(a.yzw, b.yzw), a.x * b.yzw + b.x * a.yzw + cross(a.yzw, b.yzw));
+}
+
+vec3 movedBy(ivec2 at) {
+  vec3 low = vec3(texelFetch(uDx, ivec3(at, uFrames.x), 0).xyz);
+  vec3 high = vec3(texelFetch(uDx, ivec3(at, uFrames.y), 0).xyz);
+  return uDxMin + uDxStep * mix(low, high, uBetween);
+}
+
+vec4 turnedBy(ivec2 at) {
+  vec4 low = normalize(uDqMin + uDqStep * vec4(texelFetch(uDq, ivec3(at, uFrames.x), 0)));
+  vec4 high = normalize(uDqMin + uDqStep * vec4(texelFetch(uDq, ivec3(at, uFrames.y), 0)));
+  return normalize(mix(low, dot(low, high) < 0.0 ? -high : high, uBetween));
+}
+
+/** Coefficients 1..15 of an entry, in the 3DGS order. */
+vec3 rest(vec4 entry[12], int i) {
+  int at = 3 * i;
+  return vec3(entry[at >> 2][at & 3], entry[(at + 1) >> 2][(at + 1) & 3], entry[(at + 2) >> 2][(at + 2) & 3]);
+}
+
+vec3 viewDependent(int index, vec3 d) {
+  vec4 entry[12];
+  ivec2 at = ivec2((index & 63) * 12, index >> 6);
+  int used = uShDegree == 1 ? 3 : uShDegree == 2 ? 6 : 12;
+  for (int i = 0; i < 12; i++) entry[i] = i < used ? texelFetch(uCodebook, at + ivec2(i, 0), 0) : vec4(0.0);
+  float x = d.x, y = d.y, z = d.z;
+  vec3 color = 0.4886025119029199 * (-y * rest(entry, 0) + z * rest(entry, 1) - x * rest(entry, 2));
+  if (uShDegree < 2) return color;
+  float xx = x * x, yy = y * y, zz = z * z;
+  color += 1.0925484305920792 * (x * y * rest(entry, 3) - y * z * rest(entry, 4) - x * z * rest(entry, 6))
+    + 0.31539156525252005 * (2.0 * zz - xx - yy) * rest(entry, 5)
+    + 0.5462742152960396 * (xx - yy) * rest(entry, 7);
+  if (uShDegree < 3) return color;
+  return color - 0.5900435899266435 * y * (3.0 * xx - yy) * rest(entry, 8)
+    + 2.890611442640554 * x * y * z * rest(entry, 9)
+    - 0.4570457994644658 * y * (4.0 * zz - xx - yy) * rest(entry, 10)
+    + 0.3731763325901154 * z * (2.0 * zz - 3.0 * xx - 3.0 * yy) * rest(entry, 11)
+    - 0.4570457994644658 * x * (4.0 * zz - xx - yy) * rest(entry, 12)
+    + 1.445305721320277 * z * (xx - yy) * rest(entry, 13)
+    - 0.5900435899266435 * x * (xx - 3.0 * yy) * rest(entry, 14);
+}
+
+void main() {
+  outShape = uvec4(0u);
+  outColor = uvec4(0u);
+  ivec2 at = ivec2(gl_FragCoord.xy) - ivec2(0, uFirstRow);
+  if (at.y * 1024 + at.x >= uCount) return;
+  float weight = uMoving ? uWeights.x : uWeights[texelFetch(uFlags, at, 0).x];
+  if (weight <= 0.0) return;
+
+  uvec4 p0 = texelFetch(uPoints, ivec3(at, 0), 0);
+  uvec4 p1 = texelFetch(uPoints, ivec3(at, 1), 0);
+  uvec4 p2 = texelFetch(uPoints, ivec3(at, 2), 0);
+  vec3 mean = uintBitsToFloat(p0.xyz);
+  vec3 scale = uintBitsToFloat(p1.xyz);
+  vec2 opacityAndRed = unpackHalf2x16(p1.w);
+  vec4 quat = vec4(unpackHalf2x16(p2.x), unpackHalf2x16(p2.y));
+  vec3 color = vec3(opacityAndRed.y, unpackHalf2x16(p2.z));
+  if (uMoving) {
+    mean += movedBy(at);
+    quat = multiply(quat, turnedBy(at));
+  }
+  // Faded in optical depth: two coinciding points of weights w and 1 - w absorb what one does.
+  float opacity = 1.0 - pow(1.0 - min(opacityAndRed.x, 0.9999), weight);
+  if (opacity < 1.0 / 255.0) return;
+
+  vec3 camera = (uView * vec4(mean, 1.0)).xyz;
+  if (camera.z < uNear) return;
+  vec2 slope = clamp(camera.xy / camera.z, uRange.xz, uRange.yw);
+  vec2 focal = uLens.xy / camera.z;
+  // Rows of the projection's Jacobian times the world-to-camera rotation, then times rotation and scales.
+  mat3 view = transpose(mat3(uView));
+  mat3 turn = rotationOf(normalize(quat));
+  vec3 a = (focal.x * (view[0] - slope.x * view[2])) * turn * scale;
+  vec3 b = (focal.y * (view[1] - slope.y * view[2])) * turn * scale;
+  float xx = dot(a, a) + BLUR;
+  float yy = dot(b, b) + BLUR;
+  float xy = dot(a, b);
+
+  // Axes of the ellipse where alpha falls to 1/255.
+  float middle = 0.5 * (xx + yy);
+  float spread = length(vec2(0.5 * (xx - yy), xy));
+  float major = middle + spread;
+  float minor = max(middle - spread, 0.0);
+  vec2 direction = abs(xy) < 1e-6 * major ? (xx >= yy ? vec2(1, 0) : vec2(0, 1)) : normalize(vec2(xy, major - xx));
+  float extent = sqrt(2.0 * log(255.0 * opacity));
+  vec2 axis = direction * sqrt(major) * extent;
+  vec2 other = vec2(-direction.y, direction.x) * sqrt(minor) * extent;
+
+  vec2 center = focal * camera.xy + uLens.zw;
+  vec2 reach = abs(axis) + abs(other);
+  if (any(lessThan(center + reach, vec2(0.0))) || any(greaterThan(center - reach, uSize))) return;
+  color *= 0.28209479177387814;
+  if (uShDegree > 0) color += viewDependent(int(p0.w), normalize(mean - uEye));
+  color = max(color + 0.5, 0.0);
+  outShape = uvec4(floatBitsToUint(center), packHalf2x16(axis), packHalf2x16(other));
+  outColor = uvec4(packHalf2x16(color.rg), packHalf2x16(vec2(color.b, opacity)), floatBitsToUint(extent), 0u);
+}`,pe=`#version 300 es
+precision highp float;
+precision highp int;
+uniform highp usampler2D uShape;
+uniform highp usampler2D uColor;
+uniform vec2 uSize;
+layout(location = 0) in uint aPoint;
+out vec2 vAt;
+flat out vec4 vColor;
+void main() {
+  ivec2 at = ivec2(int(aPoint) % 1024, int(aPoint) / 1024);
+  uvec4 color = texelFetch(uColor, at, 0);
+  float extent = uintBitsToFloat(color.z);
+  if (extent <= 0.0) {
+    gl_Position = vec4(2.0, 2.0, 0.0, 1.0);
+    return;
+  }
+  uvec4 shape = texelFetch(uShape, at, 0);
+  vec2 corner = vec2(gl_VertexID & 1, gl_VertexID >> 1) * 2.0 - 1.0;
+  vec2 pixel = uintBitsToFloat(shape.xy) + corner.x * unpackHalf2x16(shape.z) + corner.y * unpackHalf2x16(shape.w);
+  gl_Position = vec4(pixel / uSize * vec2(2.0, -2.0) + vec2(-1.0, 1.0), 0.0, 1.0);
+  vAt = corner * extent;
+  vColor = vec4(unpackHalf2x16(color.x), unpackHalf2x16(color.y));
+}`,me=`#version 300 es
+precision highp float;
+in vec2 vAt;
+flat in vec4 vColor;
+out vec4 outColor;
+void main() {
+  float alpha = min(0.999, vColor.a * exp(-0.5 * dot(vAt, vAt)));
+  if (alpha < 1.0 / 255.0) discard;
+  outColor = vec4(vColor.rgb * alpha, alpha);
+}`;function T(s){return Math.ceil(s/1024)}var S=class{constructor(e,t,r,i){this.gl=e;this.firstRow=t;this.count=r.count,this.shDegree=r.shDegree,r.count!==0&&(this.points=this.uploadPoints(r),r.shDegree>0&&(this.codebook=this.uploadCodebook(r.codebook,3*((r.shDegree+1)**2-1))),i&&(this.range=i,this.dx=this.uploadFrames(i.dx,i.frames,e.RGBA16UI,e.UNSIGNED_SHORT),this.dq=this.uploadFrames(i.dq,i.frames,e.RGBA8UI,e.UNSIGNED_BYTE)))}gl;firstRow;count;shDegree;points=null;codebook=null;range=null;flags=null;dx=null;dq=null;setFlags(e){if(this.count===0)return;let{gl:t}=this,r=T(this.count),i=new Uint8Array(r*1024);i.set(e),this.flags===null&&(this.flags=this.create(t.TEXTURE_2D),t.texStorage2D(t.TEXTURE_2D,1,t.R8UI,1024,r)),t.bindTexture(t.TEXTURE_2D,this.flags),t.pixelStorei(t.UNPACK_ALIGNMENT,1),t.texSubImage2D(t.TEXTURE_2D,0,0,0,1024,r,t.RED_INTEGER,t.UNSIGNED_BYTE,i)}delete(){for(let e of[this.points,this.codebook,this.flags,this.dx,this.dq])this.gl.deleteTexture(e)}uploadPoints(e){let{gl:t}=this,r=T(e.count),i=r*1024*4,n=new Uint32Array(3*i),o=new Float32Array(n.buffer),{means:a,quats:l,scales:u,opacities:m,shBase:h,shRest:c}=e;for(let p=0;p<e.count;p++){let g=4*p;for(let y=0;y<3;y++)o[g+y]=a[3*p+y];n[g+3]=c[p],g+=i;for(let y=0;y<3;y++)o[g+y]=u[3*p+y];n[g+3]=N(m[p],h[3*p]),g+=i,n[g]=N(l[4*p],l[4*p+1]),n[g+1]=N(l[4*p+2],l[4*p+3]),n[g+2]=N(h[3*p+1],h[3*p+2])}let v=this.create(t.TEXTURE_2D_ARRAY);return t.texStorage3D(t.TEXTURE_2D_ARRAY,1,t.RGBA32UI,1024,r,3),t.texSubImage3D(t.TEXTURE_2D_ARRAY,0,0,0,0,1024,r,3,t.RGBA_INTEGER,t.UNSIGNED_INT,n),v}uploadCodebook(e,t){let{gl:r}=this,i=e.length/t,n=Math.ceil(i/64),o=768,a=new Float32Array(n*o*4);for(let u=0;u<i;u++)a.set(e.subarray(u*t,(u+1)*t),u*12*4);let l=this.create(r.TEXTURE_2D);return r.texStorage2D(r.TEXTURE_2D,1,r.RGBA16F,o,n),r.texSubImage2D(r.TEXTURE_2D,0,0,0,o,n,r.RGBA,r.FLOAT,a),l}uploadFrames(e,t,r,i){let{gl:n,count:o}=this,a=this.create(n.TEXTURE_2D_ARRAY);n.texStorage3D(n.TEXTURE_2D_ARRAY,1,r,1024,T(o),t),n.pixelStorei(n.UNPACK_ALIGNMENT,1);let l=Math.floor(o/1024),u=o-l*1024,m=(h,c,v,p)=>{let g=4*(h*o+c*1024),y=e.subarray(g,g+4*v*p);n.texSubImage3D(n.TEXTURE_2D_ARRAY,0,0,c,h,v,p,1,n.RGBA_INTEGER,i,y)};for(let h=0;h<t;h++)l>0&&m(h,0,1024,l),u>0&&m(h,l,u,1);return a}create(e){let{gl:t}=this,r=t.createTexture();t.bindTexture(e,r);for(let i of[t.TEXTURE_MIN_FILTER,t.TEXTURE_MAG_FILTER])t.texParameteri(e,i,t.NEAREST);for(let i of[t.TEXTURE_WRAP_S,t.TEXTURE_WRAP_T])t.texParameteri(e,i,t.CLAMP_TO_EDGE);return r}},ye=new Float32Array(1),Ue=new Uint32Array(ye.buffer);function ge(s){ye[0]=s;let e=Ue[0],t=e>>>16&32768,r=e&2147483647;return r>=1199570944?t|31743:r<947912704?t|Math.round(Math.abs(s)*2**24):Math.min((t|r-939524096+4096>>>13)&65535,t|31743)}function N(s,e){return(ge(s)|ge(e)<<16)>>>0}function Pe(s,e){let t=0,r=s.length-1;for(;t<r;){let i=t+r+1>>1;s[i].firstFrame<=e?t=i:r=i-1}return t}function be(s,e,t,r){let i=r*t;return Z(s,e,i,Pe(s,i))}function Z(s,e,t,r){let i=t-s[r].firstFrame,n=e>0?Math.min(Math.max(i/e,0),1):1,o=n<1&&r>0;return{current:{group:r,frame:O(s[r],t)},previous:o?{group:r-1,frame:O(s[r-1],t)}:null,weight:o?n:1}}function O(s,e){return Math.min(Math.max(e-s.firstFrame,0),Math.max(s.frames-1,0))}var Ve=1,ze=2;function xe(s,e,t){let r=new Uint8Array(s);for(let n=0;n<Math.min(s,e.length);n++)r[n]=e[n]*Ve;let i=t??e;for(let n=0;n<Math.min(s,i.length);n++)r[n]|=i[n]*ze;return r}function we(s){return[0,s,1-s,1]}var Q=.01,I=4,G=class{constructor(e,t,r){this.canvas=e;let i=e.getContext("webgl2",{alpha:!1,antialias:!1,depth:!1,powerPreference:"high-performance"});if(!i)throw new d("This browser or device offers no WebGL 2, which the player draws with.");this.gl=i,this.project=new B(i,he,de),this.splat=new B(i,pe,me),this.slotRows=T(r),this.layerRows=[0];for(let a of t)this.layerRows.push(this.layerRows.at(-1)+T(a));let n=Math.max(this.layerRows.at(-1)+I*this.slotRows,1),o=i.getParameter(i.MAX_TEXTURE_SIZE);if(n>o)throw new d(`The reel has more points than this device draws (${n*1024} of ${o*1024}).`);this.shape=this.integerTexture(n),this.color=this.integerTexture(n),this.target=i.createFramebuffer(),i.bindFramebuffer(i.FRAMEBUFFER,this.target),i.framebufferTexture2D(i.FRAMEBUFFER,i.COLOR_ATTACHMENT0,i.TEXTURE_2D,this.shape,0),i.framebufferTexture2D(i.FRAMEBUFFER,i.COLOR_ATTACHMENT1,i.TEXTURE_2D,this.color,0),i.drawBuffers([i.COLOR_ATTACHMENT0,i.COLOR_ATTACHMENT1]),this.empty=i.createVertexArray(),this.quads=i.createVertexArray(),this.order=i.createBuffer(),i.bindVertexArray(this.quads),i.bindBuffer(i.ARRAY_BUFFER,this.order),i.enableVertexAttribArray(0),i.vertexAttribIPointer(0,1,i.UNSIGNED_INT,0,0),i.vertexAttribDivisor(0,1)}canvas;gl;project;splat;target;shape;color;quads;empty;order;layerRows;slotRows;slots=Array(I).fill(null);layers=[];groups=new Map;flagsKey="";drawn=0;addLayer(e,t){return this.layers[e]=new S(this.gl,this.layerRows[e],t.points,null),this.flagsKey="",this.layerRows[e]*1024}addGroup(e,t){let r=this.slots.indexOf(null);if(r<0)throw new Error("No free slot: drop a group first.");this.slots[r]=e;let i=this.layerRows.at(-1)+r*this.slotRows,n=new S(this.gl,i,t.points,t.offsets);return this.groups.set(e,{textures:n,alive:t.alive}),i*1024}dropGroup(e){this.groups.get(e)?.textures.delete(),this.groups.delete(e);let t=this.slots.indexOf(e);t>=0&&(this.slots[t]=null)}holds(e){return[e.current,e.previous].every(t=>t===null||this.groups.has(t.group))}setOrder(e,t){let{gl:r}=this;r.bindBuffer(r.ARRAY_BUFFER,this.order),r.bufferData(r.ARRAY_BUFFER,e,r.DYNAMIC_DRAW,0,t),this.drawn=t}draw(e,t,r){let{gl:i,canvas:n}=this;(n.width!==r.width||n.height!==r.height)&&([n.width,n.height]=[r.width,r.height]),this.updateFlags(e),this.projectPoints(e,t,r),i.bindFramebuffer(i.FRAMEBUFFER,null),i.viewport(0,0,r.width,r.height),i.clearColor(0,0,0,1),i.clear(i.COLOR_BUFFER_BIT),this.splat.use(),this.splat.texture("uShape",0,i.TEXTURE_2D,this.shape),this.splat.texture("uColor",1,i.TEXTURE_2D,this.color),i.uniform2f(this.splat.at("uSize"),r.width,r.height),i.bindVertexArray(this.quads),i.enable(i.BLEND),i.blendFunc(i.ONE,i.ONE_MINUS_SRC_ALPHA),i.drawArraysInstanced(i.TRIANGLE_STRIP,0,4,this.drawn),i.disable(i.BLEND)}readPixels(){let{gl:e,canvas:t}=this,{width:r,height:i}=t,n=new Uint8Array(4*r*i);e.readPixels(0,0,r,i,e.RGBA,e.UNSIGNED_BYTE,n);let o=new Uint8Array(n.length);for(let a=0;a<i;a++)o.set(n.subarray(4*r*a,4*r*(a+1)),4*r*(i-1-a));return o}destroy(){let{gl:e}=this;for(let t of[...this.layers,...[...this.groups.values()].map(r=>r.textures)])t?.delete();for(let t of[this.shape,this.color])e.deleteTexture(t);for(let t of[this.quads,this.empty])e.deleteVertexArray(t);e.deleteFramebuffer(this.target),e.deleteBuffer(this.order),this.project.delete(),this.splat.delete()}updateFlags(e){let t=`${e.layers} ${e.current?.group} ${e.previous?.group}`;if(t===this.flagsKey)return;this.flagsKey=t;let r=this.layers.slice(0,e.layers),i=r.reduce((l,u)=>l+u.count,0),n=e.current?this.groups.get(e.current.group).alive:new Uint8Array(i).fill(1),o=xe(i,n,e.previous?this.groups.get(e.previous.group).alive:null),a=0;for(let l of r)l.setFlags(o.subarray(a,a+l.count)),a+=l.count}projectPoints(e,t,r){let{gl:i,project:n}=this;i.bindFramebuffer(i.FRAMEBUFFER,this.target),i.bindVertexArray(this.empty),n.use(),Ce(i,n,r),i.uniform1i(n.at("uMoving"),0),i.uniform4fv(n.at("uWeights"),we(t));for(let o of this.layers.slice(0,e.layers))this.projectFile(o);i.uniform1i(n.at("uMoving"),1),this.projectGroup(e.current,t),this.projectGroup(e.previous,1-t)}projectGroup(e,t){let r=e&&this.groups.get(e.group).textures;if(!e||!r||!r.range)return;let{gl:i,project:n}=this,{frames:o,dxMin:a,dxStep:l,dqMin:u,dqStep:m}=r.range,h=Math.min(Math.floor(e.frame),o-1);i.uniform2i(n.at("uFrames"),h,Math.min(h+1,o-1)),i.uniform1f(n.at("uBetween"),e.frame-h),i.uniform3fv(n.at("uDxMin"),a),i.uniform3fv(n.at("uDxStep"),l),i.uniform4fv(n.at("uDqMin"),u),i.uniform4fv(n.at("uDqStep"),m),i.uniform4f(n.at("uWeights"),t,0,0,0),this.projectFile(r)}projectFile(e){if(e.count===0)return;let{gl:t,project:r}=this;r.texture("uPoints",0,t.TEXTURE_2D_ARRAY,e.points),r.texture("uCodebook",1,t.TEXTURE_2D,e.codebook),r.texture("uFlags",2,t.TEXTURE_2D,e.flags),r.texture("uDx",3,t.TEXTURE_2D_ARRAY,e.dx),r.texture("uDq",4,t.TEXTURE_2D_ARRAY,e.dq),t.uniform1i(r.at("uFirstRow"),e.firstRow),t.uniform1i(r.at("uCount"),e.count),t.uniform1i(r.at("uShDegree"),e.shDegree),t.viewport(0,e.firstRow,1024,T(e.count)),t.drawArrays(t.TRIANGLES,0,3)}integerTexture(e){let{gl:t}=this,r=t.createTexture();return t.bindTexture(t.TEXTURE_2D,r),t.texStorage2D(t.TEXTURE_2D,1,t.RGBA32UI,1024,e),t.texParameteri(t.TEXTURE_2D,t.TEXTURE_MIN_FILTER,t.NEAREST),t.texParameteri(t.TEXTURE_2D,t.TEXTURE_MAG_FILTER,t.NEAREST),r}};function Ce(s,e,t){let{viewmat:r,fx:i,fy:n,cx:o,cy:a,width:l,height:u}=t,m=.15*l/i,h=.15*u/n;s.uniformMatrix4fv(e.at("uView"),!0,r),s.uniform3fv(e.at("uEye"),A(r)),s.uniform4f(e.at("uLens"),i,n,o,a),s.uniform4f(e.at("uRange"),-o/i-m,(l-o)/i+m,-a/n-h,(u-a)/n+h),s.uniform2f(e.at("uSize"),l,u),s.uniform1f(e.at("uNear"),Q)}var B=class{constructor(e,t,r){this.gl=e;this.program=e.createProgram();let i=[Ee(e,e.VERTEX_SHADER,t),Ee(e,e.FRAGMENT_SHADER,r)];for(let n of i)e.attachShader(this.program,n);e.linkProgram(this.program);for(let n of i)e.deleteShader(n);if(!e.getProgramParameter(this.program,e.LINK_STATUS)&&!e.isContextLost())throw new d(`This device's graphics driver refuses the player's shaders: ${e.getProgramInfoLog(this.program)}`)}gl;program;locations=new Map;use(){this.gl.useProgram(this.program)}at(e){let t=this.locations.get(e);return t===void 0&&this.locations.set(e,t=this.gl.getUniformLocation(this.program,e)),t}texture(e,t,r,i){let{gl:n}=this;n.activeTexture(n.TEXTURE0+t),n.bindTexture(r,i),n.uniform1i(this.at(e),t)}delete(){this.gl.deleteProgram(this.program)}};function Ee(s,e,t){let r=s.createShader(e);if(s.shaderSource(r,t),s.compileShader(r),!s.getShaderParameter(r,s.COMPILE_STATUS)&&!s.isContextLost())throw new d(`This device's graphics driver refuses the player's shaders: ${s.getShaderInfoLog(r)}`);return r}function W(s){return new Worker(new URL(s,import.meta.url))}var q=class{worker=W("sort-worker.js");waiting=null;spare=null;constructor(e){this.worker.onmessage=({data:t})=>{let r=this.waiting;this.waiting=null,r?.(t)},this.worker.onerror=t=>e(`Sorting failed (${t.message}).`)}get busy(){return this.waiting!==null}addLayer(e,t,r){let{means:i}=r.points;this.post({type:"layer",index:e,layer:{base:t,means:i}},[i.buffer])}addGroup(e,t,r){let{means:i}=r.points,{dx:n,dxMin:o,dxStep:a,frames:l}=r.offsets??{dx:new Uint16Array,dxMin:[0,0,0],dxStep:[0,0,0],frames:1},u={base:t,means:i,frames:l,dx:n,dxMin:o,dxStep:a,alive:r.alive};this.post({type:"group",index:e,group:u},[i.buffer,n.buffer])}dropGroup(e){this.post({type:"drop",index:e})}sort(e,t){let[,,,,,,,,r,i,n,o]=t.viewmat,a=this.spare;return this.spare=null,new Promise(l=>{this.waiting=l,this.post({type:"sort",scene:e,axis:[r,i,n,o],near:Q,buffer:a},a?[a.buffer]:[])})}recycle(e){this.spare=e}destroy(){this.worker.terminate()}post(e,t=[]){this.worker.postMessage(e,t)}};var Ne=2,Oe=1,H=class{constructor(e,t,r){this.manifest=e;this.slots=t;this.events=r;this.workers=Array.from({length:Ne},()=>W("decode-worker.js")),this.idle=[...this.workers]}manifest;slots;events;workers;idle;loading=new Map;layers=new Set;groups=new Set;current=0;previous=null;inUse=[];failure=null;nextId=0;get layersReady(){let e=0;for(;this.layers.has(e);)e++;return e}layersOf(e){return this.manifest.layers.filter(t=>t.group<=e).length}has(e){return this.groups.has(e)&&this.layersReady>=this.layersOf(e)}get held(){return[...this.groups].sort((e,t)=>e-t)}want(e,t,r){this.current=e,this.previous=t,this.inUse=r,this.fill()}retry(){this.failure=null,this.fill()}destroy(){for(let e of this.workers)e.terminate()}fill(){if(!this.failure)for(let e of this.queue()){if(this.idle.length===0)return;let t=`${e.kind} ${e.index}`;this.loading.has(t)||(e.kind==="layer"?this.layers:this.groups).has(e.index)||e.kind==="group"&&!this.makeRoom()||this.load(e,t)}}queue(){let{current:e,previous:t}=this,r=this.manifest.groups.length-1,i=(o,a)=>this.manifest.layers.flatMap((l,u)=>l.group>=o&&l.group<=a?[{kind:"layer",index:u}]:[]),n=i(0,e);n.push({kind:"group",index:e}),t!==null&&n.push({kind:"group",index:t});for(let o=1;o<=Oe;o++){let a=e+o<=r?e+o:e+o-r-1;a!==e&&n.push(...i(e+1,a),{kind:"group",index:a})}return n}makeRoom(){let e=[...this.loading.values()].filter(i=>i.kind==="group").length;if(this.groups.size+e<this.slots)return!0;let t=new Set([...this.inUse,...this.queue().filter(i=>i.kind==="group").map(i=>i.index)]),r=this.held.find(i=>!t.has(i));return r===void 0?!1:(this.groups.delete(r),this.events.dropped(r),!0)}load(e,t){let r=this.idle.pop();this.loading.set(t,e);let i=(e.kind==="layer"?this.manifest.layers:this.manifest.groups)[e.index],n=a=>{this.loading.delete(t),this.idle.push(r),a(),this.fill()};r.onmessage=({data:a})=>n(()=>{a.file?this.deliver(e,a.file):this.fail(a.error??"A file could not be decoded.")}),r.onerror=a=>n(()=>this.fail(`${i.uri} cannot be decoded (${a.message}).`));let o={id:this.nextId++,url:new URL(i.uri,this.manifest.url).href,bytes:i.bytes};r.postMessage(o)}deliver({kind:e,index:t},r){e==="layer"?(this.layers.add(t),this.events.layer(t,r)):(this.groups.add(t),this.events.group(t,r))}fail(e){this.failure=new d(e),this.events.failed(this.failure)}};var Ie=.25,L=class extends EventTarget{constructor(t){super();this.canvas=t;t.addEventListener("webglcontextlost",i=>{i.preventDefault(),this.fail(new Error("The graphics device was lost. Try again in a moment."))});let r=i=>{this.tickRequest=requestAnimationFrame(r),this.tick(i)};this.tickRequest=requestAnimationFrame(r)}canvas;camera=null;manifest=null;error=null;loop=!1;playbackRate=1;sortMilliseconds=0;renderer=null;stream=null;sorter=null;source="";seconds=0;playing=!1;stalled=!0;seeking=!1;ready=!1;scene=null;drawnSeconds=0;dirty=!1;sortAgain=!1;held=!1;lastTick=0;tickRequest=0;generation=0;async load(t){this.unload(),this.source=t;let r=++this.generation;try{let i=await ce(t);if(r!==this.generation)return;this.open(i)}catch(i){r===this.generation&&this.fail(i)}}retry(){this.error=null;let t=this.canvas.getContext("webgl2")?.isContextLost()===!0;this.stream&&!t?this.stream.retry():this.load(this.source)}destroy(){this.generation++,cancelAnimationFrame(this.tickRequest),this.unload()}get duration(){return this.manifest?this.manifest.frames/this.manifest.fps:0}get currentTime(){return this.seconds}set currentTime(t){this.seconds=Math.min(Math.max(t,0),this.duration),this.seeking=!0,this.emit("seeking"),this.emit("timeupdate"),this.update()}get paused(){return!this.playing}get ended(){return this.duration>0&&this.seconds>=this.duration}get waiting(){return this.stalled}get canPlay(){return this.ready}get buffered(){let{manifest:t,stream:r}=this;if(!t||!r)return[];let i=[];for(let n of r.held.filter(o=>r.has(o))){let o=t.groups[n].firstFrame/t.fps,a=(t.groups[n+1]?.firstFrame??t.frames)/t.fps,l=i.at(-1);l&&Math.abs(l[1]-o)<1e-6?l[1]=a:i.push([o,a])}return i}play(){this.playing||(this.ended&&(this.currentTime=0),this.playing=!0,this.emit("play"))}pause(){this.playing&&(this.playing=!1,this.emit("pause"))}invalidate(){this.dirty=!0,this.sortAgain=!0}whenReady(){return this.until("canplay",()=>this.ready)}async renderAt(t,r,i,n){await this.whenReady(),this.pause(),this.currentTime=t,await this.until("seeked",()=>!this.seeking);let{sorter:o,renderer:a}=this;if(!o||!a)throw new Error("The reel was closed.");this.held=!0;try{for(;o.busy;)await new Promise(v=>setTimeout(v,1));let l=this.momentNow(),u=this.sceneOf(l),{K:m,viewmat:h}=r,c={viewmat:h,fx:m[0],fy:m[4],cx:m[2],cy:m[5],width:i,height:n};return await this.sort(u,c),a.draw(u,l.weight,c),{width:i,height:n,data:a.readPixels()}}finally{this.held=!1,this.invalidate()}}open(t){this.manifest=t,this.camera=new P(t),this.renderer=new G(this.canvas,t.layers.map(r=>r.points),Math.max(...t.groups.map(r=>r.points))),this.sorter=new q(r=>this.fail(new Error(r))),this.stream=new H(t,I,{layer:(r,i)=>{this.sorter.addLayer(r,this.renderer.addLayer(r,i),i),this.arrived()},group:(r,i)=>{this.sorter.addGroup(r,this.renderer.addGroup(r,i),i),this.arrived()},dropped:r=>{this.renderer.dropGroup(r),this.sorter.dropGroup(r),this.emit("progress")},failed:r=>this.fail(r)}),this.seconds=Math.min(this.seconds,this.duration),this.emit("loadedmetadata"),this.update()}unload(){this.stream?.destroy(),this.sorter?.destroy(),this.renderer?.destroy(),[this.stream,this.sorter,this.renderer,this.manifest,this.camera,this.scene]=[null,null,null,null,null,null],[this.error,this.ready,this.stalled]=[null,!1,!0]}arrived(){this.emit("progress"),this.update(),this.invalidate()}fail(t){this.error=t instanceof Error?t:new Error(V(t)),this.emit("error")}emit(t){this.dispatchEvent(new Event(t))}until(t,r){return new Promise((i,n)=>{let o=()=>{if(this.error)n(this.error);else if(r())i();else return;this.removeEventListener(t,o),this.removeEventListener("error",o)};this.addEventListener(t,o),this.addEventListener("error",o),o()})}momentNow(){let{groups:t,overlap:r,fps:i,frames:n}=this.manifest;return be(t,r,i,Math.min(this.seconds,Math.max(n-1,0)/i))}sceneOf({current:t,previous:r}){return{layers:this.stream.layersOf(t.group),current:t,previous:r}}update(){let{stream:t}=this;if(!t)return;let{current:r,previous:i}=this.momentNow(),n=[this.scene?.current?.group,this.scene?.previous?.group].filter(a=>a!==void 0);t.want(r.group,i?.group??null,n);let o=t.has(r.group)&&(i===null||t.has(i.group));o===this.stalled&&(this.stalled=!o,this.emit(o?"playing":"waiting"))}tick(t){let r=Math.min((t-this.lastTick)/1e3,Ie);if(this.lastTick=t,!this.stream||!this.camera||this.held)return;this.advance(r),this.camera.step(r)&&this.invalidate();let i=this.viewNow();i&&(this.sorter.busy||this.startSort(i),this.dirty&&this.scene&&this.drawNow(i))}advance(t){!this.playing||this.stalled||this.seeking||(this.seconds+=t*this.playbackRate,this.seconds>=this.duration&&(this.loop?this.seconds%=this.duration:this.seconds=this.duration),this.emit("timeupdate"),this.update(),this.invalidate(),this.ended&&!this.loop&&(this.pause(),this.emit("ended")))}viewNow(){let t=Math.min(globalThis.devicePixelRatio||1,2),r=Math.round(this.canvas.clientWidth*t),i=Math.round(this.canvas.clientHeight*t);return r>0&&i>0?this.camera.view(r,i):null}startSort(t){if(!this.sortAgain&&!this.seeking)return;let r=this.stream.layersReady,i=this.stalled?this.scene?.current?null:{layers:r,current:null,previous:null}:this.sceneOf(this.momentNow());!i||i.current===null&&r===0||(this.sortAgain=!1,this.sort(i,t))}async sort(t,r){let{sorter:i,renderer:n}=this,o=await i.sort(t,r);n!==this.renderer||!n.holds(t)||(this.sortMilliseconds=o.milliseconds,n.setOrder(o.order,o.count),i.recycle(o.order),this.scene=t,this.dirty=!0,this.settle(t))}settle(t){this.stalled||t.current===null||(this.seeking&&t.current.group===this.momentNow().current.group&&(this.seeking=!1,this.emit("seeked")),this.ready||(this.ready=!0,this.emit("canplay")))}drawNow(t){let r=this.scene,{groups:i,overlap:n,fps:o}=this.manifest;if(this.dirty=!1,r.current===null){this.renderer.draw(r,1,t);return}let a=this.momentNow();Math.abs(a.current.group-r.current.group)<=1&&!this.seeking&&!this.stalled&&(this.drawnSeconds=Math.min(this.seconds,(this.manifest.frames-1)/o));let u=Z(i,n,this.drawnSeconds*o,r.current.group),m=r.previous&&{group:r.previous.group,frame:O(i[r.previous.group],this.drawnSeconds*o)};this.renderer.draw({...r,current:u.current,previous:m},m?u.weight:1,t)}};var Te=`:host {
+  position: relative;
+  display: block;
+  overflow: hidden;
+  background: #000;
+  color: #f2f2f3;
+  font: 500 13px/1.4 system-ui, -apple-system, "Segoe UI", Roboto, sans-serif;
+  -webkit-tap-highlight-color: transparent;
+  container-type: inline-size;
+}
+* { box-sizing: border-box; }
+[hidden] { display: none !important; }
+canvas { display: block; width: 100%; height: 100%; touch-action: none; cursor: grab; outline: none; }
+canvas:active { cursor: grabbing; }
+:host(.idle) canvas { cursor: none; }
+
+.bar {
+  position: absolute;
+  inset: auto 0 0 0;
+  padding: 56px 16px max(12px, env(safe-area-inset-bottom));
+  background: linear-gradient(transparent, rgb(0 0 0 / 0.72));
+  pointer-events: none;
+  transition: opacity 0.25s ease, transform 0.25s ease;
+}
+.bar > * { pointer-events: auto; }
+:host(.idle) .bar { opacity: 0; transform: translateY(6px); }
+.row { display: flex; align-items: center; gap: 4px; margin-top: 2px; }
+.gap { flex: 1; }
+.time { margin-left: 8px; font-variant-numeric: tabular-nums; letter-spacing: 0.01em; white-space: nowrap; }
+.time span { color: rgb(255 255 255 / 0.55); }
+
+button {
+  display: inline-flex;
+  align-items: center;
+  justify-content: center;
+  width: 40px;
+  height: 40px;
+  padding: 0;
+  border: 0;
+  border-radius: 10px;
+  background: none;
+  color: inherit;
+  font: inherit;
+  cursor: pointer;
+  transition: background 0.15s ease;
+}
+button:hover { background: rgb(255 255 255 / 0.12); }
+button:active { background: rgb(255 255 255 / 0.2); }
+:focus-visible { outline: 2px solid #8ab4ff; outline-offset: 2px; }
+svg { width: 20px; height: 20px; fill: none; stroke: currentColor; stroke-width: 1.75; stroke-linecap: round; stroke-linejoin: round; }
+svg .solid { fill: currentColor; }
+
+.seek {
+  --played: 0%;
+  --ahead: linear-gradient(transparent, transparent);
+  display: block;
+  width: 100%;
+  height: 20px;
+  margin: 0;
+  background: none;
+  appearance: none;
+  cursor: pointer;
+  border-radius: 6px;
+}
+.seek::-webkit-slider-runnable-track {
+  height: 3px;
+  border-radius: 2px;
+  background: linear-gradient(to right, #fff var(--played), transparent var(--played)), var(--ahead), rgb(255 255 255 / 0.22);
+  transition: height 0.12s ease;
+}
+.seek::-moz-range-track {
+  height: 3px;
+  border-radius: 2px;
+  background: linear-gradient(to right, #fff var(--played), transparent var(--played)), var(--ahead), rgb(255 255 255 / 0.22);
+}
+.seek::-webkit-slider-thumb {
+  width: 13px;
+  height: 13px;
+  margin-top: -5px;
+  border: 0;
+  border-radius: 50%;
+  background: #fff;
+  box-shadow: 0 1px 4px rgb(0 0 0 / 0.5);
+  appearance: none;
+  transform: scale(0);
+  transition: transform 0.12s ease;
+}
+.seek::-moz-range-thumb { width: 13px; height: 13px; border: 0; border-radius: 50%; background: #fff; }
+.seek:hover::-webkit-slider-runnable-track, .seek:focus-visible::-webkit-slider-runnable-track { height: 5px; }
+.seek:hover::-webkit-slider-thumb, .seek:focus-visible::-webkit-slider-thumb, .seek:active::-webkit-slider-thumb { transform: scale(1); margin-top: -4px; }
+@media (hover: none) { .seek::-webkit-slider-thumb { transform: scale(1); } }
+
+.center { position: absolute; inset: 0; display: grid; place-items: center; pointer-events: none; padding: 24px; }
+.spinner {
+  width: 44px;
+  height: 44px;
+  border: 3px solid rgb(255 255 255 / 0.16);
+  border-top-color: #fff;
+  border-radius: 50%;
+  opacity: 0;
+  animation: turn 0.9s linear infinite, appear 0.2s ease 0.25s forwards;
+}
+@keyframes turn { to { rotate: 1turn; } }
+@keyframes appear { to { opacity: 1; } }
+.panel {
+  pointer-events: auto;
+  max-width: min(420px, 100%);
+  padding: 24px;
+  border: 1px solid rgb(255 255 255 / 0.1);
+  border-radius: 16px;
+  background: rgb(22 22 24 / 0.92);
+  backdrop-filter: blur(12px);
+  text-align: center;
+}
+.panel h2 { margin: 0 0 6px; font-size: 16px; font-weight: 600; }
+.panel p { margin: 0 0 18px; color: rgb(255 255 255 / 0.7); font-weight: 400; overflow-wrap: anywhere; max-height: 40vh; overflow: auto; }
+.panel button { width: auto; height: 38px; padding: 0 20px; background: #fff; color: #111; font-weight: 600; }
+.panel button:hover { background: #dcdce0; }
+.start { pointer-events: auto; width: 72px; height: 72px; border-radius: 50%; background: rgb(20 20 22 / 0.62); backdrop-filter: blur(8px); }
+.start:hover { background: rgb(40 40 44 / 0.72); }
+.start svg { width: 30px; height: 30px; }
+
+@container (max-width: 400px) {
+  .bar { padding-left: 8px; padding-right: 8px; }
+  .time { margin-left: 2px; }
+  button { width: 38px; }
+}
+@media (prefers-reduced-motion: reduce) {
+  .bar, .seek, button { transition: none; }
+  .spinner { animation-duration: 2.4s, 0.01s; }
+}
+`;var F=s=>`<svg viewBox="0 0 24 24" aria-hidden="true">${s}</svg>`,te=F('<path class="solid" d="M8 5.5v13l10.5-6.5z"/>'),Be=F('<path d="M8.5 5.5v13M15.5 5.5v13" stroke-width="3"/>'),We=F('<path d="M4 12a8 8 0 1 0 2.6-5.9L4 8.5M4 4v4.5h4.5"/>'),ke=F('<path d="M9 4H4v5M15 4h5v5M9 20H4v-5M15 20h5v-5"/>'),qe=F('<path d="M4 9h5V4M20 9h-5V4M4 15h5v5M20 15h-5v5"/>'),He=`
+  <div class="center">
+    <div class="spinner" role="status" aria-label="Loading"></div>
+    <button class="start" type="button" aria-label="Play" tabindex="-1" hidden>${te}</button>
+    <div class="panel" role="alert" hidden><h2>This reel cannot be played</h2><p></p><button type="button" class="retry">Try again</button></div>
+  </div>
+  <div class="bar" role="group" aria-label="Player controls">
+    <input class="seek" type="range" min="0" max="0" step="0.001" value="0" aria-label="Seek" />
+    <div class="row">
+      <button type="button" class="play" aria-label="Play">${te}</button>
+      <div class="time" aria-hidden="true">0:00 <span>/ 0:00</span></div>
+      <div class="gap"></div>
+      <button type="button" class="reset" aria-label="Reset view" title="Reset view (r)">${We}</button>
+      <button type="button" class="full" aria-label="Fullscreen" title="Fullscreen (f)">${ke}</button>
+    </div>
+  </div>`,X=class{constructor(e,t,r){this.host=e;this.player=r;let i=document.createElement("div");i.innerHTML=He,t.append(...i.children);let n=o=>t.querySelector(o);this.bar=n(".bar"),this.seek=n(".seek"),this.time=n(".time"),this.spinner=n(".spinner"),this.panel=n(".panel"),this.start=n(".start"),this.playButton=n(".play"),this.fullButton=n(".full"),this.playButton.onclick=()=>this.toggle(),this.start.onclick=()=>this.toggle(),this.fullButton.onclick=()=>this.toggleFullscreen(),n(".reset").onclick=()=>this.resetView(),n(".retry").onclick=()=>{r.retry(),this.update()},this.listen(),this.update()}host;player;bar;seek;time;spinner;panel;start;playButton;fullButton;fade=0;dragging=!1;listen(){let{player:e,host:t,seek:r}=this,i=["loadedmetadata","canplay","play","pause","timeupdate","progress","waiting","playing","seeked","ended","error"];for(let n of i)e.addEventListener(n,()=>this.update());r.addEventListener("input",()=>{this.dragging=!0,e.currentTime=Number(r.value)}),r.addEventListener("change",()=>this.dragging=!1),t.addEventListener("keydown",n=>this.key(n));for(let n of["pointermove","pointerdown","keydown","focusin"])t.addEventListener(n,()=>this.wake());t.addEventListener("pointerleave",()=>this.sleep()),document.addEventListener("fullscreenchange",()=>this.update())}toggle(){this.player.paused?this.player.play():this.player.pause()}toggleFullscreen(){document.fullscreenElement?document.exitFullscreen():this.host.requestFullscreen?.()}resetView(){this.player.camera?.reset(),this.player.invalidate()}key(e){if(e.ctrlKey||e.metaKey||e.altKey)return;let t=e.composedPath()[0];if(e.key===" "&&t instanceof HTMLButtonElement)return;let{player:r}=this,n={" ":()=>this.toggle(),k:()=>this.toggle(),ArrowLeft:()=>r.currentTime-=1,ArrowRight:()=>r.currentTime+=1,Home:()=>r.currentTime=0,End:()=>r.currentTime=r.duration,f:()=>this.toggleFullscreen(),r:()=>this.resetView()}[e.key];n&&(e.preventDefault(),n())}wake(){this.host.classList.remove("idle"),clearTimeout(this.fade),this.fade=window.setTimeout(()=>this.sleep(),2600)}sleep(){let e=this.player.paused||this.player.error||this.dragging||this.bar.matches(":has(:focus-visible)");this.host.classList.toggle("idle",!e)}update(){let{player:e,seek:t}=this,{duration:r,currentTime:i,paused:n,error:o}=e,a=e.manifest!==null;this.bar.hidden=!a,this.panel.hidden=!o,o&&(this.panel.querySelector("p").textContent=o.message),this.spinner.hidden=o!==null||e.canPlay&&!e.waiting,this.start.hidden=!(e.canPlay&&n&&i===0&&!o&&this.spinner.hidden),t.max=String(r),this.dragging||(t.value=String(i)),t.setAttribute("aria-valuetext",`${$(i)} of ${$(r)}`),t.style.setProperty("--played",`${ee(i,r)}%`),t.style.setProperty("--ahead",this.bufferedTrack()),this.time.innerHTML=`${$(i)} <span>/ ${$(r)}</span>`,Re(this.playButton,n?te:Be,n?"Play":"Pause");let l=document.fullscreenElement!==null;Re(this.fullButton,l?qe:ke,l?"Leave fullscreen":"Fullscreen"),n||o?this.host.classList.remove("idle"):this.fade||this.wake()}bufferedTrack(){let{buffered:e,duration:t}=this.player,r=e.flatMap(([i,n])=>{let[o,a]=[ee(i,t),ee(n,t)];return[`transparent ${o}%`,`rgb(255 255 255 / 0.32) ${o}%`,`rgb(255 255 255 / 0.32) ${a}%`,`transparent ${a}%`]});return r.length>0?`linear-gradient(to right, ${r.join(", ")})`:"linear-gradient(transparent, transparent)"}};function Re(s,e,t){s.getAttribute("aria-label")!==t&&(s.innerHTML=e,s.setAttribute("aria-label",t))}function ee(s,e){return e>0?Math.round(1e4*s/e)/100:0}function $(s){let e=Math.floor(s+1e-6);return`${Math.floor(e/60)}:${String(e%60).padStart(2,"0")}`}var j=class extends HTMLElement{static observedAttributes=["src","loop"];current=null;detach=null;resize=null;get player(){return this.current}connectedCallback(){let e=this.shadowRoot??this.attachShadow({mode:"open"}),t=document.createElement("style");t.textContent=Te;let r=document.createElement("canvas");r.tabIndex=0,r.setAttribute("role","img"),r.setAttribute("aria-label","Volumetric video. Drag to look around, scroll to zoom."),e.replaceChildren(t,r);let i=new L(r);this.current=i,i.loop=this.hasAttribute("loop"),this.hasAttribute("controls")&&new X(this,e,i);let n=()=>i.camera?.view(r.clientWidth,r.clientHeight).fx??1;this.detach=se(r,()=>i.camera,n,()=>i.invalidate()),this.resize=new ResizeObserver(()=>i.invalidate()),this.resize.observe(r),this.open()}disconnectedCallback(){this.detach?.(),this.resize?.disconnect(),this.current?.destroy(),this.current=null}attributeChangedCallback(e){this.current&&(e==="loop"&&(this.current.loop=this.hasAttribute("loop")),e==="src"&&this.open())}open(){let e=this.getAttribute("src");if(!e||!this.current)return;this.current.load(e);let t=matchMedia("(prefers-reduced-motion: reduce)").matches;this.hasAttribute("autoplay")&&!t&&this.current.play()}};customElements.get("splat-reel")||customElements.define("splat-reel",j);var Ae=document.querySelector("main[data-splatreel-page]");if(Ae){let s=new URLSearchParams(location.search),e=document.createElement("splat-reel");for(let t of["autoplay","loop","controls"])s.get(t)!=="0"&&e.setAttribute(t,"");e.setAttribute("src",s.get("src")??"reel/manifest.json"),Ae.append(e)}export{L as Player,j as SplatReelElement};
