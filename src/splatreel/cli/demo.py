@@ -35,7 +35,7 @@ def demo(
     from splatreel.capture.opening import open_capture
     from splatreel.capture.synthetic import make_capture
     from splatreel.evaluation.evaluate import evaluate
-    from splatreel.evaluation.undecoded import UndecodedReel
+    from splatreel.evaluation.undecoded import undecoded_frames
     from splatreel.progress import console
     from splatreel.recon import sequence
 
@@ -57,12 +57,11 @@ def demo(
         result = sequence.reconstruct(
             capture, out, configure(quality, None, None, seed), device=device, progress=progress
         )
-        undecoded = UndecodedReel(result.reel, result.work)
         report = evaluate(
             result.reel,
             capture,
             out=out,
-            undecoded=undecoded.frame,
+            undecoded=undecoded_frames(result.work, result.reel),
             seconds={"capture": filming, **result.seconds},
             device=result.device,
             progress=progress,

@@ -7,8 +7,10 @@ from pathlib import Path
 
 from tyro.conf import Positional
 
+from splatreel.cli.info import describe
 from splatreel.cli.reconstruct import Codec
 from splatreel.config import EncodeConfig
+from splatreel.errors import UsageError
 
 
 def encode(
@@ -32,9 +34,12 @@ def encode(
         scale_bits: Bits of a scale.
         sh_entries: Size of the codebook of view-dependent colour; 0 drops it.
     """
+    from splatreel.codec.info import reel_info
     from splatreel.progress import console
-    from splatreel.recon.reencode import reencode
+    from splatreel.recon.publish import encode as encode_checkpoints
 
+    if out.resolve() == (run / "reel").resolve():
+        raise UsageError(f"--out {out}: is the reel of the run itself. Choose another folder.")
     given = {
         "codec": codec,
         "crf": crf,
@@ -45,8 +50,7 @@ def encode(
     config = dataclasses.replace(EncodeConfig(), **{name: value for name, value in given.items() if value is not None})
     progress = console()
     try:
-        manifest = reencode(run, out, config, progress=progress)
+        encode_checkpoints(run / "work", out, config, progress)
     finally:
         progress.close()
-    total = sum(entry.bytes for entry in (*manifest.layers, *manifest.groups))
-    print(f"{out}: {len(manifest.groups)} groups, {total:,} bytes")
+    print(describe(str(out), reel_info(out)))

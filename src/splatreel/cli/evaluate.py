@@ -35,7 +35,7 @@ def evaluate(
     from splatreel.capture.opening import open_capture
     from splatreel.evaluation.evaluate import evaluate as compare
     from splatreel.evaluation.evaluate import reel_width
-    from splatreel.evaluation.undecoded import UndecodedReel
+    from splatreel.evaluation.undecoded import undecoded_frames
     from splatreel.progress import console
 
     reel = reel_folder(reel)
@@ -43,7 +43,7 @@ def evaluate(
         width = reel_width(reel)
     names = parse_names(cameras, "--cameras")
     work = reel.parent / "work"
-    undecoded = UndecodedReel(reel, work).frame if work.is_dir() else None
+    undecoded = undecoded_frames(work, reel) if work.is_dir() else None
     source = open_capture(capture, width=width, scale=scale, frames=parse_frames(frames))
     progress = console()
     try:

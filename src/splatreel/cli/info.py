@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import json as json_format
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -11,40 +12,49 @@ from tyro.conf import Positional
 from splatreel.cli.options import reel_folder
 
 if TYPE_CHECKING:
-    from splatreel.codec.manifest import Manifest
+    from splatreel.codec.info import ReelInfo
 
 
 def info(reel: Positional[Path], /, json: bool = False) -> None:
-    """Say what a reel holds, from its manifest alone.
+    """Say what a reel holds, and where its bytes are.
 
     Args:
         reel: Folder of the reel.
-        json: Print the manifest instead, as JSON.
+        json: Print everything as JSON.
     """
-    from splatreel.codec.reader import ReelReader
+    from splatreel.codec.info import reel_info
 
     reel = reel_folder(reel)
-    manifest = ReelReader(reel).manifest
-    print(json_format.dumps(json_format.loads(manifest.to_json())) if json else describe(str(reel), manifest))
+    found = reel_info(reel)
+    if json:
+        values = dataclasses.asdict(found) | {"manifest": json_format.loads(found.manifest.to_json())}
+        print(json_format.dumps(values, indent=1))
+    else:
+        print(describe(str(reel), found))
 
 
-def describe(name: str, manifest: Manifest) -> str:
-    """The summary of a manifest, a line for each group."""
-    seconds = manifest.frames / manifest.fps
-    total = sum(entry.bytes for entry in (*manifest.layers, *manifest.groups))
+def describe(name: str, found: ReelInfo) -> str:
+    """The summary of a reel: the whole, the groups, the sections."""
+    manifest = found.manifest
     width, height = manifest.camera.width, manifest.camera.height
+    seconds = manifest.frames / manifest.fps
+    state = "still growing, " if manifest.live else ""
     lines = [
-        f"{name}: {'still growing, ' if manifest.live else ''}made by {manifest.generator or 'an unnamed program'}",
-        f"  {manifest.frames} frames at {manifest.fps:g} a second, {seconds:.2f} s; from {width} x {height} pixels",
+        f"{name}: {state}made by {manifest.generator or 'an unnamed program'}",
+        f"  {manifest.frames} frames at {manifest.fps:g} a second, {seconds:.2f} s, from {width} x {height} pixels",
         f"  {len(manifest.cameras)} cameras, spherical harmonics to degree {manifest.sh_degree}",
-        f"  {total:,} bytes, {total / seconds:,.0f} a second" if seconds else "  no group yet",
+        f"  {found.bytes:,} bytes of {found.float32_bytes:,} as plain float32, {found.bytes_per_second:,.0f} a second; "
+        f"{found.first_view_bytes:,} before the first picture",
     ]
     for group in manifest.groups:
         born = next((layer for layer in manifest.layers if layer.group == group.group), None)
         new = f"{born.points:,} new static points ({born.bytes:,} bytes)" if born else "no new static points"
         last = group.first_frame + group.frames - 1
         lines.append(
-            f"  group {group.group}: frames {group.first_frame}-{last}, "
+            f"  group {group.group}: frames {group.first_frame} to {last}, "
             f"{group.points:,} dynamic points ({group.bytes:,} bytes), {new}"
         )
+    for kind, sections in found.section_bytes.items():
+        if sections:
+            lines.append(f"  {kind}s: " + ", ".join(f"{section} {size:,}" for section, size in sections.items()))
     return "\n".join(lines)

@@ -85,15 +85,17 @@ def median_ms(work: Callable[[], object], repeats: int) -> float:
 
 
 def cloud(points: int, seed: int = 0) -> Gaussians:
-    """Random small Gaussians in a box in front of `front_camera`."""
+    """Random small Gaussians in a box in front of `front_camera`; their colour hardly changes with the view."""
     rng = np.random.default_rng(seed)
     quats = rng.normal(size=(points, 4))
+    sh = rng.normal(0, 0.02, (points, 16, 3))
+    sh[:, 0] = rng.normal(0, 0.5, (points, 3))
     return Gaussians(
         means=rng.uniform(-1, 1, (points, 3)) * [1.6, 1.2, 1.0],
         quats=quats / np.linalg.norm(quats, axis=1, keepdims=True),
         scales=np.exp(rng.normal(-4.2, 0.5, (points, 3))),
         opacities=rng.uniform(0.1, 1, points),
-        sh=rng.normal(0, 0.2, (points, 16, 3)),
+        sh=sh,
     )
 
 

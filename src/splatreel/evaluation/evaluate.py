@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from splatreel.capture.base import Capture
+from splatreel.codec.info import ReelInfo, reel_info
 from splatreel.codec.manifest import Manifest
 from splatreel.codec.reader import ReelReader
 from splatreel.errors import UsageError
@@ -18,7 +19,6 @@ from splatreel.evaluation.memory import peak_memory_bytes
 from splatreel.evaluation.metrics import psnr, psnr_per_channel, ssim
 from splatreel.evaluation.pictures import comparison, write_png
 from splatreel.evaluation.report import Quality, Report
-from splatreel.evaluation.sizes import first_view_bytes, reel_bytes
 from splatreel.kernels.image import render_image
 from splatreel.play.timeline import Timeline
 from splatreel.progress import Progress, Silent
@@ -71,7 +71,7 @@ def evaluate(
                 write_png(out / "pictures" / f"{view.name.replace('/', '_')}.png", comparison(truth, image))
         progress.update(done, psnr=float(np.mean([q.psnr for q in scores.values()])))
     spent = {**(seconds or {}), "evaluate": round(time.monotonic() - started, 3)}
-    report = summarise(reader, scores, before, views[0], spent, device)
+    report = summarise(reader, reel_info(reel), scores, before, views[0], spent, device)
     if out is not None:
         report.write(out)
     return report
@@ -85,6 +85,7 @@ def measure(image: np.ndarray, truth: np.ndarray, lpips: perceptual.Distance | N
 
 def summarise(
     reader: ReelReader,
+    info: ReelInfo,
     scores: dict[tuple[int, str], Quality],
     before: list[float],
     view: Camera,
@@ -95,13 +96,12 @@ def summarise(
     frames = sorted({frame for frame, _ in scores})
     names = list(dict.fromkeys(name for _, name in scores))
     alive = [int(reader.group(g).alive.sum()) for g in range(len(reader.manifest.groups))]
-    total = reel_bytes(reader.manifest)
     return Report(
         **asdict(Quality.mean(list(scores.values()))),
         psnr_undecoded=float(np.mean(before)) if before else None,
-        reel_bytes=total,
-        first_view_bytes=first_view_bytes(reader.manifest),
-        bytes_per_second=total / reader.duration,
+        reel_bytes=info.bytes,
+        first_view_bytes=info.first_view_bytes,
+        bytes_per_second=info.bytes_per_second,
         seconds=seconds,
         points_static=float(np.mean(alive)),
         points_dynamic=float(np.mean([g.points for g in reader.manifest.groups])),

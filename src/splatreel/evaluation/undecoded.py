@@ -2,40 +2,20 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from pathlib import Path
+from typing import cast
 
-from splatreel.codec.manifest import FileEntry
 from splatreel.codec.reader import ReelReader
 from splatreel.play.timeline import Timeline
-from splatreel.recon import checkpoint
+from splatreel.recon.publish import UndecodedReel
 from splatreel.scene.gaussians import Gaussians
-from splatreel.scene.group import Group
 
 
-class UndecodedReel(ReelReader):
-    """The same reel with the points and offsets of the checkpoints in place of the decoded files.
+def undecoded_frames(work: Path, reel: Path) -> Callable[[int], Gaussians]:
+    """frame -> everything visible at it, from the checkpoints in work instead of the files of the reel made from them.
 
-    reel: the encoded one, for its manifest. work: the folder of checkpoints it was made from. `frame(f)` gives what
-    `evaluate` wants for psnr_undecoded. Raises `ReconstructionError` for checkpoints that cannot be read.
+    Raises `ReconstructionError` for checkpoints that are missing or damaged.
     """
-
-    def __init__(self, reel: str | Path, work: Path) -> None:
-        super().__init__(reel)
-        self._work = work
-        self._timeline = Timeline(self)
-
-    def frame(self, frame: int) -> Gaussians:
-        """Everything visible at a frame."""
-        return self._timeline.at(frame / self.fps)
-
-    def layer(self, index: int) -> Gaussians:
-        entry = self.manifest.layers[index]
-        return checkpoint.unpack(checkpoint.load_arrays(self._folder(entry.group) / "layer.safetensors"), "raw_")
-
-    def _load_group(self, entry: FileEntry) -> Group:
-        arrays = checkpoint.load_arrays(self._folder(entry.group) / "group.safetensors")
-        alive = arrays["alive"].astype(bool)
-        return Group(entry.group, entry.first_frame, checkpoint.unpack(arrays), arrays["dx"], arrays["dq"], alive)
-
-    def _folder(self, group: int) -> Path:
-        return self._work / f"group{group:04d}"
+    timeline = Timeline(cast(ReelReader, UndecodedReel(work, reel)))
+    return lambda frame: timeline.at(frame / timeline.fps)

@@ -1,0 +1,80 @@
+"""A reel with known Gaussians, and a capture that films exactly those."""
+
+from pathlib import Path
+
+import numpy as np
+
+from splatreel.capture.base import Capture
+from splatreel.codec.writer import ReelWriter
+from splatreel.config import EncodeConfig
+from splatreel.evaluation.bench import cloud, front_camera, swinging_group
+from splatreel.kernels.image import render_image
+from splatreel.scene.camera import Camera
+from splatreel.scene.gaussians import Gaussians
+from splatreel.scene.group import Group
+
+FRAMES = 5
+WIDTH, HEIGHT = 64, 48
+
+
+def cameras() -> list[Camera]:
+    """Five cameras side by side."""
+    made = []
+    for i in range(5):
+        camera = front_camera(WIDTH, HEIGHT)
+        viewmat = camera.viewmat.copy()
+        viewmat[0, 3] = 0.2 * (i - 2)
+        made.append(Camera(f"cam{i:02d}", viewmat, camera.K, WIDTH, HEIGHT))
+    return made
+
+
+def group() -> Group:
+    """Moving points over 100 static ones, of which all but the first ten are alive."""
+    moving = swinging_group(200, FRAMES)
+    return Group(0, 0, moving.dynamic, moving.dx, moving.dq, np.arange(100) >= 10)
+
+
+def static() -> Gaussians:
+    return cloud(100, seed=7)
+
+
+def truth(frame: int) -> Gaussians:
+    """What the reel should show at a frame."""
+    return Gaussians.concatenate([static()[10:], group().at(frame)])
+
+
+class FilmedCapture(Capture):
+    """Films `truth` by rendering it, to 8 bits."""
+
+    def _read_into(self, out: np.ndarray, first: int, cameras: list[str]) -> None:
+        for t in range(len(out)):
+            for c, name in enumerate(cameras):
+                image = np.clip(render_image(truth(first + t), self.camera(name)), 0, 1)
+                out[t, c] = np.rint(255 * image)
+
+
+def capture(path: Path, held_out: list[str] | None = None) -> FilmedCapture:
+    names = ["cam00", "cam03"] if held_out is None else held_out
+    return FilmedCapture(path, cameras(), held_out=names, frame_range=(0, FRAMES), fps=30)
+
+
+def write_reel(path: Path) -> Path:
+    """The scene as a reel of one group, the layer's alive bits in the order it was stored in."""
+    training = [c for c in cameras() if c.name not in ("cam00", "cam03")]
+    writer = ReelWriter(
+        path,
+        fps=30,
+        group_length=FRAMES,
+        overlap=0,
+        sh_degree=3,
+        bounds=np.array([[-2.0, -2, -2], [2, 2, 2]]),
+        up=np.array([0.0, -1, 0]),
+        camera=training[0],
+        cameras=training,
+        config=EncodeConfig(),
+    )
+    _, order = writer.add_layer(0, 0, static())
+    moving = group()
+    writer.add_group(Group(0, 0, moving.dynamic, moving.dx, moving.dq, moving.alive[order]))
+    writer.finish()
+    return path

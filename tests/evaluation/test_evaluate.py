@@ -1,0 +1,89 @@
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from PIL import Image
+
+from splatreel.errors import UsageError
+from splatreel.evaluation.evaluate import evaluate, reel_width
+from splatreel.evaluation.report import Report
+from tests.evaluation import scenes
+
+
+@pytest.fixture(scope="module")
+def reel(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return scenes.write_reel(tmp_path_factory.mktemp("evaluate") / "reel")
+
+
+def test_a_good_reel_scores_high_and_is_reported_whole(reel: Path, tmp_path: Path) -> None:
+    report = evaluate(
+        reel,
+        scenes.capture(tmp_path),
+        out=tmp_path / "out",
+        undecoded=scenes.truth,
+        seconds={"keyframe": 12.5},
+        device="cpu",
+    )
+    assert 40 < report.psnr < report.psnr_undecoded
+    assert report.psnr_undecoded > 55  # only the rounding to 8 bits is between them
+    assert report.psnr_per_channel >= report.psnr
+    assert 0.99 < report.ssim <= 1
+    assert (report.frames, report.width, report.height) == (scenes.FRAMES, scenes.WIDTH, scenes.HEIGHT)
+    assert (report.points_static, report.points_dynamic) == (90, 200)
+    assert report.reel_bytes == sum(p.stat().st_size for p in reel.rglob("*") if p.is_file())
+    assert report.first_view_bytes == report.reel_bytes  # one group: the first picture needs all
+    assert 0 < report.bytes_per_second < report.reel_bytes / (scenes.FRAMES / 30)
+    assert reel_width(reel) == scenes.WIDTH
+    assert set(report.seconds) == {"keyframe", "evaluate"}
+    assert [c["name"] for c in report.cameras] == ["cam00", "cam03"]
+    assert [f["frame"] for f in report.per_frame] == list(range(scenes.FRAMES))
+    assert np.mean([c["psnr"] for c in report.cameras]) == pytest.approx(report.psnr)
+    assert np.mean([f["psnr"] for f in report.per_frame]) == pytest.approx(report.psnr)
+    assert Report.read(tmp_path / "out" / "report.json") == report
+    picture = Image.open(tmp_path / "out" / "pictures" / "cam03.png")
+    assert picture.size == (3 * scenes.WIDTH, scenes.HEIGHT)
+
+
+class Mirrored(scenes.FilmedCapture):
+    """Films the scene with left and right swapped."""
+
+    def _read_into(self, out: np.ndarray, first: int, cameras: list[str]) -> None:
+        super()._read_into(out, first, cameras)
+        out[:] = out[:, :, :, ::-1].copy()
+
+
+def test_a_wrong_picture_scores_low(reel: Path, tmp_path: Path) -> None:
+    true = scenes.capture(tmp_path)
+    wrong = Mirrored(tmp_path, true.cameras, held_out=true.held_out, frame_range=(0, scenes.FRAMES), fps=30)
+    good, bad = evaluate(reel, true, frames=[0]), evaluate(reel, wrong, frames=[0])
+    assert bad.psnr < good.psnr - 10
+    assert bad.ssim < good.ssim - 0.1
+
+
+def test_frames_and_cameras_can_be_chosen(reel: Path, tmp_path: Path) -> None:
+    report = evaluate(reel, scenes.capture(tmp_path), cameras=["cam02"], frames=[4, 0])
+    assert report.frames == 2
+    assert [c["name"] for c in report.cameras] == ["cam02"]
+    assert report.psnr_undecoded is None
+    whole = evaluate(reel, scenes.capture(tmp_path), cameras=["cam02"])
+    assert [f for f in whole.per_frame if f["frame"] in (0, 4)] == report.per_frame
+
+
+def test_requests_that_do_not_fit_are_refused(reel: Path, tmp_path: Path) -> None:
+    with pytest.raises(UsageError, match="no camera is held out"):
+        evaluate(reel, scenes.capture(tmp_path, held_out=[]))
+    with pytest.raises(UsageError, match=r"\[5\].*0 to 4"):
+        evaluate(reel, scenes.capture(tmp_path), frames=[0, 5])
+    other = scenes.capture(tmp_path)
+    other.cameras = [replace(c, viewmat=np.eye(4)) for c in other.cameras]
+    with pytest.raises(UsageError, match="Give the capture that the reel was made from"):
+        evaluate(reel, other)
+
+
+def test_the_report_on_disk_is_json_without_surprises(reel: Path, tmp_path: Path) -> None:
+    evaluate(reel, scenes.capture(tmp_path), out=tmp_path, frames=[2])
+    values = json.loads((tmp_path / "report.json").read_text())
+    assert values["lpips"] is None or 0 <= values["lpips"] <= 1
+    assert values["peak_memory_bytes"] > 10_000_000
