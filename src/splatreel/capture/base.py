@@ -1,0 +1,155 @@
+"""The one interface every capture format is read through."""
+
+from __future__ import annotations
+
+import hashlib
+from abc import ABC, abstractmethod
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from splatreel.errors import CaptureError
+from splatreel.scene.camera import Camera
+
+MIN_CAMERAS = 3
+"""Fewer cameras do not fix the geometry of a scene."""
+
+
+@dataclass(frozen=True)
+class Request:
+    """What the user asked of a capture, whatever its format.
+
+    width: output width in pixels, or scale: output over input size; neither keeps the input's size.
+    frames: (first, end), end exclusive; None is all of them. held_out: names of cameras kept for evaluation; None is the
+    format's default.
+    """
+
+    width: int | None = None
+    scale: float | None = None
+    frames: tuple[int, int] | None = None
+    held_out: list[str] | None = None
+
+    def size(self, width: int, height: int, path: Path) -> tuple[int, int]:
+        """Output (width, height) for an input of that size, at the same aspect ratio."""
+        if self.width is not None and self.scale is not None:
+            raise CaptureError(f"{path}: both width {self.width} and scale {self.scale} were given; give one of them.")
+        scale = self.width / width if self.width is not None else self.scale if self.scale is not None else 1.0
+        out = round(width * scale), round(height * scale)
+        if min(out) < 1:
+            raise CaptureError(
+                f"{path}: {width}x{height} cannot be resized to {out[0]}x{out[1]}; ask for a larger size."
+            )
+        return out
+
+    def range(self, available: int, path: Path) -> tuple[int, int]:
+        """The (first, end) frames to read of a capture that has `available`."""
+        first, end = self.frames if self.frames is not None else (0, available)
+        if not 0 <= first < end <= available:
+            raise CaptureError(
+                f"{path}: frames {first}:{end} were asked for, the capture has frames 0:{available}. "
+                f"Choose 0 <= first < end <= {available}."
+            )
+        return first, end
+
+
+class Capture(ABC):
+    """Synchronised images of static cameras.
+
+    cameras: every camera, resized to the output size. held_out: names of those kept for evaluation. frames: how many time steps
+    there are after the frame range is applied; fps: time steps a second. points: [P, 3] float32 and point_colors: [P, 3] float32
+    0..1, sparse points of the first frame where the capture has them. near: a near bound in world units, where the format brings
+    one that can be trusted.
+    """
+
+    def __init__(
+        self,
+        path: Path,
+        cameras: list[Camera],
+        *,
+        held_out: list[str],
+        frame_range: tuple[int, int] = (0, 1),
+        fps: float = 30.0,
+        points: np.ndarray | None = None,
+        point_colors: np.ndarray | None = None,
+        near: float | None = None,
+    ) -> None:
+        self.path = Path(path)
+        self.name = self.path.resolve().name
+        self.cameras = cameras
+        self.held_out = list(held_out)
+        self.first_frame, end = frame_range
+        self.frames = end - self.first_frame
+        self.fps = float(fps)
+        self.points = points
+        self.point_colors = point_colors
+        self.near = near
+        self._check()
+
+    def _check(self) -> None:
+        names = [c.name for c in self.cameras]
+        if len(names) < MIN_CAMERAS:
+            raise CaptureError(
+                f"{self.path}: {len(names)} cameras ({', '.join(names) or 'none'}); at least {MIN_CAMERAS} are needed."
+            )
+        unknown = [n for n in self.held_out if n not in names]
+        if unknown:
+            raise CaptureError(
+                f"{self.path}: there is no camera {unknown[0]!r} to hold out; the cameras are {', '.join(names)}."
+            )
+        if not self.training_cameras:
+            raise CaptureError(f"{self.path}: all {len(names)} cameras are held out; leave some to train on.")
+
+    @property
+    def training_cameras(self) -> list[Camera]:
+        return [c for c in self.cameras if c.name not in self.held_out]
+
+    @property
+    def held_out_cameras(self) -> list[Camera]:
+        return [c for c in self.cameras if c.name in self.held_out]
+
+    @property
+    def width(self) -> int:
+        return self.cameras[0].width
+
+    @property
+    def height(self) -> int:
+        return self.cameras[0].height
+
+    def camera(self, name: str) -> Camera:
+        """The camera of that name; `CaptureError` if there is none."""
+        for camera in self.cameras:
+            if camera.name == name:
+                return camera
+        raise CaptureError(
+            f"{self.path}: there is no camera {name!r}; the cameras are {', '.join(c.name for c in self.cameras)}."
+        )
+
+    def read(self, first: int, count: int, cameras: list[str]) -> np.ndarray:
+        """Frames first .. first + count - 1, counted within the chosen range, as uint8 [count, len(cameras), H, W, 3] sRGB."""
+        if first < 0 or count < 1 or first + count > self.frames:
+            raise CaptureError(f"{self.path}: frames {first}:{first + count} asked for, there are 0:{self.frames}.")
+        for name in cameras:
+            self.camera(name)
+        out = np.empty((count, len(cameras), self.height, self.width, 3), np.uint8)
+        self._read_into(out, self.first_frame + first, cameras)
+        return out
+
+    @abstractmethod
+    def _read_into(self, out: np.ndarray, first: int, cameras: list[str]) -> None:
+        """Fill out [count, len(cameras), H, W, 3] from frame `first` of the files (the range's start is already added)."""
+
+    def close(self) -> None:  # noqa: B027 - most formats hold nothing open
+        """Release open files; reading again reopens them."""
+
+    def fingerprint(self) -> str:
+        """A short stable string that changes with the cameras, the size, the frames or what is held out.
+
+        A run that continues compares it: checkpoints of another capture do not fit. It does not depend on where the capture lies.
+        """
+        digest = hashlib.sha256()
+        digest.update(repr((self.name, self.first_frame, self.frames, self.fps, sorted(self.held_out))).encode())
+        for camera in self.cameras:
+            digest.update(repr((camera.name, camera.width, camera.height)).encode())
+            digest.update(camera.viewmat.tobytes() + camera.K.tobytes())
+        return digest.hexdigest()[:16]

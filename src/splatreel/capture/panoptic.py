@@ -1,0 +1,89 @@
+"""Panoptic Sports, the CMU Panoptic scenes in the layout of "Dynamic 3D Gaussians" (Luiten et al. 2024).
+
+`train_meta.json` and `test_meta.json` hold w, h, k[t][c], w2c[t][c] (OpenCV), fn[t][c] (path below `ims/`) and cam_id[t][c].
+"""
+
+from __future__ import annotations
+
+import json
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from splatreel.capture.base import Capture, Request
+from splatreel.capture.images import read_image
+from splatreel.errors import CaptureError
+from splatreel.scene.camera import Camera
+
+FPS = 30.0
+META = ("train_meta.json", "test_meta.json")
+
+
+def is_panoptic(path: Path) -> bool:
+    return (path / META[0]).is_file()
+
+
+@dataclass(frozen=True)
+class _View:
+    camera: Camera
+    files: list[str]
+
+
+class PanopticCapture(Capture):
+    """A Panoptic Sports folder; cameras are named by their number, those of test_meta.json are held out by default."""
+
+    def __init__(self, path: Path, request: Request) -> None:
+        views: list[_View] = []
+        defaults: list[str] = []
+        for file in META:
+            if (path / file).is_file():
+                found = _read_meta(path / file)
+                views += found
+                defaults += [v.camera.name for v in found] if file == "test_meta.json" else []
+        views.sort(key=lambda v: int(v.camera.name))
+        counts = {v.camera.name: len(v.files) for v in views}
+        if len(set(counts.values())) > 1:
+            raise CaptureError(f"{path}: cameras have unequal frame counts {counts}; make the two meta files agree.")
+        if len(counts) < len(views):
+            raise CaptureError(f"{path}: a camera is listed twice in {' and '.join(META)}; remove it from one of them.")
+        self._files = {v.camera.name: v.files for v in views}
+        super().__init__(
+            path,
+            [v.camera.resized(*request.size(v.camera.width, v.camera.height, path)) for v in views],
+            held_out=defaults if request.held_out is None else request.held_out,
+            frame_range=request.range(min(counts.values(), default=0), path),
+            fps=FPS,
+        )
+
+    def _read_into(self, out: np.ndarray, first: int, cameras: list[str]) -> None:
+        for c, name in enumerate(cameras):
+            for t in range(len(out)):
+                out[t, c] = read_image(self.path / "ims" / self._files[name][first + t], self.width, self.height)
+
+
+def _read_meta(file: Path) -> list[_View]:
+    """The cameras of one meta file. Cameras are static: a pose that changes over time is an error."""
+    try:
+        meta = json.loads(file.read_text(encoding="utf-8"))
+        names = [str(int(i)) for i in meta["cam_id"][0]]
+        K, w2c = np.asarray(meta["k"], np.float64), np.asarray(meta["w2c"], np.float64)
+        width, height, paths = int(meta["w"]), int(meta["h"]), meta["fn"]
+    except (OSError, ValueError, KeyError, TypeError, IndexError) as error:
+        raise CaptureError(f"{file}: is not a Panoptic Sports description ({error!r}).") from error
+    frames = len(paths)
+    for key, value, shape in (("k", K, (3, 3)), ("w2c", w2c, (4, 4))):
+        if value.shape != (frames, len(names), *shape):
+            raise CaptureError(
+                f"{file}: {key} has shape {value.shape}, expected {(frames, len(names), *shape)} "
+                f"for {frames} frames and {len(names)} cameras."
+            )
+        moving = np.abs(value - value[:1]).max((0, 2, 3)) > 1e-4
+        if moving.any():
+            raise CaptureError(
+                f"{file}: {key} of camera {names[int(moving.argmax())]} changes over time; only static cameras work."
+            )
+    return [
+        _View(Camera(name, w2c[0, c], K[0, c], width, height), [row[c] for row in paths])
+        for c, name in enumerate(names)
+    ]

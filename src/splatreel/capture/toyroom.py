@@ -1,0 +1,245 @@
+"""The scene of the built-in capture: a toy room in which a globe turns, a ball bounces, a plane flies in and a train sets off.
+
+World: x right, y up, z towards the cameras; the floor is y = 0. Times are seconds.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from splatreel.capture import textures as tx
+from splatreel.capture.raytracer import BOX, CYLINDER, ELLIPSOID, Shapes
+
+LIGHT = np.array([1.3, 4.6, 3.4])
+PLANE_ENTERS = 0.4
+TRAIN_STARTS = 1.2
+
+Color = tuple[float, float, float]
+WHITE, CREAM, BLACK = (0.95, 0.94, 0.9), (0.93, 0.86, 0.7), (0.09, 0.09, 0.11)
+RED, ORANGE, YELLOW = (0.82, 0.16, 0.14), (0.93, 0.5, 0.13), (0.96, 0.78, 0.2)
+GREEN, TEAL, BLUE = (0.27, 0.6, 0.25), (0.15, 0.5, 0.52), (0.16, 0.33, 0.72)
+PURPLE, PINK, WOOD = (0.47, 0.25, 0.6), (0.92, 0.5, 0.55), (0.62, 0.4, 0.22)
+
+
+def _linear(color: Color) -> list[float]:
+    return [((c + 0.055) / 1.055) ** 2.4 for c in color]
+
+
+class _Builder:
+    """Collects solids and packs them as `Shapes`."""
+
+    def __init__(self) -> None:
+        self.rows: list[tuple] = []
+
+    def add(
+        self,
+        kind: int,
+        position: tuple[float, float, float],
+        half: tuple[float, float, float],
+        colors: tuple[Color, ...],
+        texture: int = tx.SOLID,
+        scale: float = 1.0,
+        phase: float = 0.0,
+        turn: np.ndarray | None = None,
+        occlusion: float = 0.35,
+    ) -> None:
+        """One solid; `colors` may be fewer than three, the last is repeated."""
+        three = [_linear(c) for c in (*colors, colors[-1], colors[-1])[:3]]
+        self.rows.append(
+            (kind, position, np.eye(3) if turn is None else turn, half, texture, three, scale, phase, occlusion)
+        )
+
+    def shapes(self) -> Shapes:
+        columns = list(zip(*self.rows, strict=True))
+        types = [np.int64, float, float, float, np.int64, float, float, float, float]
+        return Shapes(*(np.ascontiguousarray(c, t) for c, t in zip(columns, types, strict=True)))
+
+
+def turn_y(angle: float) -> np.ndarray:
+    """Rotation about the vertical axis, radians."""
+    c, s = math.cos(angle), math.sin(angle)
+    return np.array([[c, 0, s], [0, 1, 0], [-s, 0, c]])
+
+
+def turn_z(angle: float) -> np.ndarray:
+    c, s = math.cos(angle), math.sin(angle)
+    return np.array([[c, -s, 0], [s, c, 0], [0, 0, 1]])
+
+
+def turn_x(angle: float) -> np.ndarray:
+    c, s = math.cos(angle), math.sin(angle)
+    return np.array([[1, 0, 0], [0, c, -s], [0, s, c]])
+
+
+def standing(seed: int = 0) -> Shapes:
+    """The solids that never move. seed: varies the textures' phases and the blocks' places a little."""
+    rng = np.random.default_rng(seed)
+    b = _Builder()
+    _room(b, rng)
+    _books(b, rng)
+    _mirror(b)
+    _toys(b, rng)
+    return b.shapes()
+
+
+def _room(b: _Builder, rng: np.random.Generator) -> None:
+    phase = rng.uniform(0, 1)
+    b.add(BOX, (0, -0.5, 0), (5, 0.5, 5), (WOOD, (0.78, 0.56, 0.34)), tx.PLANKS, 2.6, phase, occlusion=0)
+    paper = ((0.55, 0.73, 0.72), (0.66, 0.81, 0.77), CREAM)
+    b.add(BOX, (0, 1.5, -2.0), (3.4, 2.0, 0.2), paper, tx.WALLPAPER, 1.7, phase, occlusion=0)
+    for side in (-1, 1):
+        b.add(BOX, (3.2 * side, 1.5, 0), (0.2, 2.0, 2.5), paper, tx.WALLPAPER, 1.7, phase, occlusion=0)
+    b.add(BOX, (0, 0.09, -1.78), (3.0, 0.09, 0.03), (WHITE,), occlusion=0)
+    b.add(BOX, (0, 0.72, -1.79), (3.0, 0.04, 0.03), (WHITE,), occlusion=0)
+    b.add(
+        BOX,
+        (0, 0.43, -1.8),
+        (3.0, 0.27, 0.012),
+        ((0.83, 0.8, 0.72), (0.62, 0.74, 0.72)),
+        tx.CHECKS,
+        14.0,
+        0.4,
+        occlusion=0,
+    )
+    b.add(
+        CYLINDER,
+        (0, 0.01, 0.15),
+        (1.45, 0.012, 1.05),
+        (PINK, CREAM, RED),
+        tx.RINGS,
+        17.0,
+        rng.uniform(0, 6),
+        occlusion=0,
+    )
+    b.add(BOX, (0.55, 1.55, -1.78), (0.55, 0.42, 0.04), (WOOD,), occlusion=0)
+    picture = ((0.98, 0.62, 0.4), (0.36, 0.5, 0.8), (0.3, 0.42, 0.36))
+    b.add(BOX, (0.55, 1.55, -1.76), (0.48, 0.35, 0.04), picture, tx.PAINTING, occlusion=0)
+
+
+def _books(b: _Builder, rng: np.random.Generator) -> None:
+    """A board on the wall with books of two colours each."""
+    b.add(BOX, (-0.85, 1.14, -1.62), (0.75, 0.03, 0.18), (WOOD,), occlusion=0.15)
+    x = -1.5
+    for main, band in zip(
+        (RED, BLUE, YELLOW, GREEN, PURPLE, ORANGE, TEAL), (CREAM, YELLOW, RED, WHITE, PINK, BLUE, CREAM), strict=True
+    ):
+        half = (rng.uniform(0.05, 0.075), rng.uniform(0.19, 0.27), 0.13)
+        place = (x + half[0], 1.17 + half[1], -1.64)
+        b.add(BOX, place, half, (main, band), tx.BANDS, rng.uniform(0.35, 0.7), occlusion=0.1)
+        x += 2 * half[0] + 0.004
+    b.add(
+        ELLIPSOID, (-0.33, 1.33, -1.62), (0.15, 0.17, 0.15), (TEAL, YELLOW, CREAM), tx.STRIPES, 30.0, 1.0, occlusion=0.1
+    )
+
+
+def _mirror(b: _Builder) -> None:
+    """A standing mirror at the left, turned to the middle of the room."""
+    turn = turn_y(0.62) @ turn_x(-0.06)
+    center = np.array([-1.42, 0.62, -0.85])
+    b.add(BOX, tuple(center), (0.40, 0.58, 0.03), (ORANGE, YELLOW), tx.STRIPES, 26.0, turn=turn, occlusion=0.2)
+    b.add(
+        BOX,
+        tuple(center + turn @ (0, 0, 0.02)),
+        (0.33, 0.51, 0.03),
+        ((0.9, 0.92, 0.93),),
+        tx.MIRROR,
+        turn=turn,
+        occlusion=0,
+    )
+
+
+def _toys(b: _Builder, rng: np.random.Generator) -> None:
+    b.add(CYLINDER, (0.02, 0.19, -0.75), (0.3, 0.19, 0.3), (CREAM, BLUE), tx.STRIPES, 33.0)
+    b.add(CYLINDER, (0.02, 0.41, -0.75), (0.1, 0.035, 0.1), (BLACK,), occlusion=0.2)
+    faces = ((CREAM, RED, BLUE), (CREAM, GREEN, RED), (CREAM, BLUE, ORANGE), (YELLOW, PURPLE, TEAL))
+    places = ((1.2, 0.2, -0.75), (1.62, 0.2, -0.55), (1.4, 0.6, -0.67), (0.83, 0.14, -0.42))
+    for colors, place in zip(faces, places, strict=True):
+        half = 0.14 if place[1] == 0.14 else 0.2
+        b.add(BOX, place, (half,) * 3, colors, tx.EMBLEM, turn=turn_y(rng.uniform(-0.5, 0.5)))
+    for i, color in enumerate((RED, ORANGE, YELLOW, GREEN, BLUE)):
+        radius = 0.25 - 0.035 * i
+        b.add(CYLINDER, (-0.86, 0.065 + 0.11 * i, -0.3), (radius, 0.05, radius), (color,), occlusion=0.25)
+    b.add(ELLIPSOID, (-0.86, 0.62, -0.3), (0.08, 0.08, 0.08), (PURPLE,), occlusion=0.1)
+    for side, color in ((-1, TEAL), (1, PURPLE)):
+        b.add(BOX, (1.72 * side, 0.19, 0.75), (0.11, 0.19, 0.28), (color, CREAM), tx.DOTS, 5.5, 0.2)
+
+
+def moving(seconds: float) -> Shapes:
+    """The solids that ever move, as they are at a time; always the same ones in the same order."""
+    b = _Builder()
+    _globe(b, seconds)
+    _ball(b, seconds)
+    _plane(b, seconds)
+    _train(b, seconds)
+    return b.shapes()
+
+
+def in_motion(seconds: float) -> np.ndarray:
+    """Which of the solids of `moving` are not at rest at that time, [N] bool."""
+    now, soon = moving(seconds), moving(seconds + 1e-3)
+    shift = np.abs(now.position - soon.position).max(1)
+    return (shift > 1e-9) | (np.abs(now.rotation - soon.rotation).max((1, 2)) > 1e-9)
+
+
+def _globe(b: _Builder, t: float) -> None:
+    """The slow turner: two thirds of a radian a second."""
+    colors = ((0.14, 0.42, 0.68), (0.5, 0.62, 0.22), WHITE)
+    b.add(ELLIPSOID, (0.02, 0.8, -0.75), (0.38,) * 3, colors, tx.GLOBE, 2.0, 3.0, turn=turn_z(-0.3) @ turn_y(0.66 * t))
+
+
+def _ball(b: _Builder, t: float) -> None:
+    """The fast thing: to and fro between two bumpers, bouncing; 6 to 8 pixels a frame at the default size."""
+    radius, reach, speed, hop = 0.16, 1.44, 2.7, 0.62
+    way = (speed * t + 0.6) % (4 * reach)
+    x = way - reach if way < 2 * reach else 3 * reach - way
+    phase = (t / hop + 0.25) % 1.0
+    y = radius + 0.012 + 4 * phase * (1 - phase) * 0.5
+    turn = turn_z(-2.0 * x / reach) @ turn_x(0.5)
+    b.add(ELLIPSOID, (x, y, 0.75), (radius,) * 3, (RED, WHITE, YELLOW), tx.SECTORS, 3.0, turn=turn)
+
+
+def _plane(b: _Builder, t: float) -> None:
+    """Flies in from the right about PLANE_ENTERS, then circles."""
+    radius, speed = 0.85, 1.7
+    x_straight = 2.0 - speed * (t - PLANE_ENTERS)
+    angle = max(0.0, -x_straight / radius)
+    place = np.array([x_straight if x_straight > 0 else -radius * math.sin(angle), 0, radius * math.cos(angle) - 0.5])
+    bank = 0.35 * min(1.0, max(0.0, (1.0 - x_straight)))
+    place[1] = 1.42 + 0.06 * math.sin(2.5 * t)
+    frame = turn_y(math.pi + angle) @ turn_x(-bank)  # local x is where it flies
+
+    def part(kind: int, at: tuple[float, float, float], half: tuple[float, float, float], *rest, **more) -> None:
+        b.add(kind, tuple(place + frame @ at), half, *rest, turn=frame, **more)
+
+    part(ELLIPSOID, (0, 0, 0), (0.36, 0.095, 0.09), (YELLOW, RED), tx.STRIPES, 30.0)
+    part(BOX, (0.06, 0.02, 0), (0.1, 0.018, 0.42), (RED, CREAM), tx.DOTS, 7.0)
+    part(BOX, (-0.3, 0.03, 0), (0.06, 0.015, 0.16), (RED,))
+    part(BOX, (-0.31, 0.1, 0), (0.055, 0.1, 0.015), (BLUE,))
+    part(ELLIPSOID, (0.05, 0.08, 0), (0.1, 0.06, 0.055), ((0.6, 0.8, 0.9),))
+
+
+def _train(b: _Builder, t: float) -> None:
+    """Rests until TRAIN_STARTS, then runs to and fro in front of the globe's stand."""
+    x = -0.95 + 0.8 * (1 - math.cos(1.35 * max(0.0, t - TRAIN_STARTS)))
+    roll = -(x + 0.95) / 0.09
+
+    def part(kind: int, at: tuple[float, float, float], half: tuple[float, float, float], *rest, **more) -> None:
+        b.add(kind, (x + at[0], at[1], 0.22 + at[2]), half, *rest, **more)
+
+    part(BOX, (0, 0.14, 0), (0.36, 0.04, 0.13), (BLACK,))
+    part(CYLINDER, (0.1, 0.29, 0), (0.12, 0.24, 0.12), (GREEN, YELLOW), tx.STRIPES, 26.0, turn=turn_z(math.pi / 2))
+    part(BOX, (-0.22, 0.34, 0), (0.13, 0.17, 0.13), (RED, CREAM, BLUE), tx.EMBLEM)
+    part(BOX, (-0.22, 0.53, 0), (0.17, 0.025, 0.16), (BLUE,))
+    part(CYLINDER, (0.22, 0.46, 0), (0.05, 0.09, 0.05), (BLACK, RED), tx.STRIPES, 30.0)
+    for at in (-0.22, 0.02, 0.24):
+        part(
+            CYLINDER,
+            (at, 0.1, 0.0),
+            (0.09, 0.15, 0.09),
+            (RED, YELLOW),
+            tx.SECTORS,
+            2.0,
+            turn=turn_z(roll) @ turn_x(math.pi / 2),
+        )
