@@ -32,6 +32,7 @@ def evaluate(
         frames: Frames of the capture that the reel was made of, as A:B, if not all.
         json: Print report.json instead of the summary.
     """
+    span, names = parse_frames(frames), parse_names(cameras, "--cameras")
     from splatreel.capture.opening import open_capture
     from splatreel.evaluation.evaluate import evaluate as compare
     from splatreel.evaluation.evaluate import reel_width
@@ -41,10 +42,9 @@ def evaluate(
     reel = reel_folder(reel)
     if width is None and scale is None:
         width = reel_width(reel)
-    names = parse_names(cameras, "--cameras")
     work = reel.parent / "work"
     undecoded = undecoded_frames(work, reel) if work.is_dir() else None
-    source = open_capture(capture, width=width, scale=scale, frames=parse_frames(frames))
+    source = open_capture(capture, width=width, scale=scale, frames=span)
     progress = console()
     try:
         report = compare(reel, source, cameras=names, out=out, undecoded=undecoded, progress=progress)

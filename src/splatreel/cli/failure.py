@@ -8,6 +8,9 @@ from collections.abc import Sequence
 
 from splatreel.errors import SplatreelError
 
+EXTRAS = {"torch": "recon", "cv2": "recon", "pycolmap": "recon", "gsplat": "cuda", "viser": "viewer", "ray": "cluster"}
+"""Which extra of the package brings an optional module."""
+
 INTERRUPTED = 130
 """What shells return for a program ended by Ctrl-C."""
 
@@ -29,6 +32,9 @@ def explain(error: BaseException, arguments: Sequence[str]) -> tuple[str, int] |
             "Error: out of memory. Ask for a smaller picture (--width), fewer frames (--frames A:B) or --quality draft."
         )
         return text, 1
+    if isinstance(error, ModuleNotFoundError) and error.name in EXTRAS:
+        extra = f"pip install 'splatreel[{EXTRAS[error.name]}]'"
+        return f"Error: the Python package {error.name!r} is needed for this and not installed. Run\n  {extra}", 1
     if isinstance(error, OSError) and error.filename is not None:
         return f"Error: {error.filename}: {error.strerror}.", 1
     return None

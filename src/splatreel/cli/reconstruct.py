@@ -45,18 +45,16 @@ def reconstruct(
         deformation: How points move; what the quality says by default.
         seed: Seed of everything random.
     """
+    span, held_out = parse_frames(frames), parse_names(hold_out, "--hold-out")
+    config = configure(quality, codec, deformation, seed)
     from splatreel.capture.opening import open_capture
     from splatreel.progress import console
     from splatreel.recon import sequence
 
-    source = open_capture(
-        capture, width=width, scale=scale, frames=parse_frames(frames), held_out=parse_names(hold_out, "--hold-out")
-    )
+    source = open_capture(capture, width=width, scale=scale, frames=span, held_out=held_out)
     progress = console()
     try:
-        result = sequence.reconstruct(
-            source, out, configure(quality, codec, deformation, seed), device=device, progress=progress
-        )
+        result = sequence.reconstruct(source, out, config, device=device, progress=progress)
     finally:
         progress.close()
         source.close()

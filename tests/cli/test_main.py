@@ -1,0 +1,178 @@
+"""The command line as a user meets it: exit codes, and the exact text of what goes wrong."""
+
+import errno
+import os
+import re
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+
+from splatreel import errors
+from splatreel.cli import main as cli
+from splatreel.cli.failure import explain
+from splatreel.cli.main import main
+
+VERBS = ["demo", "capture", "reconstruct", "encode", "info", "verify", "serve", "view", "export", "evaluate", "bench"]
+
+
+def run(*arguments: str, cwd: Path | None = None) -> subprocess.CompletedProcess[str]:
+    command = [sys.executable, "-m", "splatreel", *arguments]
+    return subprocess.run(command, capture_output=True, text=True, cwd=cwd, timeout=120)
+
+
+def error_of(capsys: pytest.CaptureFixture[str], *arguments: str) -> tuple[int, str]:
+    code = main(list(arguments))
+    captured = capsys.readouterr()
+    assert captured.out == ""
+    return code, captured.err
+
+
+def test_help_is_quick_and_names_every_verb() -> None:
+    start = time.monotonic()
+    result = run("--help")
+    assert result.returncode == 0
+    for verb in VERBS:
+        assert f"• {verb} " in result.stdout, verb
+    assert time.monotonic() - start < 5  # 0.4 s on an idle machine
+
+
+def test_the_command_line_loads_nothing_heavy() -> None:
+    code = "import sys, splatreel.cli.main as m; m.build(); print(sorted({'numpy', 'numba', 'torch', 'av'} & set(sys.modules)))"
+    result = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert result.stdout.strip() == "[]"
+
+
+def test_threads_sleep_unless_told_otherwise(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.delenv("GOMP_SPINCOUNT", raising=False)
+    monkeypatch.setenv("KMP_BLOCKTIME", "7")
+    cli.quiet_threads()
+    assert (os.environ["GOMP_SPINCOUNT"], os.environ["KMP_BLOCKTIME"]) == ("0", "7")
+
+
+def test_version(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["--version"]) == 0
+    assert re.fullmatch(r"splatreel \d+\.\d+\.\d+\n", capsys.readouterr().out)
+
+
+@pytest.mark.parametrize(
+    "arguments", [[], ["frobnicate"], ["reconstruct"], ["info", "a", "b"], ["bench", "kernels", "--points", "many"]]
+)
+def test_wrong_use_exits_with_2(arguments: list[str], capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(SystemExit) as left:
+        main(arguments)
+    assert left.value.code == 2
+    assert capsys.readouterr().err.strip()
+
+
+REFUSALS = [
+    (
+        ["reconstruct", "CAPTURE", "--out", "OUT", "--frames", "60"],
+        "Error: --frames '60' is no range of frames. Write A:B with A < B, such as 0:60 for the first 60.\n",
+    ),
+    (
+        ["reconstruct", "CAPTURE", "--out", "OUT", "--frames", "9:3"],
+        "Error: --frames '9:3' is no range of frames. Write A:B with A < B, such as 0:60 for the first 60.\n",
+    ),
+    (
+        ["reconstruct", "CAPTURE", "--out", "OUT", "--hold-out", "a,,b"],
+        "Error: --hold-out 'a,,b' holds an empty name. Write names with commas between them, such as cam00,cam10.\n",
+    ),
+    (["reconstruct", "CAPTURE", "--out", "OUT", "--hold-out", "a,b,a"], "Error: --hold-out 'a,b,a' names 'a' twice.\n"),
+]
+
+
+@pytest.mark.parametrize(("arguments", "expected"), REFUSALS)
+def test_values_that_make_no_sense(arguments: list[str], expected: str, capsys: pytest.CaptureFixture[str]) -> None:
+    assert error_of(capsys, *arguments) == (2, expected)
+
+
+def test_what_is_not_there(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
+    monkeypatch.chdir(tmp_path)
+    code, text = error_of(capsys, "capture", "check", "nowhere")
+    assert code == 1
+    assert text.startswith("Error: nowhere: is not a folder")
+    for verb in (["info"], ["verify"], ["export", "--frame", "0", "--out", "x.ply"]):
+        code, text = error_of(capsys, verb[0], "nowhere", *verb[1:])
+        assert code == 1
+        assert text == (
+            "Error: nowhere/manifest.json: cannot be read (No such file or directory). Is this a reel, and is it whole?\n"
+        )
+
+
+def test_a_failing_command_shows_one_block_and_no_traceback(tmp_path: Path) -> None:
+    result = run("info", "nowhere", cwd=tmp_path)
+    assert result.returncode == 1
+    assert result.stdout == ""
+    assert "Traceback" not in result.stderr
+    assert result.stderr.startswith("Error: nowhere/manifest.json")
+
+
+def explained(error: BaseException) -> tuple[str, int]:
+    found = explain(error, ["reconstruct", "my capture", "--out", "o"])
+    assert found is not None
+    return found
+
+
+def test_every_error_of_the_family_has_its_exit_code() -> None:
+    assert explained(errors.UsageError("a")) == ("Error: a", 2)
+    assert explained(errors.CaptureError("b")) == ("Error: b", 1)
+
+
+def test_an_interruption_says_how_to_go_on() -> None:
+    assert explained(KeyboardInterrupt()) == (
+        "Interrupted. What is finished is kept; continue with the same command:\n"
+        "  splatreel reconstruct 'my capture' --out o",
+        130,
+    )
+
+
+@pytest.mark.parametrize(
+    "error",
+    [
+        OSError(errno.ENOSPC, "No space left on device", "o/work/a"),
+        RuntimeError("Error while serializing: IoError(Os { code: 28, message: No space left on device })"),
+    ],
+)
+def test_a_full_disk(error: Exception) -> None:
+    text, code = explained(error)
+    assert code == 1
+    assert text.startswith("Error: the disk is full")
+    assert "o/work/a" in text or isinstance(error, RuntimeError)
+    assert text.endswith("then run\n  splatreel reconstruct 'my capture' --out o")
+
+
+@pytest.mark.parametrize(
+    "error",
+    [MemoryError(), RuntimeError("[enforce fail] DefaultCPUAllocator: can't allocate memory: you tried 8 bytes")],
+)
+def test_no_memory(error: Exception) -> None:
+    assert explained(error) == (
+        "Error: out of memory. Ask for a smaller picture (--width), fewer frames (--frames A:B) or --quality draft.",
+        1,
+    )
+
+
+def test_a_package_that_is_not_installed() -> None:
+    assert explained(ModuleNotFoundError("No module named 'torch'", name="torch")) == (
+        "Error: the Python package 'torch' is needed for this and not installed. Run\n  pip install 'splatreel[recon]'",
+        1,
+    )
+    assert explain(ModuleNotFoundError("No module named 'splatreel.oops'", name="splatreel.oops"), []) is None
+
+
+def test_other_trouble_with_files() -> None:
+    assert explained(PermissionError(errno.EACCES, "Permission denied", "/o")) == ("Error: /o: Permission denied.", 1)
+
+
+def test_a_bug_keeps_its_traceback(monkeypatch: pytest.MonkeyPatch) -> None:
+    assert explain(ValueError("broken"), []) is None
+
+    def broken() -> None:
+        raise ZeroDivisionError
+
+    monkeypatch.setattr(cli, "build", broken)
+    with pytest.raises(ZeroDivisionError):
+        main(["info"])

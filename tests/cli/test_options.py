@@ -1,0 +1,33 @@
+from pathlib import Path
+
+import pytest
+
+from splatreel.cli.options import parse_frames, parse_names, reel_folder
+from splatreel.errors import UsageError
+
+
+def test_frames() -> None:
+    assert parse_frames(None) is None
+    assert parse_frames("0:60") == (0, 60)
+    assert parse_frames(" 30:31 ") == (30, 31)
+
+
+@pytest.mark.parametrize("text", ["", ":", "5", "5:", ":5", "5:5", "6:5", "-1:5", "1:2:3", "a:b", "1.0:2"])
+def test_frames_that_are_none(text: str) -> None:
+    with pytest.raises(UsageError, match="no range of frames"):
+        parse_frames(text)
+
+
+def test_names() -> None:
+    assert parse_names(None, "--cameras") is None
+    assert parse_names("0, 10,cam03", "--cameras") == ["0", "10", "cam03"]
+    with pytest.raises(UsageError, match="--cameras '' holds an empty name"):
+        parse_names("", "--cameras")
+
+
+def test_the_reel_is_found_inside_the_output_of_a_run(tmp_path: Path) -> None:
+    assert reel_folder(tmp_path) == tmp_path
+    (tmp_path / "reel").mkdir()
+    (tmp_path / "reel" / "manifest.json").touch()
+    assert reel_folder(tmp_path) == tmp_path / "reel"
+    assert reel_folder(tmp_path / "reel") == tmp_path / "reel"

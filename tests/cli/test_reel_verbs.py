@@ -1,0 +1,51 @@
+"""The verbs that read a reel, on the golden one."""
+
+import json
+import shutil
+from pathlib import Path
+
+import pytest
+
+from splatreel.cli.main import main
+
+GOLDEN = Path(__file__).parent.parent / "data" / "golden"
+
+
+def test_info(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["info", str(GOLDEN)]) == 0
+    text = capsys.readouterr().out
+    manifest = json.loads((GOLDEN / "manifest.json").read_text())
+    assert f"{manifest['frames']} frames at {manifest['fps']:g} a second" in text
+    assert text.count("dynamic points") == len(manifest["groups"])
+
+
+def test_info_as_json(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["info", str(GOLDEN), "--json"]) == 0
+    values = json.loads(capsys.readouterr().out)
+    manifest = json.loads((GOLDEN / "manifest.json").read_text())
+    assert values["manifest"]["groups"] == manifest["groups"]
+    files = [GOLDEN / "manifest.json", *(GOLDEN / f["uri"] for f in manifest["layers"] + manifest["groups"])]
+    assert values["bytes"] == sum(f.stat().st_size for f in files)
+
+
+def test_verify_finds_a_flipped_bit(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["verify", str(GOLDEN)]) == 0
+    assert "whole" in capsys.readouterr().out
+    shutil.copytree(GOLDEN, tmp_path / "reel")
+    file = next((tmp_path / "reel" / "groups").iterdir())
+    data = bytearray(file.read_bytes())
+    data[len(data) // 2] ^= 1
+    file.write_bytes(data)
+    assert main(["verify", str(tmp_path)]) == 1  # the folder that holds the reel will do
+    assert file.name in capsys.readouterr().err
+
+
+def test_export(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    pytest.importorskip("splatreel.scene.ply")
+    target = tmp_path / "made" / "frame.ply"
+    assert main(["export", str(GOLDEN), "--frame", "3", "--out", str(target)]) == 0
+    assert target.read_bytes().startswith(b"ply\n")
+    assert "Gaussians of frame 3" in capsys.readouterr().out
+    assert main(["export", str(GOLDEN), "--frame", "999", "--out", str(target)]) == 2
+    frames = json.loads((GOLDEN / "manifest.json").read_text())["frames"]
+    assert capsys.readouterr().err == f"Error: {GOLDEN}: there is no frame 999; choose 0 to {frames - 1}.\n"
