@@ -26,13 +26,10 @@ def render_image(
     if degree is None:
         degree = gaussians.sh_degree
     if not 0 <= degree <= gaussians.sh_degree:
-        raise GaussiansError(
-            f"render_image: degree {degree} is not within 0..{gaussians.sh_degree}, what the Gaussians hold."
-        )
+        raise GaussiansError(f"render_image: SH degree {degree} is not within 0..{gaussians.sh_degree}.")
     width, height = camera.width, camera.height
-    means2d, conics, depths, radii = project.forward(
-        gaussians.means, gaussians.quats, gaussians.scales, camera.viewmat, camera.K, width, height, near
-    )
+    view = project.View(camera.viewmat, camera.K, width, height, near)
+    means2d, conics, depths, radii = project.forward(gaussians.means, gaussians.quats, gaussians.scales, view)
     colors = harmonics.forward(degree, gaussians.means - camera.center, gaussians.sh)
     colors = np.maximum(colors + np.float32(0.5), 0)
     bins = binning.bin_splats(means2d, conics, gaussians.opacities, depths, radii, width, height)

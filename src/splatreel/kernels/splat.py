@@ -1,9 +1,9 @@
 """Differentiable Gaussian splatting on torch tensors: the one door to every fast kernel.
 
-The device of the tensors picks the implementation: numba kernels with hand-written gradients on the CPU, gsplat on CUDA. Both
-follow gsplat's rules: 0.3 px^2 added to the 2D covariance diagonal, alpha = min(0.999, opacity exp(-sigma)), alphas below
-1/255 skipped, a pixel full once its transmittance would fall to 1e-4, pixel centres at +0.5. `twin` holds a readable
-torch version of every function here, with the same signature, as the oracle of the tests.
+The device of the tensors picks the implementation: numba kernels with hand-written gradients on the CPU, gsplat on CUDA.
+Both follow gsplat's rules: 0.3 px^2 added to the 2D covariance diagonal, alpha = min(0.999, opacity exp(-sigma)), alphas
+below 1/255 skipped, a pixel full once its transmittance would fall to 1e-4, pixel centres at +0.5. `twin` holds a
+readable torch version of every function here, with the same signature, as the oracle of the tests.
 """
 
 from __future__ import annotations
@@ -12,16 +12,20 @@ from typing import NamedTuple
 
 import numpy as np
 import torch
-from scipy.spatial import cKDTree
+from scipy.spatial import KDTree
 from torch import Tensor
 
 from splatreel.errors import GaussiansError
 from splatreel.kernels import cuda, twin
 from splatreel.kernels.cpu import autograd as cpu
+from splatreel.kernels.cpu.project import View
 
 
 class Projection(NamedTuple):
-    """means2d: [N, 2] pixels. conics: [N, 3], the inverse 2D covariance's xx, xy, yy. depths: [N]. radii: [N] int32, 0 = culled."""
+    """means2d: [N, 2] pixels. conics: [N, 3], xx, xy, yy of the inverse 2D covariance. depths: [N] along the camera's z.
+
+    radii: [N] int32, the longer half side of the box where alpha may reach 1/255, pixels; 0 for culled Gaussians.
+    """
 
     means2d: Tensor
     conics: Tensor
@@ -30,7 +34,7 @@ class Projection(NamedTuple):
 
 
 class Rendered(NamedTuple):
-    """image: [H, W, 3] over black. alpha: [H, W]. means2d: [N, 2] pixels, in the graph. radii: [N] int32, 0 = culled."""
+    """image: [H, W, 3] over black. alpha: [H, W]. means2d: [N, 2] pixels, in the graph. radii: [N] int32, 0: culled."""
 
     image: Tensor
     alpha: Tensor
@@ -57,18 +61,19 @@ def project(
     _check_finite(means=means, quats=quats, scales=scales)
     if means.is_cuda:
         return Projection(*cuda.project(means, quats, scales, viewmat, K, width, height, near))
-    arguments = (_matrix(viewmat), _matrix(K), width, height, near)
-    return Projection(*cpu.Project.apply(means, quats, scales, *arguments))  # pyright: ignore[reportGeneralTypeIssues]
+    view = View(_matrix(viewmat), _matrix(K), width, height, near)
+    return Projection(*cpu.Project.apply(means, quats, scales, view))  # pyright: ignore[reportGeneralTypeIssues]
 
 
 def spherical_harmonics(degree: int, directions: Tensor, coefficients: Tensor) -> Tensor:
     """Sum of the harmonics up to degree 0..3 in the 3DGS order, without the 0.5 of 3DGS colours.
 
-    directions: [N, 3], from the camera to the point, any length. coefficients: [N, K, 3], K >= (degree + 1)^2 -> [N, 3].
+    directions: [N, 3], from the camera to the point, any length. coefficients: [N, K, 3], K >= (degree + 1)^2.
+    Returns [N, 3]. Raises `GaussiansError` for a degree the coefficients do not hold.
     """
     if not 0 <= degree <= 3 or coefficients.shape[1] < (degree + 1) ** 2:
         raise GaussiansError(
-            f"SH degree {degree} does not fit {coefficients.shape[1]} coefficients; degree must be 0..3 and have (degree + 1)^2."
+            f"SH degree {degree} needs {(degree + 1) ** 2} coefficients, there are {coefficients.shape[1]}; choose 0..3."
         )
     if coefficients.is_cuda:
         return cuda.spherical_harmonics(degree, directions, coefficients)
@@ -87,8 +92,8 @@ def rasterize(
 ) -> tuple[Tensor, Tensor]:
     """Blends projected Gaussians front to back over black.
 
-    colors: [N, C], any C; opacities: [N] in 0..1; the others as `project` returns them. Returns the image [H, W, C] and alpha
-    [H, W]. Gradients go to means2d, conics, colors and opacities. Raises `GaussiansError` for NaN or infinity.
+    colors: [N, C], any C; opacities: [N] in 0..1; the others as `project` returns them. Returns the image [H, W, C] and
+    alpha [H, W]. Gradients go to means2d, conics, colors and opacities. Raises `GaussiansError` for NaN or infinity.
     """
     _check_finite(means2d=means2d, conics=conics, colors=colors, opacities=opacities)
     if means2d.is_cuda:
@@ -115,26 +120,25 @@ def render(
 
     Call `means2d.retain_grad()` on the result before backward to get screen-space gradients, in loss per pixel.
     """
-    if degree is None:
-        degree = round(sh.shape[1] ** 0.5) - 1
+    bands = round(sh.shape[1] ** 0.5) - 1 if degree is None else degree
     projection = project(means, quats, scales, viewmat, K, width, height, near)
     pose = torch.as_tensor(viewmat, dtype=torch.float32, device=means.device)
     center = -pose[:3, :3].T @ pose[:3, 3]
-    colors = (spherical_harmonics(degree, means - center, sh) + 0.5).clamp_min(0)
+    colors = (spherical_harmonics(bands, means - center, sh) + 0.5).clamp_min(0)
     means2d, conics, depths, radii = projection
     image, alpha = rasterize(means2d, conics, colors, opacities, depths, radii, width, height)
     return Rendered(image, alpha, means2d, radii)
 
 
 def photometric_loss(image: Tensor, target: Tensor, lambda_dssim: float = 0.2) -> Tensor:
-    """(1 - lambda) mean|image - target| + lambda (1 - mean SSIM), as 3DGS: 11 x 11 Gaussian window, sigma 1.5, zero padding.
+    """(1 - lambda) mean|image - target| + lambda (1 - mean SSIM), as 3DGS.
 
+    SSIM has an 11 x 11 Gaussian window of sigma 1.5 and zero padding.
     image: [H, W, 3] 0..1. target: [H, W, 3], float 0..1 or uint8; it gets no gradient.
     """
     if image.shape != target.shape or image.shape[-1] != 3:
-        raise GaussiansError(
-            f"photometric_loss: image {tuple(image.shape)} and target {tuple(target.shape)} must be [H, W, 3]."
-        )
+        shapes = f"image {tuple(image.shape)}, target {tuple(target.shape)}"
+        raise GaussiansError(f"photometric_loss: {shapes}; both must be [H, W, 3].")
     if target.dtype == torch.uint8:
         target = target.to(torch.float32) / 255
     if image.is_cuda:
@@ -155,7 +159,7 @@ def nearest_neighbours(points: Tensor, k: int, queries: Tensor | None = None) ->
     array = points.detach().numpy()
     asked = array if queries is None else queries.detach().numpy()
     count = k + (queries is None)
-    distances, indices = cKDTree(array).query(asked, k=range(1, count + 1), workers=-1)
+    distances, indices = KDTree(array).query(asked, k=range(1, count + 1), workers=-1)
     if queries is None:
         indices, distances = _without_self(indices, distances)
     return torch.from_numpy(indices.astype(np.int64)), torch.from_numpy(distances.astype(np.float32))
@@ -164,10 +168,17 @@ def nearest_neighbours(points: Tensor, k: int, queries: Tensor | None = None) ->
 def hashgrid(coords: Tensor, table: Tensor, resolutions: Tensor | np.ndarray) -> Tensor:
     """Multiresolution hash grid (Instant-NGP): trilinear features of every level, [N, L * F].
 
-    coords: [N, 3], clamped to 0..1. table: [L, T, F]. resolutions: [L, 3] ints, cells an axis; a level whose corners fit into T
-    rows is stored densely, others are hashed. Gradients go to table and coords.
+    coords: [N, 3], clamped to 0..1. table: [L, T, F], T a power of two. resolutions: [L, 3] ints, cells an axis; a level
+    whose corners fit into T rows is stored densely, others are hashed. Gradients go to table and coords.
+    Raises `GaussiansError` for shapes that do not fit.
     """
-    cells = np.ascontiguousarray(resolutions if isinstance(resolutions, np.ndarray) else resolutions.cpu().numpy())
+    cells = np.ascontiguousarray(resolutions.cpu().numpy() if isinstance(resolutions, Tensor) else resolutions)
+    size = table.shape[1]
+    if cells.shape != (len(table), 3) or cells.min() < 1 or size & (size - 1):
+        raise GaussiansError(
+            f"hashgrid: table {tuple(table.shape)} and resolutions {cells.shape}, least {cells.min()}, do not fit; "
+            "they must be [L, T, F], T a power of two, and [L, 3], at least 1."
+        )
     if coords.is_cuda:
         return twin.hashgrid(coords, table, cells)
     return cpu.HashGrid.apply(coords, table, cells)  # pyright: ignore[reportReturnType]
@@ -180,7 +191,7 @@ def _matrix(value: Tensor | np.ndarray) -> np.ndarray:
 
 
 def _without_self(indices: np.ndarray, distances: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Drops each point from its own neighbours; coinciding points may come in any order, so it need not be the first."""
+    """Drops each point from its own neighbours; among coinciding points it need not be the first."""
     own = indices == np.arange(len(indices))[:, None]
     own[~own.any(1), -1] = True  # crowded out by coinciding points: drop the last instead
     shape = (len(indices), indices.shape[1] - 1)

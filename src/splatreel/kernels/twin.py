@@ -1,4 +1,4 @@
-"""The oracle: every kernel of `splat` as plain torch, readable and differentiated by autograd, far too slow and dense to train with."""
+"""The oracle: every kernel of `splat` as plain, readable torch, differentiated by autograd; dense, for small scenes."""
 
 from __future__ import annotations
 

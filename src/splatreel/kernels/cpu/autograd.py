@@ -1,4 +1,8 @@
-"""The CPU kernels as torch autograd functions. Tensors and arrays share memory; nothing is copied."""
+"""The CPU kernels as torch autograd functions. Tensors and arrays share memory; nothing is copied.
+
+Every input and output a gradient needs goes through `save_for_backward`, so that torch notices if one is changed in place in
+between. Buffers belong to the call that made them: any number of renders can wait for their backward at once.
+"""
 
 from __future__ import annotations
 
@@ -7,81 +11,80 @@ from typing import Any
 import numpy as np
 import torch
 from torch import Tensor
+from torch.autograd import Function
+from torch.autograd.function import once_differentiable
 
 from splatreel.kernels.cpu import binning, harmonics, hashgrid, project, rasterize, similarity
 
-CHUNK = 3  # channels the rasteriser blends at once; other counts are padded and done in several passes
+CHUNK = 3  # channels the rasteriser blends at once; other counts but 1 are padded and take several passes
 
 
-def _array(tensor: Tensor) -> np.ndarray:
-    return tensor.detach().to(torch.float32).contiguous().numpy()
+def _arrays(*tensors: Tensor) -> list[np.ndarray]:
+    return [tensor.detach().to(torch.float32).contiguous().numpy() for tensor in tensors]
 
 
-def _tensors(*arrays: np.ndarray) -> tuple[Tensor, ...]:
-    return tuple(torch.from_numpy(array) for array in arrays)
+def _tensors(*arrays: np.ndarray) -> list[Tensor]:
+    return [torch.from_numpy(array) for array in arrays]
 
 
-class Project(torch.autograd.Function):
+class Project(Function):
     @staticmethod
-    def forward(ctx: Any, means: Tensor, quats: Tensor, scales: Tensor, viewmat, K, width, height, near):
-        inputs = (_array(means), _array(quats), _array(scales), viewmat, K, width, height)
-        means2d, conics, depths, radii = _tensors(*project.forward(*inputs, near))
-        ctx.inputs = inputs
-        ctx.save_for_backward(conics, radii)
+    def forward(ctx: Any, means: Tensor, quats: Tensor, scales: Tensor, view: project.View):
+        means2d, conics, depths, radii = _tensors(*project.forward(*_arrays(means, quats, scales), view))
+        ctx.view = view
+        ctx.save_for_backward(means, quats, scales, conics, radii)
         ctx.mark_non_differentiable(radii)
         return means2d, conics, depths, radii
 
     @staticmethod
-    def backward(ctx: Any, *grads: Tensor):
-        conics, radii = ctx.saved_tensors
-        d_means2d, d_conics, d_depths, _ = grads
-        arrays = (_array(d_means2d), _array(d_conics), _array(d_depths))
-        return *_tensors(*project.backward(*ctx.inputs, _array(conics), _array(radii), arrays)), *[None] * 5
+    @once_differentiable
+    def backward(ctx: Any, d_means2d: Tensor, d_conics: Tensor, d_depths: Tensor, _: None):
+        means, quats, scales, conics, radii = ctx.saved_tensors
+        arrays = _arrays(means, quats, scales, conics)
+        gradients = _arrays(d_means2d, d_conics, d_depths)
+        return *_tensors(*project.backward(*arrays, radii.numpy(), *gradients, ctx.view)), None
 
 
-class SphericalHarmonics(torch.autograd.Function):
+class SphericalHarmonics(Function):
     @staticmethod
     def forward(ctx: Any, degree: int, directions: Tensor, coefficients: Tensor):
-        ctx.inputs = (degree, _array(directions), _array(coefficients))
-        return torch.from_numpy(harmonics.forward(*ctx.inputs))
+        ctx.degree = degree
+        ctx.save_for_backward(directions, coefficients)
+        return torch.from_numpy(harmonics.forward(degree, *_arrays(directions, coefficients)))
 
     @staticmethod
-    def backward(ctx: Any, *grads: Tensor):
-        return None, *_tensors(*harmonics.backward(*ctx.inputs, _array(grads[0])))
+    @once_differentiable
+    def backward(ctx: Any, d_colors: Tensor):
+        return None, *_tensors(*harmonics.backward(ctx.degree, *_arrays(*ctx.saved_tensors, d_colors)))
 
 
-class Rasterize(torch.autograd.Function):
+class Rasterize(Function):
     @staticmethod
-    def forward(ctx: Any, means2d, conics, colors, opacities, depths, radii, width, height):
-        bins = binning.bin_splats(
-            _array(means2d),
-            _array(conics),
-            _array(opacities),
-            _array(depths),
-            np.ascontiguousarray(radii.numpy(), np.int32),
-            width,
-            height,
-        )
-        parts = _split(_array(colors))
-        images, alphas = zip(*(rasterize.forward(bins, part) for part in parts), strict=True)
-        alpha = alphas[0]
-        image = images[0] if len(images) == 1 else np.concatenate(images, -1)[..., : colors.shape[1]]
-        ctx.bins, ctx.parts, ctx.images, ctx.alpha = bins, parts, images, alpha
-        return torch.from_numpy(image), torch.from_numpy(alpha)
+    def forward(ctx: Any, means2d, conics, colors, opacities, depths, radii, width: int, height: int):
+        arrays = _arrays(means2d, conics, opacities, depths)
+        bins = binning.bin_splats(*arrays, radii.to(torch.int32).contiguous().numpy(), width, height)
+        parts = [rasterize.forward(bins, part) for part in _split(*_arrays(colors))]
+        image = torch.from_numpy(_join([image for image, _ in parts], colors.shape[1]))
+        alpha = torch.from_numpy(parts[0][1])
+        ctx.bins = bins
+        ctx.save_for_backward(colors, image, alpha)
+        return image, alpha
 
     @staticmethod
-    def backward(ctx: Any, *grads: Tensor):
-        d_image, d_alpha = _array(grads[0]), _array(grads[1])
-        total, d_colors = None, []
-        for part, image, d_part in zip(ctx.parts, ctx.images, _split(d_image), strict=True):
-            *geometry, d_color = rasterize.backward(ctx.bins, part, image, ctx.alpha, d_part, d_alpha)
-            total = geometry if total is None else [a + b for a, b in zip(total, geometry, strict=True)]
+    @once_differentiable
+    def backward(ctx: Any, d_image: Tensor, d_alpha: Tensor):
+        colors, image, alpha, d_image_, d_alpha_ = _arrays(*ctx.saved_tensors, d_image, d_alpha)
+        geometry, d_colors = [], []
+        for part in zip(_split(colors), _split(image), _split(d_image_), strict=True):
+            *gradients, d_color = rasterize.backward(ctx.bins, *part, alpha, d_alpha_)
+            geometry.append(gradients)
             d_colors.append(d_color)
-            d_alpha = np.zeros_like(d_alpha)  # count the gradient to alpha once
-        assert total is not None
-        d_means2d, d_conics, d_opacities = _tensors(*total)
-        d_color = torch.from_numpy(np.concatenate(d_colors, -1)[:, : d_image.shape[-1]])
-        return d_means2d, d_conics, d_color, d_opacities, None, None, None, None
+            d_alpha_ = np.zeros_like(d_alpha_)  # every part sees the same alpha: count its gradient once
+        d_means2d, d_conics, d_opacities = geometry[0]
+        for others in geometry[1:]:
+            d_means2d, d_conics, d_opacities = d_means2d + others[0], d_conics + others[1], d_opacities + others[2]
+        d_color = _join(d_colors, colors.shape[1])
+        return *_tensors(d_means2d, d_conics, d_color, d_opacities), None, None, None, None
 
 
 def _split(values: np.ndarray) -> list[np.ndarray]:
@@ -93,27 +96,38 @@ def _split(values: np.ndarray) -> list[np.ndarray]:
     return [np.ascontiguousarray(padded[..., k : k + CHUNK]) for k in range(0, channels, CHUNK)]
 
 
-class PhotometricLoss(torch.autograd.Function):
+def _join(parts: list[np.ndarray], channels: int) -> np.ndarray:
+    """Undoes `_split`."""
+    return parts[0] if parts[0].shape[-1] == channels else np.concatenate(parts, -1)[..., :channels]
+
+
+class PhotometricLoss(Function):
     @staticmethod
     def forward(ctx: Any, image: Tensor, target: Tensor, lambda_dssim: float):
-        loss, ctx.d_image = similarity.loss_and_gradient(_array(image), _array(target), lambda_dssim)
+        loss, gradient = similarity.loss_and_gradient(*_arrays(image, target), lambda_dssim)
+        ctx.gradient = torch.from_numpy(gradient)
         return torch.tensor(loss, dtype=torch.float32)
 
     @staticmethod
-    def backward(ctx: Any, *grads: Tensor):
-        return torch.from_numpy(ctx.d_image) * grads[0], None, None
+    @once_differentiable
+    def backward(ctx: Any, d_loss: Tensor):
+        return ctx.gradient * d_loss, None, None
 
 
-class HashGrid(torch.autograd.Function):
+class HashGrid(Function):
     @staticmethod
     def forward(ctx: Any, coords: Tensor, table: Tensor, resolutions: np.ndarray):
-        ctx.inputs = (_array(coords), _array(table), resolutions)
-        return torch.from_numpy(hashgrid.forward(*ctx.inputs))
+        ctx.resolutions = resolutions
+        ctx.save_for_backward(coords, table)
+        return torch.from_numpy(hashgrid.forward(*_arrays(coords, table), resolutions))
 
     @staticmethod
-    def backward(ctx: Any, *grads: Tensor):
-        need_coords, need_table, _ = ctx.needs_input_grad
-        d_features = _array(grads[0])
-        d_coords = torch.from_numpy(hashgrid.coords_gradient(*ctx.inputs, d_features)) if need_coords else None
-        d_table = torch.from_numpy(hashgrid.table_gradient(*ctx.inputs, d_features)) if need_table else None
+    @once_differentiable
+    def backward(ctx: Any, d_features: Tensor):
+        arrays = _arrays(*ctx.saved_tensors, d_features)
+        d_coords = d_table = None
+        if ctx.needs_input_grad[0]:
+            d_coords = torch.from_numpy(hashgrid.coords_gradient(*arrays, ctx.resolutions))
+        if ctx.needs_input_grad[1]:
+            d_table = torch.from_numpy(hashgrid.table_gradient(*arrays, ctx.resolutions))
         return d_coords, d_table, None

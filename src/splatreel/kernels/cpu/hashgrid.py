@@ -1,4 +1,4 @@
-"""One multiresolution hash grid (Instant-NGP), trilinear, one task a level: no races, and a level's table stays in the cache."""
+"""One multiresolution hash grid (Instant-NGP), trilinear. One task a level: no races, and its table stays in the cache."""
 
 from __future__ import annotations
 
@@ -20,13 +20,13 @@ def forward(coords: np.ndarray, table: np.ndarray, resolutions: np.ndarray) -> n
     return out
 
 
-def table_gradient(coords: np.ndarray, table: np.ndarray, resolutions: np.ndarray, d_out: np.ndarray) -> np.ndarray:
+def table_gradient(coords: np.ndarray, table: np.ndarray, d_out: np.ndarray, resolutions: np.ndarray) -> np.ndarray:
     d_table = np.zeros_like(table)
     _table_gradient(coords, resolutions.astype(np.uint32), is_dense(resolutions, table.shape[1]), d_out, d_table)
     return d_table
 
 
-def coords_gradient(coords: np.ndarray, table: np.ndarray, resolutions: np.ndarray, d_out: np.ndarray) -> np.ndarray:
+def coords_gradient(coords: np.ndarray, table: np.ndarray, d_out: np.ndarray, resolutions: np.ndarray) -> np.ndarray:
     """Zero along an axis on which the point was clamped."""
     d_coords = np.empty_like(coords)
     dense = is_dense(resolutions, table.shape[1])
@@ -49,46 +49,51 @@ def _cell(coord, resolution):
 
 @njit(inline="always")
 def _row(x, y, z, resolution, dense, size):
-    """Table row of a corner: row-major (x fastest) when dense, else the usual xor of primes."""
+    """Table row of a corner: row-major (x fastest) when dense, else the usual xor of primes, size being a power of two."""
     if dense:
         return x + (resolution[0] + np.uint32(1)) * (y + (resolution[1] + np.uint32(1)) * z)
-    return (x ^ (y * PRIME_Y) ^ (z * PRIME_Z)) % np.uint32(size)
+    return (x ^ (y * PRIME_Y) ^ (z * PRIME_Z)) & np.uint32(size - 1)
+
+
+@njit(inline="always")
+def _corners(coords, i, resolution, dense, size, rows, weights):
+    """Writes the table rows and trilinear weights of the 8 corners about point i."""
+    x, fx = _cell(coords[i, 0], resolution[0])
+    y, fy = _cell(coords[i, 1], resolution[1])
+    z, fz = _cell(coords[i, 2], resolution[2])
+    for corner in range(8):
+        bx, by, bz = np.uint32(corner & 1), np.uint32((corner >> 1) & 1), np.uint32(corner >> 2)
+        rows[corner] = _row(np.uint32(x + bx), np.uint32(y + by), np.uint32(z + bz), resolution, dense, size)
+        weights[corner] = (fx if bx else ONE - fx) * (fy if by else ONE - fy) * (fz if bz else ONE - fz)
 
 
 @njit(**PARALLEL)
 def _forward(coords, table, resolutions, dense, out):
     levels, size, features = table.shape
     for level in prange(levels):
-        resolution, is_dense = resolutions[level], dense[level]
+        values, resolution, is_dense = table[level], resolutions[level], dense[level]
+        rows, weights = np.empty(8, np.uint32), np.empty(8, np.float32)
         for i in range(coords.shape[0]):
-            x, fx = _cell(coords[i, 0], resolution[0])
-            y, fy = _cell(coords[i, 1], resolution[1])
-            z, fz = _cell(coords[i, 2], resolution[2])
+            _corners(coords, i, resolution, is_dense, size, rows, weights)
             for f in range(features):
-                out[i, level * features + f] = ZERO
-            for corner in range(8):
-                bx, by, bz = np.uint32(corner & 1), np.uint32((corner >> 1) & 1), np.uint32(corner >> 2)
-                weight = (fx if bx else ONE - fx) * (fy if by else ONE - fy) * (fz if bz else ONE - fz)
-                row = _row(np.uint32(x + bx), np.uint32(y + by), np.uint32(z + bz), resolution, is_dense, size)
-                for f in range(features):
-                    out[i, level * features + f] += weight * table[level, row, f]
+                total = ZERO
+                for corner in range(8):
+                    total += weights[corner] * values[rows[corner], f]
+                out[i, level * features + f] = total
 
 
 @njit(**PARALLEL)
 def _table_gradient(coords, resolutions, dense, d_out, d_table):
     levels, size, features = d_table.shape
     for level in prange(levels):
-        resolution, is_dense = resolutions[level], dense[level]
+        d_values, resolution, is_dense = d_table[level], resolutions[level], dense[level]
+        rows, weights = np.empty(8, np.uint32), np.empty(8, np.float32)
         for i in range(coords.shape[0]):
-            x, fx = _cell(coords[i, 0], resolution[0])
-            y, fy = _cell(coords[i, 1], resolution[1])
-            z, fz = _cell(coords[i, 2], resolution[2])
-            for corner in range(8):
-                bx, by, bz = np.uint32(corner & 1), np.uint32((corner >> 1) & 1), np.uint32(corner >> 2)
-                weight = (fx if bx else ONE - fx) * (fy if by else ONE - fy) * (fz if bz else ONE - fz)
-                row = _row(np.uint32(x + bx), np.uint32(y + by), np.uint32(z + bz), resolution, is_dense, size)
-                for f in range(features):
-                    d_table[level, row, f] += weight * d_out[i, level * features + f]
+            _corners(coords, i, resolution, is_dense, size, rows, weights)
+            for f in range(features):
+                gradient = d_out[i, level * features + f]
+                for corner in range(8):
+                    d_values[rows[corner], f] += weights[corner] * gradient
 
 
 @njit(**PARALLEL)

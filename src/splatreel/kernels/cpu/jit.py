@@ -1,8 +1,8 @@
 """How every CPU kernel is compiled, and the float32 constants they share.
 
-A float64 literal, or an int times a float32, would promote a whole expression to float64 and halve the vector width, hence
-named float32 constants. Numba's on-disk cache watches only the file a kernel is in: after changing a constant or a helper
-here, delete the `__pycache__` folders.
+A float64 literal, or an int times a float32, would promote a whole expression to float64 and halve the vector width,
+hence named float32 constants. Numba's on-disk cache watches only the file a kernel is in: after changing a constant here,
+delete the `__pycache__` folders.
 """
 
 from typing import Any

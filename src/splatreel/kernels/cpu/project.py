@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
 
 import numpy as np
 from numba import njit, prange
@@ -13,22 +14,35 @@ BLUR = F(0.3)  # added to the 2D covariance diagonal: no splat is thinner than a
 EXTENT = F(3.33)  # sqrt(2 ln 255): standard deviations at which an opaque splat falls to alpha 1/255
 
 
+@dataclass(frozen=True)
+class View:
+    """viewmat: [4, 4] float32 world to camera. K: [3, 3] float32 pixels. width, height: pixels. near: least depth drawn."""
+
+    viewmat: np.ndarray
+    K: np.ndarray
+    width: int
+    height: int
+    near: float
+
+    @property
+    def lens(self) -> np.ndarray:
+        """fx, fy, cx, cy, then the range of x/z and of y/z for the Jacobian: 1.3 times the field of view, as gsplat."""
+        fx, fy, cx, cy = (float(self.K[index]) for index in ((0, 0), (1, 1), (0, 2), (1, 2)))
+        margin_x, margin_y = 0.15 * self.width / fx, 0.15 * self.height / fy
+        low_x, high_x = -cx / fx - margin_x, (self.width - cx) / fx + margin_x
+        low_y, high_y = -cy / fy - margin_y, (self.height - cy) / fy + margin_y
+        return np.array([fx, fy, cx, cy, low_x, high_x, low_y, high_y], np.float32)
+
+
 def forward(
-    means: np.ndarray,
-    quats: np.ndarray,
-    scales: np.ndarray,
-    viewmat: np.ndarray,
-    K: np.ndarray,
-    width: int,
-    height: int,
-    near: float,
+    means: np.ndarray, quats: np.ndarray, scales: np.ndarray, view: View
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
     """Returns means2d [N, 2], conics [N, 3], depths [N] and radii [N] int32; zero radius and zero rows where culled."""
     n = len(means)
     means2d, conics = np.empty((n, 2), np.float32), np.empty((n, 3), np.float32)
     depths, radii = np.empty(n, np.float32), np.empty(n, np.int32)
-    lens = _lens(K, width, height)
-    _forward(means, quats, scales, viewmat, lens, F(width), F(height), F(near), means2d, conics, depths, radii)
+    size = F(view.width), F(view.height)
+    _forward(means, quats, scales, view.viewmat, view.lens, *size, F(view.near), means2d, conics, depths, radii)
     return means2d, conics, depths, radii
 
 
@@ -36,28 +50,18 @@ def backward(
     means: np.ndarray,
     quats: np.ndarray,
     scales: np.ndarray,
-    viewmat: np.ndarray,
-    K: np.ndarray,
-    width: int,
-    height: int,
     conics: np.ndarray,
     radii: np.ndarray,
-    grads: tuple[np.ndarray, np.ndarray, np.ndarray],
+    d_means2d: np.ndarray,
+    d_conics: np.ndarray,
+    d_depths: np.ndarray,
+    view: View,
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Gradients to means, quats and scales, given `grads` to means2d, conics and depths."""
+    """Gradients to means, quats and scales; conics and radii are what `forward` returned."""
     d_means, d_quats, d_scales = np.empty_like(means), np.empty_like(quats), np.empty_like(scales)
-    lens = _lens(K, width, height)
-    _backward(means, quats, scales, viewmat, lens, conics, radii, *grads, d_means, d_quats, d_scales)
+    inputs = (means, quats, scales, view.viewmat, view.lens, conics, radii)
+    _backward(*inputs, d_means2d, d_conics, d_depths, d_means, d_quats, d_scales)
     return d_means, d_quats, d_scales
-
-
-def _lens(K: np.ndarray, width: int, height: int) -> np.ndarray:
-    """fx, fy, cx, cy, and the range of x/z and y/z the Jacobian is evaluated in (1.3 times the field of view, as gsplat)."""
-    fx, fy, cx, cy = (float(K[index]) for index in ((0, 0), (1, 1), (0, 2), (1, 2)))
-    margin_x, margin_y = 0.15 * width / fx, 0.15 * height / fy
-    low_x, high_x = -cx / fx - margin_x, (width - cx) / fx + margin_x
-    low_y, high_y = -cy / fy - margin_y, (height - cy) / fy + margin_y
-    return np.array([fx, fy, cx, cy, low_x, high_x, low_y, high_y], np.float32)
 
 
 @njit(inline="always")

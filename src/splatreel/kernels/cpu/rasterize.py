@@ -1,19 +1,19 @@
 """Tile rasteriser for the CPU: front-to-back alpha blending and its exact gradient.
 
-One task renders one 16 x 16 tile in a small scratch that stays in the first-level cache: planes of 256 floats, one a quantity, at
-constant offsets, so that LLVM can prove the planes independent and turn the loop over a splat's rows of pixels into vector
-code. That is worth a factor of ten, and easily lost: keep the index unsigned (`U`), the offsets constant, one flat loop, and no
-reduction but sums. `tests/kernels/test_rasterize.py` looks for the vector registers in the machine code.
+One task renders one 16 x 16 tile in a small scratch that stays in the first-level cache: planes of 256 floats, one a
+quantity, at constant offsets, so that LLVM can prove the planes independent and turn the loop over a splat's rows of
+pixels into vector code. That is worth a factor of ten, and easily lost: keep the index unsigned (`U`), the offsets
+constant, one flat loop, and no reduction but sums. A test looks for the vector registers in the machine code.
 
-Transmittance is kept per pixel; its sign says whether the pixel still takes light: it turns negative once the next splat
-would leave 1e-4 or less, as in gsplat.
+Transmittance is kept per pixel; its sign says whether the pixel still takes light: it turns negative once the next
+splat would leave 1e-4 or less, as in gsplat.
 """
 
 from __future__ import annotations
 
 import numba
 import numpy as np
-from numba import get_thread_id, njit, prange
+from numba import get_thread_id, njit, prange  # pyright: ignore[reportPrivateImportUsage]
 
 from splatreel.kernels.cpu.binning import LOG2_E, MIN_ALPHA, TILE, Bins
 from splatreel.kernels.cpu.jit import HALF, ONE, PARALLEL, TWO, ZERO, F, U
@@ -48,33 +48,20 @@ def backward(
     bins: Bins,
     colors: np.ndarray,
     image: np.ndarray,
-    alpha: np.ndarray,
     d_image: np.ndarray,
+    alpha: np.ndarray,
     d_alpha: np.ndarray,
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
     """Gradients to means2d [N, 2], conics [N, 3], opacities [N] and colors [N, C].
 
-    image and alpha are what `forward` returned. Every (splat, tile) pair has its own slot, summed in a fixed order: no atomics,
-    and the same bits for any number of threads.
+    image and alpha are what `forward` returned. Every (splat, tile) pair has its own slot, summed in a fixed order: no
+    atomics, and the same bits for any number of threads.
     """
     n, channels = colors.shape
     pairs = np.empty((len(bins.ids), 6 + channels), np.float32)
     kernel = _backward_1 if channels == 1 else _backward_3
-    kernel(
-        bins.splats,
-        bins.spans,
-        colors,
-        bins.offsets,
-        bins.ids,
-        bins.slots,
-        _balanced(bins.offsets),
-        image,
-        alpha,
-        d_image,
-        d_alpha,
-        pairs,
-        _scratch(),
-    )
+    tiles = (bins.offsets, bins.ids, bins.slots, _balanced(bins.offsets))
+    kernel(bins.splats, bins.spans, colors, *tiles, image, alpha, d_image, d_alpha, pairs, _scratch())
     d_means2d, d_conics = np.empty((n, 2), np.float32), np.empty((n, 3), np.float32)
     d_opacities, d_colors = np.empty(n, np.float32), np.empty((n, channels), np.float32)
     _gather(bins.first, pairs, bins.splats, d_means2d, d_conics, d_opacities, d_colors)
@@ -135,7 +122,7 @@ def _is_full(buffer):
 
 
 def _make_forward(channels: int):
-    """The forward kernel for 1 or 3 channels: `rgb` is constant in the closure, so the unused channels compile to nothing."""
+    """The forward kernel for 1 or 3 channels; `rgb` is a constant to the compiler, so unused channels cost nothing."""
     rgb = channels == 3
 
     @njit(**PARALLEL)
@@ -184,9 +171,9 @@ def _make_forward(channels: int):
 def _make_backward(channels: int):
     """The backward kernel for 1 or 3 channels, front to back as the forward one.
 
-    `rest` starts as the gradient-weighted colour and alpha of the pixel and loses each splat's share in turn, so that what
-    remains belongs to the splats behind: no transmittance need be stored or divided back. Six moments of d(log alpha) over
-    the pixels are all that mean, conic and opacity gradients need; `_gather` turns them into those.
+    `rest` starts as the gradient-weighted colour and alpha of the pixel and loses each splat's share in turn, so that
+    what remains belongs to the splats behind: no transmittance need be stored or divided back. Six moments of
+    d(log alpha) over the pixels are all that mean, conic and opacity gradients need; `_gather` turns them into those.
     """
     rgb = channels == 3
 
