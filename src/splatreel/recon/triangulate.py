@@ -10,13 +10,12 @@ from dataclasses import dataclass
 
 import cv2
 import numpy as np
-from scipy.sparse import coo_matrix
-from scipy.sparse.csgraph import connected_components
 
 from splatreel.scene.camera import Camera
 
 MAX_FEATURES = 3000
 EPIPOLAR_PIXELS = 1.5
+VOTE_PIXELS = 3.0
 REPROJECTION_PIXELS = 1.5
 MIN_SIMILARITY = 0.7
 RATIO = 0.85
@@ -55,14 +54,12 @@ def triangulate(cameras: list[Camera], images: np.ndarray, neighbours: int = 8) 
     edges: list[np.ndarray] = [np.zeros((0, 2), np.int64)]
     for i, j in neighbour_pairs(cameras, neighbours):
         matches = _match(cameras[i], cameras[j], features[i], features[j])
-        edges.append(matches + [first[i], first[j]])
+        edges.append(matches + np.array([first[i], first[j]]))
     pairs = np.concatenate(edges)
-    graph = coo_matrix((np.ones(len(pairs)), (pairs[:, 0], pairs[:, 1])), shape=(first[-1], first[-1]))
-    track = connected_components(graph, directed=False)[1]
     camera = np.repeat(np.arange(len(cameras)), np.diff(first))
     pixels = np.concatenate([f.pixels for f in features])
     colors = np.concatenate([f.colors for f in features])
-    return _solve_tracks(cameras, track, camera, pixels, colors)
+    return _solve_stars(cameras, np.concatenate([pairs, pairs[:, ::-1]]), camera, pixels, colors)
 
 
 def neighbour_pairs(cameras: list[Camera], neighbours: int) -> list[tuple[int, int]]:
@@ -123,30 +120,68 @@ def _match(camera_a: Camera, camera_b: Camera, a: _Features, b: _Features) -> np
     return np.stack([rows[good], best[good]], 1)
 
 
-def _solve_tracks(
-    cameras: list[Camera], track: np.ndarray, camera: np.ndarray, pixels: np.ndarray, colors: np.ndarray
+def _solve_stars(
+    cameras: list[Camera], edges: np.ndarray, camera: np.ndarray, pixels: np.ndarray, colors: np.ndarray
 ) -> Tracks:
-    """Triangulate every track, dropping observations that do not fit, twice; keep those that three cameras still see.
+    """One point for every feature whose matches in at least two other cameras agree on it.
 
-    track: [O] int, the track of every observation. camera: [O] int. pixels: [O, 2]. colors: [O, 3] uint8.
+    A feature and its direct matches make a star. Chaining matches further (connected components) merges most of an image into one
+    track through a few false matches. Every edge of a star proposes a point; the one most other edges agree with wins.
+
+    edges: [E, 2] int, both directions, indices into camera [F] int, pixels [F, 2] and colors [F, 3] uint8.
     """
+    edges = edges[np.argsort(edges[:, 0], kind="stable")]
     projections = np.stack([c.K.astype(np.float64) @ c.viewmat[:3].astype(np.float64) for c in cameras])
-    count = int(track.max(initial=-1)) + 1
-    alive = np.bincount(track, minlength=count)[track] >= MIN_VIEWS
-    points = np.zeros((count, 3))
-    for limit in (4 * REPROJECTION_PIXELS, REPROJECTION_PIXELS, REPROJECTION_PIXELS):
-        points = _intersect(projections[camera[alive]], pixels[alive], track[alive], count)
-        seen = np.einsum("oij,oj->oi", projections[camera, :, :3], points[track]) + projections[camera, :, 3]
-        with np.errstate(divide="ignore", invalid="ignore"):
-            error = np.linalg.norm(seen[:, :2] / seen[:, 2:] - pixels, axis=1)
-        alive &= (seen[:, 2] > 0) & (error < limit)
+    owner = np.repeat(np.arange(len(edges)), 2)
+    proposals = _intersect(projections[camera[edges].ravel()], pixels[edges].reshape(-1, 2), owner, len(edges))
+    degree = np.bincount(edges[:, 0], minlength=len(camera))
+    start = np.cumsum(degree) - degree
+    fans = degree[edges[:, 0]]
+    proposer = np.repeat(np.arange(len(edges)), fans)
+    voter = start[edges[proposer, 0]] + np.arange(len(proposer)) - np.repeat(np.cumsum(fans) - fans, fans)
+    agrees = _errors(projections, proposals[proposer], camera[edges[voter, 1]], pixels[edges[voter, 1]]) < VOTE_PIXELS
+    at_home = _errors(projections, proposals, camera[edges[:, 0]], pixels[edges[:, 0]]) < VOTE_PIXELS
+    votes = np.bincount(proposer[agrees], minlength=len(edges)) * at_home
+    order = np.lexsort((-votes, edges[:, 0]))
+    winners = order[np.unique(edges[order, 0], return_index=True)[1]]
+    winners = winners[votes[winners] >= MIN_VIEWS - 1]
+    point_of = np.full(len(edges), -1)
+    point_of[winners] = np.arange(len(winners))
+    chosen = agrees & (point_of[proposer] >= 0)
+    point = np.concatenate([np.arange(len(winners)), point_of[proposer[chosen]]])
+    feature = np.concatenate([edges[winners, 0], edges[voter[chosen], 1]])
+    return _refine(cameras, projections, point, camera[feature], pixels[feature], colors[feature])
+
+
+def _refine(
+    cameras: list[Camera],
+    projections: np.ndarray,
+    point: np.ndarray,
+    camera: np.ndarray,
+    pixels: np.ndarray,
+    colors: np.ndarray,
+) -> Tracks:
+    """Points from all their observations; those that no longer fit, or are seen from one direction only, are dropped.
+
+    point: [O] int, the point of every observation; camera: [O] int; pixels: [O, 2]; colors: [O, 3] uint8.
+    """
+    count = int(point.max(initial=-1)) + 1
+    points = _intersect(projections[camera], pixels, point, count)
+    fits = _errors(projections, points[point], camera, pixels) < REPROJECTION_PIXELS
     visible = np.zeros((count, len(cameras)), bool)
-    visible[track[alive], camera[alive]] = True
+    visible[point[fits], camera[fits]] = True
     kept = (visible.sum(1) >= MIN_VIEWS) & (_widest_angle(cameras, points, visible) > np.radians(MIN_ANGLE_DEGREES))
     shade = np.zeros((count, 3))
-    np.add.at(shade, track[alive], colors[alive] / 255.0)
-    shade /= np.maximum(np.bincount(track[alive], minlength=count), 1)[:, None]
+    np.add.at(shade, point, colors / 255.0)
+    shade /= np.maximum(np.bincount(point, minlength=count), 1)[:, None]
     return Tracks(points[kept], shade[kept].astype(np.float32), visible[kept])
+
+
+def _errors(projections: np.ndarray, points: np.ndarray, camera: np.ndarray, pixels: np.ndarray) -> np.ndarray:
+    """Reprojection errors in pixels, [O]; infinite behind the camera. points: [O, 3]; camera: [O] int; pixels: [O, 2]."""
+    seen = np.einsum("oij,oj->oi", projections[camera, :, :3], points) + projections[camera, :, 3]
+    depth = np.where(seen[:, 2] > 1e-9, seen[:, 2], np.nan)
+    return np.nan_to_num(np.linalg.norm(seen[:, :2] / depth[:, None] - pixels, axis=1), nan=np.inf)
 
 
 def _intersect(projections: np.ndarray, pixels: np.ndarray, track: np.ndarray, count: int) -> np.ndarray:
