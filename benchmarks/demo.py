@@ -1,0 +1,35 @@
+"""The built-in capture, as `splatreel demo` takes it.
+
+python benchmarks/demo.py
+"""
+
+import dataclasses
+from pathlib import Path
+
+import tyro
+
+from run import run
+from splatreel.capture.opening import open_capture
+from splatreel.capture.synthetic import make_capture
+from splatreel.cli.reconstruct import Deformation
+from splatreel.config import Quality, preset
+
+
+def main(
+    quality: Quality = "standard",
+    deformation: Deformation = "trajectory",
+    frames: int = 60,
+    seed: int = 0,
+    out: Path | None = None,
+    note: str = "",
+) -> None:
+    """Film, reconstruct, evaluate, record."""
+    out = out or Path(f"out/benchmark-demo-{quality}-{deformation}-{frames}-{seed}")
+    capture = open_capture(make_capture(out / "capture", frames=frames, seed=seed))
+    config = dataclasses.replace(preset(quality), seed=seed)
+    config = dataclasses.replace(config, group=dataclasses.replace(config.group, deformation=deformation))
+    run(f"demo {deformation}", capture, out, config, None, note)
+
+
+if __name__ == "__main__":
+    tyro.cli(main)

@@ -1,0 +1,47 @@
+"""Append one measurement to benchmarks/results.jsonl, labelled with what it was measured on."""
+
+import json
+import os
+import platform
+import subprocess
+from datetime import UTC, datetime
+from pathlib import Path
+
+ROOT = Path(__file__).resolve().parent.parent
+RESULTS = ROOT / "benchmarks" / "results.jsonl"
+
+
+def record(benchmark: str, values: dict, note: str = "", results: Path = RESULTS) -> dict:
+    """Append {benchmark, revision, date, machine, note, **values} as one line, and return it."""
+    line = {
+        "benchmark": benchmark,
+        "revision": revision(),
+        "date": datetime.now(UTC).strftime("%Y-%m-%d %H:%M"),
+        "machine": machine(),
+        "note": note,
+        **values,
+    }
+    with results.open("a", encoding="utf-8") as file:
+        file.write(json.dumps(line, allow_nan=False) + "\n")
+    return line
+
+
+def revision() -> str:
+    """Short hash of the commit, with + where tracked files differ from it; `unknown` outside of a checkout."""
+    named = subprocess.run(["git", "rev-parse", "--short", "HEAD"], cwd=ROOT, capture_output=True, text=True)
+    if named.returncode != 0:
+        return "unknown"
+    changed = subprocess.run(["git", "diff", "--quiet", "HEAD", "--", "src"], cwd=ROOT, capture_output=True)
+    return named.stdout.strip() + ("+" if changed.returncode else "")
+
+
+def machine() -> str:
+    """Such as `2 cores of x86_64, Linux, load 0.4`; a load near or above the cores means that times are not to be trusted."""
+    cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count()
+    load = f", load {os.getloadavg()[0]:.1f}" if hasattr(os, "getloadavg") else ""
+    return f"{cores} cores of {platform.machine()}, {platform.system()}{load}"
+
+
+def summary(report: dict) -> dict:
+    """A report.json without its long lists."""
+    return {name: value for name, value in report.items() if name not in ("cameras", "per_frame")}

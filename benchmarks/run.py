@@ -1,0 +1,47 @@
+"""Reconstruct a capture, evaluate the decoded reel and record the result: what the benchmarks of whole captures share."""
+
+import dataclasses
+import time
+from collections.abc import Sequence
+from pathlib import Path
+
+from record import machine, record, summary
+from splatreel.capture.base import Capture
+from splatreel.codec.info import reel_info
+from splatreel.config import Config
+from splatreel.evaluation.evaluate import evaluate
+from splatreel.evaluation.undecoded import undecoded_frames
+from splatreel.progress import console
+from splatreel.recon.sequence import reconstruct
+
+
+def run(benchmark: str, capture: Capture, out: Path, config: Config, cameras: Sequence[str] | None, note: str) -> dict:
+    """One line of results.jsonl: the report, the share of the float32 model, and the wall time of this very run.
+
+    seconds_total counts every stage once, also those that an interrupted earlier run had finished.
+    """
+    before = machine()
+    started = time.monotonic()
+    progress = console()
+    try:
+        result = reconstruct(capture, out, config, progress=progress)
+        report = evaluate(
+            result.reel,
+            capture,
+            cameras=cameras,
+            out=out,
+            undecoded=undecoded_frames(result.work, result.reel),
+            seconds=result.seconds,
+            device=result.device,
+            progress=progress,
+        )
+    finally:
+        progress.close()
+    values = summary(dataclasses.asdict(report))
+    values["seconds_total"] = round(sum(result.seconds.values()), 1)
+    values["seconds_wall"] = round(time.monotonic() - started, 1)
+    values["share_of_float32"] = round(report.reel_bytes / reel_info(result.reel).float32_bytes, 4)
+    values["machine_before"] = before
+    line = record(benchmark, values, note)
+    print(report.to_markdown())
+    return line
