@@ -41,7 +41,7 @@ setup: $(SETUP)
 $(SETUP): pyproject.toml constraints.txt
 	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11) and "Splatreel needs Python 3.11 or newer; run: make PYTHON=python3.12")'
 	test -x $(BIN)/python || $(PYTHON) -m venv $(VENV)
-	$(BIN)/python -c 'import hatchling' 2>/dev/null || $(BIN)/python -m pip install --quiet --constraint constraints.txt hatchling
+	$(BIN)/python -c 'import editables, hatchling' 2>/dev/null || $(BIN)/python -m pip install --quiet --constraint constraints.txt editables hatchling
 	$(BIN)/python -m pip install --quiet --constraint constraints.txt --no-build-isolation --editable '.[dev]'
 	touch $@
 
