@@ -1,8 +1,8 @@
-"""The golden reel: a tiny reel in the repository that the Python and the TypeScript decoder both turn into the same numbers.
+"""The golden reel: a tiny reel that the Python and the TypeScript decoder both turn into the same numbers.
 
 `python -m tests.golden` makes tests/data/golden anew: do it only when the format changes.
 
-    manifest.json, layers/, groups/     the reel: 2 groups of 6 frames and an overlap of 2, with static points born at both
+    manifest.json, layers/, groups/     the reel: 2 groups of 6 frames, overlap 2, static points born at both
     expected.npz                        every decoded array
     expected.json                       these and what is shown at `TIMES`, sampled, for tests in any language
 

@@ -85,8 +85,8 @@ def write_atomically(path: Path, data: bytes) -> None:
             temporary.unlink(missing_ok=True)
     except OSError as error:
         raise ReelError(
-            f"{path}: could not write {len(data)} bytes ({error.strerror or error}). What was published before is intact; "
-            "free space or fix the permissions and run the same command again."
+            f"{path}: could not write {len(data)} bytes ({error.strerror or error}). What was published "
+            "before is intact; free space or fix the permissions and run the same command again."
         ) from error
 
 

@@ -1,8 +1,8 @@
 """The paper's offset codec (section 4.3): offsets as maps, maps as HEVC.
 
-dx gets 16 bits, its high byte lossless, its low byte lossy; dq gets 8 bits, lossy. Points come in Morton order, so neighbours
-in a map are neighbours in space. Going past the paper, the low byte can be folded: stored mirrored where the high byte is odd, it is
-a triangle wave over dx instead of a sawtooth, without the jumps that cost a video codec most.
+dx gets 16 bits, its high byte lossless, its low byte lossy; dq gets 8 bits, lossy. Points come in Morton order, so
+neighbours in a map are neighbours in space. Going past the paper, the low byte can be folded: stored mirrored where the high
+byte is odd, it is a triangle wave over dx instead of a sawtooth, without the jumps that cost a video codec most.
 """
 
 from __future__ import annotations
@@ -17,15 +17,15 @@ from splatreel.scene import rotations
 
 _BLOCK = 16
 """Side of the blocks the points run through, and what picture sides are multiples of."""
-_MIN_SIDE = 32
-"""x265 corrupts memory on pictures of 48 x 16 pixels; from 96 x 32 on it was seen not to."""
-_MAX_SLACK = 2048
+_MIN_SIDE = 64
+"""One coding tree unit: x265 corrupts memory on pictures of 48 x 16 pixels."""
+_MAX_SLACK = 4096
 """Pixels that a map may have beyond its points."""
 
 
 def encode(dx: np.ndarray, dq: np.ndarray, config: EncodeConfig) -> tuple[bytes, Parameters]:
     """Encode dx [T, N, 3] and dq [T, N, 4], N >= 1, points in Morton order."""
-    frames, count = dx.shape[:2]
+    count = dx.shape[1]
     if 4 * (2 * count + _MAX_SLACK) > 2 * MAX_PIXELS:
         raise ReelError(f"{count} dynamic points are more than the h265 codec holds. Lower the number of points.")
     width = max(int(np.ceil(count**0.5 / _BLOCK)) * _BLOCK, _MIN_SIDE)

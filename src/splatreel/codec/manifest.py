@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import re
 from dataclasses import dataclass, replace
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -115,7 +116,7 @@ def _parse(document: dict[str, Any]) -> Manifest:
     layers = [_parse_file(entry, "layer", i) for i, entry in enumerate(_list(document, "layers", 0, 1 << 20))]
     groups = [_parse_file(entry, "group", i) for i, entry in enumerate(_list(document, "groups", 0, 1 << 20))]
     for kind, order in (("groups", [g.first_frame for g in groups]), ("layers", [layer.group for layer in layers])):
-        if any(a >= b for a, b in zip(order, order[1:], strict=False)):
+        if any(a >= b for a, b in pairwise(order)):
             raise ReelError(f"has {kind} that are not in order of time.")
     if not groups and not live:
         raise ReelError("has no group.")

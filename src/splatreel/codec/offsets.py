@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from types import ModuleType
+
 import numpy as np
 
 from splatreel.codec import h265
@@ -17,7 +19,10 @@ MAX_VALUES = 1 << 26
 
 
 def encode(dx: np.ndarray, dq: np.ndarray, config: EncodeConfig) -> tuple[bytes, Parameters]:
-    """Encode dx [T, N, 3] and dq [T, N, 4], N >= 1, by the codec `config` names. Raises `ReelError` for an unknown one."""
+    """Encode dx [T, N, 3] and dq [T, N, 4], N >= 1, by the codec `config` names.
+
+    Raises `ReelError` for an unknown codec, for NaN and for more offsets than one group may have.
+    """
     if not (np.isfinite(dx).all() and np.isfinite(dq).all()):
         raise ReelError("Offsets hold NaN or infinity and cannot be encoded.")
     if dx.shape[0] * dx.shape[1] > MAX_VALUES:
@@ -32,7 +37,7 @@ def decode(data: bytes, parameters: Parameters, frames: int, count: int) -> tupl
     return _codec(parameters.get("codec")).decode(data, parameters, frames, count)
 
 
-def _codec(name: object):  # noqa: ANN202 - a module
+def _codec(name: object) -> ModuleType:
     if not isinstance(name, str) or name not in _CODECS:
         raise ReelError(f"has the unknown offset codec {name!r}; known are {', '.join(sorted(_CODECS))}.")
     return _CODECS[name]

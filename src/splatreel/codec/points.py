@@ -1,7 +1,7 @@
 """Positions as a Draco point cloud (paper section 4.3, QP_DRC), in Morton order.
 
-Draco gets whole numbers, not metres: its own float arithmetic then is exact, and every decoder, whatever its language, sorts
-exactly the same lattice points.
+Draco gets whole numbers, not metres: its own float arithmetic then is exact, and every decoder, whatever its language,
+sorts exactly the same lattice points.
 """
 
 from __future__ import annotations

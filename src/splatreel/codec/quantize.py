@@ -1,8 +1,7 @@
-"""Bit quantisation (paper section 4.3, Fig. 6): floats to integers of few bits with recorded ranges, integers to bytes."""
+"""Bit quantisation (paper section 4.3, Fig. 6): floats to integers of few bits, their ranges recorded; integers to bytes."""
 
 from __future__ import annotations
 
-import math
 import zlib
 from typing import Any
 
@@ -70,7 +69,7 @@ def inflate(data: bytes, parameters: Parameters, size: int) -> bytes:
 
 
 def encode_linear(values: np.ndarray, bits: int, log: bool = False) -> tuple[bytes, Parameters]:
-    """Quantise each column of values [N, C] over its own range; `log` quantises base 2 logarithms of positive values."""
+    """Quantise each column of values [N, C] over its own range; `log` quantises log2 of positive values."""
     columns = np.asarray(values, np.float64)
     if log:
         columns = np.log2(np.maximum(columns, np.finfo(np.float32).tiny))
@@ -142,7 +141,7 @@ def numbers(parameters: Parameters, name: str, count: int) -> np.ndarray:
     if not isinstance(value, list) or len(value) != count:
         raise ReelError(f"has {name} = {_short(value)}, expected {count} numbers.")
     for item in value:
-        if isinstance(item, bool) or not isinstance(item, (int, float)) or not math.isfinite(item) or abs(item) > 3e38:
+        if isinstance(item, bool) or not isinstance(item, (int, float)) or not -3e38 <= item <= 3e38:
             raise ReelError(f"has {name} = {_short(value)}, expected {count} finite numbers.")
     return np.array(value, np.float64)
 

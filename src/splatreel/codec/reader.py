@@ -22,7 +22,8 @@ _CACHED_GROUPS = 3
 class ReelReader:
     """An open reel. Files are read when asked for, checked against the manifest, and decoded.
 
-    location: a directory, its manifest.json, or an http(s) URL of either. Raises `ReelError` for anything that is not a reel.
+    location: a directory, its manifest.json, or an http(s) URL of either. Raises `ReelError` for anything that
+    is not a reel.
     """
 
     def __init__(self, location: str | Path) -> None:

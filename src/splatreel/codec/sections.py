@@ -124,7 +124,7 @@ def _linear(sections: Sections, name: str, rows: int, columns: int) -> np.ndarra
     return _named(name, quantize.decode_linear, section.data, section.parameters, rows, columns)
 
 
-def _named(name, function, *arguments):  # noqa: ANN001, ANN202 - passes through what function takes and gives
+def _named(name, function, *arguments):
     """Call function; a `ReelError` of it gets the section's name."""
     try:
         return function(*arguments)

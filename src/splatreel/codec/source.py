@@ -78,7 +78,7 @@ class _SameHost(urllib.request.HTTPRedirectHandler):
     def __init__(self, host: str) -> None:
         self.host = host
 
-    def redirect_request(self, req, fp, code, msg, headers, newurl):  # noqa: ANN001, ANN201 - urllib's signature
+    def redirect_request(self, req, fp, code, msg, headers, newurl):
         if urlsplit(newurl).netloc != self.host:
             raise ReelError(f"{req.full_url}: redirects to another host ({newurl:.200}), which is not followed.")
         return super().redirect_request(req, fp, code, msg, headers, newurl)

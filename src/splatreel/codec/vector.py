@@ -4,16 +4,16 @@ from __future__ import annotations
 
 import numpy as np
 
-_SAMPLE = 32_768
-_ROUNDS = 10
-_CHUNK = 8192
+_SAMPLE = 24_576
+_ROUNDS = 8
+_CHUNK = 2048
 
 
 def kmeans(vectors: np.ndarray, entries: int, weights: np.ndarray | None = None, seed: int = 0) -> np.ndarray:
     """A codebook [K, D] float32 of vectors [N, D], K <= entries, by Lloyd's algorithm on a sample.
 
-    weights: [N], how much a vector's error matters. The same input and seed give the same codebook. Where there are no more
-    different vectors than entries, they are the codebook.
+    weights: [N], how much a vector's error matters. The same input and seed give the same codebook. Where
+    there are no more different vectors than entries, they are the codebook.
     """
     vectors = np.ascontiguousarray(vectors, np.float32)
     rng = np.random.default_rng(seed)

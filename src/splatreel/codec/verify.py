@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
@@ -48,7 +50,7 @@ def verify_reel(location: str | Path) -> Verified:
     )
 
 
-def _problems(check) -> list[str]:  # noqa: ANN001 - a function without arguments
+def _problems(check: Callable[[], None]) -> list[str]:
     try:
         check()
     except (ReelError, GaussiansError) as error:
@@ -77,7 +79,7 @@ def _check_group(reel: ReelReader, index: int) -> None:
 def _check_frames(reel: ReelReader) -> None:
     manifest = reel.manifest
     groups = manifest.groups
-    for before, after in zip(groups, groups[1:], strict=False):
+    for before, after in pairwise(groups):
         if before.first_frame + before.frames < after.first_frame:
             raise ReelError(f"{reel.name}: no group holds the frames from {before.uri}'s last to {after.uri}'s first.")
     end = max((group.first_frame + group.frames for group in groups), default=0)

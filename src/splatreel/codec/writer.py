@@ -22,9 +22,9 @@ from splatreel.scene.group import Group
 class ReelWriter:
     """Encodes layers and groups into the directory `path` and publishes each group in the manifest (docs/format.md).
 
-    For every group, in order: `add_layer` if static points are born at it, then `add_group`. With `resume` the groups already
-    published are kept; to go on, start with any index up to their number: the group of that index and all later ones are dropped.
-    Without it, a reel that is already in `path` is dropped.
+    For every group, in order: `add_layer` if static points are born at it, then `add_group`. With `resume` the
+    groups already published are kept; to go on, start with any index up to their number (with its layer, if it has one): the
+    group of that index and all later ones are dropped. Without it, a reel that is already in `path` is dropped.
 
     fps: frames a second. bounds: [2, 3] box of the content. up: [3] unit. camera: where a player starts.
     log_scales: False stores scales linearly, as the paper. Raises `ReelError` where files cannot be read or written.

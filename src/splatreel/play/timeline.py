@@ -38,10 +38,10 @@ class Timeline:
         return self.reel.duration
 
     def at(self, seconds: float) -> Gaussians:
-        """Everything visible at a time, ready to render; times outside of the reel are clamped to its first and last frame.
+        """Everything visible at a time, ready to render; times outside of the reel are clamped.
 
         In the overlap the old group's points fade out and the new one's fade in; what is alive in both stays as it is.
-        Raises `ReelError` for a damaged file or a live reel that has no group yet, ValueError for a time that is no number.
+        Raises `ReelError` for a damaged file or a live reel that has no group yet, ValueError for NaN.
         """
         if np.isnan(seconds):
             raise ValueError("The time is NaN.")
