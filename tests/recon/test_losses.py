@@ -61,7 +61,9 @@ def test_constant_velocity_costs_nothing_and_acceleration_does():
     means = grid()
     assert losses.temporal(Polynomial(1), means, 2, 4, 0.3, 1.0) < 1e-5
     expected = 3 * abs(0.7 * 4 + 0.3 * 16 - 2.6**2)
-    torch.testing.assert_close(losses.temporal(Polynomial(2), means, 2, 4, 0.3, 1.0).item(), expected, rtol=1e-4, atol=0)
+    torch.testing.assert_close(
+        losses.temporal(Polynomial(2), means, 2, 4, 0.3, 1.0).item(), expected, rtol=1e-4, atol=0
+    )
 
 
 def test_the_losses_reach_the_parameters():

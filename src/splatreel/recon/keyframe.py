@@ -104,13 +104,13 @@ class KeyframeTrainer:
             if share <= 0.6:
                 meter.add(grad[: len(self.points)], stage.views[camera].width, stage.views[camera].height)
                 if self.done % self.config.densify_every == 0 and self.done >= 2 * self.config.densify_every:
-                    self._densify(meter, stage.unit)
+                    self._densify(meter, stage.unit, share)
                     meter = GradientMeter(len(self.points), device)
             elif self.done % 500 == 0:
-                self._prune(stage.unit)
+                self._prune(stage.unit, share)
             if self.done % 25 == 0:
                 progress.update(self.done, loss=float(loss), points=len(self.points))
-        self._prune(stage.unit)
+        self._prune(stage.unit, self.done / total)
 
     def _step(self, stage: Stage, camera: int, behind: Backdrop | None) -> tuple[Tensor, Tensor]:
         p, view = self.points, stage.views[camera]
@@ -130,11 +130,11 @@ class KeyframeTrainer:
         factors = {"means": 0.02**share, "quats": 1.0, "log_scales": 0.2 if share > 0.8 else 1.0}
         self.points.scale_rates(factors, default=late)
 
-    def _densify(self, meter: GradientMeter, unit: float) -> None:
+    def _densify(self, meter: GradientMeter, unit: float, share: float) -> None:
         points = self.points
         room = self.max_points - len(points)
         grow = select_growth(meter, self.config.densify_gradient, room)
-        doomed = self._doomed(unit)
+        doomed = self._doomed(unit, share)
         large = points.scales.detach().amax(1) > 0.01 * unit
         split, clone = grow & large & ~doomed, grow & ~large & ~doomed
         newborn = points.rows(clone)
@@ -142,12 +142,13 @@ class KeyframeTrainer:
         points.keep(~(doomed | split))
         points.append({name: torch.cat([newborn[name], halves[name]]) for name in newborn})
 
-    def _doomed(self, unit: float) -> Tensor:
-        """Points too faint (5.1: 0.05, reached gradually so that young points may grow) or absurdly large."""
+    def _doomed(self, unit: float, share: float) -> Tensor:
+        """Points too faint or absurdly large. Young points may be faint: the threshold of 5.1 is reached at half time."""
+        faint = self.config.cull_opacity * min(1.0, max(0.1, 2 * share))
         with torch.no_grad():
-            return (self.points.opacities < self.config.cull_opacity) | (self.points.scales.amax(1) > 0.5 * unit)
+            return (self.points.opacities < faint) | (self.points.scales.amax(1) > 0.5 * unit)
 
-    def _prune(self, unit: float) -> None:
-        doomed = self._doomed(unit)
+    def _prune(self, unit: float, share: float) -> None:
+        doomed = self._doomed(unit, share)
         if bool(doomed.any()) and not bool(doomed.all()):
             self.points.keep(~doomed)

@@ -9,9 +9,7 @@ from splatreel.recon.deformation import Deformation
 from splatreel.recon.density import rotate
 
 
-def arap(
-    means: Tensor, dx: Tensor, dq: Tensor, pairs: tuple[Tensor, Tensor], weights: Tensor, unit: float
-) -> Tensor:
+def arap(means: Tensor, dx: Tensor, dq: Tensor, pairs: tuple[Tensor, Tensor], weights: Tensor, unit: float) -> Tensor:
     """L_arap: neighbours rotate alike, translate alike and keep their distance.
 
     means, dx: [N, 3]; dq: [N, 4]; pairs: two indices [P]; weights: [P], one over all when points coincide. Lengths are measured in
@@ -31,9 +29,7 @@ def arap(
     return (weights * (turn + shift + (before - after).abs() / unit)).mean()
 
 
-def temporal(
-    model: Deformation, means: Tensor, frame: float, other: float, delta: float, unit: float
-) -> Tensor:
+def temporal(model: Deformation, means: Tensor, frame: float, other: float, delta: float, unit: float) -> Tensor:
     """L_temp: between two close frames, offsets are linear in time.
 
     The last term of the printed formula mixes an offset with a position; it is read as the offset at frame + delta (other - frame).

@@ -25,6 +25,15 @@ from splatreel.recon.keyframe import KeyframeTrainer, Stage, starting_points
 from splatreel.recon.layering import Layers, label_points, separate
 from splatreel.recon.layout import Layout, measure
 from splatreel.recon.points import TrainablePoints, default_rates
+from splatreel.recon.publish import (
+    Publisher,
+    group_folder,
+    load_group,
+    load_layer,
+    open_writer,
+    save_group,
+    save_header,
+)
 from splatreel.scene.gaussians import Gaussians
 from splatreel.scene.group import Group
 
@@ -111,12 +120,13 @@ class Reconstruction:
     def run(self) -> Result:
         layout = self._lay_out()
         writer = self._open_reel(layout)
+        publisher = Publisher(writer, self.work)
         scene = Scene(Gaussians.empty(self.config.keyframe.sh_degree), np.zeros(0, bool), Gaussians.empty())
         prefetcher = FramePrefetcher(self.capture, self.names, [(s.first, s.count) for s in self.spans])
         with prefetcher:
             for span in self.spans:
-                if self._finished(span):
-                    scene = self._restore(span)
+                if (self._folder(span) / "group.safetensors").exists():
+                    scene = self._restore(span, publisher)
                     continue
                 with self._timed("decode"):
                     frames = prefetcher.get(span.index)
@@ -127,7 +137,6 @@ class Reconstruction:
     def _group(self, span: Span, scene: Scene, frames: np.ndarray, layout: Layout, writer: ReelWriter) -> Scene:
         """All stages of one group; returns the scene at the next keyframe."""
         torch.manual_seed(self.config.seed + span.index)
-        folder = self._folder(span)
         points = self._keyframe(span, scene, frames[0], layout)
         scene = Scene(scene.static, scene.alive, points)
         layers = self._layer(span, scene, frames, layout)
@@ -141,10 +150,10 @@ class Reconstruction:
             result = trainer.train(self.progress)
         result.dynamic.check_finite(f"Group {span.index}")
         with self._timed("encode"):
-            writer.add_group(Group(span.index, span.first, result.dynamic, result.dx, result.dq, result.alive))
-        arrays = checkpoint.pack(result.dynamic) | {"dx": result.dx, "dq": result.dq, "alive": result.alive}
-        checkpoint.save_arrays(folder / "group.safetensors", arrays)
-        return self._hand_over(span, scene.static, arrays)
+            group = Group(span.index, span.first, result.dynamic, result.dx, result.dq, result.alive)
+            writer.add_group(group)
+        save_group(self.work, group)
+        return self._hand_over(span, scene.static, group)
 
     def _keyframe(self, span: Span, scene: Scene, images: np.ndarray, layout: Layout) -> Gaussians:
         """(a): the Gaussians of the keyframe. Group 0: everything; later: the dynamic points, before frozen static ones."""
@@ -209,24 +218,24 @@ class Reconstruction:
         alive = np.concatenate([layers.alive, np.ones(len(decoded), bool)])
         return Scene(Gaussians.concatenate([scene.static, decoded]), alive, layers.dynamic)
 
-    def _hand_over(self, span: Span, static: Gaussians, arrays: dict[str, np.ndarray]) -> Scene:
+    def _hand_over(self, span: Span, static: Gaussians, group: Group) -> Scene:
         """The scene at the next keyframe: the dynamic points, deformed there (paper section 4)."""
-        at = min(span.own, len(arrays["dx"]) - 1)
-        dynamic = checkpoint.unpack(arrays).moved(arrays["dx"][at], arrays["dq"][at])
-        return Scene(static, arrays["alive"].astype(bool), dynamic)
+        return Scene(static, group.alive, group.at(span.own))
 
-    def _restore(self, span: Span) -> Scene:
-        """The scene after a finished group, from the checkpoints."""
-        layers = []
-        for index in range(span.index + 1):
-            path = self.work / f"group{index:04d}" / "layer.safetensors"
-            if path.exists():
-                layers.append(checkpoint.unpack(checkpoint.load_arrays(path), "decoded_"))
-        static = Gaussians.concatenate(layers) if layers else Gaussians.empty(self.config.keyframe.sh_degree)
+    def _restore(self, span: Span, publisher: Publisher) -> Scene:
+        """The scene after a finished group, from the checkpoints; the reel gets what it lacks."""
+        if span.index < len(publisher.writer.manifest.groups):
+            publisher.skip(span.index)
+        else:
+            with self._timed("encode"):
+                publisher.publish(span.index)
+        layers = [load_layer(self.work, index, "decoded") for index in range(span.index + 1)]
+        born = [layer for layer in layers if layer is not None]
+        static = Gaussians.concatenate(born) if born else Gaussians.empty(self.config.keyframe.sh_degree)
         keyframe = self._folder(span) / "keyframe.safetensors"
         if keyframe.exists():
             self.gains.load(torch.from_numpy(checkpoint.load_arrays(keyframe)["gains"]).to(self.device))
-        return self._hand_over(span, static, checkpoint.load_arrays(self._folder(span) / "group.safetensors"))
+        return self._hand_over(span, static, load_group(self.work, span.index))
 
     def _lay_out(self) -> Layout:
         """Initial points and the measures of the scene, from the first frame."""
@@ -237,7 +246,12 @@ class Reconstruction:
             self.progress.stage("initial points", 1)
             images = self.capture.read(0, 1, self.names)[0]
             seeds = initial_points(
-                self.cameras, images, self.capture.points, self.capture.point_colors, self.capture.near, self.config.seed
+                self.cameras,
+                images,
+                self.capture.points,
+                self.capture.point_colors,
+                self.capture.near,
+                self.config.seed,
             )
             near = near_plane(self.cameras, seeds.points)
             layout = measure(self.cameras, seeds.points, near)
@@ -247,20 +261,18 @@ class Reconstruction:
         return layout
 
     def _open_reel(self, layout: Layout) -> ReelWriter:
-        middle = self.cameras[len(self.cameras) // 2]
-        return ReelWriter(
-            self.reel,
-            fps=self.capture.fps,
-            group_length=self.config.group.length,
-            overlap=self.config.group.overlap,
-            sh_degree=self.config.keyframe.sh_degree,
-            bounds=layout.bounds,
-            up=layout.up,
-            camera=middle,
-            cameras=self.cameras,
-            config=self.config.encode,
-            resume=True,
-        )
+        header = {
+            "fps": self.capture.fps,
+            "group_length": self.config.group.length,
+            "overlap": self.config.group.overlap,
+            "sh_degree": self.config.keyframe.sh_degree,
+            "bounds": layout.bounds,
+            "up": layout.up,
+            "camera": self.cameras[len(self.cameras) // 2],
+            "cameras": self.cameras,
+        }
+        save_header(self.work, header)
+        return open_writer(self.work, self.reel, self.config.encode, resume=True)
 
     def _stage(self, images: np.ndarray, layout: Layout, shrink: int) -> Stage:
         """The keyframe's images [C, H, W, 3], at full size or shrunk by a whole factor."""
@@ -276,11 +288,8 @@ class Reconstruction:
     def _views(self) -> list[View]:
         return [View.of(camera, self.device) for camera in self.cameras]
 
-    def _finished(self, span: Span) -> bool:
-        return (self._folder(span) / "group.safetensors").exists()
-
     def _folder(self, span: Span) -> Path:
-        return self.work / f"group{span.index:04d}"
+        return group_folder(self.work, span.index)
 
     def _title(self, span: Span, what: str) -> str:
         return f"group {span.index + 1}/{len(self.spans)} {what}"

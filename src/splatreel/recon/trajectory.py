@@ -85,8 +85,7 @@ class Trajectory:
         """Newcomers start with what makes their total offset zero: they were static."""
         added = [skin(means, nodes) for nodes in self.nodes]
         self.skins = [
-            (torch.cat([i, ai]), torch.cat([s, as_]))
-            for (i, s), (ai, as_) in zip(self.skins, added, strict=True)
+            (torch.cat([i, ai]), torch.cat([s, as_])) for (i, s), (ai, as_) in zip(self.skins, added, strict=True)
         ]
         old = self.controls[-1].detach()
         if parents is not None:
