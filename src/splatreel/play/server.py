@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import re
+import socket
 import threading
 import webbrowser
 from email.utils import formatdate, parsedate_to_datetime
@@ -31,6 +32,8 @@ _TYPES = {
 
 _CHUNK = 1 << 18
 _IDLE_SECONDS = 30
+_POLL_SECONDS = 0.05
+"""How soon `close` is noticed."""
 
 
 class Server:
@@ -39,13 +42,19 @@ class Server:
     def __init__(self, reel_path: str | Path, host: str = "127.0.0.1", port: int = 0) -> None:
         reel = Path(reel_path).resolve()
         if not (reel / "manifest.json").is_file():
-            raise ReelError(f"{reel_path} is not a reel: it has no manifest.json. Give the directory that `encode` wrote.")
+            raise ReelError(
+                f"{reel_path} is not a reel: it has no manifest.json. Give the directory that `encode` wrote."
+            )
         try:
             self._http = _HTTPServer((host, port), _Handler)
         except OSError as error:
-            raise UsageError(f"Cannot listen on {host}:{port} ({error.strerror}). Choose another host or port.") from error
+            raise UsageError(
+                f"Cannot listen on {host}:{port} ({error.strerror}). Choose another host or port."
+            ) from error
         self._http.roots = {"/reel/": reel, "/": STATIC.resolve()}
-        self._thread = threading.Thread(target=self._http.serve_forever, name="splatreel-server", daemon=True)
+        self._thread = threading.Thread(
+            target=self._http.serve_forever, args=(_POLL_SECONDS,), name="splatreel-server", daemon=True
+        )
         self._started = False
 
     @property
@@ -79,7 +88,9 @@ class Server:
     def __enter__(self) -> Server:
         return self.start()
 
-    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None) -> None:
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
         self.close()
 
 
@@ -102,8 +113,6 @@ class _HTTPServer(ThreadingHTTPServer):
 
     def __init__(self, address: tuple[str, int], handler: type[BaseHTTPRequestHandler]) -> None:
         if ":" in address[0]:
-            import socket
-
             self.address_family = socket.AF_INET6
         super().__init__(address, handler)
 
@@ -161,9 +170,9 @@ class _Handler(BaseHTTPRequestHandler):
             return None
         try:
             path = (root / relative).resolve()
-        except (OSError, RuntimeError):
+            inside = path.is_relative_to(root) and path.suffix in _TYPES and path.is_file()
+        except (OSError, RuntimeError):  # a name too long for the file system, a loop of links
             return None
-        inside = path.is_relative_to(root) and path.suffix in _TYPES and path.is_file()
         return path if inside else None
 
     def _send_file(self, file: BinaryIO, content_type: str, body: bool) -> None:

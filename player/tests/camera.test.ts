@@ -1,0 +1,69 @@
+import assert from "node:assert/strict";
+import { test } from "node:test";
+import { OrbitCamera } from "../src/camera";
+import type { Manifest } from "../src/manifest";
+import { eyeOf, length, subtract, type Vec3 } from "../src/matrix";
+
+const viewmat = [1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 4, 0, 0, 0, 1];
+const home = { name: "start", width: 160, height: 120, K: [120, 0, 80, 0, 120, 60, 0, 0, 1], viewmat };
+const manifest = { camera: home, up: [0, -1, 0], bounds: [[-1, -1, -1], [1, 1, 1]] } as unknown as Manifest;
+
+const close = (a: number[], b: number[]): void => a.forEach((value, i) => assert.ok(Math.abs(value - b[i]) < 1e-6, `${a} is not ${b}`));
+
+/** Where a world point appears in a 160 x 120 picture. */
+function pixel(camera: OrbitCamera, point: Vec3): [number, number] {
+  const { viewmat: m, fx, fy, cx, cy } = camera.view(160, 120);
+  const [x, y, z] = [0, 4, 8].map((r) => m[r] * point[0] + m[r + 1] * point[1] + m[r + 2] * point[2] + m[r + 3]);
+  return [(fx * x) / z + cx, (fy * y) / z + cy];
+}
+
+test("starts exactly at the reel's camera", () => {
+  const view = new OrbitCamera(manifest).view(160, 120);
+  close(view.viewmat, viewmat);
+  close([view.fx, view.fy, view.cx, view.cy], [120, 120, 80, 60]);
+});
+
+test("orbiting keeps the pivot in place and the distance to it", () => {
+  const camera = new OrbitCamera(manifest);
+  camera.orbit(0.7, -0.4);
+  close(pixel(camera, [0, 0, 0]), [80, 60]);
+  assert.ok(Math.abs(length(eyeOf(camera.viewmat)) - 4) < 1e-6);
+});
+
+test("what is in front follows the drag", () => {
+  const camera = new OrbitCamera(manifest);
+  camera.orbit(0.1, 0);
+  assert.ok(pixel(camera, [0, 0, -1])[0] > 80);
+  camera.reset();
+  camera.orbit(0, 0.1);
+  assert.ok(pixel(camera, [0, 0, -1])[1] > 60);
+});
+
+test("never goes over the pole", () => {
+  const camera = new OrbitCamera(manifest);
+  for (let i = 0; i < 100; i++) camera.orbit(0, 0.2);
+  assert.ok(Math.abs(camera.viewmat[9]) < 1);
+  assert.ok(camera.viewmat[5] > 0, "down still points down");
+});
+
+test("panning moves the pivot by as many pixels", () => {
+  const camera = new OrbitCamera(manifest);
+  camera.pan(10, -6, 120);
+  close(pixel(camera, [0, 0, 0]), [90, 54]);
+});
+
+test("zooming changes the distance only, and stays in bounds", () => {
+  const camera = new OrbitCamera(manifest);
+  camera.zoom(0.5);
+  close(eyeOf(camera.viewmat), [0, 0, -2]);
+  for (let i = 0; i < 100; i++) camera.zoom(0.5);
+  assert.ok(length(subtract(eyeOf(camera.viewmat), [0, 0, 0])) > 0.01);
+});
+
+test("a flick dies away", () => {
+  const camera = new OrbitCamera(manifest);
+  camera.flick(3, 0);
+  let steps = 0;
+  while (camera.step(1 / 60)) steps++;
+  assert.ok(steps > 10 && steps < 120, String(steps));
+});

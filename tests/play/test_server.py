@@ -1,0 +1,181 @@
+"""The player's web server: what it serves, what it refuses, and how it ends."""
+
+import http.client
+import json
+import socket
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+from urllib.parse import urlsplit
+
+import pytest
+
+from splatreel.errors import ReelError, UsageError
+from splatreel.play.server import Server, serve
+
+DATA = bytes(range(256)) * 8
+
+
+@pytest.fixture
+def reel(tmp_path: Path) -> Path:
+    path = tmp_path / "reel"
+    (path / "groups").mkdir(parents=True)
+    (path / "manifest.json").write_text('{"format": "splatreel"}')
+    (path / "groups" / "0000.safetensors").write_bytes(DATA)
+    (path / "groups" / ".hidden.json").write_text("{}")
+    (path / "notes.py").write_text("secret")
+    (tmp_path / "secret.json").write_text("secret")
+    (path / "link.json").symlink_to(tmp_path / "secret.json")
+    return path
+
+
+@pytest.fixture
+def server(reel: Path):
+    with serve(reel, port=0) as running:
+        yield running
+
+
+def request(server: Server, path: str, method: str = "GET", **headers: str) -> tuple[http.client.HTTPResponse, bytes]:
+    connection = http.client.HTTPConnection(urlsplit(server.url).netloc, timeout=5)
+    try:
+        connection.request(method, path, headers={name.replace("_", "-"): value for name, value in headers.items()})
+        response = connection.getresponse()
+        return response, response.read()
+    finally:
+        connection.close()
+
+
+def test_serves_the_player_and_the_reel(server: Server):
+    page, body = request(server, "/")
+    assert page.status == 200
+    assert page.headers["Content-Type"] == "text/html; charset=utf-8"
+    assert b"player.js" in body
+    manifest, body = request(server, "/reel/manifest.json?x=1")
+    assert json.loads(body) == {"format": "splatreel"}
+    assert manifest.headers["Access-Control-Allow-Origin"] == "*"
+    assert request(server, "/reel/groups/0000.safetensors")[1] == DATA
+
+
+@pytest.mark.parametrize(
+    ("path", "content_type"),
+    [
+        ("/player.js", "text/javascript; charset=utf-8"),
+        ("/draco_decoder.wasm", "application/wasm"),
+        ("/reel/manifest.json", "application/json"),
+        ("/reel/groups/0000.safetensors", "application/octet-stream"),
+    ],
+)
+def test_content_types(server: Server, path: str, content_type: str):
+    assert request(server, path, "HEAD")[0].headers["Content-Type"] == content_type
+
+
+@pytest.mark.parametrize(
+    ("header", "expected", "content_range"),
+    [
+        ("bytes=0-9", DATA[:10], "bytes 0-9/2048"),
+        ("bytes=2000-", DATA[2000:], "bytes 2000-2047/2048"),
+        ("bytes=-5", DATA[-5:], "bytes 2043-2047/2048"),
+        ("bytes=2040-9999", DATA[2040:], "bytes 2040-2047/2048"),
+    ],
+)
+def test_ranges(server: Server, header: str, expected: bytes, content_range: str):
+    response, body = request(server, "/reel/groups/0000.safetensors", Range=header)
+    assert response.status == 206
+    assert body == expected
+    assert response.headers["Content-Range"] == content_range
+
+
+def test_ranges_beyond_the_file(server: Server):
+    response, _ = request(server, "/reel/groups/0000.safetensors", Range="bytes=2048-")
+    assert response.status == 416
+    assert response.headers["Content-Range"] == "bytes */2048"
+
+
+@pytest.mark.parametrize("header", ["bytes=5-2", "bytes=-", "items=0-1", "bytes=0-1,4-5", "bytes=x-"])
+def test_ranges_that_make_no_sense_give_the_whole(server: Server, header: str):
+    response, body = request(server, "/reel/groups/0000.safetensors", Range=header)
+    assert response.status == 200
+    assert body == DATA
+
+
+def test_head_and_not_modified(server: Server):
+    response, body = request(server, "/reel/manifest.json", "HEAD")
+    assert (response.status, body) == (200, b"")
+    assert response.headers["Content-Length"] == "23"
+    again, body = request(server, "/reel/manifest.json", If_None_Match=response.headers["ETag"])
+    assert (again.status, body) == (304, b"")
+    since, _ = request(server, "/reel/manifest.json", If_Modified_Since=response.headers["Last-Modified"])
+    assert since.status == 304
+
+
+@pytest.mark.parametrize(
+    "path",
+    [
+        "/reel/",
+        "/reel",
+        "/reel/groups",
+        "/reel/groups/",
+        "/reel/../secret.json",
+        "/reel/%2e%2e/secret.json",
+        "/reel/..%2fsecret.json",
+        "/reel/groups/../../secret.json",
+        "/reel//etc/passwd",
+        "/reel/..\\secret.json",
+        "/reel/link.json",
+        "/reel/notes.py",
+        "/reel/groups/.hidden.json",
+        "/reel/manifest.json/",
+        "/reel/manifest.json%00.html",
+        "/reel/%ff",
+        "/server.py",
+        "/../server.py",
+        "/" + "a" * 5000 + ".json",
+        "/none.html",
+    ],
+)
+def test_refuses_everything_else(server: Server, path: str):
+    response, body = request(server, path)
+    assert response.status == 404
+    assert b"secret" not in body
+
+
+@pytest.mark.parametrize("method", ["POST", "PUT", "DELETE"])
+def test_is_read_only(server: Server, method: str):
+    assert request(server, "/reel/manifest.json", method)[0].status == 501
+
+
+def test_preflight(server: Server):
+    response, _ = request(server, "/reel/manifest.json", "OPTIONS", Origin="http://elsewhere")
+    assert response.status == 204
+    assert "Range" in response.headers["Access-Control-Allow-Headers"]
+
+
+def test_many_at_once_and_one_that_stalls(server: Server):
+    address = urlsplit(server.url)
+    with socket.create_connection((address.hostname, address.port)) as stalled:
+        stalled.sendall(b"GET /reel/manifest.json HTTP/1.1\r\n")
+        with ThreadPoolExecutor(16) as pool:
+            bodies = list(pool.map(lambda _: request(server, "/reel/groups/0000.safetensors")[1], range(100)))
+    assert all(body == DATA for body in bodies)
+
+
+def test_listens_on_loopback_only_by_default(server: Server):
+    assert server.url.startswith("http://127.0.0.1:")
+
+
+def test_close_frees_the_port(reel: Path):
+    server = serve(reel, port=0)
+    port = urlsplit(server.url).port
+    assert port
+    with pytest.raises(UsageError, match=str(port)):
+        serve(reel, port=port)
+    server.close()
+    serve(reel, port=port).close()
+
+
+def test_a_folder_without_a_reel(tmp_path: Path):
+    with pytest.raises(ReelError, match=r"no manifest\.json"):
+        serve(tmp_path, port=0)
+
+
+def test_never_started_server_can_be_closed(reel: Path):
+    Server(reel).close()

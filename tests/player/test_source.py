@@ -1,0 +1,47 @@
+"""The player's TypeScript: unit tests under node, types, and the committed bundle against its source."""
+
+import os
+import shutil
+import subprocess
+from pathlib import Path
+
+import pytest
+
+PLAYER = Path(__file__).parents[2] / "player"
+STATIC = PLAYER.parent / "src" / "splatreel" / "play" / "static"
+
+needs_node = pytest.mark.skipif(
+    shutil.which("node") is None or not (PLAYER / "node_modules").is_dir(),
+    reason="needs node and the player's packages (npm ci in player/)",
+)
+
+
+def run(*command: str) -> None:
+    result = subprocess.run(command, cwd=PLAYER, capture_output=True, text=True, timeout=120, env=os.environ)
+    assert result.returncode == 0, result.stdout + result.stderr
+
+
+@needs_node
+def test_units():
+    run("node", "test.mjs")
+
+
+@needs_node
+def test_types():
+    run("node", "node_modules/typescript/bin/tsc", "--noEmit")
+
+
+@needs_node
+def test_the_committed_bundle_is_what_the_source_builds():
+    run("node", "check.mjs")
+
+
+def test_the_lock_file_names_no_host():
+    assert "resolved" not in (PLAYER / "package-lock.json").read_text()
+
+
+def test_the_player_is_small():
+    import gzip
+
+    scripts = [STATIC / name for name in ("player.js", "decode-worker.js", "hevc-worker.js", "sort-worker.js")]
+    assert sum(len(gzip.compress(path.read_bytes())) for path in scripts) < 80_000
