@@ -172,3 +172,15 @@ def test_version_is_stated_once_and_the_same() -> None:
     project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
     assert project["version"] == splatreel.__version__
     assert f"## {splatreel.__version__}" in (ROOT / "CHANGELOG.md").read_text(encoding="utf-8")
+
+
+def test_the_paper_map_names_what_exists() -> None:
+    named = re.findall(r"`([\w/]+\.py):(\w+)`", (ROOT / "docs" / "paper-map.md").read_text(encoding="utf-8"))
+    assert len(named) > 20
+    missing = []
+    for file, name in named:
+        path = SOURCE / file
+        body = ast.parse(path.read_text(encoding="utf-8")).body if path.exists() else []
+        if name not in [n.name for n in body if isinstance(n, ast.FunctionDef | ast.ClassDef)]:
+            missing.append(f"{file}:{name}")
+    assert not missing

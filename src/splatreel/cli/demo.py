@@ -74,6 +74,6 @@ def demo(
     if serve and sys.stdout.isatty():
         from splatreel.cli.serve import run
 
-        run(result.reel, "127.0.0.1", 8080, browser=False)
+        run(result.reel, "127.0.0.1", 0, browser=False)
     else:
         print(f"Play it with\n  splatreel serve {result.reel}")

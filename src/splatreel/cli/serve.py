@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import time
 import webbrowser
 from pathlib import Path
 
@@ -36,15 +35,11 @@ def run(reel: Path, host: str, port: int, browser: bool) -> None:
     """Serve until Ctrl-C, which here is the normal end."""
     from splatreel.play.server import Server
 
-    server = Server(reel_folder(reel), host, port)
-    server.start()
-    print(f"Playing at {server.url} - stop with Ctrl-C", flush=True)
-    if browser:
-        webbrowser.open(server.url)
-    try:
-        while True:
-            time.sleep(3600)
-    except KeyboardInterrupt:
-        print()
-    finally:
-        server.close()
+    with Server(reel_folder(reel), host, port) as server:
+        print(f"Playing at {server.url} - stop with Ctrl-C", flush=True)
+        if browser:
+            webbrowser.open(server.url)
+        try:
+            server.wait()
+        except KeyboardInterrupt:
+            print()
