@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 import cv2
 import numpy as np
-from scipy.spatial import cKDTree
+from scipy.spatial import KDTree
 
 from splatreel.errors import ReconstructionError
 from splatreel.recon import planesweep
@@ -229,7 +229,7 @@ def _filled(depth_map: DepthMap, needed: int, sparse: np.ndarray) -> _Cloud:
         covered[k] = trusted[max(r - 4, 0) : r + 4, max(c - 4, 0) : c + 4].any()
     row, column = row[~covered], column[~covered]
     colors = image[row, column].astype(np.float64)
-    tree = cKDTree(np.c_[places, COLOR_DISTANCE * shades])
+    tree = KDTree(np.c_[places, COLOR_DISTANCE * shades])
     distance, anchor = tree.query(np.c_[column + 0.5, row + 0.5, COLOR_DISTANCE * colors], k=FILL_ANCHORS)
     weight = 1 / (distance + 1)
     borrowed = (weight * inverse[anchor]).sum(1) / weight.sum(1)

@@ -1,0 +1,127 @@
+"""Lifting of 2D motion masks to a label per Gaussian (paper section 4.1, 3D lifting)."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from splatreel.config import LayeringConfig
+from splatreel.errors import ReconstructionError
+from splatreel.kernels import splat
+from splatreel.scene.camera import Camera
+from splatreel.scene.gaussians import Gaussians
+
+LEAST_CONTRIBUTION = 0.05
+"""Pixels, summed over all cameras; a point that contributes less counts as never seen."""
+LIFT_RATE = 0.05
+
+
+class _Splats(NamedTuple):
+    means: Tensor
+    quats: Tensor
+    scales: Tensor
+    opacities: Tensor
+
+
+class _Contributions(NamedTuple):
+    """inside: [N], what each point adds to masked pixels over all cameras, in pixels; total: [N], to all pixels."""
+
+    inside: Tensor
+    total: Tensor
+
+
+def lift(
+    points: Gaussians,
+    cameras: list[Camera],
+    masks: np.ndarray,
+    near: float,
+    config: LayeringConfig,
+    device: torch.device | str = "cpu",
+    seed: int = 0,
+) -> np.ndarray:
+    """How much each point moves, [N] float32 in 0..1; above `config.label_threshold` it is dynamic.
+
+    masks: [C, H, W] bool, of the cameras' size. near: near plane, world units. Points that no camera sees are static (0). Raises
+    `ReconstructionError` if masks and cameras do not fit.
+    """
+    expected = [(c.height, c.width) for c in cameras]
+    if len(masks) != len(cameras) or any(m.shape != s for m, s in zip(masks, expected, strict=True)):
+        raise ReconstructionError(
+            f"Lifting: masks {masks.shape} do not fit the {len(cameras)} cameras' sizes {expected}."
+        )
+    if len(points) == 0 or not masks.any():
+        return np.zeros(len(points), np.float32)
+    arrays = (points.means, points.quats, points.scales, points.opacities)
+    splats = _Splats(*(torch.from_numpy(a).to(device) for a in arrays))
+    targets = torch.from_numpy(np.asarray(masks, np.float32)).to(device)
+    weights = _contributions(splats, cameras, targets, near)
+    seen = weights.total > LEAST_CONTRIBUTION
+    if config.lift == "vote":
+        labels = _vote(splats.means, weights, seen, config.neighbours)
+    else:
+        labels = _optimise(splats, cameras, targets, near, config, seed)
+    return torch.where(seen, labels, 0).cpu().numpy().astype(np.float32)
+
+
+def _contributions(splats: _Splats, cameras: list[Camera], masks: Tensor, near: float) -> _Contributions:
+    """Sum over the pixels of T_i alpha_i: the gradient of the rendered image to the points' colours."""
+    colors = torch.zeros(len(splats.means), 2, device=splats.means.device, requires_grad=True)
+    for camera, mask in zip(cameras, masks, strict=True):
+        image = _draw(splats, colors, camera, near)
+        image.backward(torch.stack([mask, torch.ones_like(mask)], -1))
+    if colors.grad is None:
+        raise ReconstructionError("Lifting: there is no camera to lift masks from.")
+    return _Contributions(colors.grad[:, 0], colors.grad[:, 1])
+
+
+def _draw(splats: _Splats, colors: Tensor, camera: Camera, near: float) -> Tensor:
+    """Colours [N, C] alpha-blended to an image [H, W, C]; only the colours get gradients."""
+    width, height = camera.width, camera.height
+    with torch.no_grad():
+        projection = splat.project(
+            splats.means, splats.quats, splats.scales, camera.viewmat, camera.K, width, height, near
+        )
+    means2d, conics, depths, radii = projection
+    return splat.rasterize(means2d, conics, colors, splats.opacities, depths, radii, width, height)[0]
+
+
+def _vote(means: Tensor, weights: _Contributions, seen: Tensor, neighbours: int) -> Tensor:
+    """The share of each point's contributions that falls into the masks, averaged with its nearest seen neighbours'; [N]."""
+    votes = torch.where(seen, weights.inside / weights.total.clamp_min(LEAST_CONTRIBUTION), 0)
+    count = min(neighbours, len(means) - 1)
+    if count < 1:
+        return votes
+    index = splat.nearest_neighbours(means, count)[0]
+    around = torch.cat([torch.arange(len(means), device=means.device)[:, None], index], 1)
+    return votes[around].sum(1) / seen[around].sum(1).clamp_min(1)
+
+
+def _optimise(
+    splats: _Splats, cameras: list[Camera], masks: Tensor, near: float, config: LayeringConfig, seed: int
+) -> Tensor:
+    """Labels that minimise the paper's L_m, [N], one random view an iteration.
+
+    The sums over points are divided by the number of views, as each iteration holds only one view's share of the first term.
+    """
+    rng = np.random.default_rng(seed)
+    count = len(splats.means)
+    labels = torch.full((count,), 0.5, device=splats.means.device, requires_grad=True)
+    nearest = splat.nearest_neighbours(splats.means, 1)[0][:, 0] if count > 1 else torch.zeros(1, dtype=torch.int64)
+    optimizer = torch.optim.Adam([labels], lr=LIFT_RATE)
+    for iteration in range(config.lift_iterations):
+        view = int(rng.integers(len(cameras)))
+        rendered = _draw(splats, labels[:, None], cameras[view], near)[..., 0]
+        alike = (labels - labels[nearest]).abs().sum()
+        moving = (labels - 1).abs().sum()
+        loss = (rendered - masks[view]).abs().sum()
+        loss = loss + (config.lambda_nn * alike + config.lambda_dyn * moving) / len(cameras)
+        optimizer.param_groups[0]["lr"] = LIFT_RATE * 0.1 ** (iteration / config.lift_iterations)
+        optimizer.zero_grad()
+        loss.backward()
+        optimizer.step()
+        with torch.no_grad():
+            labels.clamp_(0, 1)
+    return labels.detach()

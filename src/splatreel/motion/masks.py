@@ -1,0 +1,113 @@
+"""Motion masks at a keyframe (paper section 4.1, 2D motion segmentation), and their completion to whole objects."""
+
+from __future__ import annotations
+
+from typing import Protocol
+
+import cv2
+import numpy as np
+
+from splatreel.config import LayeringConfig
+from splatreel.errors import UsageError
+from splatreel.motion.flow import Flow
+from splatreel.motion.sam2 import Sam2Segmenter
+
+PAPER_WIDTH = 1352
+"""Image width, in pixels, to which the paper's flow threshold refers."""
+LEAST_FLOW = 0.5
+"""Pixels; shorter flow is not told from noise, however small the images."""
+
+
+class Segmenter(Protocol):
+    """Grows motion masks to whole objects. masks: [C, H, W] bool; images: [C, H, W, 3] uint8. Returns [C, H, W] bool."""
+
+    def complete(self, masks: np.ndarray, images: np.ndarray) -> np.ndarray: ...
+
+
+def make_segmenter(name: str) -> Segmenter | None:
+    """The segmenter of a configuration: 'grabcut', 'sam2', or 'none' for None. Raises `UsageError` for another name."""
+    if name == "none":
+        return None
+    if name == "grabcut":
+        return GrabCutSegmenter()
+    if name == "sam2":
+        return Sam2Segmenter()
+    raise UsageError(f"Unknown segmenter {name!r}. Choose grabcut, sam2 or none.")
+
+
+def motion_masks(frames: np.ndarray, flow: Flow, config: LayeringConfig) -> np.ndarray:
+    """What moves between the keyframe and later frames of its group, seen at the keyframe; [C, H, W] bool.
+
+    frames: [T, C, H, W, 3] uint8, the keyframe first. A pixel moves if, to any of the selected frames, its flow is longer than
+    lambda_raft (at the paper's width) and it also looks different there: flow on flat walls is noise. What appears only later has no
+    pixel at the keyframe and is left to the adaptive conversion of static points.
+    """
+    count, cameras, height, width = frames.shape[:4]
+    masks = np.zeros((cameras, height, width), bool)
+    threshold = max(config.flow_threshold * width / PAPER_WIDTH, LEAST_FLOW)
+    for c in range(cameras):
+        for t in later_frames(count, config.flow_frames):
+            vectors = flow(frames[0, c], frames[t, c])
+            moved = np.hypot(vectors[..., 0], vectors[..., 1]) > threshold
+            masks[c] |= moved & (_difference(frames[0, c], frames[t, c]) >= config.photometric_threshold)
+        masks[c] = _clean(masks[c])
+    return masks
+
+
+def later_frames(count: int, wanted: int) -> list[int]:
+    """Up to `wanted` frames after the first, spread evenly over `count` frames; the last one always."""
+    return sorted({round(t) for t in np.linspace(0, count - 1, wanted + 1)[1:]} - {0})
+
+
+def _difference(a: np.ndarray, b: np.ndarray) -> np.ndarray:
+    """Mean absolute difference of the colours over a 5 x 5 neighbourhood, [H, W] float32 0..1."""
+    return cv2.GaussianBlur(cv2.absdiff(a, b).mean(-1, dtype=np.float32) / 255, (5, 5), 0)
+
+
+def _clean(mask: np.ndarray) -> np.ndarray:
+    """Without specks, and with small holes closed; sizes follow the image's width."""
+    speck, hole = (2 * max(round(half * mask.shape[1] / 640), 1) + 1 for half in (1, 2))
+    opened = cv2.morphologyEx(mask.astype(np.uint8), cv2.MORPH_OPEN, np.ones((speck, speck), np.uint8))
+    return cv2.morphologyEx(opened, cv2.MORPH_CLOSE, np.ones((hole, hole), np.uint8)) > 0
+
+
+class GrabCutSegmenter:
+    """GrabCut (Rother et al. 2004) seeded by the mask: classical, needs no weights.
+
+    It may grow a mask by `reach` of the image's width at most; where it would more than double a mask, the colours do not tell
+    the object from its background, and the mask is left as it was.
+    """
+
+    def __init__(self, reach: float = 0.03, iterations: int = 2, width: int = 480, most_growth: float = 1.0) -> None:
+        self.reach = reach
+        self.iterations = iterations
+        self.width = width
+        self.most_growth = most_growth
+
+    def complete(self, masks: np.ndarray, images: np.ndarray) -> np.ndarray:
+        return np.stack([self._complete_one(mask, image) for mask, image in zip(masks, images, strict=True)])
+
+    def _complete_one(self, mask: np.ndarray, image: np.ndarray) -> np.ndarray:
+        height, width = mask.shape
+        scale = min(self.width / width, 1.0)
+        size = max(round(width * scale), 1), max(round(height * scale), 1)
+        seed = cv2.resize(mask.astype(np.uint8), size, interpolation=cv2.INTER_NEAREST)
+        reach = max(round(self.reach * size[0]), 1)
+        near = cv2.dilate(seed, np.ones((2 * reach + 1, 2 * reach + 1), np.uint8))
+        around = cv2.dilate(near, np.ones((2 * reach + 1, 2 * reach + 1), np.uint8))
+        if not seed.any() or near.all():
+            return mask.copy()
+        trimap = np.full(seed.shape, cv2.GC_BGD, np.uint8)
+        trimap[near > 0] = cv2.GC_PR_BGD
+        trimap[seed > 0] = cv2.GC_FGD
+        rows, columns = (slice(i.min(), i.max() + 1) for i in np.nonzero(around))
+        small = np.ascontiguousarray(cv2.resize(image, size, interpolation=cv2.INTER_AREA)[rows, columns])
+        window = np.ascontiguousarray(trimap[rows, columns])
+        models = np.zeros((1, 65)), np.zeros((1, 65))
+        cv2.setRNGSeed(0)
+        cv2.grabCut(small, window, (0, 0, 0, 0), *models, self.iterations, cv2.GC_INIT_WITH_MASK)
+        grown = seed.copy()
+        grown[rows, columns] |= ((window == cv2.GC_FGD) | (window == cv2.GC_PR_FGD)).astype(np.uint8)
+        if grown.sum() > (1 + self.most_growth) * seed.sum():
+            return mask.copy()
+        return mask | (cv2.resize(grown, (width, height), interpolation=cv2.INTER_NEAREST) > 0)
