@@ -1,0 +1,79 @@
+"""Small reels for the tests."""
+
+from __future__ import annotations
+
+import dataclasses
+import hashlib
+import json
+from pathlib import Path
+
+import numpy as np
+
+from splatreel.codec.writer import ReelWriter
+from splatreel.config import EncodeConfig
+from splatreel.scene.group import Group
+from tests.golden import camera, random_gaussians, random_motion
+
+CONFIG = dataclasses.replace(EncodeConfig(), sh_entries=16)
+
+
+def new_writer(path: Path, **changes) -> ReelWriter:
+    """A writer with plain settings: 10 frames a second, overlap 1."""
+    settings = {
+        "fps": 10,
+        "group_length": 2,
+        "overlap": 1,
+        "sh_degree": 1,
+        "bounds": np.array([[-1.0, -1, -1], [1, 1, 1]]),
+        "up": np.array([0.0, -1, 0]),
+        "camera": camera("start", 0),
+        "cameras": [camera("a", 1)],
+        "config": CONFIG,
+    }
+    return ReelWriter(path, **(settings | changes))
+
+
+def points(count: int, seed: int = 0, degree: int = 1):
+    return random_gaussians(np.random.default_rng(seed), count, degree, (0, 0, 0))
+
+
+def new_group(
+    index: int, dynamic: int, alive: int | np.ndarray, frames: int = 3, first_frame: int | None = None
+) -> Group:
+    """A group of moving points; alive: flags, or a number of static points that are all alive."""
+    moving = points(dynamic, seed=100 + index)
+    dx, dq = random_motion(np.random.default_rng(index), moving, frames)
+    flags = np.ones(alive, bool) if isinstance(alive, int) else alive
+    return Group(index, 2 * index if first_frame is None else first_frame, moving, dx, dq, flags)
+
+
+def write_reel(path: Path, groups: int = 2) -> Path:
+    """20 static points born at group 0, 10 at group 1, 15 dynamic points a group."""
+    writer = new_writer(path)
+    static = 0
+    for index in range(groups):
+        born = (20, 10)[index] if index < 2 else 0
+        writer.add_layer(index, 2 * index, points(born, seed=index))
+        static += born
+        writer.add_group(new_group(index, 15, static))
+    writer.finish()
+    return path
+
+
+def edit_manifest(path: Path, change) -> None:
+    """Apply change to the parsed manifest and write it back."""
+    file = path / "manifest.json"
+    document = json.loads(file.read_text())
+    change(document)
+    file.write_text(json.dumps(document))
+
+
+def replace_file(path: Path, kind: str, index: int, data: bytes) -> None:
+    """Replace a file and make the manifest agree, as somebody who forges a reel would."""
+
+    def change(document):
+        entry = document[kind][index]
+        entry["bytes"], entry["sha256"] = len(data), hashlib.sha256(data).hexdigest()
+        (path / entry["uri"]).write_bytes(data)
+
+    edit_manifest(path, change)

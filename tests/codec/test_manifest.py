@@ -1,0 +1,112 @@
+"""manifest.json: round trip, forward compatibility, hostile content."""
+
+import json
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from splatreel.codec.manifest import MAX_BYTES, parse_manifest
+from splatreel.errors import ReelError
+from tests.golden import GOLDEN
+
+TEXT = (GOLDEN / "manifest.json").read_text()
+
+
+def edited(change) -> bytes:
+    document = json.loads(TEXT)
+    change(document)
+    return json.dumps(document).encode()
+
+
+def test_round_trip():
+    assert parse_manifest(TEXT.encode(), "m").to_json() == TEXT
+
+
+def test_unknown_fields_are_ignored():
+    def change(d):
+        d["mood"] = "blue"
+        d["groups"][0]["weather"] = 3
+
+    assert parse_manifest(edited(change), "m").to_json() == TEXT
+
+
+def test_static_points():
+    manifest = parse_manifest(TEXT.encode(), "m")
+    assert [manifest.static_points(g) for g in (0, 1)] == [150, 200]
+
+
+@pytest.mark.parametrize(
+    "uri",
+    [
+        "../x",
+        "/etc/passwd",
+        "a/../b",
+        "http://e.org/x",
+        "//e.org/x",
+        "a\\b",
+        "a//b",
+        ".hidden",
+        "a/",
+        "",
+        "C:/x",
+        "a?b",
+        "a\n",
+        7,
+    ],
+)
+def test_uris_that_leave_the_reel(uri):
+    with pytest.raises(ReelError, match=r"^m: groups\[1\] has the uri"):
+        parse_manifest(edited(lambda d: d["groups"][1].update(uri=uri)), "m")
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        (lambda d: d.update(version=2), "version 2"),
+        (lambda d: d.update(format="mp4"), "not the manifest"),
+        (lambda d: d.update(fps=0), "fps"),
+        (lambda d: d.update(fps=float("nan")), "fps"),
+        (lambda d: d.update(fps=10**400), "fps"),
+        (lambda d: d.update(frames=-1), "frames"),
+        (lambda d: d.update(frames=1.5), "frames"),
+        (lambda d: d.update(live="no"), "live"),
+        (lambda d: d.update(sh_degree=4), "sh_degree"),
+        (lambda d: d.update(bounds=[[0, 0, 0]]), "bounds"),
+        (lambda d: d.update(bounds=[[1, 1, 1], [0, 0, 0]]), "bounds"),
+        (lambda d: d.update(bounds=[[0, 0, float("nan")], [1, 1, 1]]), "bounds"),
+        (lambda d: d.update(up=[0, 1]), "up"),
+        (lambda d: d.update(camera=None), "camera"),
+        (lambda d: d["cameras"][0].update(K=[1] * 8), "camera 'cam00' has K"),
+        (lambda d: d["cameras"][0].update(width=0), "width"),
+        (lambda d: d.update(groups=[]), "no group|layer of group"),
+        (lambda d: d["groups"].reverse(), "order"),
+        (lambda d: d["layers"].reverse(), "order"),
+        (lambda d: d["layers"][1].update(group=2), "layer of group 2"),
+        (lambda d: d["layers"][0].update(sha256="00"), r"layers\[0\] has the sha256"),
+        (lambda d: d["groups"][0].update(bytes=1 << 60), r"groups\[0\] has bytes"),
+        (lambda d: d["groups"][0].update(points=-3), r"groups\[0\] has points"),
+        (lambda d: d.update(groups=["x"]), r"groups\[0\] is not an object"),
+        (lambda d: d.pop("overlap"), "overlap"),
+    ],
+)
+def test_hostile_fields(change, message):
+    with pytest.raises(ReelError, match=message):
+        parse_manifest(edited(change), "m")
+
+
+@pytest.mark.parametrize("data", [b"", b"[]", b"null", b"{", b"\xff\xfe", b"[" * 100_000, b" " * (MAX_BYTES + 1)])
+def test_not_a_manifest(data):
+    with pytest.raises(ReelError, match=r"^m: "):
+        parse_manifest(data, "m")
+
+
+@given(st.data())
+def test_any_damage_is_a_reel_error_or_a_manifest(data):
+    text = bytearray(TEXT.encode())
+    for at in data.draw(st.lists(st.integers(0, len(text) - 1), min_size=1, max_size=3)):
+        text[at] = data.draw(st.integers(0, 255))
+    try:
+        parse_manifest(bytes(text), "m")
+    except ReelError as error:
+        assert str(error).startswith("m: ")

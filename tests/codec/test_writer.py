@@ -1,0 +1,147 @@
+"""Writing reels: the closed loop, atomic publishing, resuming, a full disk."""
+
+import hashlib
+import json
+
+import numpy as np
+import pytest
+
+from splatreel.codec.reader import ReelReader
+from splatreel.codec.verify import verify_reel
+from splatreel.errors import ReelError
+from tests.codec.reels import new_group, new_writer, points, write_reel
+
+
+def published(path):
+    return {file.relative_to(path).as_posix(): file.read_bytes() for file in path.rglob("*") if file.is_file()}
+
+
+def assert_same(a, b):
+    for name in ("means", "quats", "scales", "opacities", "sh"):
+        np.testing.assert_array_equal(getattr(a, name), getattr(b, name))
+
+
+def test_closed_loop(tmp_path):
+    """What add_layer and add_group return is exactly what a reader gets, and order leads back to the input."""
+    writer = new_writer(tmp_path)
+    static = points(30)
+    layer, order = writer.add_layer(0, 0, static)
+    np.testing.assert_allclose(layer.means, static.means[order], atol=1e-5)
+    np.testing.assert_allclose(layer.opacities, static.opacities[order], atol=3e-3)
+    alive = np.arange(30) % 3 > 0
+    group = writer.add_group(new_group(0, 12, alive))
+    writer.finish()
+    reel = ReelReader(tmp_path)
+    assert_same(reel.layer(0), layer)
+    assert_same(reel.group(0).dynamic, group.dynamic)
+    np.testing.assert_array_equal(reel.group(0).dx, group.dx)
+    np.testing.assert_array_equal(reel.group(0).dq, group.dq)
+    np.testing.assert_array_equal(reel.group(0).alive, alive)
+
+
+def test_offsets_follow_their_points(tmp_path):
+    """Each decoded point has the motion of the input point it came from."""
+    group = new_group(0, 200, 0)
+    decoded = new_writer(tmp_path).add_group(group)
+    distance = np.linalg.norm(decoded.dynamic.means[:, None] - group.dynamic.means, axis=-1)
+    source = distance.argmin(1)
+    assert sorted(source) == list(range(200))
+    np.testing.assert_allclose(decoded.dx, group.dx[:, source], atol=0.01)
+
+
+def test_manifest_grows_and_is_finished(tmp_path):
+    writer = new_writer(tmp_path)
+    writer.add_layer(0, 0, points(5))
+    assert not (tmp_path / "manifest.json").exists()
+    writer.add_group(new_group(0, 4, 5))
+    live = json.loads((tmp_path / "manifest.json").read_text())
+    assert (live["live"], live["frames"], len(live["layers"])) == (True, 3, 1)
+    writer.add_group(new_group(1, 4, 5))
+    writer.finish()
+    final = ReelReader(tmp_path).manifest
+    assert (final.live, final.frames, len(final.layers), len(final.groups)) == (False, 5, 1, 2)
+    assert [entry.bytes for entry in final.groups] == [len((tmp_path / e.uri).read_bytes()) for e in final.groups]
+    data = (tmp_path / final.layers[0].uri).read_bytes()
+    assert final.layers[0].sha256 == hashlib.sha256(data).hexdigest()
+
+
+def test_same_input_same_reel(tmp_path):
+    assert published(write_reel(tmp_path / "a")) == published(write_reel(tmp_path / "b"))
+
+
+@pytest.mark.parametrize(("static", "dynamic", "frames"), [(0, 0, 1), (0, 3, 1), (3, 0, 4), (1, 1, 1)])
+def test_smallest_groups(tmp_path, static, dynamic, frames):
+    writer = new_writer(tmp_path)
+    writer.add_layer(0, 0, points(static))
+    writer.add_group(new_group(0, dynamic, static, frames=frames))
+    writer.finish()
+    assert verify_reel(tmp_path).points == static + dynamic
+    group = ReelReader(tmp_path).group(0)
+    assert (group.frames, len(group.dynamic), len(group.alive)) == (frames, dynamic, static)
+
+
+def test_resume_goes_on_where_it_stopped(tmp_path):
+    whole = write_reel(tmp_path / "whole", groups=3)
+    writer = new_writer(tmp_path / "cut")
+    writer.add_layer(0, 0, points(20, seed=0))
+    writer.add_group(new_group(0, 15, 20))
+    writer.add_layer(1, 2, points(10, seed=1))  # and here it crashes
+    writer = new_writer(tmp_path / "cut", resume=True)
+    assert len(writer.manifest.groups) == 1
+    writer.add_layer(1, 2, points(10, seed=1))
+    writer.add_group(new_group(1, 15, 30))
+    writer = new_writer(tmp_path / "cut", resume=True)
+    writer.add_layer(2, 4, points(0))
+    writer.add_group(new_group(2, 15, 30))
+    writer.finish()
+    assert published(whole) == published(tmp_path / "cut")
+
+
+def test_adding_an_earlier_group_drops_the_later_ones(tmp_path):
+    path = write_reel(tmp_path, groups=3)
+    writer = new_writer(path, resume=True)
+    writer.add_layer(1, 2, points(7, seed=9))
+    manifest = ReelReader(path).manifest
+    assert (len(manifest.groups), len(manifest.layers), manifest.live) == (1, 1, True)
+    assert verify_reel(path).groups == 1
+    writer.add_group(new_group(1, 6, 27))
+    assert verify_reel(path).points == 20 + 15 + 7 + 6
+    assert sorted(p.name for p in (path / "groups").iterdir()) == ["0000.safetensors", "0001.safetensors"]
+
+
+def test_without_resume_an_old_reel_is_dropped(tmp_path):
+    new_writer(write_reel(tmp_path))
+    assert published(tmp_path) == {}
+
+
+@pytest.mark.parametrize("alive", [0, 19, 21])
+def test_alive_must_fit_the_layers(tmp_path, alive):
+    writer = new_writer(tmp_path)
+    writer.add_layer(0, 0, points(20))
+    with pytest.raises(ReelError, match=f"{alive} static points .* hold 20"):
+        writer.add_group(new_group(0, 3, alive))
+
+
+def test_groups_come_in_order(tmp_path):
+    writer = new_writer(tmp_path)
+    with pytest.raises(ReelError, match="the next one is 0"):
+        writer.add_group(new_group(1, 3, 0))
+    with pytest.raises(ReelError, match="without a group"):
+        writer.finish()
+
+
+def test_full_disk_leaves_a_valid_reel(tmp_path, monkeypatch):
+    writer = new_writer(tmp_path)
+    writer.add_layer(0, 0, points(20))
+    writer.add_group(new_group(0, 5, 20))
+
+    def full(_):
+        raise OSError(28, "No space left on device")
+
+    with monkeypatch.context() as patch:
+        patch.setattr("os.fsync", full)
+        with pytest.raises(ReelError, match=r"0001\.safetensors.*No space left"):
+            writer.add_group(new_group(1, 5, 20))
+    assert verify_reel(tmp_path).groups == 1
+    writer.add_group(new_group(1, 5, 20))
+    assert verify_reel(tmp_path).groups == 2

@@ -1,0 +1,92 @@
+"""What a reel shows at a time, most of all in the overlap of two groups."""
+
+import numpy as np
+import pytest
+
+from splatreel.codec.reader import ReelReader
+from splatreel.errors import ReelError
+from splatreel.play.timeline import open_reel
+from splatreel.scene.gaussians import Gaussians
+from tests.codec.reels import edit_manifest, new_group, new_writer, points
+
+FPS, FIRST, OVERLAP = 10, 4, 2
+
+
+@pytest.fixture(scope="module")
+def reel(tmp_path_factory):
+    """Two groups of 6 frames from frames 0 and 4, overlap 2: of 6 static points one dies, of 4 born later all live."""
+    path = tmp_path_factory.mktemp("reel")
+    writer = new_writer(path, overlap=OVERLAP)
+    writer.add_layer(0, 0, points(6, seed=1))
+    writer.add_group(new_group(0, 5, 6, frames=6, first_frame=0))
+    writer.add_layer(1, FIRST, points(4, seed=2))
+    alive = np.ones(10, bool)
+    alive[2] = False
+    writer.add_group(new_group(1, 7, alive, frames=6, first_frame=FIRST))
+    writer.finish()
+    return path
+
+
+def test_first_frame(reel):
+    timeline, reader = open_reel(reel), ReelReader(reel)
+    shown = timeline.at(0)
+    expected = Gaussians.concatenate([reader.layer(0), reader.group(0).at(0)])
+    np.testing.assert_array_equal(shown.means, expected.means)
+    np.testing.assert_array_equal(shown.opacities, expected.opacities)
+    assert (timeline.frames, timeline.fps, timeline.duration) == (10, 10, 1.0)
+
+
+def test_between_two_frames(reel):
+    group = ReelReader(reel).group(0)
+    shown = open_reel(reel).at(0.15)
+    np.testing.assert_allclose(shown.means[6:], group.dynamic.means + (group.dx[1] + group.dx[2]) / 2, atol=1e-6)
+    assert len(shown) == 11
+
+
+@pytest.mark.parametrize(("frame", "weight"), [(4.0, 0.0), (4.5, 0.25), (5.0, 0.5)])
+def test_overlap(reel, frame, weight):
+    """Static points alive in both groups stay; the rest of the old group leaves as the rest of the new one comes."""
+    reader = ReelReader(reel)
+    shown = open_reel(reel).at(frame / FPS)
+    old, new = reader.group(0).at(frame), reader.group(1).at(frame - FIRST)
+    stays, dies = reader.layer(0)[np.arange(6) != 2], reader.layer(0)[2:3]
+    expected = Gaussians.concatenate([stays, dies, old, reader.layer(1), new])
+    weights = np.repeat([1, 1 - weight, 1 - weight, weight, weight], [5, 1, 5, 4, 7])
+    np.testing.assert_array_equal(shown.means, expected.means)
+    np.testing.assert_allclose(shown.opacities, 1 - (1 - expected.opacities) ** weights, atol=2e-4)
+
+
+def test_after_the_overlap(reel):
+    shown = open_reel(reel).at((FIRST + OVERLAP) / FPS)
+    assert len(shown) == 5 + 4 + 7
+
+
+def test_just_before_the_next_group(reel):
+    assert len(open_reel(reel).at(0.3999)) == 11
+
+
+@pytest.mark.parametrize(("outside", "inside"), [(-3, 0), (0.9, 0.9), (1.0, 0.9), (1e9, 0.9), (float("inf"), 0.9)])
+def test_times_outside_are_clamped(reel, outside, inside):
+    timeline = open_reel(reel)
+    np.testing.assert_array_equal(timeline.at(outside).means, timeline.at(inside).means)
+
+
+def test_nan_is_refused(reel):
+    with pytest.raises(ValueError, match="NaN"):
+        open_reel(reel).at(float("nan"))
+
+
+def test_no_overlap_and_no_points(tmp_path):
+    writer = new_writer(tmp_path, overlap=0)
+    writer.add_group(new_group(0, 0, 0, frames=2))
+    writer.add_layer(1, 2, points(3))
+    writer.add_group(new_group(1, 0, 3, frames=1))
+    timeline = open_reel(tmp_path)
+    assert [len(timeline.at(seconds)) for seconds in (0, 0.1, 0.2, 5)] == [0, 0, 3, 3]
+
+
+def test_live_reel_without_groups(tmp_path, reel):
+    (tmp_path / "manifest.json").write_bytes((reel / "manifest.json").read_bytes())
+    edit_manifest(tmp_path, lambda d: d.update(live=True, groups=[], layers=[], frames=0))
+    with pytest.raises(ReelError, match="no group yet"):
+        open_reel(tmp_path).at(0)
