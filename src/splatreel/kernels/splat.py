@@ -8,7 +8,7 @@ readable torch version of every function here, with the same signature, as the o
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 import torch
@@ -156,13 +156,13 @@ def nearest_neighbours(points: Tensor, k: int, queries: Tensor | None = None) ->
         raise GaussiansError(f"nearest_neighbours: asked for {k} neighbours where there are {available}.")
     if points.is_cuda:
         return twin.nearest_neighbours(points, k, queries)
-    array = points.detach().numpy()
-    asked = array if queries is None else queries.detach().numpy()
-    count = k + (queries is None)
-    distances, indices = KDTree(array).query(asked, k=range(1, count + 1), workers=-1)
+    asked = points if queries is None else queries
+    ranks: Any = np.arange(1, k + 1 + (queries is None))  # a list, so that one neighbour still gives a column
+    found = KDTree(points.detach().numpy()).query(asked.detach().numpy(), k=ranks, workers=-1)
+    distances, indices = np.asarray(found[0], np.float32), np.asarray(found[1], np.int64)
     if queries is None:
         indices, distances = _without_self(indices, distances)
-    return torch.from_numpy(indices.astype(np.int64)), torch.from_numpy(distances.astype(np.float32))
+    return torch.from_numpy(indices), torch.from_numpy(distances)
 
 
 def hashgrid(coords: Tensor, table: Tensor, resolutions: Tensor | np.ndarray) -> Tensor:

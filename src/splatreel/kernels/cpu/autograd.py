@@ -4,6 +4,9 @@ Every input and output a gradient needs goes through `save_for_backward`, so tha
 between. Buffers belong to the call that made them: any number of renders can wait for their backward at once.
 """
 
+# pyright: reportIncompatibleMethodOverride=false
+# (torch types `backward` as taking any number of gradients)
+
 from __future__ import annotations
 
 from typing import Any
@@ -30,7 +33,7 @@ def _tensors(*arrays: np.ndarray) -> list[Tensor]:
 class Project(Function):
     @staticmethod
     def forward(ctx: Any, means: Tensor, quats: Tensor, scales: Tensor, view: project.View):
-        means2d, conics, depths, radii = _tensors(*project.forward(*_arrays(means, quats, scales), view))
+        means2d, conics, depths, radii = _tensors(*project.forward(*_arrays(means, quats, scales), view=view))
         ctx.view = view
         ctx.save_for_backward(means, quats, scales, conics, radii)
         ctx.mark_non_differentiable(radii)
@@ -40,9 +43,8 @@ class Project(Function):
     @once_differentiable
     def backward(ctx: Any, d_means2d: Tensor, d_conics: Tensor, d_depths: Tensor, _: None):
         means, quats, scales, conics, radii = ctx.saved_tensors
-        arrays = _arrays(means, quats, scales, conics)
-        gradients = _arrays(d_means2d, d_conics, d_depths)
-        return *_tensors(*project.backward(*arrays, radii.numpy(), *gradients, ctx.view)), None
+        arrays = _arrays(means, quats, scales, conics, d_means2d, d_conics, d_depths)
+        return *_tensors(*project.backward(*arrays, radii=radii.numpy(), view=ctx.view)), None
 
 
 class SphericalHarmonics(Function):
@@ -62,7 +64,8 @@ class Rasterize(Function):
     @staticmethod
     def forward(ctx: Any, means2d, conics, colors, opacities, depths, radii, width: int, height: int):
         arrays = _arrays(means2d, conics, opacities, depths)
-        bins = binning.bin_splats(*arrays, radii.to(torch.int32).contiguous().numpy(), width, height)
+        visible = radii.to(torch.int32).contiguous().numpy()
+        bins = binning.bin_splats(*arrays, radii=visible, width=width, height=height)
         parts = [rasterize.forward(bins, part) for part in _split(*_arrays(colors))]
         image = torch.from_numpy(_join([image for image, _ in parts], colors.shape[1]))
         alpha = torch.from_numpy(parts[0][1])
@@ -76,7 +79,7 @@ class Rasterize(Function):
         colors, image, alpha, d_image_, d_alpha_ = _arrays(*ctx.saved_tensors, d_image, d_alpha)
         geometry, d_colors = [], []
         for part in zip(_split(colors), _split(image), _split(d_image_), strict=True):
-            *gradients, d_color = rasterize.backward(ctx.bins, *part, alpha, d_alpha_)
+            *gradients, d_color = rasterize.backward(ctx.bins, *part, alpha=alpha, d_alpha=d_alpha_)
             geometry.append(gradients)
             d_colors.append(d_color)
             d_alpha_ = np.zeros_like(d_alpha_)  # every part sees the same alpha: count its gradient once
@@ -104,7 +107,7 @@ def _join(parts: list[np.ndarray], channels: int) -> np.ndarray:
 class PhotometricLoss(Function):
     @staticmethod
     def forward(ctx: Any, image: Tensor, target: Tensor, lambda_dssim: float):
-        loss, gradient = similarity.loss_and_gradient(*_arrays(image, target), lambda_dssim)
+        loss, gradient = similarity.loss_and_gradient(*_arrays(image, target), lambda_dssim=lambda_dssim)
         ctx.gradient = torch.from_numpy(gradient)
         return torch.tensor(loss, dtype=torch.float32)
 
@@ -119,7 +122,7 @@ class HashGrid(Function):
     def forward(ctx: Any, coords: Tensor, table: Tensor, resolutions: np.ndarray):
         ctx.resolutions = resolutions
         ctx.save_for_backward(coords, table)
-        return torch.from_numpy(hashgrid.forward(*_arrays(coords, table), resolutions))
+        return torch.from_numpy(hashgrid.forward(*_arrays(coords, table), resolutions=resolutions))
 
     @staticmethod
     @once_differentiable
@@ -127,7 +130,7 @@ class HashGrid(Function):
         arrays = _arrays(*ctx.saved_tensors, d_features)
         d_coords = d_table = None
         if ctx.needs_input_grad[0]:
-            d_coords = torch.from_numpy(hashgrid.coords_gradient(*arrays, ctx.resolutions))
+            d_coords = torch.from_numpy(hashgrid.coords_gradient(*arrays, resolutions=ctx.resolutions))
         if ctx.needs_input_grad[1]:
-            d_table = torch.from_numpy(hashgrid.table_gradient(*arrays, ctx.resolutions))
+            d_table = torch.from_numpy(hashgrid.table_gradient(*arrays, resolutions=ctx.resolutions))
         return d_coords, d_table, None

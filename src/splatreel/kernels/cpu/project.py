@@ -51,10 +51,10 @@ def backward(
     quats: np.ndarray,
     scales: np.ndarray,
     conics: np.ndarray,
-    radii: np.ndarray,
     d_means2d: np.ndarray,
     d_conics: np.ndarray,
     d_depths: np.ndarray,
+    radii: np.ndarray,
     view: View,
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Gradients to means, quats and scales; conics and radii are what `forward` returned."""

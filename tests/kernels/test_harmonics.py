@@ -1,0 +1,49 @@
+"""Spherical harmonics against the twin and known answers."""
+
+import pytest
+import torch
+
+from splatreel.errors import GaussiansError
+from splatreel.kernels import splat, twin
+from tests.kernels.compare import assert_parity
+
+
+@pytest.mark.parametrize("degree", [0, 1, 2, 3])
+@pytest.mark.parametrize("bands", [(0, 0), 16])  # exactly what the degree needs, and more
+def test_parity(degree, bands):
+    count = bands if isinstance(bands, int) else (degree + 1) ** 2
+    generator = torch.Generator().manual_seed(degree)
+    inputs = [torch.randn(200, 3, generator=generator), torch.randn(200, count, 3, generator=generator)]
+    fast, slow = (lambda *a, m=m: m.spherical_harmonics(degree, *a) for m in (splat, twin))
+    if degree == 0:  # a constant has no gradient to directions: the twin leaves None
+        inputs, directions = inputs[1:], inputs[0]
+        fast, slow = (lambda c, m=m: m.spherical_harmonics(0, directions.to(c.dtype), c) for m in (splat, twin))
+    assert_parity(fast, slow, inputs)
+
+
+def test_bands_are_orthonormal():
+    """Over the sphere the squared basis functions integrate to 1 and the products of two to 0."""
+    directions = torch.randn(400_000, 3, generator=torch.Generator().manual_seed(0))
+    coefficients = torch.eye(16)[:, :, None].expand(-1, -1, 3)
+    basis = torch.stack(
+        [
+            splat.spherical_harmonics(3, directions, c[None].expand(len(directions), -1, -1).contiguous())[:, 0]
+            for c in coefficients
+        ]
+    )
+    gram = 4 * torch.pi * basis @ basis.T / len(directions)
+    torch.testing.assert_close(gram, torch.eye(16), atol=0.02, rtol=0)
+
+
+def test_first_band_points_where_3dgs_says():
+    coefficients = torch.zeros(3, 4, 3)
+    coefficients[0, 1] = coefficients[1, 2] = coefficients[2, 3] = 1
+    directions = torch.tensor([[0.0, 5, 0], [0, 0, 2], [3, 0, 0]])  # y, z, x: any length
+    values = splat.spherical_harmonics(1, directions, coefficients)[:, 0]
+    torch.testing.assert_close(values, torch.tensor([-1.0, 1, -1]) * 0.48860251)
+
+
+@pytest.mark.parametrize(("degree", "bands"), [(2, 4), (4, 25), (-1, 1)])
+def test_wrong_degree_is_refused(degree, bands):
+    with pytest.raises(GaussiansError, match="SH degree"):
+        splat.spherical_harmonics(degree, torch.ones(2, 3), torch.ones(2, bands, 3))

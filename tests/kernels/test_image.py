@@ -1,0 +1,56 @@
+"""Rendering to numpy, without torch."""
+
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+import torch
+
+from splatreel.errors import GaussiansError
+from splatreel.kernels import splat
+from splatreel.kernels.image import render_image
+from splatreel.scene.camera import Camera
+from splatreel.scene.gaussians import Gaussians
+from tests.kernels.compare import camera, gaussians
+
+W, H = 45, 33
+CAMERA = Camera("test", *camera(W, H), W, H)
+
+
+def cloud(n: int = 100) -> Gaussians:
+    return Gaussians(*(tensor.numpy() for tensor in gaussians(n)))
+
+
+@pytest.mark.parametrize("degree", [None, 1])
+def test_equals_the_torch_render(degree):
+    scene = cloud()
+    expected = splat.render(*gaussians(100), CAMERA.viewmat, CAMERA.K, W, H, degree=degree).image
+    image = render_image(scene, CAMERA, degree=degree)
+    assert image.dtype == np.float32
+    np.testing.assert_allclose(image, expected.numpy(), atol=1e-6)
+
+
+def test_background_shows_through():
+    empty = render_image(Gaussians.empty(), CAMERA, background=(0.1, 0.2, 0.3))
+    np.testing.assert_allclose(empty, np.broadcast_to(np.float32([0.1, 0.2, 0.3]), (H, W, 3)))
+    rendered = splat.render(*gaussians(100), CAMERA.viewmat, CAMERA.K, W, H)
+    expected = rendered.image + (1 - rendered.alpha[..., None]) * torch.tensor([0.1, 0.2, 0.3])
+    np.testing.assert_allclose(render_image(cloud(), CAMERA, background=(0.1, 0.2, 0.3)), expected.numpy(), atol=1e-6)
+
+
+def test_nan_is_refused():
+    scene = cloud()
+    scene.means[3, 0] = np.nan
+    with pytest.raises(GaussiansError, match="means"):
+        render_image(scene, CAMERA)
+
+
+def test_too_high_a_degree_is_refused():
+    with pytest.raises(GaussiansError, match="degree 4"):
+        render_image(cloud(), CAMERA, degree=4)
+
+
+def test_torch_is_not_imported():
+    program = "import sys; import splatreel.kernels.image; sys.exit('torch' in sys.modules)"
+    assert subprocess.run([sys.executable, "-c", program], check=False).returncode == 0

@@ -1,0 +1,212 @@
+"""The rasteriser against the twin, known answers, and its own promises: determinism, vector code, independent calls."""
+
+import os
+import re
+import subprocess
+import sys
+import warnings
+
+import llvmlite.binding as llvm
+import numba
+import numpy as np
+import pytest
+import torch
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from splatreel.errors import GaussiansError
+from splatreel.kernels import splat, twin
+from splatreel.kernels.cpu import binning, rasterize
+from tests.kernels.compare import assert_parity, splats
+
+
+def parity(inputs, width, height, tolerance=3e-5):
+    *values, depths, radii = inputs
+    assert_parity(
+        lambda *a: splat.rasterize(*a, depths, radii, width, height),
+        lambda *a: twin.rasterize(*a, depths, radii, width, height),
+        values,
+        tolerance,
+    )
+
+
+@pytest.mark.parametrize("channels", [1, 2, 3, 5, 6])
+@pytest.mark.parametrize(("width", "height"), [(37, 29), (16, 32), (1, 1), (5, 50)])
+def test_parity(channels, width, height):
+    parity(splats(150, channels, width, height, seed=channels), width, height)
+
+
+@pytest.mark.parametrize("opacity", [0.97, 0.9999, 1.0])
+def test_parity_where_pixels_fill_up(opacity):
+    """Alphas beyond the clamp at 0.999, and pixels that end long before the last splat."""
+    inputs = splats(300, 3, 40, 30)
+    inputs[3] = torch.full_like(inputs[3], opacity)
+    alpha = splat.rasterize(*inputs, 40, 30)[1]
+    assert (alpha > 0.99).float().mean() > 0.5
+    parity(inputs, 40, 30, 1e-4)
+
+
+def test_parity_of_splats_that_cover_everything():
+    inputs = splats(40, 3, 50, 34)
+    inputs[1][:5] = torch.tensor([1e-6, 0, 1e-6])
+    inputs[0][:2] = torch.tensor([1e4, -1e4])
+    parity(inputs, 50, 34)
+
+
+def test_one_splat():
+    """At its centre a splat has the alpha of its opacity; one sigma away exp(-1/2) of it."""
+    one = [torch.tensor(v) for v in ([[8.5, 8.5]], [[1 / 4, 0, 1 / 4]], [[0.5, 1, 0.25]], [0.8], [1.0])]
+    image, alpha = splat.rasterize(*one, torch.ones(1, dtype=torch.int32), 20, 20)
+    torch.testing.assert_close(alpha[8, 8], torch.tensor(0.8))
+    torch.testing.assert_close(alpha[8, 10], torch.tensor(0.8 * float(np.exp(-0.5))))
+    torch.testing.assert_close(image[8, 8], 0.8 * torch.tensor([0.5, 1, 0.25]))
+    assert alpha[0, 0] == 0  # below 1/255
+
+
+def test_nearer_splat_is_in_front():
+    two = [
+        torch.tensor([[8.5, 8.5]] * 2),
+        torch.tensor([[0.1, 0, 0.1]] * 2),
+        torch.eye(3)[:2],
+        torch.tensor([0.9, 0.9]),
+    ]
+    for depths, front in (([1.0, 2], 0), ([2.0, 1], 1)):
+        image, _ = splat.rasterize(*two, torch.tensor(depths), torch.ones(2, dtype=torch.int32), 16, 16)
+        torch.testing.assert_close(image[8, 8, front], torch.tensor(0.9))
+        torch.testing.assert_close(image[8, 8, 1 - front], torch.tensor(0.09))
+
+
+@pytest.mark.parametrize("n", [0, 4])
+def test_nothing_to_draw_is_black(n):
+    inputs = splats(n, 3, 20, 20)
+    inputs[5] = torch.zeros(n, dtype=torch.int32)
+    inputs[2].requires_grad_()
+    image, alpha = splat.rasterize(*inputs, 20, 20)
+    assert not image.any()
+    assert not alpha.any()
+    image.sum().backward()
+    assert inputs[2].grad is not None
+    assert inputs[2].grad.shape == (n, 3)
+    assert not inputs[2].grad.any()
+
+
+@pytest.mark.parametrize("index", [0, 1, 2, 3])
+def test_nan_is_refused(index):
+    inputs = splats(5, 3, 20, 20)
+    inputs[index][(1,) * inputs[index].ndim] = float("nan")
+    with pytest.raises(GaussiansError, match="NaN"):
+        splat.rasterize(*inputs, 20, 20)
+
+
+@settings(max_examples=25, deadline=None)
+@given(st.integers(0, 10**6), st.integers(0, 80), st.integers(1, 40), st.integers(1, 40))
+def test_any_scene(seed, n, width, height):
+    """Alpha in 0..1, and the twin's image but for the odd pixel where rounding crosses the 1/255 cut."""
+    inputs = splats(n, 3, width, height, seed)
+    image, alpha = splat.rasterize(*inputs, width, height)
+    expected, expected_alpha = twin.rasterize(*inputs, width, height)
+    assert float(alpha.min()) >= 0
+    assert float(alpha.max()) <= 1
+    error = torch.cat([(image - expected).abs().view(-1), (alpha - expected_alpha).abs().view(-1)])
+    assert float(error.max()) < 2 / 255
+    assert int((error > 1e-5).sum()) <= 4
+
+
+def test_same_bits_for_any_number_of_threads():
+    inputs = splats(500, 3, 100, 70)
+
+    def run():
+        leaves = [t.clone().requires_grad_() for t in inputs[:4]]
+        image, alpha = splat.rasterize(*leaves, *inputs[4:], 100, 70)
+        (image.square().sum() + alpha.sum()).backward()
+        return [image, alpha, *(leaf.grad for leaf in leaves)]
+
+    threads = numba.get_num_threads()
+    try:
+        many = run()
+        numba.set_num_threads(1)
+        one = run()
+    finally:
+        numba.set_num_threads(threads)
+    assert all(torch.equal(a, b) for a, b in zip(many, one, strict=True))
+
+
+def test_two_renders_at_once_do_not_disturb_each_other():
+    a, b = splats(100, 3, 40, 30, 1), splats(200, 3, 40, 30, 2)
+
+    def gradient(inputs, between):
+        means2d = inputs[0].clone().requires_grad_()
+        image, _ = splat.rasterize(means2d, *inputs[1:], 40, 30)
+        between()
+        image.square().sum().backward()
+        return means2d.grad
+
+    alone = gradient(a, lambda: None)
+    assert torch.equal(alone, gradient(a, lambda: gradient(b, lambda: None)))
+
+
+def test_changing_a_saved_tensor_in_place_is_noticed():
+    inputs = splats(20, 3, 20, 20)
+    image, _ = splat.rasterize(inputs[0].requires_grad_(), *inputs[1:], 20, 20)
+    image *= 2
+    with pytest.raises(RuntimeError, match="modified by an inplace operation"):
+        image.sum().backward()
+
+
+def test_bins_are_front_to_back_and_complete():
+    means2d, conics, _, opacities, depths, radii = (t.numpy() for t in splats(300, 3, 70, 50))
+    bins = binning.bin_splats(means2d, conics, opacities, depths, radii, 70, 50)
+    assert sorted(bins.slots) == list(range(len(bins.ids)))
+    for tile in range(5 * 4):
+        ids = bins.ids[bins.offsets[tile] : bins.offsets[tile + 1]]
+        keys = list(zip(depths[ids], ids, strict=True))
+        assert keys == sorted(keys)  # equal depths in the order of the input
+    assert not set(bins.ids) & set(np.flatnonzero(radii == 0))
+
+
+needs_avx2 = pytest.mark.skipif(not llvm.get_host_cpu_features().get("avx2"), reason="this CPU has no AVX2")
+
+
+def vector_share(kernel, *arguments):
+    """Share of float32 arithmetic instructions on 256 or 512 bits in freshly compiled machine code."""
+    options = {key: kernel.targetoptions[key] for key in ("fastmath", "error_model", "parallel")}
+    fresh = numba.njit(**options)(kernel.py_func)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", numba.NumbaPerformanceWarning)
+        fresh(*arguments)
+    (code,) = fresh.inspect_asm().values()
+    arithmetic = re.findall(r"\tv(?:mul|add|sub|min|max|fn?m(?:add|sub)\d+)[ps]s\t.*", code)
+    return sum("ymm" in line or "zmm" in line for line in arithmetic) / len(arithmetic)
+
+
+@needs_avx2
+def test_hot_loops_are_vector_code():
+    means2d, conics, colors, opacities, depths, radii = (t.numpy() for t in splats(30, 3, 40, 30))
+    bins = binning.bin_splats(means2d, conics, opacities, depths, radii, 40, 30)
+    image, alpha = rasterize.forward(bins, colors)
+    tiles, scratch = rasterize._balanced(bins.offsets), rasterize._scratch()
+    scene = (bins.splats, bins.spans, colors, bins.offsets, bins.ids)
+    assert vector_share(rasterize._forward_3, *scene, tiles, image, alpha, scratch) > 0.3
+    gradients = (image, alpha, image, alpha, np.empty((len(bins.ids), 9), np.float32))
+    assert vector_share(rasterize._backward_3, *scene, bins.slots, tiles, *gradients, scratch) > 0.3
+
+
+def test_a_second_process_starts_quickly():
+    """The compiled kernels come from the cache on disk: a process that renders must not compile again."""
+    program = (
+        "import time, numpy as np; start = time.perf_counter()\n"
+        "from splatreel.kernels.cpu import binning, rasterize\n"
+        "f = np.float32; m = np.full((3, 2), 8, f); c = np.tile(np.array([.2, 0, .2], f), (3, 1)); o = np.ones(3, f)\n"
+        "bins = binning.bin_splats(m, c, o, o, np.ones(3, np.int32), 16, 16); colors = np.ones((3, 3), f)\n"
+        "image, alpha = rasterize.forward(bins, colors)\n"
+        "rasterize.backward(bins, colors, image, image, alpha, alpha)\n"
+        "hits = sum(sum(k.stats.cache_misses.values()) for k in (rasterize._forward_3, rasterize._backward_3))\n"
+        "print(hits, time.perf_counter() - start)"
+    )
+    for _ in range(2):
+        out = subprocess.run(
+            [sys.executable, "-c", program], capture_output=True, text=True, env=os.environ, check=True
+        )
+    misses, seconds = out.stdout.split()
+    assert misses == "0"
+    assert float(seconds) < 5  # 0.4 s on a free core
