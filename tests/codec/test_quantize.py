@@ -4,7 +4,7 @@ import zlib
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from splatreel.codec import quantize
@@ -20,6 +20,7 @@ def test_pack_known_answers():
     assert quantize.pack(np.array([7, 200]), 8) == bytes([7, 200])
 
 
+@settings(deadline=None)
 @given(st.integers(1, 16), st.integers(0, 50), st.integers(0, 2**32 - 1))
 def test_pack_round_trip(bits, count, seed):
     values = np.random.default_rng(seed).integers(0, 1 << bits, count).astype(np.uint16)
@@ -30,6 +31,7 @@ def test_pack_round_trip(bits, count, seed):
         quantize.unpack(data + b"x", bits, count)
 
 
+@settings(deadline=None)
 @given(st.integers(1, 16), st.integers(1, 40), st.integers(1, 4), st.integers(0, 2**32 - 1))
 def test_linear_errs_by_half_a_step_at_most(bits, rows, columns, seed):
     values = np.random.default_rng(seed).normal(size=(rows, columns)) * 10.0 ** np.arange(columns)
@@ -94,6 +96,7 @@ def test_a_deflate_bomb_stays_small():
         quantize.inflate(bomb, {"deflate": True}, 100)
 
 
+@settings(deadline=None)
 @given(st.lists(st.booleans(), max_size=100))
 def test_bits_round_trip(flags):
     flags = np.array(flags, bool)

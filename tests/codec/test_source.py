@@ -66,3 +66,9 @@ def test_longer_than_allowed(url, where):
     source = open_source(GOLDEN if where == "disk" else f"{url}/golden")
     with pytest.raises(ReelError, match="longer than the 10 bytes"):
         source.read("manifest.json", 10)
+
+
+def test_a_server_that_trickles(url, monkeypatch):
+    monkeypatch.setattr("splatreel.codec.source.PATIENCE", -1.0)
+    with pytest.raises(ReelError, match="cannot be fetched"):
+        ReelReader(f"{url}/golden")

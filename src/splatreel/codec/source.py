@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import time
 import urllib.error
 import urllib.request
-from http.client import HTTPException
+from http.client import HTTPException, HTTPResponse
 from pathlib import Path
 from typing import Protocol
 from urllib.parse import urljoin, urlsplit
@@ -13,6 +14,8 @@ from splatreel.errors import ReelError
 
 TIMEOUT = 30.0
 """Seconds without an answer after which a server counts as gone."""
+PATIENCE = 600.0
+"""Seconds that one file may take in all."""
 
 
 class Source(Protocol):
@@ -67,7 +70,7 @@ class _Web:
         url = self.name(uri)
         try:
             with self.opener.open(url, timeout=TIMEOUT) as response:
-                return _bounded(response.read(limit + 1), limit, url)
+                return _bounded(_read_slowly(response, limit + 1), limit, url)
         except (urllib.error.URLError, HTTPException, OSError, ValueError) as error:
             raise ReelError(f"{url}: cannot be fetched ({error}). Check the address and the connection.") from error
 
@@ -82,6 +85,20 @@ class _SameHost(urllib.request.HTTPRedirectHandler):
         if urlsplit(newurl).netloc != self.host:
             raise ReelError(f"{req.full_url}: redirects to another host ({newurl:.200}), which is not followed.")
         return super().redirect_request(req, fp, code, msg, headers, newurl)
+
+
+def _read_slowly(response: HTTPResponse, size: int) -> bytes:
+    """Up to `size` bytes; a server that trickles is given up, since it would pass every single timeout."""
+    data = bytearray()
+    deadline = time.monotonic() + PATIENCE
+    while len(data) < size:
+        part = response.read1(min(size - len(data), 1 << 20))
+        if not part:
+            break
+        data += part
+        if time.monotonic() > deadline:
+            raise TimeoutError(f"{len(data)} bytes in {PATIENCE:.0f} s")
+    return bytes(data)
 
 
 def _bounded(data: bytes, limit: int, name: str) -> bytes:

@@ -63,14 +63,13 @@ def read_ply(path: str | Path) -> Gaussians:
         with open(path, "rb") as file:
             head = file.read(_MAX_HEADER)
             count, dtype, start = _parse_header(head, path)
+            size, held = count * dtype.itemsize, os.fstat(file.fileno()).st_size - start
+            if held < size:
+                raise GaussiansError(f"{path}: ends after {held} of {size} bytes of points. Copy it anew.")
             file.seek(start)
-            data = file.read(count * dtype.itemsize)
+            data = file.read(size)
     except OSError as error:
         raise GaussiansError(f"{path}: cannot be read ({error.strerror}).") from error
-    if len(data) < count * dtype.itemsize:
-        raise GaussiansError(
-            f"{path}: ends after {len(data)} of {count * dtype.itemsize} bytes of points. Copy it anew."
-        )
     table = np.frombuffer(data, dtype, count)
     gaussians = _from_table(table, path)
     gaussians.check_finite(str(path))

@@ -1,0 +1,80 @@
+"""Sets of Gaussians."""
+
+import numpy as np
+import pytest
+
+from splatreel.errors import GaussiansError
+from splatreel.scene import rotations
+from splatreel.scene.gaussians import Gaussians
+from tests.golden import random_gaussians
+
+
+def points(count=6, degree=1):
+    return random_gaussians(np.random.default_rng(0), count, degree, (0, 0, 0))
+
+
+def arrays(gaussians):
+    return {name: getattr(gaussians, name) for name in ("means", "quats", "scales", "opacities", "sh")}
+
+
+def test_arrays_become_float32():
+    assert {array.dtype for array in arrays(points()).values()} == {np.dtype(np.float32)}
+
+
+@pytest.mark.parametrize("name", ["means", "quats", "scales", "opacities", "sh"])
+def test_wrong_shapes_are_refused(name):
+    with pytest.raises(GaussiansError):
+        Gaussians(**(arrays(points()) | {name: np.zeros((6, 5, 2))}))
+
+
+def test_five_bands_are_refused():
+    with pytest.raises(GaussiansError, match="5 coefficients"):
+        Gaussians(**(arrays(points()) | {"sh": np.zeros((6, 5, 3))}))
+
+
+@pytest.mark.parametrize("value", [np.nan, np.inf])
+def test_check_finite_names_what_is_bad(value):
+    gaussians = points()
+    gaussians.check_finite()
+    gaussians.scales[1, 2] = value
+    with pytest.raises(GaussiansError, match="here: scales holds 1 values"):
+        gaussians.check_finite("here")
+
+
+def test_moved():
+    """x + dx, q * dq (paper 4.2): the offset turns the point about its own axes first."""
+    gaussians = points()
+    dx = np.full((6, 3), 0.5)
+    dq = np.tile([2.0, 0, 0, 2.0], (6, 1))  # not unit: a quarter turn about z
+    moved = gaussians.moved(dx, dq)
+    np.testing.assert_allclose(moved.means, gaussians.means + 0.5)
+    quarter = np.array([[0, -1, 0], [1, 0, 0], [0, 0, 1]])
+    expected = rotations.to_matrix(gaussians.quats) @ quarter
+    np.testing.assert_allclose(rotations.to_matrix(moved.quats), expected, atol=1e-5)
+    np.testing.assert_array_equal(moved.opacities, gaussians.opacities)
+
+
+@pytest.mark.parametrize("weight", [0.0, 0.3, 0.5, 1.0])
+def test_two_faded_halves_absorb_what_one_does(weight):
+    gaussians = points()
+    through = (1 - gaussians.faded(weight).opacities) * (1 - gaussians.faded(1 - weight).opacities)
+    np.testing.assert_allclose(through, 1 - gaussians.opacities, atol=1e-4)
+
+
+def test_selecting():
+    gaussians = points()
+    mask = np.arange(6) % 2 == 0
+    np.testing.assert_array_equal(gaussians[mask].means, gaussians.means[::2])
+    np.testing.assert_array_equal(gaussians[np.array([3, 1])].sh, gaussians.sh[[3, 1]])
+    assert len(gaussians[:0]) == 0
+
+
+def test_concatenating_pads_colours():
+    joined = Gaussians.concatenate([points(2, 0), points(3, 2), Gaussians.empty(1)])
+    assert (len(joined), joined.sh_degree) == (5, 2)
+    np.testing.assert_array_equal(joined.sh[:2, 1:], 0)
+    np.testing.assert_array_equal(joined.sh[2:], points(3, 2).sh)
+
+
+def test_empty():
+    assert (len(Gaussians.empty()), Gaussians.empty(2).sh_degree) == (0, 2)

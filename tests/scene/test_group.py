@@ -1,0 +1,58 @@
+"""Groups in time."""
+
+import numpy as np
+import pytest
+
+from splatreel.errors import GaussiansError
+from splatreel.scene import rotations
+from splatreel.scene.group import Group
+from tests.golden import random_gaussians, random_motion
+
+
+def group(count=5, frames=4):
+    rng = np.random.default_rng(0)
+    dynamic = random_gaussians(rng, count, 1, (0, 0, 0))
+    dx, dq = random_motion(rng, dynamic, frames)
+    return Group(0, 10, dynamic, dx, dq, np.ones(3, bool))
+
+
+@pytest.mark.parametrize("frame", [0, 2, 3])
+def test_at_a_frame(frame):
+    g = group()
+    expected = g.dynamic.moved(g.dx[frame], g.dq[frame])
+    np.testing.assert_allclose(g.at(frame).means, expected.means, atol=1e-6)
+    np.testing.assert_allclose(np.abs((g.at(frame).quats * expected.quats).sum(1)), 1, atol=1e-5)
+
+
+def test_between_frames():
+    g = group()
+    np.testing.assert_allclose(g.at(1.25).means, g.dynamic.means + 0.75 * g.dx[1] + 0.25 * g.dx[2], atol=1e-6)
+
+
+def test_rotates_the_shorter_way():
+    g = group()
+    flipped = g.dq.copy()
+    flipped[1] *= -1
+    other = Group(0, 10, g.dynamic, g.dx, flipped, g.alive)
+    same = np.abs((other.at(0.5).quats * g.at(0.5).quats).sum(1))
+    np.testing.assert_allclose(same, 1, atol=1e-5)
+
+
+@pytest.mark.parametrize(("outside", "inside"), [(-5, 0), (99, 3), (3.5, 3)])
+def test_clamps(outside, inside):
+    np.testing.assert_array_equal(group().at(outside).means, group().at(inside).means)
+
+
+def test_one_frame():
+    g = group(frames=1)
+    np.testing.assert_allclose(g.at(0.7).means, g.dynamic.means + g.dx[0], atol=1e-6)
+    np.testing.assert_allclose(np.linalg.norm(rotations.normalize(g.at(0).quats), axis=1), 1, atol=1e-6)
+
+
+@pytest.mark.parametrize(("frames", "count"), [(4, 6), (4, 4)])
+def test_offsets_must_fit(frames, count):
+    g = group()
+    with pytest.raises(GaussiansError, match="do not fit 5"):
+        Group(0, 0, g.dynamic, np.zeros((frames, count, 3)), np.zeros((frames, count, 4)), g.alive)
+    with pytest.raises(GaussiansError, match="no frame"):
+        Group(0, 0, g.dynamic, np.zeros((0, 5, 3)), np.zeros((0, 5, 4)), g.alive)
