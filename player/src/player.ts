@@ -239,6 +239,7 @@ export class Player extends EventTarget {
   }
 
   private fail(error: unknown): void {
+    if (this.error) return;
     this.error = error instanceof Error ? error : new Error(messageOf(error));
     this.emit("error");
   }
@@ -365,9 +366,11 @@ export class Player extends EventTarget {
       this.renderer!.draw(scene, 1, view);
       return;
     }
-    const now = this.momentNow();
-    const close = Math.abs(now.current.group - scene.current.group) <= 1 && !this.seeking && !this.stalled;
-    if (close) this.drawnSeconds = Math.min(this.seconds, (this.manifest!.frames - 1) / fps);
+    const present = Math.min(this.seconds, (this.manifest!.frames - 1) / fps);
+    const { firstFrame, frames } = groups[scene.current.group];
+    const holds = present * fps >= firstFrame && present * fps <= firstFrame + frames - 1;
+    const same = this.momentNow().current.group === scene.current.group;
+    if ((holds || same) && !this.seeking && !this.stalled) this.drawnSeconds = present;
     const moment = momentOf(groups, overlap, this.drawnSeconds * fps, scene.current.group);
     const previous = scene.previous && { group: scene.previous.group, frame: clampFrame(groups[scene.previous.group], this.drawnSeconds * fps) };
     this.renderer!.draw({ ...scene, current: moment.current, previous }, previous ? moment.weight : 1, view);

@@ -6,9 +6,9 @@
 /** Points lie row by row in textures this wide. */
 export const TEXTURE_WIDTH = 1024;
 
-/** Texels a point takes of its file's `points` texture, and halves an entry of the codebook is padded to. */
+/** Texels of a point in its file's `points` texture, and of an entry in its codebook: one a coefficient. */
 export const POINT_TEXELS = 3;
-export const ENTRY_TEXELS = 12;
+export const ENTRY_TEXELS = 15;
 export const ENTRIES_PER_ROW = 64;
 
 export const projectVertex = `#version 300 es
@@ -69,32 +69,25 @@ vec4 turnedBy(ivec2 at) {
   return normalize(mix(low, dot(low, high) < 0.0 ? -high : high, uBetween));
 }
 
-/** Coefficients 1..15 of an entry, in the 3DGS order. */
-vec3 rest(vec4 entry[12], int i) {
-  int at = 3 * i;
-  return vec3(entry[at >> 2][at & 3], entry[(at + 1) >> 2][(at + 1) & 3], entry[(at + 2) >> 2][(at + 2) & 3]);
-}
-
+/** The view-dependent part of a colour: coefficients 1..15 in the 3DGS order, one texel each. */
 vec3 viewDependent(int index, vec3 d) {
-  vec4 entry[12];
-  ivec2 at = ivec2((index & 63) * 12, index >> 6);
-  int used = uShDegree == 1 ? 3 : uShDegree == 2 ? 6 : 12;
-  for (int i = 0; i < 12; i++) entry[i] = i < used ? texelFetch(uCodebook, at + ivec2(i, 0), 0) : vec4(0.0);
+  ivec2 at = ivec2((index % ${ENTRIES_PER_ROW}) * ${ENTRY_TEXELS}, index / ${ENTRIES_PER_ROW});
+  #define REST(i) texelFetch(uCodebook, at + ivec2(i, 0), 0).rgb
   float x = d.x, y = d.y, z = d.z;
-  vec3 color = 0.4886025119029199 * (-y * rest(entry, 0) + z * rest(entry, 1) - x * rest(entry, 2));
+  vec3 color = 0.4886025119029199 * (z * REST(1) - y * REST(0) - x * REST(2));
   if (uShDegree < 2) return color;
   float xx = x * x, yy = y * y, zz = z * z;
-  color += 1.0925484305920792 * (x * y * rest(entry, 3) - y * z * rest(entry, 4) - x * z * rest(entry, 6))
-    + 0.31539156525252005 * (2.0 * zz - xx - yy) * rest(entry, 5)
-    + 0.5462742152960396 * (xx - yy) * rest(entry, 7);
+  color += 1.0925484305920792 * (x * y * REST(3) - y * z * REST(4) - x * z * REST(6))
+    + 0.31539156525252005 * (2.0 * zz - xx - yy) * REST(5)
+    + 0.5462742152960396 * (xx - yy) * REST(7);
   if (uShDegree < 3) return color;
-  return color - 0.5900435899266435 * y * (3.0 * xx - yy) * rest(entry, 8)
-    + 2.890611442640554 * x * y * z * rest(entry, 9)
-    - 0.4570457994644658 * y * (4.0 * zz - xx - yy) * rest(entry, 10)
-    + 0.3731763325901154 * z * (2.0 * zz - 3.0 * xx - 3.0 * yy) * rest(entry, 11)
-    - 0.4570457994644658 * x * (4.0 * zz - xx - yy) * rest(entry, 12)
-    + 1.445305721320277 * z * (xx - yy) * rest(entry, 13)
-    - 0.5900435899266435 * x * (xx - 3.0 * yy) * rest(entry, 14);
+  return color - 0.5900435899266435 * y * (3.0 * xx - yy) * REST(8)
+    + 2.890611442640554 * x * y * z * REST(9)
+    - 0.4570457994644658 * y * (4.0 * zz - xx - yy) * REST(10)
+    + 0.3731763325901154 * z * (2.0 * zz - 3.0 * xx - 3.0 * yy) * REST(11)
+    - 0.4570457994644658 * x * (4.0 * zz - xx - yy) * REST(12)
+    + 1.445305721320277 * z * (xx - yy) * REST(13)
+    - 0.5900435899266435 * x * (xx - 3.0 * yy) * REST(14);
 }
 
 void main() {

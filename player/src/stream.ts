@@ -31,7 +31,8 @@ export class Stream {
   private current = 0;
   private previous: number | null = null;
   private inUse: number[] = [];
-  private failure: Error | null = null;
+  /** Files that could not be had, until `retry`; they matter once they are needed. */
+  private readonly failures = new Map<string, Error>();
   private nextId = 0;
 
   /** slots: groups that may be held at a time. */
@@ -71,7 +72,7 @@ export class Stream {
 
   /** Try again after an error. */
   retry(): void {
-    this.failure = null;
+    this.failures.clear();
     this.fill();
   }
 
@@ -80,14 +81,26 @@ export class Stream {
   }
 
   private fill(): void {
-    if (this.failure) return;
     for (const wanted of this.queue()) {
-      if (this.idle.length === 0) return;
       const key = `${wanted.kind} ${wanted.index}`;
+      const failure = this.failures.get(key);
+      if (failure) {
+        if (this.isNeededNow(wanted)) {
+          this.events.failed(failure);
+          return;
+        }
+        continue;
+      }
+      if (this.idle.length === 0) return;
       if (this.loading.has(key) || (wanted.kind === "layer" ? this.layers : this.groups).has(wanted.index)) continue;
       if (wanted.kind === "group" && !this.makeRoom()) continue;
       this.load(wanted, key);
     }
+  }
+
+  private isNeededNow({ kind, index }: Wanted): boolean {
+    if (kind === "layer") return this.manifest.layers[index].group <= this.current;
+    return index === this.current || index === this.previous;
   }
 
   /** What should be here, the most urgent first. */
@@ -131,9 +144,9 @@ export class Stream {
     };
     worker.onmessage = ({ data }: MessageEvent<{ file?: DecodedFile; error?: string }>) => finish(() => {
       if (data.file) this.deliver(wanted, data.file);
-      else this.fail(data.error ?? "A file could not be decoded.");
+      else this.failures.set(key, new ReelError(data.error ?? "A file could not be decoded."));
     });
-    worker.onerror = (event) => finish(() => this.fail(`${file.uri} cannot be decoded (${event.message}).`));
+    worker.onerror = (event) => finish(() => void this.failures.set(key, new ReelError(`${file.uri} cannot be decoded (${event.message}).`)));
     const request: DecodeRequest = { id: this.nextId++, url: new URL(file.uri, this.manifest.url).href, bytes: file.bytes };
     worker.postMessage(request);
   }
@@ -146,10 +159,5 @@ export class Stream {
       this.groups.add(index);
       this.events.group(index, file);
     }
-  }
-
-  private fail(message: string): void {
-    this.failure = new ReelError(message);
-    this.events.failed(this.failure);
   }
 }

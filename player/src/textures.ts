@@ -85,7 +85,11 @@ export class PointTextures {
     const rows = Math.ceil(entries / ENTRIES_PER_ROW);
     const width = ENTRIES_PER_ROW * ENTRY_TEXELS;
     const values = new Float32Array(rows * width * 4);
-    for (let e = 0; e < entries; e++) values.set(codebook.subarray(e * numbers, (e + 1) * numbers), e * ENTRY_TEXELS * 4);
+    for (let e = 0; e < entries; e++) {
+      for (let i = 0; i < numbers; i++) {
+        values[4 * (e * ENTRY_TEXELS + Math.floor(i / 3)) + (i % 3)] = codebook[e * numbers + i];
+      }
+    }
     const texture = this.create(gl.TEXTURE_2D);
     gl.texStorage2D(gl.TEXTURE_2D, 1, gl.RGBA16F, width, rows);
     gl.texSubImage2D(gl.TEXTURE_2D, 0, 0, 0, width, rows, gl.RGBA, gl.FLOAT, values);
