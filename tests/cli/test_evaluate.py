@@ -1,0 +1,43 @@
+"""`splatreel evaluate`, on a scene whose truth is known."""
+
+import json
+from pathlib import Path
+
+import pytest
+
+from splatreel.capture import opening
+from splatreel.cli.main import main
+from tests.evaluation import scenes
+
+
+@pytest.fixture
+def reel(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    def open_capture(path: Path, **request: object) -> scenes.FilmedCapture:
+        assert request["width"] == scenes.WIDTH  # the reel's own, as none is asked for
+        return scenes.capture(path)
+
+    monkeypatch.setattr(opening, "open_capture", open_capture)
+    return scenes.write_reel(tmp_path / "run" / "reel")
+
+
+def test_it_prints_the_summary_and_writes_the_report(
+    reel: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(["evaluate", str(reel.parent), "capture", "--out", str(tmp_path / "out")]) == 0
+    assert "| cam03 |" in capsys.readouterr().out
+    assert sorted(p.name for p in (tmp_path / "out").iterdir()) == ["pictures", "report.json", "report.md"]
+
+
+def test_json_goes_to_standard_output_alone(reel: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    arguments = ["evaluate", str(reel), "capture", "--out", str(tmp_path), "--cameras", "cam03", "--json"]
+    assert main(arguments) == 0
+    captured = capsys.readouterr()
+    printed = json.loads(captured.out)
+    assert printed == json.loads((tmp_path / "report.json").read_text())
+    assert [c["name"] for c in printed["cameras"]] == ["cam03"]
+    assert "evaluate: 5 steps" in captured.err
+
+
+def test_a_camera_that_is_not_there(reel: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["evaluate", str(reel), "capture", "--out", str(tmp_path), "--cameras", "cam99"]) == 1
+    assert "there is no camera 'cam99'" in capsys.readouterr().err

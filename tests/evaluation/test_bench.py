@@ -1,0 +1,26 @@
+import numpy as np
+
+from splatreel.evaluation.bench import bench_codec, bench_kernels, cloud, front_camera, median_ms
+from splatreel.kernels.image import render_image
+
+
+def test_the_cloud_fills_the_picture() -> None:
+    image = render_image(cloud(2000), front_camera(64, 48))
+    lit = image.max(-1) > 0.02
+    assert lit.mean() > 0.5
+
+
+def test_rows_state_what_was_measured() -> None:
+    rows = bench_kernels(points=50, width=32, height=24, repeats=1)
+    assert [row["what"] for row in rows] == ["render_image", "training step"]
+    assert all(isinstance(row["ms"], float) and row["ms"] > 0 for row in rows)
+    rows = bench_codec(points=40, frames=3, repeats=1)
+    assert [row["what"] for row in rows] == ["encode a group", "decode a group"]
+    assert all(isinstance(row["bytes"], int) and row["bytes"] > 40 for row in rows)
+
+
+def test_the_first_call_is_not_counted() -> None:
+    calls: list[int] = []
+    assert median_ms(lambda: calls.append(1), 3) >= 0
+    assert len(calls) == 4
+    assert np.isfinite(median_ms(lambda: None, 1))
