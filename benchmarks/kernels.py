@@ -1,0 +1,108 @@
+"""CPU kernels: median milliseconds of each part of a training step, against the torch twin on a small scene.
+
+python benchmarks/kernels.py [--record] [--repeats 21] [--note TEXT]
+
+Splats are spread evenly over the view, with a log-normal radius of 4 pixels on average, as a trained capture has them.
+"""
+
+import os
+
+os.environ.setdefault("GOMP_SPINCOUNT", "0")  # as the command line does; see its reason there
+
+import time
+from collections.abc import Callable
+from typing import Annotated
+
+import numpy as np
+import torch
+import tyro
+from torch import Tensor
+
+from record import record
+from splatreel.kernels import splat, twin
+
+SCENES = ((20_000, 320, 240), (20_000, 640, 480), (100_000, 640, 480))
+SMALL = (500, 64, 48)  # all the twin can hold: it meets every pixel with every splat
+
+
+def main(repeats: int = 21, note: str = "", save: Annotated[bool, tyro.conf.arg(name="record")] = False) -> None:
+    """Print the table; with --record, also append it to results.jsonl."""
+    scenes = {f"{n} {w}x{h}": measure(splat, n, w, h, repeats) for n, w, h in (*SCENES, SMALL)}
+    scenes[f"{SMALL[0]} {SMALL[1]}x{SMALL[2]}, twin"] = measure(twin, *SMALL, repeats)
+    parts = list(next(iter(scenes.values())))
+    print(f"{'median ms':<22}" + "".join(f"{part:>14}" for part in parts))
+    for name, row in scenes.items():
+        print(f"{name:<22}" + "".join(f"{row[part]:>14.2f}" for part in parts))
+    if save:
+        record("kernels", {"milliseconds": scenes, "threads": torch.get_num_threads()}, note)
+
+
+def measure(kernels, n: int, width: int, height: int, repeats: int) -> dict[str, float]:
+    """Parts of one step with the functions of a module: `splat` or `twin`."""
+    means, quats, scales, opacities, sh, K = scene(n, width, height)
+    leaves = [tensor.requires_grad_() for tensor in (means, quats, scales, opacities, sh)]
+    target = torch.rand(height, width, 3, generator=torch.Generator().manual_seed(0))
+    viewmat = np.eye(4, dtype=np.float32)
+
+    def project() -> tuple[Tensor, ...]:
+        return kernels.project(means, quats, scales, viewmat, K, width, height)
+
+    def color() -> Tensor:
+        return (kernels.spherical_harmonics(3, means, sh) + 0.5).clamp_min(0)
+
+    projected, colored = [t.detach() for t in project()], color().detach()
+
+    def rasterize() -> Tensor:
+        means2d, conics, depths, radii = projected
+        return kernels.rasterize(means2d, conics, colored, opacities, depths, radii, width, height)[0]
+
+    image = rasterize().detach().requires_grad_()
+    for tensor in (*projected[:2], colored):
+        tensor.requires_grad_()
+
+    def step() -> None:
+        means2d, conics, depths, radii = project()
+        arguments = (means2d, conics, color(), opacities, depths, radii, width, height)
+        kernels.photometric_loss(kernels.rasterize(*arguments)[0], target).backward()
+        for leaf in leaves:
+            leaf.grad = None
+
+    return {
+        "project": median_ms(project, repeats),
+        "+ backward": median_ms(lambda: sum(t.sum() for t in project()[:2]).backward(), repeats),
+        "SH + backward": median_ms(lambda: color().sum().backward(), repeats),
+        "rasterize": median_ms(rasterize, repeats),
+        "& backward": median_ms(lambda: rasterize().sum().backward(), repeats),
+        "loss + grad": median_ms(lambda: kernels.photometric_loss(image, target), repeats),
+        "whole step": median_ms(step, repeats),
+    }
+
+
+def scene(n: int, width: int, height: int) -> tuple[Tensor, Tensor, Tensor, Tensor, Tensor, np.ndarray]:
+    """means, quats, scales, opacities, sh, and K of a camera at the origin looking along z."""
+    rng = np.random.default_rng(0)
+    depth = rng.uniform(2, 10, n)
+    offset = rng.uniform(-0.5, 0.5, (n, 2)) * [width, height] / width
+    means = np.concatenate([offset * depth[:, None], depth[:, None]], 1)
+    radius = np.clip(rng.lognormal(np.log(4) - 0.32, 0.8, n), 0.8, 24) / 3.33
+    flatness = np.concatenate([np.ones((n, 1)), rng.uniform(0.2, 1, (n, 2))], 1)
+    scales = flatness * (radius * depth / width)[:, None]
+    opacities = 1 / (1 + np.exp(-rng.normal(0.3, 1.5, n)))
+    arrays = (means, rng.normal(size=(n, 4)), scales, opacities, 0.3 * rng.normal(size=(n, 16, 3)))
+    K = np.array([[width, 0, width / 2], [0, width, height / 2], [0, 0, 1]], np.float32)
+    tensors = [torch.from_numpy(array.astype(np.float32)) for array in arrays]
+    return tensors[0], tensors[1], tensors[2], tensors[3], tensors[4], K
+
+
+def median_ms(work: Callable[[], object], repeats: int) -> float:
+    work()
+    times = []
+    for _ in range(repeats):
+        start = time.perf_counter()
+        work()
+        times.append(time.perf_counter() - start)
+    return round(1e3 * float(np.median(times)), 3)
+
+
+if __name__ == "__main__":
+    tyro.cli(main)
