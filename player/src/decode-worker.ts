@@ -22,17 +22,32 @@ scope.onmessage = async ({ data: { id, url, bytes } }) => {
   }
 };
 
+/** Waits before trying again, milliseconds: a busy host or a lost network is often back by then. */
+const PAUSES = [300, 1200];
+
 async function download(url: string, bytes: number): Promise<Uint8Array> {
-  let data: Uint8Array;
-  try {
-    const response = await fetch(url);
-    if (!response.ok) throw new ReelError(`it answered ${response.status} ${response.statusText}`.trim());
-    data = new Uint8Array(await response.arrayBuffer());
-  } catch (error) {
-    throw new ReelError(`${url} cannot be downloaded: ${messageOf(error)}.`);
+  for (let attempt = 0; ; attempt++) {
+    const result = await tryDownload(url, bytes, attempt === 0 ? "default" : "reload");
+    if (result instanceof Uint8Array) return result;
+    if (!result.passing || attempt === PAUSES.length) throw new ReelError(`${url} cannot be downloaded: ${result.why}.`);
+    await new Promise((resolve) => setTimeout(resolve, PAUSES[attempt]));
   }
-  if (data.byteLength !== bytes) throw new ReelError(`${url} has ${data.byteLength} bytes, the manifest says ${bytes}. It may still be uploading: try again.`);
-  return data;
+}
+
+/** The file, or why not and whether that may pass. */
+async function tryDownload(url: string, bytes: number, cache: RequestCache): Promise<Uint8Array | { why: string; passing: boolean }> {
+  try {
+    const response = await fetch(url, { cache });
+    if (!response.ok) {
+      const passing = response.status >= 500 || response.status === 429;
+      return { why: `it answered ${response.status} ${response.statusText}`.trim(), passing };
+    }
+    const data = new Uint8Array(await response.arrayBuffer());
+    if (data.byteLength === bytes) return data;
+    return { why: `it has ${data.byteLength} bytes, the manifest says ${bytes}`, passing: true };
+  } catch (error) {
+    return { why: messageOf(error), passing: true };
+  }
 }
 
 const idle: Worker[] = [];

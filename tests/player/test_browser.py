@@ -1,14 +1,18 @@
 """The player in a real Chromium: the golden reel's numbers and pictures, seeking, errors, controls."""
 
 import base64
+import io
 import json
 import shutil
 from collections.abc import Iterator
 from pathlib import Path
 
+import av
 import numpy as np
 import pytest
-from playwright.sync_api import Browser, ConsoleMessage, Page
+from playwright.sync_api import Browser, ConsoleMessage, Page, Route
+from safetensors import safe_open
+from safetensors.numpy import save
 
 from splatreel.kernels.image import render_image
 from splatreel.play.server import Server, serve
@@ -110,6 +114,33 @@ def test_decodes_the_golden_reel_to_the_expected_numbers(page: Page, server: Ser
                 assert error.max() <= 1e-5, f"{key} differs by {error.max()}"
                 compared += 1
     assert compared == len(expected.files)
+
+
+def test_decodes_offsets_in_a_fragmented_mp4(page: Page, server: Server):
+    path = GOLDEN / "groups" / "0001.safetensors"
+    with safe_open(path, "numpy") as file:
+        metadata = file.metadata()
+        tensors = {name: file.get_tensor(name) for name in file.keys()}  # noqa: SIM118 - not a dict
+    tensors["offsets"] = np.frombuffer(fragmented(tensors["offsets"].tobytes()), np.uint8)
+    body = save(tensors, metadata)
+    page.route("**/fragmented.safetensors", lambda route: route.fulfill(body=body))
+    page.goto(server.url + "?autoplay=0")
+    arrays = page.evaluate(DECODE, {"url": f"{server.url}reel/fragmented.safetensors", "bytes": len(body)})
+    want = np.load(GOLDEN / "expected.npz")["group1.dx"]
+    assert np.allclose(np.array(arrays["dx"]).reshape(want.shape), want, atol=1e-5)
+
+
+def fragmented(mp4: bytes) -> bytes:
+    """The same tracks with their samples in movie fragments."""
+    out = io.BytesIO()
+    options = {"movflags": "frag_keyframe+empty_moov+default_base_moof"}
+    with av.open(io.BytesIO(mp4)) as source, av.open(out, "w", format="mp4", options=options) as target:
+        streams = {stream.index: target.add_stream_from_template(stream) for stream in source.streams}
+        for packet in source.demux():
+            if packet.dts is not None:
+                packet.stream = streams[packet.stream.index]
+                target.mux(packet)
+    return out.getvalue()
 
 
 @pytest.mark.parametrize("seconds", [0.05, 0.225, 0.3])
@@ -221,6 +252,22 @@ def test_a_damaged_group_is_named_and_recovers(page: Page, server: Server):
     page.unroute("**/groups/0001.safetensors")
     alert.get_by_role("button", name="Try again").click()
     page.wait_for_function(f"{PLAYER}.canPlay && {PLAYER}.currentTime > 0.25 && !{PLAYER}.waiting")
+
+
+def test_a_host_that_stumbles_is_asked_again(page: Page, server: Server):
+    page.expected_problem = "500"
+    asked: list[str] = []
+
+    def stumble(route: Route) -> None:
+        asked.append(route.request.url)
+        if len(asked) == 1:
+            route.fulfill(status=500)
+        else:
+            route.continue_()
+
+    page.route("**/groups/0000.safetensors", stumble)
+    open_player(page, server)
+    assert len(asked) == 2
 
 
 def test_layers_show_before_the_first_group(page: Page, server: Server):

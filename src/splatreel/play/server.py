@@ -12,7 +12,7 @@ from http import HTTPStatus
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from pathlib import Path
 from types import TracebackType
-from typing import BinaryIO
+from typing import BinaryIO, cast
 from urllib.parse import unquote, urlsplit
 
 from splatreel.errors import ReelError, UsageError
@@ -121,7 +121,6 @@ class _HTTPServer(ThreadingHTTPServer):
 
 
 class _Handler(BaseHTTPRequestHandler):
-    server: _HTTPServer
     protocol_version = "HTTP/1.1"
     server_version = "splatreel"
     sys_version = ""
@@ -164,7 +163,7 @@ class _Handler(BaseHTTPRequestHandler):
         if "\0" in name or "\\" in name or not name.startswith("/"):
             return None
         prefix = "/reel/" if name.startswith("/reel/") else "/"
-        root = self.server.roots[prefix]
+        root = cast(_HTTPServer, self.server).roots[prefix]
         relative = name[len(prefix) :] or ("index.html" if prefix == "/" else "")
         if any(part in ("", ".", "..") or part.startswith(".") for part in relative.split("/")):
             return None

@@ -1,0 +1,39 @@
+import assert from "node:assert/strict";
+import { readFileSync } from "node:fs";
+import { test } from "node:test";
+import { parseContainer } from "../src/container";
+import { parseHvcC } from "../src/hevc";
+import { parseMp4 } from "../src/mp4";
+import { pixelsOf } from "../src/offsets";
+
+const bytes = new Uint8Array(readFileSync("../tests/data/golden/groups/0000.safetensors"));
+const video = parseContainer(bytes, "golden").tensors.offsets.bytes;
+
+test("finds the three tracks and what decoders want to know about them", () => {
+  const tracks = parseMp4(video);
+  assert.deepEqual(tracks.map((track) => track.name), ["hi", "lo", "rot"]);
+  assert.deepEqual(tracks.map((track) => track.samples.length), [8, 8, 8]);
+  for (const track of tracks) {
+    const { codec, lengthSize, parameterSets } = parseHvcC(track.hvcC);
+    assert.match(codec, /^hvc1\.1\.[0-9a-f]+\.L\d+(\.[0-9A-F]+)*$/);
+    assert.equal(lengthSize, 4);
+    assert.ok(["32", "33", "34"].every((kind) => parameterSets.some((set) => String((set[0] >> 1) & 63) === kind)));
+  }
+});
+
+test("a video that is cut off is refused", () => {
+  for (const size of [0, 40, 1000, video.length - 1]) assert.throws(() => parseMp4(video.slice(0, size)), { name: "ReelError" });
+});
+
+test("a file that is cut off is refused and named", () => {
+  for (const size of [0, 7, 100, bytes.length - 1]) assert.throws(() => parseContainer(bytes.slice(0, size), "g.safetensors"), /g\.safetensors is damaged/);
+});
+
+test("points run through blocks in Z-order, and blocks back and forth", () => {
+  const pixels = pixelsOf(4 * 256, 32);
+  assert.deepEqual([...pixels.slice(0, 5)], [0, 1, 32, 33, 2]);
+  assert.equal(pixels[256], 16);
+  assert.equal(pixels[512], 16 * 32 + 16);
+  assert.equal(pixels[768], 16 * 32);
+  assert.equal(new Set(pixels).size, 1024);
+});
