@@ -74,15 +74,14 @@ def _clean(mask: np.ndarray) -> np.ndarray:
 class GrabCutSegmenter:
     """GrabCut (Rother et al. 2004) seeded by the mask: classical, needs no weights.
 
-    It may grow a mask by `reach` of the image's width at most; where it would more than double a mask, the colours do not tell
-    the object from its background, and the mask is left as it was.
+    It may grow a mask by less than `reach` of the image's width. Growth that runs up to that limit found no border of its own (the
+    colours do not tell the object from its background) and is taken back, patch by patch.
     """
 
-    def __init__(self, reach: float = 0.03, iterations: int = 2, width: int = 480, most_growth: float = 1.0) -> None:
+    def __init__(self, reach: float = 0.03, iterations: int = 2, width: int = 480) -> None:
         self.reach = reach
         self.iterations = iterations
         self.width = width
-        self.most_growth = most_growth
 
     def complete(self, masks: np.ndarray, images: np.ndarray) -> np.ndarray:
         return np.stack([self._complete_one(mask, image) for mask, image in zip(masks, images, strict=True)])
@@ -106,8 +105,10 @@ class GrabCutSegmenter:
         models = np.zeros((1, 65)), np.zeros((1, 65))
         cv2.setRNGSeed(0)
         cv2.grabCut(small, window, (0, 0, 0, 0), *models, self.iterations, cv2.GC_INIT_WITH_MASK)
-        grown = seed.copy()
-        grown[rows, columns] |= ((window == cv2.GC_FGD) | (window == cv2.GC_PR_FGD)).astype(np.uint8)
-        if grown.sum() > (1 + self.most_growth) * seed.sum():
-            return mask.copy()
-        return mask | (cv2.resize(grown, (width, height), interpolation=cv2.INTER_NEAREST) > 0)
+        added = np.zeros_like(seed)
+        added[rows, columns] = (window == cv2.GC_FGD) | (window == cv2.GC_PR_FGD)
+        added[seed > 0] = 0
+        limit = near - cv2.erode(near, np.ones((3, 3), np.uint8))
+        patches = cv2.connectedComponents(added)[1]
+        added[np.isin(patches, np.unique(patches[limit > 0]))] = 0
+        return mask | (cv2.resize(added, (width, height), interpolation=cv2.INTER_NEAREST) > 0)

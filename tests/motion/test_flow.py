@@ -1,0 +1,103 @@
+import sys
+import types
+
+import cv2
+import numpy as np
+import pytest
+import torch
+
+from splatreel.errors import MissingDependencyError, UsageError
+from splatreel.motion.flow import RAFT_VARIABLE, DisFlow, RaftFlow, make_flow
+
+
+def textured(height: int = 96, width: int = 128, seed: int = 0) -> np.ndarray:
+    noise = np.random.default_rng(seed).random((height, width, 3)).astype(np.float32)
+    smooth = cv2.GaussianBlur(noise, (0, 0), 2)
+    return np.uint8(255 * (smooth - smooth.min()) / (smooth.max() - smooth.min()))
+
+
+def test_dis_measures_a_shift() -> None:
+    a = textured()
+    b = np.roll(a, (2, 3), (0, 1))
+    flow = make_flow("dis")(a, b)
+    assert flow.shape == (96, 128, 2)
+    assert flow.dtype == np.float32
+    np.testing.assert_allclose(np.median(flow[20:-20, 20:-20], (0, 1)), [3, 2], atol=0.2)
+
+
+def test_dis_takes_tiny_images() -> None:
+    a = textured(9, 20)
+    flow = DisFlow()(a, a)
+    assert flow.shape == (9, 20, 2)
+    assert np.abs(flow).max() < 0.2
+
+
+def test_unknown_flow_is_refused() -> None:
+    with pytest.raises(UsageError, match="'farneback'"):
+        make_flow("farneback")
+
+
+class ConstantFlow(torch.nn.Module):
+    """Stands in for torchvision's RAFT: checks what it is given, answers a known flow after some worse ones."""
+
+    def forward(self, a: torch.Tensor, b: torch.Tensor, num_flow_updates: int) -> list[torch.Tensor]:
+        assert a.shape == b.shape
+        assert a.shape[2] % 8 == 0
+        assert a.shape[3] % 8 == 0
+        assert min(a.shape[2:]) >= 128
+        assert a.min() >= -1
+        assert a.max() <= 1
+        rows = torch.arange(a.shape[2], dtype=torch.float32)[None, None, :, None]
+        last = torch.cat([torch.full_like(a[:, :1], 4.0), torch.zeros_like(a[:, :1]) + rows], 1)
+        return [torch.zeros_like(last)] * (num_flow_updates - 1) + [last]
+
+
+def test_raft_pads_scales_and_crops() -> None:
+    flow = RaftFlow(model=ConstantFlow(), device="cpu", updates=3)(textured(90, 131), textured(90, 131))
+    assert flow.shape == (90, 131, 2)
+    assert (flow[..., 0] == 4).all()
+    np.testing.assert_array_equal(flow[:, 0, 1], np.arange(90))
+
+
+def test_real_raft_runs_with_random_weights() -> None:
+    try:
+        from torchvision.models.optical_flow import raft_small
+    except (ImportError, RuntimeError):
+        pytest.skip("torchvision that fits this torch is not installed")
+    torch.manual_seed(0)
+    flow = RaftFlow(model=raft_small(weights=None), device="cpu", updates=2)(textured(130, 140), textured(130, 140, 1))
+    assert flow.shape == (130, 140, 2)
+    assert np.isfinite(flow).all()
+
+
+def fake_torchvision(monkeypatch: pytest.MonkeyPatch) -> None:
+    names = ("torchvision", "torchvision.models", "torchvision.models.optical_flow")
+    modules = {name: types.ModuleType(name) for name in names}
+    modules[names[2]].raft_large = lambda weights: torch.nn.Linear(2, 2)
+    for name, module in modules.items():
+        monkeypatch.setitem(sys.modules, name, module)
+
+
+def test_raft_without_torchvision_says_what_to_install(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(sys.modules, "torchvision", None)
+    monkeypatch.setitem(sys.modules, "torchvision.models.optical_flow", None)
+    with pytest.raises(MissingDependencyError, match=r"splatreel\[models\]"):
+        make_flow("raft")
+
+
+def test_raft_without_weights_says_where_to_put_them(monkeypatch: pytest.MonkeyPatch, tmp_path) -> None:
+    fake_torchvision(monkeypatch)
+    monkeypatch.setenv(RAFT_VARIABLE, str(tmp_path / "absent.pth"))
+    with pytest.raises(MissingDependencyError, match=r"absent\.pth does not exist.*download\.pytorch\.org"):
+        RaftFlow()
+
+
+def test_raft_refuses_other_weights_and_loads_its_own(monkeypatch: pytest.MonkeyPatch, tmp_path) -> None:
+    fake_torchvision(monkeypatch)
+    (tmp_path / "text.pth").write_text("no weights")
+    with pytest.raises(MissingDependencyError, match=r"text\.pth: these are not weights"):
+        RaftFlow(tmp_path / "text.pth")
+    expected = torch.nn.Linear(2, 2)
+    torch.save(expected.state_dict(), tmp_path / "good.pth")
+    monkeypatch.setenv(RAFT_VARIABLE, str(tmp_path / "good.pth"))
+    assert torch.equal(RaftFlow(device="cpu").model.weight, expected.weight)

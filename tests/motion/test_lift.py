@@ -1,0 +1,98 @@
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from splatreel.config import LayeringConfig
+from splatreel.errors import ReconstructionError
+from splatreel.motion.lift import lift
+from splatreel.scene.camera import Camera
+from splatreel.scene.gaussians import Gaussians
+
+VOTE = LayeringConfig(lift="vote")
+OPTIMISE = LayeringConfig(lift="optimise", lift_iterations=120)
+NEAR = 0.1
+
+
+def cameras() -> list[Camera]:
+    """Three cameras side by side that look along +z at a wall at depth 4."""
+    K = np.array([[60, 0, 32], [0, 60, 24], [0, 0, 1]])
+    found = []
+    for i, x in enumerate((-0.5, 0.0, 0.5)):
+        viewmat = np.eye(4)
+        viewmat[0, 3] = -x
+        found.append(Camera(f"cam{i}", viewmat, K, 64, 48))
+    return found
+
+
+def wall() -> Gaussians:
+    """A wall of splats; the last point is behind the cameras."""
+    x, y = np.meshgrid(np.linspace(-2, 2, 30), np.linspace(-1.5, 1.5, 22))
+    means = np.stack([x.ravel(), y.ravel(), np.full(x.size, 4.0)], 1)
+    means = np.concatenate([means, [[0, 0, -5.0]]])
+    n = len(means)
+    quats = np.tile([1.0, 0, 0, 0], (n, 1))
+    return Gaussians(means, quats, np.full((n, 3), 0.08), np.full(n, 0.9), np.zeros((n, 1, 3)))
+
+
+def right_masks() -> np.ndarray:
+    """Masks that cover the right part of the wall, from x = 0.5 on, as every camera sees it."""
+    masks = np.zeros((3, 48, 64), bool)
+    for mask, camera in zip(masks, cameras(), strict=True):
+        edge = (0.5 - camera.center[0]) / 4 * 60 + 32
+        mask[:, round(edge) :] = True
+    return masks
+
+
+@pytest.mark.parametrize("config", [VOTE, OPTIMISE], ids=["vote", "optimise"])
+def test_labels_follow_the_masks(config: LayeringConfig) -> None:
+    points = wall()
+    moving = points.means[:, 0] > 0.5
+    labels = lift(points, cameras(), right_masks(), NEAR, config)
+    assert labels.dtype == np.float32
+    assert labels.min() >= 0
+    assert labels.max() <= 1
+    visible = (np.abs(points.means[:, 0]) < 1.5) & (np.abs(points.means[:, 1]) < 1.2) & (points.means[:, 2] > 0)
+    sure = visible & (np.abs(points.means[:, 0] - 0.5) > 0.3)
+    assert ((labels > config.label_threshold) == moving)[sure].mean() > 0.98
+
+
+@pytest.mark.parametrize("config", [VOTE, OPTIMISE], ids=["vote", "optimise"])
+def test_nothing_moves_and_everything_moves(config: LayeringConfig) -> None:
+    points = wall()
+    nothing = lift(points, cameras(), np.zeros((3, 48, 64), bool), NEAR, config)
+    assert nothing.shape == (len(points),)
+    assert (nothing == 0).all()
+    everything = lift(points, cameras(), np.ones((3, 48, 64), bool), NEAR, config)
+    seen = (np.abs(points.means[:, 0]) < 1.5) & (np.abs(points.means[:, 1]) < 1.2) & (points.means[:, 2] > 0)
+    assert (everything[seen] > config.label_threshold).all()
+    assert everything[-1] == 0, "a point that no camera sees is static"
+
+
+def test_a_hidden_point_is_not_moved_by_what_is_in_front() -> None:
+    """Votes are weighted by what reaches the pixel: a moving wall in front says nothing about one far behind it."""
+    front, points = wall(), wall()
+    behind = Gaussians(
+        points.means[:-1] * [1.6, 1.6, 2], points.quats[:-1], points.scales[:-1], points.opacities[:-1], points.sh[:-1]
+    )
+    left = front[(front.means[:, 0] < 0.2) & (front.means[:, 2] > 0)]
+    masks = np.zeros((3, 48, 64), bool)
+    for mask, camera in zip(masks, cameras(), strict=True):
+        mask[:, : round((0.25 - camera.center[0]) / 4 * 60 + 32)] = True
+    labels = lift(Gaussians.concatenate([left, behind]), cameras(), masks, NEAR, replace(VOTE, neighbours=0))
+    far_right = behind.means[:, 0] > 1.5
+    assert (labels[len(left) :][far_right] < 0.1).all()
+    seen = (np.abs(left.means[:, 0]) < 1.2) & (np.abs(left.means[:, 1]) < 1)
+    assert (labels[: len(left)][seen] > 0.8).all()
+
+
+def test_one_point_and_no_point() -> None:
+    one = wall()[np.array([330])]
+    assert lift(one, cameras(), np.ones((3, 48, 64), bool), NEAR, VOTE)[0] > 0.99
+    assert lift(one, cameras(), np.ones((3, 48, 64), bool), NEAR, OPTIMISE)[0] > 0.9
+    assert lift(Gaussians.empty(), cameras(), np.ones((3, 48, 64), bool), NEAR, VOTE).shape == (0,)
+
+
+def test_masks_of_another_size_are_refused() -> None:
+    with pytest.raises(ReconstructionError, match=r"\(3, 24, 32\)"):
+        lift(wall(), cameras(), np.ones((3, 24, 32), bool), NEAR, VOTE)

@@ -1,0 +1,111 @@
+from dataclasses import replace
+
+import cv2
+import numpy as np
+import pytest
+
+from splatreel.config import LayeringConfig
+from splatreel.errors import UsageError
+from splatreel.motion.flow import DisFlow
+from splatreel.motion.masks import GrabCutSegmenter, later_frames, make_segmenter, motion_masks
+
+CONFIG = LayeringConfig()
+
+
+def noise(height: int, width: int, seed: int) -> np.ndarray:
+    smooth = cv2.GaussianBlur(np.random.default_rng(seed).random((height, width, 3)).astype(np.float32), (0, 0), 1.5)
+    return np.uint8(255 * (smooth - smooth.min()) / (smooth.max() - smooth.min()))
+
+
+def sliding_square(steps: list[int]) -> np.ndarray:
+    """A textured square of 30 pixels that lies `steps` pixels to the right of its start; [T, 1, H, W, 3]."""
+    background, square = noise(100, 160, 0), noise(30, 30, 1)
+    frames = np.repeat(background[None, None], len(steps), 0).copy()
+    for frame, step in zip(frames, steps, strict=True):
+        frame[0, 40:70, 40 + step : 70 + step] = square
+    return frames
+
+
+class ConstantFlow:
+    def __init__(self, pixels: float) -> None:
+        self.pixels = pixels
+
+    def __call__(self, a: np.ndarray, b: np.ndarray) -> np.ndarray:
+        return np.full((*a.shape[:2], 2), self.pixels / np.sqrt(2), np.float32)
+
+
+def test_a_moving_square_is_found() -> None:
+    mask = motion_masks(sliding_square([0, 2, 4, 6]), DisFlow(), CONFIG)[0]
+    assert mask[42:68, 42:68].mean() > 0.95
+    assert mask[:25].sum() == 0
+    assert mask[:, :25].sum() == 0
+    assert mask[:, 100:].sum() == 0
+
+
+def test_what_returns_is_only_seen_by_frames_in_between() -> None:
+    frames = sliding_square([0, 3, 6, 3, 0])
+    assert not motion_masks(frames, DisFlow(), replace(CONFIG, flow_frames=1)).any()
+    assert motion_masks(frames, DisFlow(), replace(CONFIG, flow_frames=4))[0, 42:68, 42:68].mean() > 0.95
+
+
+def test_nothing_moves_and_everything_moves() -> None:
+    still = np.repeat(noise(60, 80, 0)[None, None], 3, 0)
+    assert not motion_masks(still, DisFlow(), CONFIG).any()
+    changing = np.stack([noise(60, 80, s) for s in range(3)])[:, None]
+    assert motion_masks(changing, ConstantFlow(5), CONFIG).all()
+
+
+def test_the_flow_threshold_follows_the_width() -> None:
+    frames = np.stack([noise(20, 1352, s) for s in range(2)])[:, None]
+    assert not motion_masks(frames, ConstantFlow(1.9), CONFIG).any()
+    assert motion_masks(frames, ConstantFlow(2.1), CONFIG).all()
+    assert motion_masks(frames[:, :, :, :676], ConstantFlow(1.1), CONFIG).all()
+    assert not motion_masks(frames[:, :, :, :64], ConstantFlow(0.4), CONFIG).any(), "half a pixel is noise at any width"
+
+
+def test_flow_without_a_difference_is_noise() -> None:
+    frames = np.repeat(noise(40, 60, 0)[None, None], 2, 0)
+    assert not motion_masks(frames, ConstantFlow(9), CONFIG).any()
+
+
+def test_later_frames() -> None:
+    assert later_frames(31, 1) == [30]
+    assert later_frames(31, 3) == [10, 20, 30]
+    assert later_frames(3, 7) == [1, 2]
+    assert later_frames(1, 7) == []
+
+
+def disc(radius: int) -> np.ndarray:
+    y, x = np.mgrid[:120, :160]
+    return (x - 80) ** 2 + (y - 60) ** 2 < radius**2
+
+
+def test_grabcut_completes_an_object_and_stops_at_its_border() -> None:
+    rng = np.random.default_rng(0)
+    image = np.where(disc(20)[..., None], [200, 40, 40], [40, 90, 160]) + rng.integers(-8, 8, (120, 160, 3))
+    seed = disc(17)
+    completed = GrabCutSegmenter(reach=0.05).complete(seed[None], np.uint8(image)[None])[0]
+    assert (completed & disc(20)).sum() / disc(20).sum() > 0.97
+    assert (completed & ~disc(21)).sum() == 0
+
+
+def test_grabcut_does_not_run_away() -> None:
+    rng = np.random.default_rng(0)
+    image = np.uint8(120 + rng.integers(-8, 8, (120, 160, 3)))
+    completed = GrabCutSegmenter(reach=0.05).complete(disc(17)[None], image[None])[0]
+    assert (completed & disc(17)).sum() == disc(17).sum()
+    assert completed.sum() < 1.3 * disc(17).sum()
+
+
+@pytest.mark.parametrize("value", [False, True])
+def test_grabcut_leaves_empty_and_full_masks(value: bool) -> None:
+    masks = np.full((2, 40, 60), value)
+    images = np.stack([noise(40, 60, s) for s in range(2)])
+    np.testing.assert_array_equal(GrabCutSegmenter().complete(masks, images), masks)
+
+
+def test_segmenters_by_name() -> None:
+    assert make_segmenter("none") is None
+    assert isinstance(make_segmenter("grabcut"), GrabCutSegmenter)
+    with pytest.raises(UsageError, match="'watershed'"):
+        make_segmenter("watershed")
