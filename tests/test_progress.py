@@ -20,6 +20,7 @@ def test_lines_come_at_the_start_now_and_then_and_at_the_end() -> None:
     for done in range(1, 101):
         clock.now += 0.25
         lines.update(done, psnr=28.5, points=12_000)
+    lines.update(100, points=12_000)
     lines.note("written")
     assert stream.getvalue().splitlines() == [
         "keyframe: 100 steps",

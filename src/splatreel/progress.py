@@ -81,18 +81,20 @@ class Lines:
         self._interval = interval
         self._clock = clock
         self._estimate = Estimate(clock)
-        self._name = ""
+        self._name, self._ended = "", False
         self._last = clock()
 
     def stage(self, name: str, total: int, span: Span | None = None) -> None:
-        self._name = name
+        self._name, self._ended = name, False
         self._estimate.stage(total, span)
         self._last = self._clock()
         self._print(f"{name}: {total} steps")
 
     def update(self, done: int, **numbers: float) -> None:
-        self._estimate.done = done
         finished = done >= self._estimate.total
+        if finished and self._ended:
+            return
+        self._estimate.done, self._ended = done, finished
         if not finished and self._clock() - self._last < self._interval:
             return
         self._last = self._clock()

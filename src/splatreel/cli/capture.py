@@ -8,6 +8,9 @@ from tyro.conf import Positional
 
 from splatreel.cli.options import parse_frames
 
+CHUNK = 8
+"""Frames of all cameras held in memory at a time."""
+
 
 def capture_check(capture: Positional[Path], /, width: int | None = None, frames: str | None = None) -> None:
     """Read a capture through and say what it holds, before hours are spent on it.
@@ -25,9 +28,10 @@ def capture_check(capture: Positional[Path], /, width: int | None = None, frames
     try:
         progress.stage("reading", source.frames)
         names = [camera.name for camera in source.cameras]
-        for frame in range(source.frames):
-            source.read(frame, 1, names)
-            progress.update(frame + 1)
+        for first in range(0, source.frames, CHUNK):
+            count = min(CHUNK, source.frames - first)
+            source.read(first, count, names)
+            progress.update(first + count)
     finally:
         progress.close()
         source.close()

@@ -52,6 +52,7 @@ def demo(
             seed=seed,
             progress=lambda share: progress.update(round(100 * share)),
         )
+        progress.update(100)
         filming = round(time.monotonic() - start, 3)
         capture = open_capture(folder)
         result = sequence.reconstruct(

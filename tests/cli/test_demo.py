@@ -1,0 +1,45 @@
+"""The main job, whole, on a capture so small that it is quick: film, reconstruct, encode, evaluate, continue."""
+
+import json
+from pathlib import Path
+
+import pytest
+
+from splatreel.cli import demo
+from splatreel.cli.main import main
+from splatreel.config import Config, GroupConfig, KeyframeConfig
+
+
+@pytest.fixture
+def tiny(monkeypatch: pytest.MonkeyPatch) -> None:
+    config = Config(
+        keyframe=KeyframeConfig(first_iterations=150, refine_iterations=20, max_points=3000),
+        group=GroupConfig(length=4, overlap=1, iterations_per_frame=5),
+    )
+    monkeypatch.setattr(demo, "configure", lambda *_: config)
+
+
+@pytest.mark.slow
+def test_the_demo_makes_a_reel_and_a_report_and_is_continued(
+    tiny: None, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    arguments = ["demo", "--out", str(tmp_path / "demo"), "--width", "64", "--height", "48", "--frames", "8"]
+    assert main(arguments) == 0
+    out = capsys.readouterr().out
+    report = json.loads((tmp_path / "demo" / "report.json").read_text())
+    manifest = json.loads((tmp_path / "demo" / "reel" / "manifest.json").read_text())
+    assert (report["frames"], report["width"], report["height"]) == (8, 64, 48)
+    assert report["psnr"] > 18  # about 21.7; the mean colour alone has 13.7
+    assert report["psnr"] == pytest.approx(report["psnr_undecoded"], abs=0.5)
+    assert report["peak_memory_bytes"] > 0
+    assert {"capture", "keyframe", "group", "encode", "evaluate"} <= set(report["seconds"])
+    assert [c["name"] for c in report["cameras"]] == ["cam00", "cam07"]
+    assert len(manifest["groups"]) == 2
+    assert manifest["live"] is False
+    assert "splatreel serve" in out  # no terminal here: it ends by itself
+
+    assert main(arguments) == 0
+    again = json.loads((tmp_path / "demo" / "report.json").read_text())
+    assert again["psnr"] == report["psnr"]
+    assert "keyframe:" not in capsys.readouterr().err
+    assert main(["verify", str(tmp_path / "demo")]) == 0
