@@ -89,7 +89,7 @@ def initial_points(
         maps = planesweep.sweep(cameras, images, ranges, width=SWEEP_WIDTH, planes=SWEEP_PLANES)
         source += "+swept"
     needed = min(2, len(cameras) - 1)
-    surfaces = [_seen_surface(m, needed, r) for m, r in zip(maps, ranges, strict=True)]
+    surfaces = [_seen_surface(m, needed, r) for m, r in zip(maps, ranges[: len(maps)], strict=True)]
     found = _Cloud.concatenate([_Cloud(sparse, colors, _finest_grain(cameras, sparse)), *surfaces])
     if len(found.points) < ENOUGH_POINTS:
         found, source = _random_points(cameras, images, ranges, rng), "random"

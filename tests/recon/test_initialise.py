@@ -1,0 +1,200 @@
+from dataclasses import replace
+
+import cv2
+import numpy as np
+import pytest
+
+from splatreel.errors import ReconstructionError
+from splatreel.recon import planesweep
+from splatreel.recon.initialise import (
+    MAX_POINTS,
+    depth_ranges,
+    initial_points,
+    near_plane,
+    scene_bounds,
+    scene_scale,
+    viewing_distance,
+)
+from splatreel.recon.triangulate import nearest_cameras, triangulate
+from splatreel.scene.camera import Camera
+
+WIDTH, HEIGHT = 192, 128
+FLOOR, WALL = 1.0, 6.0
+
+
+def arc(count: int = 5) -> list[Camera]:
+    """Cameras side by side that look along +z at a corner made of a floor at y = 1 and a wall at z = 6."""
+    K = np.array([[170, 0, WIDTH / 2], [0, 170, HEIGHT / 2], [0, 0, 1]])
+    cameras = []
+    for i, x in enumerate(np.linspace(-0.6, 0.6, count)):
+        angle = x * 0.15  # turned towards the middle
+        R = np.array([[np.cos(angle), 0, np.sin(angle)], [0, 1, 0], [-np.sin(angle), 0, np.cos(angle)]])
+        viewmat = np.eye(4)
+        viewmat[:3, :3] = R
+        viewmat[:3, 3] = -R @ [x, 0.1 * (-1) ** i, 0]
+        cameras.append(Camera(f"cam{i}", viewmat, K, WIDTH, HEIGHT))
+    return cameras
+
+
+def texture(seed: int) -> np.ndarray:
+    """Smooth colour noise that has features at several sizes, [512, 512, 3] float32 0..255."""
+    rng = np.random.default_rng(seed)
+    layers = [cv2.resize(rng.random((n, n, 3)).astype(np.float32), (512, 512)) for n in (16, 64, 160)]
+    total = sum(layers)
+    return 255 * (total - total.min()) / (total.max() - total.min())
+
+
+def depth_of(camera: Camera) -> np.ndarray:
+    """The true depth along the camera's axis, [H, W]."""
+    rays = planesweep.unproject(camera, np.ones((HEIGHT, WIDTH))) - camera.center
+    to_wall = (WALL - camera.center[2]) / rays[..., 2]
+    with np.errstate(divide="ignore"):
+        to_floor = (FLOOR - camera.center[1]) / rays[..., 1]
+    return np.where((to_floor > 0) & (to_floor < to_wall), to_floor, to_wall)
+
+
+def picture(camera: Camera, bare: float = 0) -> np.ndarray:
+    """The corner, textured but for a strip of the floor where |x| < bare, as the camera sees it; [H, W, 3] uint8."""
+    depth = depth_of(camera)
+    points = planesweep.unproject(camera, depth)
+    on_floor = points[..., 1] > FLOOR - 1e-6
+    out = np.zeros((HEIGHT, WIDTH, 3), np.float32)
+    for place, axis, seed in ((~on_floor, 1, 0), (on_floor, 2, 1)):
+        u = ((points[..., 0] + 4) * 64).astype(np.float32)
+        v = ((points[..., axis] + 4) * 64 % 511).astype(np.float32)
+        sampled = cv2.remap(texture(seed), u, v, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REFLECT)
+        out[place] = sampled[place]
+    out[on_floor & (np.abs(points[..., 0]) < bare)] = 120
+    return np.uint8(out)
+
+
+def pictures(cameras: list[Camera], bare: float = 0) -> np.ndarray:
+    return np.stack([picture(c, bare) for c in cameras])
+
+
+def surface_error(points: np.ndarray) -> np.ndarray:
+    """Distance to the floor or the wall, whichever is nearer, [P]."""
+    return np.minimum(np.abs(points[:, 1] - FLOOR), np.abs(points[:, 2] - WALL))
+
+
+def test_triangulated_points_lie_on_the_surfaces() -> None:
+    cameras = arc()
+    tracks = triangulate(cameras, pictures(cameras))
+    assert len(tracks.points) > 100
+    assert (tracks.seen.sum(1) >= 3).all()
+    assert np.percentile(surface_error(tracks.points), 95) < 0.1
+    assert tracks.colors.min() >= 0
+    assert tracks.colors.max() <= 1
+
+
+def test_nothing_is_triangulated_without_texture() -> None:
+    cameras = arc()
+    assert len(triangulate(cameras, np.full((5, HEIGHT, WIDTH, 3), 90, np.uint8)).points) == 0
+
+
+def test_swept_depth_is_right_where_neighbours_agree() -> None:
+    cameras = arc()
+    maps = planesweep.sweep(cameras, pictures(cameras), np.tile([1.5, 10.0], (5, 1)), width=WIDTH, planes=64)
+    for camera, found in zip(cameras, maps, strict=True):
+        trusted = found.agreeing >= 2
+        assert trusted.mean() > 0.5
+        error = np.abs(found.depth / depth_of(camera) - 1)
+        assert np.median(error[trusted]) < 0.02
+        assert (error[trusted] < 0.06).mean() > 0.95
+
+
+def test_points_cover_the_scene_and_carry_its_colours() -> None:
+    cameras = arc(6)
+    held_out, training = cameras[2], cameras[:2] + cameras[3:]
+    result = initial_points(training, pictures(training))
+    assert result.source == "triangulated+swept"
+    assert result.points.dtype == result.colors.dtype == np.float32
+    assert 1000 < len(result.points) <= MAX_POINTS + 5 * 500
+    assert np.median(surface_error(result.points)) < 0.05
+    pixels, _ = planesweep.project(held_out, result.points.astype(np.float64))
+    seen = planesweep.inside(held_out, pixels)
+    column, row = pixels[seen].astype(int).T
+    expected = picture(held_out)[row, column] / 255
+    assert np.abs(expected - result.colors[seen]).mean() < 0.1
+    cells = np.zeros((HEIGHT // 16, WIDTH // 16), bool)
+    cells[row // 16, column // 16] = True
+    assert cells.all(), "a part of a new view starts empty"
+
+
+def test_a_bare_strip_is_filled_from_its_surroundings() -> None:
+    cameras = arc()
+    points = initial_points(cameras, pictures(cameras, bare=0.5)).points
+    strip = (np.abs(points[:, 0]) < 0.3) & (points[:, 1] > 0.6) & (points[:, 2] < 5)
+    assert strip.sum() > 50
+    assert np.median(np.abs(points[strip, 1] - FLOOR)) < 0.1
+
+
+def test_points_of_the_capture_are_kept() -> None:
+    cameras = arc()
+    rng = np.random.default_rng(0)
+    own = np.c_[rng.uniform(-1, 1, (200, 2)), np.full(200, WALL)]
+    result = initial_points(cameras, pictures(cameras), own, np.full((200, 3), 0.5))
+    assert result.source == "capture+swept"
+    assert np.median(surface_error(result.points)) < 0.1
+
+
+def test_a_scene_without_texture_starts_at_random_points_in_view() -> None:
+    cameras = arc()
+    images = np.full((5, HEIGHT, WIDTH, 3), 90, np.uint8)
+    result = initial_points(cameras, images, near=0.3)
+    assert result.source == "random"
+    assert np.isfinite(result.points).all()
+    np.testing.assert_allclose(result.colors, 90 / 255, atol=1e-6)
+    assert all(planesweep.inside(c, planesweep.project(c, result.points)[0]).mean() > 0.3 for c in cameras)
+    np.testing.assert_array_equal(result.points, initial_points(cameras, images, near=0.3).points)
+
+
+@pytest.mark.parametrize("count", [1, 2])
+def test_few_cameras_still_give_points(count: int) -> None:
+    cameras = arc()[:count]
+    result = initial_points(cameras, pictures(cameras))
+    assert len(result.points) > 500
+    assert np.isfinite(result.points).all()
+
+
+def test_wrong_input_is_refused() -> None:
+    cameras = arc()
+    images = pictures(cameras)
+    with pytest.raises(ReconstructionError, match=r"expected uint8 \[5, H, W, 3\]"):
+        initial_points(cameras, images[:4])
+    with pytest.raises(ReconstructionError, match="'cam1' is 99x128"):
+        initial_points([cameras[0], replace(cameras[1], width=99), *cameras[2:]], images)
+    with pytest.raises(ReconstructionError, match="NaN"):
+        initial_points(cameras, images, np.array([[np.nan, 0, 0]]))
+
+
+def test_measures_of_a_known_scene() -> None:
+    cameras = arc()
+    rng = np.random.default_rng(0)
+    points = np.c_[rng.uniform(-1, 1, (4000, 2)), rng.uniform(4, 6, 4000)]
+    assert viewing_distance(cameras, points) == pytest.approx(5, abs=0.1)
+    assert near_plane(cameras, points) == pytest.approx(1, abs=0.05)
+    assert scene_scale(cameras, points) == pytest.approx(1.0, abs=0.05), "a narrow arc is held at 0.2 viewing distances"
+    low, high = scene_bounds(points)
+    np.testing.assert_allclose(low, [-1.08, -1.08, 3.92], atol=0.03)
+    np.testing.assert_allclose(high, [1.08, 1.08, 6.08], atol=0.03)
+    ranges = depth_ranges(cameras, points)
+    assert (ranges[:, 0] < 4).all()
+    assert (ranges[:, 1] > 6).all()
+    assert (depth_ranges(cameras, points, near=3.5)[:, 0] >= 3.5).all()
+
+
+def test_measures_without_any_point_come_from_the_cameras() -> None:
+    cameras, none = arc(), np.zeros((0, 3))
+    ranges = depth_ranges(cameras, none)
+    assert np.isfinite(ranges).all()
+    assert (ranges[:, 0] > 0).all()
+    assert (ranges[:, 0] < ranges[:, 1]).all()
+    assert 0 < near_plane(cameras, none) < viewing_distance(cameras, none)
+
+
+def test_nearest_cameras_are_the_neighbours_in_the_arc() -> None:
+    nearest = nearest_cameras(arc(5), 2)
+    assert set(nearest[2]) == {1, 3}
+    assert nearest[0, 0] == 1
+    assert nearest_cameras(arc(2), 4).shape == (2, 1)
