@@ -17,17 +17,20 @@ from splatreel.capture.textures import MIRROR, albedo
 from splatreel.scene.camera import Camera
 
 BOX, ELLIPSOID, CYLINDER = 0, 1, 2
-SAMPLES = 4
-"""Rays an edge of a pixel: 4 x 4 a pixel."""
+SAMPLES = 3
+"""Rays along an edge of a pixel."""
 FAR = 1e9
 EPSILON = 1e-4
 LIGHT_SIZE = 0.5
 
 
 class Shapes(NamedTuple):
-    """Solids as arrays. kind: [N]. position: [N, 3]. rotation: [N, 3, 3] local to world. half: [N, 3] half extents (a cylinder's
-    axis is y). texture: [N]. colors: [N, 3, 3], three linear colours a solid. scale, phase: [N], the texture's.
-    occlusion: [N], how strongly a solid darkens the ambient light around it.
+    """Solids as arrays, sorted by the body they are part of.
+
+    kind: [N]. position: [N, 3]. rotation: [N, 3, 3] local to world. half: [N, 3] half extents (a cylinder's axis is y).
+    texture: [N]. colors: [N, 3, 3], three linear colours a solid. scale, phase: [N], the texture's. occlusion: [N], how strongly
+    a solid darkens the ambient light around it. body_first: [B + 1], where each body's solids start. body_center: [B, 3],
+    body_radius: [B], a sphere around each body.
     """
 
     kind: np.ndarray
@@ -39,13 +42,17 @@ class Shapes(NamedTuple):
     scale: np.ndarray
     phase: np.ndarray
     occlusion: np.ndarray
+    body_first: np.ndarray
+    body_center: np.ndarray
+    body_radius: np.ndarray
 
 
 class Still(NamedTuple):
-    """What one camera sees of the standing solids, per sub-sample [H, W, S*S].
+    """What one camera sees of the standing solids.
 
-    depth: distance along the unit ray. point: [..., 3]. ambient, direct: [..., 3] light reflected from the surroundings and
-    straight from the lamp. mirror: index of the mirror hit, or -1.
+    Per sub-sample, [H, W, S*S]: depth, the distance along the unit ray. point: [..., 3], what is seen, in the mirror where one is
+    hit. ambient, direct: [..., 3], light it sends from the surroundings and straight from the lamp. mirror: the mirror hit or -1.
+    Per pixel, [H, W]: plain: [..., 3], the mean colour when nothing moves. middle: [..., 3] and spread, a sphere around the points.
     """
 
     depth: np.ndarray
@@ -53,19 +60,28 @@ class Still(NamedTuple):
     ambient: np.ndarray
     direct: np.ndarray
     mirror: np.ndarray
+    plain: np.ndarray
+    middle: np.ndarray
+    spread: np.ndarray
 
 
-@njit(cache=True, inline="always")
+@njit(cache=True, error_model="numpy")
+def _three(array, i):
+    """Row i of an [N, 3] array as numbers: a view would cost a reference count shared by all threads."""
+    return array[i, 0], array[i, 1], array[i, 2]
+
+
+@njit(cache=True, error_model="numpy")
 def _to_local(shapes, i, x, y, z):
-    R = shapes.rotation[i]
+    R = shapes.rotation
     return (
-        R[0, 0] * x + R[1, 0] * y + R[2, 0] * z,
-        R[0, 1] * x + R[1, 1] * y + R[2, 1] * z,
-        R[0, 2] * x + R[1, 2] * y + R[2, 2] * z,
+        R[i, 0, 0] * x + R[i, 1, 0] * y + R[i, 2, 0] * z,
+        R[i, 0, 1] * x + R[i, 1, 1] * y + R[i, 2, 1] * z,
+        R[i, 0, 2] * x + R[i, 1, 2] * y + R[i, 2, 2] * z,
     )
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def _slab(o, d, half, low, high):
     """The part [low, high] of a ray's parameter for which |o + t d| <= half, on one axis."""
     if abs(d) < 1e-12:
@@ -74,16 +90,11 @@ def _slab(o, d, half, low, high):
     return max(low, min(a, b)), min(high, max(a, b))
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def _hit(shapes, i, ox, oy, oz, dx, dy, dz):
     """Distance along a unit ray to solid i from outside it, or FAR."""
-    p, half = shapes.position[i], shapes.half[i]
-    cx, cy, cz = p[0] - ox, p[1] - oy, p[2] - oz
-    radius2 = half[0] * half[0] + half[1] * half[1] + half[2] * half[2]
-    along = cx * dx + cy * dy + cz * dz
-    if cx * cx + cy * cy + cz * cz - along * along > radius2:
-        return FAR
-    ox, oy, oz = _to_local(shapes, i, -cx, -cy, -cz)
+    p, half = _three(shapes.position, i), _three(shapes.half, i)
+    ox, oy, oz = _to_local(shapes, i, ox - p[0], oy - p[1], oz - p[2])
     dx, dy, dz = _to_local(shapes, i, dx, dy, dz)
     low, high = -FAR, FAR
     if shapes.kind[i] == BOX:
@@ -109,21 +120,44 @@ def _hit(shapes, i, ox, oy, oz, dx, dy, dz):
     return low if low <= high and low > EPSILON else FAR
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
+def _meets(shapes, body, ox, oy, oz, dx, dy, dz, limit, margin, widening):
+    """Whether a ray may meet a body's sphere, grown by margin + widening * distance, before `limit`."""
+    c = _three(shapes.body_center, body)
+    cx, cy, cz = c[0] - ox, c[1] - oy, c[2] - oz
+    along = cx * dx + cy * dy + cz * dz
+    radius = shapes.body_radius[body] + margin + widening * max(along, 0.0)
+    return along > -radius and along - radius < limit and cx * cx + cy * cy + cz * cz - along * along < radius * radius
+
+
+@njit(cache=True, error_model="numpy")
 def _nearest(shapes, ox, oy, oz, dx, dy, dz, limit):
     """(distance, index) of the first solid before `limit`; index -1 if there is none."""
     best, index = limit, -1
-    for i in range(len(shapes.kind)):
-        t = _hit(shapes, i, ox, oy, oz, dx, dy, dz)
-        if t < best:
-            best, index = t, i
+    for body in range(len(shapes.body_radius)):
+        if _meets(shapes, body, ox, oy, oz, dx, dy, dz, best, 0.0, 0.0):
+            for i in range(shapes.body_first[body], shapes.body_first[body + 1]):
+                t = _hit(shapes, i, ox, oy, oz, dx, dy, dz)
+                if t < best:
+                    best, index = t, i
     return best, index
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
+def _blocked(shapes, ox, oy, oz, dx, dy, dz, limit):
+    """Whether any solid lies on a ray before `limit`."""
+    for body in range(len(shapes.body_radius)):
+        if _meets(shapes, body, ox, oy, oz, dx, dy, dz, limit, 0.0, 0.0):
+            for i in range(shapes.body_first[body], shapes.body_first[body + 1]):
+                if _hit(shapes, i, ox, oy, oz, dx, dy, dz) < limit:
+                    return True
+    return False
+
+
+@njit(cache=True, error_model="numpy")
 def _normal(shapes, i, x, y, z):
     """Outward unit normal in local coordinates at a local point of the surface."""
-    h = shapes.half[i]
+    h = _three(shapes.half, i)
     if shapes.kind[i] == ELLIPSOID:
         nx, ny, nz = x / (h[0] * h[0]), y / (h[1] * h[1]), z / (h[2] * h[2])
     elif shapes.kind[i] == CYLINDER:
@@ -141,41 +175,44 @@ def _normal(shapes, i, x, y, z):
     return nx / norm, ny / norm, nz / norm
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def _surface(shapes, i, x, y, z):
     """World normal and albedo at a world point on solid i."""
-    p, R = shapes.position[i], shapes.rotation[i]
-    lx, ly, lz = _to_local(shapes, i, x - p[0], y - p[1], z - p[2])
-    nx, ny, nz = _normal(shapes, i, lx, ly, lz)
-    r, g, b = albedo(
-        shapes.texture[i], lx, ly, lz, nx, ny, nz, shapes.half[i], shapes.colors[i], shapes.scale[i], shapes.phase[i]
+    p, half, R, colors = _three(shapes.position, i), _three(shapes.half, i), shapes.rotation, shapes.colors
+    x, y, z = _to_local(shapes, i, x - p[0], y - p[1], z - p[2])
+    nx, ny, nz = _normal(shapes, i, x, y, z)
+    palette = (
+        (colors[i, 0, 0], colors[i, 0, 1], colors[i, 0, 2]),
+        (colors[i, 1, 0], colors[i, 1, 1], colors[i, 1, 2]),
+        (colors[i, 2, 0], colors[i, 2, 1], colors[i, 2, 2]),
     )
-    wx = R[0, 0] * nx + R[0, 1] * ny + R[0, 2] * nz
-    wy = R[1, 0] * nx + R[1, 1] * ny + R[1, 2] * nz
-    wz = R[2, 0] * nx + R[2, 1] * ny + R[2, 2] * nz
+    r, g, b = albedo(shapes.texture[i], x, y, z, nx, ny, nz, half, palette, shapes.scale[i], shapes.phase[i])
+    wx = R[i, 0, 0] * nx + R[i, 0, 1] * ny + R[i, 0, 2] * nz
+    wy = R[i, 1, 0] * nx + R[i, 1, 1] * ny + R[i, 1, 2] * nz
+    wz = R[i, 2, 0] * nx + R[i, 2, 1] * ny + R[i, 2, 2] * nz
     return wx, wy, wz, r, g, b
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def _openness(shapes, me, x, y, z, nx, ny, nz):
     """Share of the ambient light that the other solids leave: each counts as the sphere of its extent."""
     light = 1.0
     for i in range(len(shapes.kind)):
         if i != me and shapes.occlusion[i] > 0:
-            p, h = shapes.position[i], shapes.half[i]
+            p, h = _three(shapes.position, i), _three(shapes.half, i)
             cx, cy, cz = p[0] - x, p[1] - y, p[2] - z
             d2 = cx * cx + cy * cy + cz * cz
-            r2 = (h[0] * h[1] * h[2]) ** (2.0 / 3.0)
+            r2 = (h[0] * h[1] + h[1] * h[2] + h[2] * h[0]) / 3
             cosine = (cx * nx + cy * ny + cz * nz) / math.sqrt(d2 + 1e-9)
             light *= 1 - shapes.occlusion[i] * max(0.0, min(1.0, 0.35 + 0.65 * cosine)) * r2 / (r2 + d2)
     return light
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def _lamp(light, sample, x, y, z):
     """Unit direction and distance from a point to the part of the lamp that this sub-sample sees.
 
-    The parts are sixteen rooks on the lamp's square, so that a shadow's edge has sixteen steps in either direction.
+    The parts stand like rooks on the square of the lamp: a shadow edge has as many steps as there are, in either direction.
     """
     n = SAMPLES * SAMPLES
     lx = light[0] + ((sample * 7 % n + 0.5) / n - 0.5) * LIGHT_SIZE - x
@@ -185,7 +222,7 @@ def _lamp(light, sample, x, y, z):
     return lx / distance, ly / distance, lz / distance, distance
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def _lit(still, shapes, i, me, light, sample, x, y, z):
     """(ambient rgb, direct rgb) leaving solid i of `shapes` at a point; only `still` casts shadows and occludes.
 
@@ -199,26 +236,22 @@ def _lit(still, shapes, i, me, light, sample, x, y, z):
     cosine = nx * sx + ny * sy + nz * sz
     power = 0.0
     if cosine > 0:
-        blocked = _nearest(still, x, y, z, sx, sy, sz, distance)[1] >= 0
-        power = 0.0 if blocked else cosine
+        power = 0.0 if _blocked(still, x, y, z, sx, sy, sz, distance) else cosine
     return r * ar, g * ag, b * ab, r * power * 1.02, g * power * 0.93, b * power * 0.80
 
 
-@njit(cache=True)
-def _shade(still, moving, of_moving, i, light, sample, x, y, z):
-    """Colour leaving solid i at a point, with the shadows of everything."""
-    if of_moving:
-        ar, ag, ab, r, g, b = _lit(still, moving, i, -1, light, sample, x, y, z)
-    else:
-        ar, ag, ab, r, g, b = _lit(still, still, i, i, light, sample, x, y, z)
+@njit(cache=True, error_model="numpy")
+def _shade(still, moving, i, light, sample, x, y, z):
+    """Colour leaving moving solid i at a point, with the shadows of everything."""
+    ar, ag, ab, r, g, b = _lit(still, moving, i, -1, light, sample, x, y, z)
     if r + g + b > 0:
         sx, sy, sz, distance = _lamp(light, sample, x, y, z)
-        if _nearest(moving, x, y, z, sx, sy, sz, distance)[1] >= 0:
+        if _blocked(moving, x, y, z, sx, sy, sz, distance):
             r, g, b = 0.0, 0.0, 0.0
     return ar + r, ag + g, ab + b
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def _ray(camera, row, col, sample):
     """Unit world direction through a sub-sample. camera: [6, 3] as `_pack` makes it."""
     u = (col + (sample % SAMPLES + 0.5) / SAMPLES - camera[4, 0]) / camera[5, 0]
@@ -230,81 +263,111 @@ def _ray(camera, row, col, sample):
     return x / norm, y / norm, z / norm
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def _sky(dy):
     """What a ray that leaves the room sees, by the height of its direction."""
     up = min(1.0, max(0.0, 0.5 + dy))
     return 0.42 + 0.2 * up, 0.44 + 0.24 * up, 0.46 + 0.32 * up
 
 
-@njit(cache=True, parallel=True)
+@njit(cache=True, error_model="numpy")
+def _reflect(still, i, x, y, z, dx, dy, dz):
+    """Direction after mirror i, and the mirror's tint."""
+    nx, ny, nz, r, g, b = _surface(still, i, x, y, z)
+    k = 2 * (dx * nx + dy * ny + dz * nz)
+    return dx - k * nx, dy - k * ny, dz - k * nz, r, g, b
+
+
+@njit(cache=True, error_model="numpy")
+def _look(still, light, s, ox, oy, oz, dx, dy, dz):
+    """(distance, mirror, point, ambient, direct) of what a ray sees of the standing solids; a mirror in a mirror shows the sky."""
+    distance, i = _nearest(still, ox, oy, oz, dx, dy, dz, FAR)
+    x, y, z = ox + distance * dx, oy + distance * dy, oz + distance * dz
+    tr, tg, tb, t, mirror = 1.0, 1.0, 1.0, distance, -1
+    if i >= 0 and still.texture[i] == MIRROR:
+        mirror = i
+        dx, dy, dz, tr, tg, tb = _reflect(still, i, x, y, z, dx, dy, dz)
+        ox, oy, oz = x, y, z
+        t, i = _nearest(still, x, y, z, dx, dy, dz, FAR)
+        x, y, z = ox + t * dx, oy + t * dy, oz + t * dz
+    if i < 0 or still.texture[i] == MIRROR:
+        r, g, b = _sky(dy)
+        return distance, mirror, (x, y, z), (tr * r, tg * g, tb * b), (0.0, 0.0, 0.0)
+    ar, ag, ab, r, g, b = _lit(still, still, i, i, light, s, x, y, z)
+    return distance, mirror, (x, y, z), (tr * ar, tg * ag, tb * ab), (tr * r, tg * g, tb * b)
+
+
+@njit(cache=True, error_model="numpy", parallel=True)
 def _trace_still(camera, height, width, light, still, depth, point, ambient, direct, mirror):
     for row in prange(height):
         for col in range(width):
             for s in range(SAMPLES * SAMPLES):
                 dx, dy, dz = _ray(camera, row, col, s)
-                t, i = _nearest(still, camera[0, 0], camera[0, 1], camera[0, 2], dx, dy, dz, FAR)
-                depth[row, col, s] = t
-                mirror[row, col, s] = -1
-                if i < 0:
-                    r, g, b = _sky(dy)
-                    ambient[row, col, s] = (r, g, b)
-                    continue
-                x, y, z = camera[0, 0] + t * dx, camera[0, 1] + t * dy, camera[0, 2] + t * dz
-                point[row, col, s] = (x, y, z)
-                if still.texture[i] == MIRROR:
-                    mirror[row, col, s] = i
-                    continue
-                ar, ag, ab, r, g, b = _lit(still, still, i, i, light, s, x, y, z)
-                ambient[row, col, s] = (ar, ag, ab)
-                direct[row, col, s] = (r, g, b)
+                t, m, p, a, d = _look(still, light, s, camera[0, 0], camera[0, 1], camera[0, 2], dx, dy, dz)
+                depth[row, col, s], mirror[row, col, s] = t, m
+                point[row, col, s], ambient[row, col, s], direct[row, col, s] = p, a, d
 
 
-@njit(cache=True)
-def _reflect(still, moving, i, light, s, x, y, z, dx, dy, dz):
-    """Colour seen in mirror i of the standing solids; a mirror in the mirror shows the sky."""
-    nx, ny, nz, r, g, b = _surface(still, i, x, y, z)
-    k = 2 * (dx * nx + dy * ny + dz * nz)
-    dx, dy, dz = dx - k * nx, dy - k * ny, dz - k * nz
-    t, j = _nearest(still, x, y, z, dx, dy, dz, FAR)
-    t, m = _nearest(moving, x, y, z, dx, dy, dz, t)
-    if m >= 0:
-        mr, mg, mb = _shade(still, moving, True, m, light, s, x + t * dx, y + t * dy, z + t * dz)
-    elif j >= 0 and still.texture[j] != MIRROR:
-        mr, mg, mb = _shade(still, moving, False, j, light, s, x + t * dx, y + t * dy, z + t * dz)
-    else:
-        mr, mg, mb = _sky(dy)
-    return r * mr, g * mg, b * mb
+@njit(cache=True, error_model="numpy")
+def _unchanged(camera, light, moving, row, col, middle, spread):
+    """True only if no moving body can be seen in a pixel or cast a shadow on what is seen there."""
+    dx, dy, dz = _ray(camera, row, col, SAMPLES * (SAMPLES // 2) + SAMPLES // 2)
+    x, y, z = middle[row, col, 0], middle[row, col, 1], middle[row, col, 2]
+    sx, sy, sz = light[0] - x, light[1] - y, light[2] - z
+    distance = math.sqrt(sx * sx + sy * sy + sz * sz)
+    sx, sy, sz = sx / distance, sy / distance, sz / distance
+    widening = 1.2 / min(camera[5, 0], camera[5, 1])
+    to_lamp = LIGHT_SIZE * 0.71 / distance
+    for body in range(len(moving.body_radius)):
+        if _meets(moving, body, camera[0, 0], camera[0, 1], camera[0, 2], dx, dy, dz, FAR, 0.0, widening):
+            return False
+        if _meets(moving, body, x, y, z, sx, sy, sz, distance, spread[row, col], to_lamp):
+            return False
+    return True
 
 
-@njit(cache=True, parallel=True)
-def _trace_frame(camera, light, still, moving, depth, point, ambient, direct, mirror, image):
-    height, width, _ = depth.shape
+@njit(cache=True, error_model="numpy")
+def _sample(camera, light, still, moving, seen, row, col, s):
+    """Colour of one sub-sample, given what it sees of the standing solids."""
+    ox, oy, oz = camera[0, 0], camera[0, 1], camera[0, 2]
+    dx, dy, dz = _ray(camera, row, col, s)
+    depth, mirror = seen.depth[row, col, s], seen.mirror[row, col, s]
+    px, py, pz = seen.point[row, col, s, 0], seen.point[row, col, s, 1], seen.point[row, col, s, 2]
+    t, i = _nearest(moving, ox, oy, oz, dx, dy, dz, depth)
+    tr, tg, tb = 1.0, 1.0, 1.0
+    if i < 0 and mirror >= 0:
+        ox, oy, oz = ox + depth * dx, oy + depth * dy, oz + depth * dz
+        dx, dy, dz, tr, tg, tb = _reflect(still, mirror, ox, oy, oz, dx, dy, dz)
+        limit = min(FAR, math.sqrt((px - ox) ** 2 + (py - oy) ** 2 + (pz - oz) ** 2))
+        t, i = _nearest(moving, ox, oy, oz, dx, dy, dz, limit)
+    if i >= 0:
+        r, g, b = _shade(still, moving, i, light, s, ox + t * dx, oy + t * dy, oz + t * dz)
+        return tr * r, tg * g, tb * b
+    r, g, b = seen.direct[row, col, s, 0], seen.direct[row, col, s, 1], seen.direct[row, col, s, 2]
+    if r + g + b > 0:
+        sx, sy, sz, distance = _lamp(light, s, px, py, pz)
+        if _blocked(moving, px, py, pz, sx, sy, sz, distance):
+            r, g, b = 0.0, 0.0, 0.0
+    return r + seen.ambient[row, col, s, 0], g + seen.ambient[row, col, s, 1], b + seen.ambient[row, col, s, 2]
+
+
+@njit(cache=True, error_model="numpy", parallel=True)
+def _trace_frame(camera, light, still, moving, seen, image):
+    height, width, samples = seen.depth.shape
     for row in prange(height):
         for col in range(width):
+            if _unchanged(camera, light, moving, row, col, seen.middle, seen.spread):
+                for k in range(3):
+                    image[row, col, k] = seen.plain[row, col, k]
+                continue
             red, green, blue = 0.0, 0.0, 0.0
-            for s in range(SAMPLES * SAMPLES):
-                dx, dy, dz = _ray(camera, row, col, s)
-                t, i = _nearest(moving, camera[0, 0], camera[0, 1], camera[0, 2], dx, dy, dz, depth[row, col, s])
-                p = point[row, col, s]
-                if i >= 0:
-                    x, y, z = camera[0, 0] + t * dx, camera[0, 1] + t * dy, camera[0, 2] + t * dz
-                    r, g, b = _shade(still, moving, True, i, light, s, x, y, z)
-                elif mirror[row, col, s] >= 0:
-                    r, g, b = _reflect(still, moving, mirror[row, col, s], light, s, p[0], p[1], p[2], dx, dy, dz)
-                else:
-                    r, g, b = direct[row, col, s, 0], direct[row, col, s, 1], direct[row, col, s, 2]
-                    if r + g + b > 0:
-                        sx, sy, sz, distance = _lamp(light, s, p[0], p[1], p[2])
-                        if _nearest(moving, p[0], p[1], p[2], sx, sy, sz, distance)[1] >= 0:
-                            r, g, b = 0.0, 0.0, 0.0
-                    a = ambient[row, col, s]
-                    r, g, b = r + a[0], g + a[1], b + a[2]
+            for s in range(samples):
+                r, g, b = _sample(camera, light, still, moving, seen, row, col, s)
                 red, green, blue = red + r, green + g, blue + b
-            image[row, col] = (red, green, blue)
+            image[row, col, 0], image[row, col, 1], image[row, col, 2] = red / samples, green / samples, blue / samples
 
 
-@njit(cache=True, parallel=True)
+@njit(cache=True, error_model="numpy", parallel=True)
 def _trace_cover(camera, moving, counts, depth, cover, distance):
     height, width, samples = depth.shape
     for row in prange(height):
@@ -328,17 +391,21 @@ def _pack(camera: Camera) -> np.ndarray:
 def trace_still(camera: Camera, still: Shapes, light: np.ndarray) -> Still:
     """What `camera` sees of the standing solids. light: [3], the lamp's centre."""
     shape = (camera.height, camera.width, SAMPLES * SAMPLES)
-    depth, mirror = np.empty(shape, np.float32), np.empty(shape, np.int32)
+    depth, mirror = np.empty(shape), np.empty(shape, np.int32)
     point, ambient, direct = (np.zeros((*shape, 3), np.float32) for _ in range(3))
     _trace_still(_pack(camera), *shape[:2], light, still, depth, point, ambient, direct, mirror)
-    return Still(depth, point, ambient, direct, mirror)
+    low, high = point.min(2), point.max(2)
+    spread = np.linalg.norm(high - low, axis=-1) / 2
+    spread[(mirror >= 0).any(2)] = FAR  # what a mirror shows may change wherever it stands
+    plain = (ambient.astype(np.float64) + direct).mean(2)
+    return Still(depth, point, ambient, direct, mirror, plain, (low + high) / 2, spread)
 
 
 def trace_frame(camera: Camera, seen: Still, still: Shapes, moving: Shapes, light: np.ndarray) -> np.ndarray:
     """One frame as uint8 [H, W, 3] sRGB."""
     image = np.empty((camera.height, camera.width, 3))
-    _trace_frame(_pack(camera), light, still, moving, *seen, image)
-    linear = np.clip(image / SAMPLES**2, 0, 1)
+    _trace_frame(_pack(camera), light, still, moving, seen, image)
+    linear = np.clip(image, 0, 1)
     srgb = np.where(linear <= 0.0031308, 12.92 * linear, 1.055 * linear ** (1 / 2.4) - 0.055)
     return np.round(srgb * 255).astype(np.uint8)
 

@@ -12,14 +12,14 @@ from numba import njit
 SOLID, PLANKS, WALLPAPER, CHECKS, STRIPES, DOTS, RINGS, GLOBE, SECTORS, PAINTING, EMBLEM, BANDS, MIRROR = range(13)
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def _step(x, width):
     """Smooth step from 0 to 1 around x = 0."""
     t = min(1.0, max(0.0, x / width + 0.5))
     return t * t * (3 - 2 * t)
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def _hash(x, y, z):
     """A number in 0..1 for a lattice point."""
     h = (x * 374761393 + y * 668265263 + z * 1440662683) & 0x7FFFFFFF
@@ -27,7 +27,7 @@ def _hash(x, y, z):
     return ((h ^ (h >> 16)) & 0xFFFF) / 65535.0
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def _noise(x, y, z):
     """Value noise in 0..1, features about one unit wide."""
     ix, iy, iz = math.floor(x), math.floor(y), math.floor(z)
@@ -41,30 +41,30 @@ def _noise(x, y, z):
     return total
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def _blend(a, b, t):
     return a[0] + (b[0] - a[0]) * t, a[1] + (b[1] - a[1]) * t, a[2] + (b[2] - a[2]) * t
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def _times(color, k):
     return color[0] * k, color[1] * k, color[2] * k
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def _planks(x, z, colors, scale, phase):
     """Floorboards along z: each its own tone, grain along it, a dark gap between."""
     u = x * scale + phase
     board = math.floor(u)
     along = z * scale * 0.28 + _hash(int(board), 7, 1) * 5
-    tone = 0.6 * _hash(int(board), int(math.floor(along)), 3) + 0.4 * _noise(u * 5, along * 3, board * 1.7)
+    tone = 0.6 * _hash(int(board), math.floor(along), 3) + 0.4 * _noise(u * 5, along * 3, board * 1.7)
     gap = _step(0.5 - abs(u - board - 0.5) - 0.03, 0.05) * _step(
         0.5 - abs(along - math.floor(along) - 0.5) - 0.008, 0.015
     )
     return _times(_blend(colors[0], colors[1], tone), 0.55 + 0.45 * gap)
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def _wallpaper(u, v, colors, scale, phase):
     """Broad stripes with a diamond on every other one."""
     s = u * scale + phase
@@ -80,7 +80,7 @@ def _wallpaper(u, v, colors, scale, phase):
     return _blend(base, colors[0], dot)
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def _globe(x, y, z, colors, scale, phase):
     """Seas, land, ice caps and a few meridians; x, y, z on the unit sphere."""
     land = _noise(x * scale + phase, y * scale, z * scale) + 0.45 * _noise(
@@ -94,7 +94,7 @@ def _globe(x, y, z, colors, scale, phase):
     return _blend(color, colors[2], _step(abs(y) - 0.86 + 0.1 * _noise(x * 4, y, z * 4), 0.05))
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def _painting(u, v, colors):
     """A sunset over hills; u, v in -1..1, v up."""
     sky = _blend(colors[0], colors[1], min(1.0, max(0.0, 0.55 + 0.5 * v)))
@@ -106,7 +106,7 @@ def _painting(u, v, colors):
     return color
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def _emblem(u, v, face, colors):
     """A toy block's face: a frame and one of three figures; u, v in -1..1."""
     frame = _step(max(abs(u), abs(v)) - 0.76, 0.08)
@@ -120,7 +120,7 @@ def _emblem(u, v, face, colors):
     return _blend(_blend(colors[0], colors[1], frame), colors[2], figure)
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def albedo(kind, x, y, z, nx, ny, nz, half, colors, scale, phase):
     """Linear colour of a texture at a local point with local normal; see the constants above for the kinds."""
     ax, ay, az = abs(nx), abs(ny), abs(nz)
@@ -157,4 +157,4 @@ def albedo(kind, x, y, z, nx, ny, nz, half, colors, scale, phase):
         return _painting(u / hu, v / hv, colors)
     if kind == EMBLEM:
         return _emblem(u / hu, v / hv, face, colors)
-    return colors[0, 0], colors[0, 1], colors[0, 2]
+    return colors[0]

@@ -5,6 +5,7 @@ World: x right, y up, z towards the cameras; the floor is y = 0. Times are secon
 
 from __future__ import annotations
 
+import itertools
 import math
 
 import numpy as np
@@ -31,7 +32,12 @@ class _Builder:
     """Collects solids and packs them as `Shapes`."""
 
     def __init__(self) -> None:
-        self.rows: list[tuple] = []
+        self._rows: list[tuple] = []
+        self._bodies: list[int] = []
+
+    def body(self) -> None:
+        """Start a body; solids added from now on are part of it. Neighbours share one, so that rays can pass them by together."""
+        self._bodies.append(len(self._rows))
 
     def add(
         self,
@@ -47,14 +53,30 @@ class _Builder:
     ) -> None:
         """One solid; `colors` may be fewer than three, the last is repeated."""
         three = [_linear(c) for c in (*colors, colors[-1], colors[-1])[:3]]
-        self.rows.append(
+        self._rows.append(
             (kind, position, np.eye(3) if turn is None else turn, half, texture, three, scale, phase, occlusion)
         )
 
     def shapes(self) -> Shapes:
-        columns = list(zip(*self.rows, strict=True))
+        columns = list(zip(*self._rows, strict=True))
         types = [np.int64, float, float, float, np.int64, float, float, float, float]
-        return Shapes(*(np.ascontiguousarray(c, t) for c, t in zip(columns, types, strict=True)))
+        arrays = [np.ascontiguousarray(c, t) for c, t in zip(columns, types, strict=True)]
+        position, reach = arrays[1], _reach(arrays[0], arrays[3])
+        first = np.array([*self._bodies, len(position)])
+        parts = [slice(a, b) for a, b in itertools.pairwise(first)]
+        low = [(position[p] - reach[p, None]).min(0) for p in parts]
+        high = [(position[p] + reach[p, None]).max(0) for p in parts]
+        center = (np.array(low) + high) / 2
+        spheres = zip(parts, center, strict=True)
+        radius = np.array([(np.linalg.norm(position[p] - c, axis=1) + reach[p]).max() for p, c in spheres])
+        return Shapes(*arrays, first, center, radius)
+
+
+def _reach(kind: np.ndarray, half: np.ndarray) -> np.ndarray:
+    """Radius of the sphere around each solid, [N]."""
+    box, round_ = np.linalg.norm(half, axis=1), half.max(1)
+    cylinder = np.hypot(half[:, [0, 2]].max(1), half[:, 1])
+    return np.select([kind == BOX, kind == ELLIPSOID], [box, round_], cylinder)
 
 
 def turn_y(angle: float) -> np.ndarray:
@@ -86,6 +108,7 @@ def standing(seed: int = 0) -> Shapes:
 
 def _room(b: _Builder, rng: np.random.Generator) -> None:
     phase = rng.uniform(0, 1)
+    b.body()
     b.add(BOX, (0, -0.5, 0), (5, 0.5, 5), (WOOD, (0.78, 0.56, 0.34)), tx.PLANKS, 2.6, phase, occlusion=0)
     paper = ((0.55, 0.73, 0.72), (0.66, 0.81, 0.77), CREAM)
     b.add(BOX, (0, 1.5, -2.0), (3.4, 2.0, 0.2), paper, tx.WALLPAPER, 1.7, phase, occlusion=0)
@@ -120,6 +143,7 @@ def _room(b: _Builder, rng: np.random.Generator) -> None:
 
 def _books(b: _Builder, rng: np.random.Generator) -> None:
     """A board on the wall with books of two colours each."""
+    b.body()
     b.add(BOX, (-0.85, 1.14, -1.62), (0.75, 0.03, 0.18), (WOOD,), occlusion=0.15)
     x = -1.5
     for main, band in zip(
@@ -138,6 +162,7 @@ def _mirror(b: _Builder) -> None:
     """A standing mirror at the left, turned to the middle of the room."""
     turn = turn_y(0.62) @ turn_x(-0.06)
     center = np.array([-1.42, 0.62, -0.85])
+    b.body()
     b.add(BOX, tuple(center), (0.40, 0.58, 0.03), (ORANGE, YELLOW), tx.STRIPES, 26.0, turn=turn, occlusion=0.2)
     b.add(
         BOX,
@@ -151,18 +176,22 @@ def _mirror(b: _Builder) -> None:
 
 
 def _toys(b: _Builder, rng: np.random.Generator) -> None:
+    b.body()
     b.add(CYLINDER, (0.02, 0.19, -0.75), (0.3, 0.19, 0.3), (CREAM, BLUE), tx.STRIPES, 33.0)
     b.add(CYLINDER, (0.02, 0.41, -0.75), (0.1, 0.035, 0.1), (BLACK,), occlusion=0.2)
     faces = ((CREAM, RED, BLUE), (CREAM, GREEN, RED), (CREAM, BLUE, ORANGE), (YELLOW, PURPLE, TEAL))
     places = ((1.2, 0.2, -0.75), (1.62, 0.2, -0.55), (1.4, 0.6, -0.67), (0.83, 0.14, -0.42))
+    b.body()
     for colors, place in zip(faces, places, strict=True):
         half = 0.14 if place[1] == 0.14 else 0.2
         b.add(BOX, place, (half,) * 3, colors, tx.EMBLEM, turn=turn_y(rng.uniform(-0.5, 0.5)))
+    b.body()
     for i, color in enumerate((RED, ORANGE, YELLOW, GREEN, BLUE)):
         radius = 0.25 - 0.035 * i
         b.add(CYLINDER, (-0.86, 0.065 + 0.11 * i, -0.3), (radius, 0.05, radius), (color,), occlusion=0.25)
     b.add(ELLIPSOID, (-0.86, 0.62, -0.3), (0.08, 0.08, 0.08), (PURPLE,), occlusion=0.1)
     for side, color in ((-1, TEAL), (1, PURPLE)):
+        b.body()
         b.add(BOX, (1.72 * side, 0.19, 0.75), (0.11, 0.19, 0.28), (color, CREAM), tx.DOTS, 5.5, 0.2)
 
 
@@ -186,6 +215,7 @@ def in_motion(seconds: float) -> np.ndarray:
 def _globe(b: _Builder, t: float) -> None:
     """The slow turner: two thirds of a radian a second."""
     colors = ((0.14, 0.42, 0.68), (0.5, 0.62, 0.22), WHITE)
+    b.body()
     b.add(ELLIPSOID, (0.02, 0.8, -0.75), (0.38,) * 3, colors, tx.GLOBE, 2.0, 3.0, turn=turn_z(-0.3) @ turn_y(0.66 * t))
 
 
@@ -197,6 +227,7 @@ def _ball(b: _Builder, t: float) -> None:
     phase = (t / hop + 0.25) % 1.0
     y = radius + 0.012 + 4 * phase * (1 - phase) * 0.5
     turn = turn_z(-2.0 * x / reach) @ turn_x(0.5)
+    b.body()
     b.add(ELLIPSOID, (x, y, 0.75), (radius,) * 3, (RED, WHITE, YELLOW), tx.SECTORS, 3.0, turn=turn)
 
 
@@ -209,6 +240,8 @@ def _plane(b: _Builder, t: float) -> None:
     bank = 0.35 * min(1.0, max(0.0, (1.0 - x_straight)))
     place[1] = 1.42 + 0.06 * math.sin(2.5 * t)
     frame = turn_y(math.pi + angle) @ turn_x(-bank)  # local x is where it flies
+
+    b.body()
 
     def part(kind: int, at: tuple[float, float, float], half: tuple[float, float, float], *rest, **more) -> None:
         b.add(kind, tuple(place + frame @ at), half, *rest, turn=frame, **more)
@@ -224,6 +257,8 @@ def _train(b: _Builder, t: float) -> None:
     """Rests until TRAIN_STARTS, then runs to and fro in front of the globe's stand."""
     x = -0.95 + 0.8 * (1 - math.cos(1.35 * max(0.0, t - TRAIN_STARTS)))
     roll = -(x + 0.95) / 0.09
+
+    b.body()
 
     def part(kind: int, at: tuple[float, float, float], half: tuple[float, float, float], *rest, **more) -> None:
         b.add(kind, (x + at[0], at[1], 0.22 + at[2]), half, *rest, **more)
