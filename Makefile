@@ -19,9 +19,11 @@ check: $(SETUP)  ## style, types, the import ladder and the sizes; that the comm
 	$(BIN)/pyright --pythonpath $(BIN)/python
 	$(BIN)/python -m pytest -q tests/test_house.py
 ifeq ($(NPM),)
-	@echo "check: npm is not installed, so the web player's bundle was NOT compared with its source."
+	@echo "check: npm is not installed, so the web player was NOT tested and its bundle NOT compared with its source."
 else
 	$(MAKE) player/node_modules/.package-lock.json
+	npm --prefix player run typecheck
+	npm --prefix player test
 	npm --prefix player run check
 endif
 
@@ -33,8 +35,8 @@ bench: $(SETUP)  ## append to benchmarks/results.jsonl
 player: player/node_modules/.package-lock.json  ## rebuild the web player's bundle in src/splatreel/play/static
 	npm --prefix player run build
 
-golden: $(SETUP)  ## write the golden files anew, on purpose; look at the difference before committing it
-	SPLATREEL_GOLDEN=write $(BIN)/python -m pytest -q tests -k golden
+golden: $(SETUP)  ## write the golden reel anew, on purpose: only when the format changes
+	$(BIN)/python -m tests.golden
 
 setup: $(SETUP)
 
