@@ -48,6 +48,30 @@ def test_what_returns_is_only_seen_by_frames_in_between() -> None:
     assert motion_masks(frames, DisFlow(), replace(CONFIG, flow_frames=4))[0, 42:68, 42:68].mean() > 0.95
 
 
+class FlowWhereDifferent:
+    """5 pixels wherever the frames differ, in the same direction both ways: a flow that never returns."""
+
+    def __call__(self, a: np.ndarray, b: np.ndarray) -> np.ndarray:
+        flow = np.zeros((*a.shape[:2], 2), np.float32)
+        flow[(a != b).any(-1), 0] = 5
+        return flow
+
+
+def test_background_that_something_passes_stays_static() -> None:
+    frames = np.repeat(noise(100, 160, 0)[None, None], 8, 0)
+    frames[3, 0, 40:70, 44:74] = 255 - frames[3, 0, 40:70, 44:74]
+    alone = motion_masks(frames[[0, 3]], FlowWhereDifferent(), replace(CONFIG, flow_frames=1))[0]
+    assert alone[42:68, 46:72].all(), "to the paper's rule it looks like motion"
+    assert not motion_masks(frames, FlowWhereDifferent(), CONFIG).any()
+    frames[4:6] = frames[3]
+    assert motion_masks(frames, FlowWhereDifferent(), CONFIG)[0, 42:68, 46:72].all()
+
+
+def test_what_starts_late_is_found() -> None:
+    mask = motion_masks(sliding_square([0, 0, 0, 0, 0, 0, 0, 3]), DisFlow(), CONFIG)[0]
+    assert mask[44:66, 44:64].mean() > 0.8
+
+
 def test_nothing_moves_and_everything_moves() -> None:
     still = np.repeat(noise(60, 80, 0)[None, None], 3, 0)
     assert not motion_masks(still, DisFlow(), CONFIG).any()

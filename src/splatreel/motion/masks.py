@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import Protocol
 
 import cv2
@@ -16,6 +17,10 @@ PAPER_WIDTH = 1352
 """Image width, in pixels, to which the paper's flow threshold refers."""
 LEAST_FLOW = 0.5
 """Pixels; shorter flow is not told from noise, however small the images."""
+ENOUGH_FRAMES = 0.4
+"""Share of the selected frames in which a pixel must move to be labelled without a flow that returns."""
+RETURN_GAP = 0.15
+"""How far from its start, relative to its length, a flow forth and back may end."""
 
 
 class Segmenter(Protocol):
@@ -38,20 +43,36 @@ def make_segmenter(name: str) -> Segmenter | None:
 def motion_masks(frames: np.ndarray, flow: Flow, config: LayeringConfig) -> np.ndarray:
     """What moves between the keyframe and later frames of its group, seen at the keyframe; [C, H, W] bool.
 
-    frames: [T, C, H, W, 3] uint8, the keyframe first. A pixel moves if, to any of the selected frames, its flow is longer than
-    lambda_raft (at the paper's width) and it also looks different there: flow on flat walls is noise. What appears only later has no
-    pixel at the keyframe and is left to the adaptive conversion of static points.
+    frames: [T, C, H, W, 3] uint8, the keyframe first. A pixel moves towards a later frame if its flow is longer than lambda_raft (at
+    the paper's width) and it also looks different there: flow on flat walls is noise. It is labelled if that happens in enough of
+    the selected frames, or if the flow back returns to it once: background that something passes before does neither, while
+    what is too fast for the flow to return has left for most frames. With one selected frame this is the paper's rule. What
+    appears only later has no pixel at the keyframe and is left to the adaptive conversion of static points.
     """
     count, cameras, height, width = frames.shape[:4]
     masks = np.zeros((cameras, height, width), bool)
     threshold = max(config.flow_threshold * width / PAPER_WIDTH, LEAST_FLOW)
+    later = later_frames(count, config.flow_frames)
+    enough = math.ceil(ENOUGH_FRAMES * len(later))
     for c in range(cameras):
-        for t in later_frames(count, config.flow_frames):
+        evidence = np.zeros((height, width), int)
+        for t in later:
             vectors = flow(frames[0, c], frames[t, c])
-            moved = np.hypot(vectors[..., 0], vectors[..., 1]) > threshold
-            masks[c] |= moved & (_difference(frames[0, c], frames[t, c]) >= config.photometric_threshold)
-        masks[c] = _clean(masks[c])
+            moves = np.hypot(vectors[..., 0], vectors[..., 1]) > threshold
+            moves &= _difference(frames[0, c], frames[t, c]) >= config.photometric_threshold
+            evidence += moves
+            if enough > 1:
+                evidence[moves & _returns(vectors, flow(frames[t, c], frames[0, c]))] = enough
+        masks[c] = _clean((evidence >= enough) & (evidence > 0))
     return masks
+
+
+def _returns(forth: np.ndarray, back: np.ndarray) -> np.ndarray:
+    """Where the flow back, [H, W, 2], undoes the flow forth, [H, W, 2]; [H, W] bool."""
+    y, x = np.mgrid[: forth.shape[0], : forth.shape[1]].astype(np.float32)
+    there = cv2.remap(back, x + forth[..., 0], y + forth[..., 1], cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
+    gap = np.linalg.norm(forth + there, axis=-1)
+    return gap < np.maximum(LEAST_FLOW, RETURN_GAP * np.linalg.norm(forth, axis=-1))
 
 
 def later_frames(count: int, wanted: int) -> list[int]:
