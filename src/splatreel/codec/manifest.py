@@ -40,7 +40,7 @@ class FileEntry:
 
 @dataclass(frozen=True)
 class Manifest:
-    """The fields of `manifest.json`; bounds [2, 3] and up [3] in world units."""
+    """The fields of `manifest.json`; bounds [2, 3], up [3] and near, the least depth to draw, in world units."""
 
     generator: str
     live: bool
@@ -53,6 +53,7 @@ class Manifest:
     up: np.ndarray
     camera: Camera
     cameras: tuple[Camera, ...]
+    near: float = 0.01
     layers: tuple[FileEntry, ...] = ()
     groups: tuple[FileEntry, ...] = ()
 
@@ -80,6 +81,7 @@ class Manifest:
             "up": np.asarray(self.up, np.float64).tolist(),
             "camera": _camera_to_json(self.camera),
             "cameras": [_camera_to_json(camera) for camera in self.cameras],
+            "near": self.near,
             "layers": [_file_to_json(layer, "layer") for layer in self.layers],
             "groups": [_file_to_json(group, "group") for group in self.groups],
         }
@@ -135,6 +137,7 @@ def _parse(document: dict[str, Any]) -> Manifest:
         up=numbers(document, "up", 3),
         camera=_parse_camera(document.get("camera")),
         cameras=tuple(_parse_camera(camera) for camera in _list(document, "cameras", 0, 100_000)),
+        near=number(document, "near", 1e-9, 1e9) if "near" in document else 0.01,
         layers=tuple(layers),
         groups=tuple(groups),
     )

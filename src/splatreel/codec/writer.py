@@ -26,7 +26,7 @@ class ReelWriter:
     groups already published are kept; to go on, start with any index up to their number (with its layer, if it has one): the
     group of that index and all later ones are dropped. Without it, a reel that is already in `path` is dropped.
 
-    fps: frames a second. bounds: [2, 3] box of the content. up: [3] unit. camera: where a player starts.
+    fps: frames a second. bounds: [2, 3] box of the content. up: [3] unit. near: least depth to draw. camera: where a player starts.
     log_scales: False stores scales linearly, as the paper. Raises `ReelError` where files cannot be read or written.
     """
 
@@ -43,6 +43,7 @@ class ReelWriter:
         camera: Camera,
         cameras: list[Camera],
         config: EncodeConfig,
+        near: float = 0.01,
         resume: bool = False,
         log_scales: bool = True,
     ) -> None:
@@ -62,6 +63,7 @@ class ReelWriter:
             up=np.asarray(up, np.float64),
             camera=camera,
             cameras=tuple(cameras),
+            near=float(near),
         )
         published = self._published()
         if published:

@@ -34,6 +34,10 @@ CANONICAL_RATES = {
 """Gentler than a keyframe's: the points are good already, it is the motion that is missing. Means per viewing distance."""
 
 
+ADAPT_FROM, ADAPT_TO = 0.25, 0.8
+"""Share of training in which points are converted and cloned: before, everything that moves pulls; after, none could learn."""
+
+
 @dataclass(frozen=True)
 class GroupFrames:
     """All that a group is fitted to. images: [T, C, H, W, 3] uint8. unit, near: world units."""
@@ -93,7 +97,7 @@ class GroupTrainer:
             loss = self._step(iteration)
             share = (iteration + 1) / self.iterations
             if layering.adapt_every and (iteration + 1) % layering.adapt_every == 0:
-                if share < 0.8:
+                if ADAPT_FROM <= share <= ADAPT_TO:
                     self._adapt()
                 self._prune()
                 self._watch()

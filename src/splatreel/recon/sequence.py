@@ -11,7 +11,7 @@ import numpy as np
 import torch
 
 from splatreel.capture.base import Capture
-from splatreel.capture.prefetch import GroupFrames as FramePrefetcher
+from splatreel.capture.prefetch import FramePrefetcher
 from splatreel.codec.writer import ReelWriter
 from splatreel.config import Config
 from splatreel.errors import ReconstructionError, UsageError
@@ -27,6 +27,7 @@ from splatreel.recon.layout import Layout, measure
 from splatreel.recon.points import TrainablePoints, default_rates
 from splatreel.recon.publish import (
     Publisher,
+    finished_groups,
     group_folder,
     load_group,
     load_layer,
@@ -122,14 +123,12 @@ class Reconstruction:
         writer = self._open_reel(layout)
         publisher = Publisher(writer, self.work)
         scene = Scene(Gaussians.empty(self.config.keyframe.sh_degree), np.zeros(0, bool), Gaussians.empty())
-        prefetcher = FramePrefetcher(self.capture, self.names, [(s.first, s.count) for s in self.spans])
-        with prefetcher:
-            for span in self.spans:
-                if (self._folder(span) / "group.safetensors").exists():
-                    scene = self._restore(span, publisher)
-                    continue
-                with self._timed("decode"):
-                    frames = prefetcher.get(span.index)
+        finished = finished_groups(self.work)
+        for span in self.spans[:finished]:
+            scene = self._restore(span, publisher)
+        todo = self.spans[finished:]
+        with FramePrefetcher(self.capture, self.names, [(s.first, s.count) for s in todo]) as stretches:
+            for span, frames in zip(todo, stretches, strict=True):
                 scene = self._group(span, scene, frames, layout, writer)
         writer.finish()
         return Result(self.reel, self.work, self.seconds, self.device.type)
@@ -268,6 +267,7 @@ class Reconstruction:
             "sh_degree": self.config.keyframe.sh_degree,
             "bounds": layout.bounds,
             "up": layout.up,
+            "near": layout.near,
             "camera": self.cameras[len(self.cameras) // 2],
             "cameras": self.cameras,
         }
