@@ -32,6 +32,8 @@ export interface Manifest {
   shDegree: number;
   bounds: [Vec3, Vec3];
   up: Vec3;
+  /** Least depth to draw, world units. */
+  near: number;
   camera: Camera;
   cameras: Camera[];
   layers: ReelFile[];
@@ -77,6 +79,7 @@ export function parseManifest(value: unknown, url: string): Manifest {
     frames: positive(json.frames, "frames"),
     overlap: number(json.overlap, "overlap"),
     shDegree: number(json.sh_degree, "sh_degree"),
+    near: json.near === undefined ? 0.01 : positive(json.near, "near"),
     bounds: bounds as [Vec3, Vec3],
     up: numbers(json.up, 3, "up") as Vec3,
     camera: parseCamera(json.camera),

@@ -188,7 +188,7 @@ export class Player extends EventTarget {
       const moment = this.momentNow();
       const scene = this.sceneOf(moment);
       const { K, viewmat } = pose;
-      const view: View = { viewmat, fx: K[0], fy: K[4], cx: K[2], cy: K[5], width, height };
+      const view: View = { viewmat, fx: K[0], fy: K[4], cx: K[2], cy: K[5], width, height, near: this.manifest!.near };
       await this.sort(scene, view);
       renderer.draw(scene, moment.weight, view);
       return { width, height, data: renderer.readPixels() };

@@ -16,9 +16,9 @@ export interface View {
   cy: number;
   width: number;
   height: number;
+  /** Least depth to draw, world units. */
+  near: number;
 }
-
-export const NEAR = 0.01;
 
 /** Groups that fit into memory at a time: the shown one, its neighbours, and one to load into after a seek. */
 export const SLOTS = 4;
@@ -235,7 +235,7 @@ function setView(gl: WebGL2RenderingContext, program: Program, view: View): void
   gl.uniform4f(program.at("uLens"), fx, fy, cx, cy);
   gl.uniform4f(program.at("uRange"), -cx / fx - marginX, (width - cx) / fx + marginX, -cy / fy - marginY, (height - cy) / fy + marginY);
   gl.uniform2f(program.at("uSize"), width, height);
-  gl.uniform1f(program.at("uNear"), NEAR);
+  gl.uniform1f(program.at("uNear"), view.near);
 }
 
 class Program {

@@ -1,7 +1,7 @@
 /** The page's side of the sort worker: one request at a time, buffers handed back and forth. */
 import { startWorker } from "./assets";
 import type { DecodedFile } from "./decode";
-import { NEAR, type View } from "./renderer";
+import type { View } from "./renderer";
 import type { Scene, SortMessage, SortReply } from "./sort-worker";
 
 export class Sorter {
@@ -47,7 +47,7 @@ export class Sorter {
     this.spare = null;
     return new Promise((resolve) => {
       this.waiting = resolve;
-      this.post({ type: "sort", scene, axis: [x, y, z, w], near: NEAR, buffer }, buffer ? [buffer.buffer as ArrayBuffer] : []);
+      this.post({ type: "sort", scene, axis: [x, y, z, w], near: view.near, buffer }, buffer ? [buffer.buffer as ArrayBuffer] : []);
     });
   }
 
