@@ -44,7 +44,7 @@ class DisFlow:
         least = min(a.shape[:2])
         if least < 16:  # below DIS's patch pyramid
             grays = [cv2.resize(g, None, fx=16 / least, fy=16 / least) for g in grays]
-        flow = self._dis.calc(grays[0], grays[1], None)
+        flow = self._dis.calc(*grays, None)  # pyright: ignore[reportCallIssue, reportArgumentType]
         if least < 16:
             flow = cv2.resize(flow, (a.shape[1], a.shape[0]), interpolation=cv2.INTER_AREA) * (least / 16)
         return np.ascontiguousarray(flow, np.float32)

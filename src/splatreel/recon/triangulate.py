@@ -80,7 +80,7 @@ def nearest_cameras(cameras: list[Camera], count: int) -> np.ndarray:
 
 
 def _detect(image: np.ndarray) -> _Features:
-    sift = cv2.SIFT_create(MAX_FEATURES, contrastThreshold=0.01, edgeThreshold=20)
+    sift = cv2.SIFT.create(MAX_FEATURES, contrastThreshold=0.01, edgeThreshold=20)
     keypoints, descriptors = sift.detectAndCompute(cv2.cvtColor(image, cv2.COLOR_RGB2GRAY), None)
     if descriptors is None or len(keypoints) == 0:
         return _Features(np.zeros((0, 2)), np.zeros((0, 128), np.float32), np.zeros((0, 3), np.uint8))
