@@ -24,60 +24,55 @@ EPSILON = 1e-4
 LIGHT_SIZE = 0.5
 
 
-class Shapes(NamedTuple):
-    """Solids as arrays, sorted by the body they are part of.
+# Columns of Shapes.solids. One array, not one an attribute: numba passes arrays by value, and calls would cost more than rays.
+KIND, TEXTURE, SCALE, PHASE, OCCLUSION, REACH = range(6)
+POSITION, HALF, ROTATION, COLORS, SOLID_COLUMNS = 6, 9, 12, 21, 30
+# Columns of Shapes.bodies.
+CENTER, RADIUS, FIRST, END, SHADOWS, BODY_COLUMNS = 0, 3, 4, 5, 6, 7
+# Columns of Still.samples and Still.pixels.
+DEPTH, MIRRORED, POINT, AMBIENT, DIRECT, SAMPLE_COLUMNS = 0, 1, 2, 5, 8, 11
+PLAIN, MIDDLE, SPREAD, PIXEL_COLUMNS = 0, 3, 6, 7
 
-    kind: [N]. position: [N, 3]. rotation: [N, 3, 3] local to world. half: [N, 3] half extents (a cylinder's axis is y).
-    texture: [N]. colors: [N, 3, 3], three linear colours a solid. scale, phase: [N], the texture's. occlusion: [N], how strongly
-    a solid darkens the ambient light around it. body_first: [B + 1], where each body's solids start. body_center: [B, 3],
-    body_radius: [B], a sphere around each body.
+
+class Shapes(NamedTuple):
+    """Solids, sorted by the body they are part of.
+
+    solids: [N, 30] float64: KIND; TEXTURE with its SCALE and PHASE; OCCLUSION, how strongly it darkens the ambient light around
+    it; REACH, the radius of the sphere around it; POSITION [3]; HALF [3] extents (a cylinder's axis is y); ROTATION [3 x 3] local
+    to world; COLORS [3 x 3], three linear colours.
+    bodies: [B, 7] float64: CENTER [3] and RADIUS of a sphere around its solids, the FIRST solid and the END, and whether it SHADOWS
+    anything.
     """
 
-    kind: np.ndarray
-    position: np.ndarray
-    rotation: np.ndarray
-    half: np.ndarray
-    texture: np.ndarray
-    colors: np.ndarray
-    scale: np.ndarray
-    phase: np.ndarray
-    occlusion: np.ndarray
-    body_first: np.ndarray
-    body_center: np.ndarray
-    body_radius: np.ndarray
+    solids: np.ndarray
+    bodies: np.ndarray
 
 
 class Still(NamedTuple):
     """What one camera sees of the standing solids.
 
-    Per sub-sample, [H, W, S*S]: depth, the distance along the unit ray. point: [..., 3], what is seen, in the mirror where one is
-    hit. ambient, direct: [..., 3], light it sends from the surroundings and straight from the lamp. mirror: the mirror hit or -1.
-    Per pixel, [H, W]: plain: [..., 3], the mean colour when nothing moves. middle: [..., 3] and spread, a sphere around the points.
+    samples: [H, W, S * S, 11] float32: DEPTH, distance along the unit ray; MIRRORED, the mirror hit or -1; POINT [3], what is seen, in
+    the mirror where one is hit; AMBIENT [3] and DIRECT [3], the light it sends from the surroundings and straight from the lamp.
+    pixels: [H, W, 7] float64: PLAIN [3], the colour when nothing moves; MIDDLE [3] and SPREAD, a sphere around the points.
     """
 
-    depth: np.ndarray
-    point: np.ndarray
-    ambient: np.ndarray
-    direct: np.ndarray
-    mirror: np.ndarray
-    plain: np.ndarray
-    middle: np.ndarray
-    spread: np.ndarray
+    samples: np.ndarray
+    pixels: np.ndarray
 
 
 @njit(cache=True, error_model="numpy")
-def _three(array, i):
-    """Row i of an [N, 3] array as numbers: a view would cost a reference count shared by all threads."""
-    return array[i, 0], array[i, 1], array[i, 2]
+def _three(array, i, k):
+    """Three neighbouring numbers; a slice would cost a reference count that all threads share."""
+    return array[i, k], array[i, k + 1], array[i, k + 2]
 
 
 @njit(cache=True, error_model="numpy")
 def _to_local(shapes, i, x, y, z):
-    R = shapes.rotation
+    R, k = shapes.solids, ROTATION
     return (
-        R[i, 0, 0] * x + R[i, 1, 0] * y + R[i, 2, 0] * z,
-        R[i, 0, 1] * x + R[i, 1, 1] * y + R[i, 2, 1] * z,
-        R[i, 0, 2] * x + R[i, 1, 2] * y + R[i, 2, 2] * z,
+        R[i, k] * x + R[i, k + 3] * y + R[i, k + 6] * z,
+        R[i, k + 1] * x + R[i, k + 4] * y + R[i, k + 7] * z,
+        R[i, k + 2] * x + R[i, k + 5] * y + R[i, k + 8] * z,
     )
 
 
@@ -93,18 +88,22 @@ def _slab(o, d, half, low, high):
 @njit(cache=True, error_model="numpy")
 def _hit(shapes, i, ox, oy, oz, dx, dy, dz):
     """Distance along a unit ray to solid i from outside it, or FAR."""
-    p, half = _three(shapes.position, i), _three(shapes.half, i)
-    ox, oy, oz = _to_local(shapes, i, ox - p[0], oy - p[1], oz - p[2])
+    p, half, reach = _three(shapes.solids, i, POSITION), _three(shapes.solids, i, HALF), shapes.solids[i, REACH]
+    ox, oy, oz = ox - p[0], oy - p[1], oz - p[2]
+    along = ox * dx + oy * dy + oz * dz
+    if along > reach or ox * ox + oy * oy + oz * oz - along * along > reach * reach:
+        return FAR
+    ox, oy, oz = _to_local(shapes, i, ox, oy, oz)
     dx, dy, dz = _to_local(shapes, i, dx, dy, dz)
     low, high = -FAR, FAR
-    if shapes.kind[i] == BOX:
+    if shapes.solids[i, KIND] == BOX:
         low, high = _slab(ox, dx, half[0], low, high)
         low, high = _slab(oy, dy, half[1], low, high)
         low, high = _slab(oz, dz, half[2], low, high)
     else:
         ox, oz, dx, dz = ox / half[0], oz / half[2], dx / half[0], dz / half[2]
         a, b, c = dx * dx + dz * dz, ox * dx + oz * dz, ox * ox + oz * oz - 1
-        if shapes.kind[i] == ELLIPSOID:
+        if shapes.solids[i, KIND] == ELLIPSOID:
             oy, dy = oy / half[1], dy / half[1]
             a, b, c = a + dy * dy, b + oy * dy, c + oy * oy
         else:
@@ -123,10 +122,10 @@ def _hit(shapes, i, ox, oy, oz, dx, dy, dz):
 @njit(cache=True, error_model="numpy")
 def _meets(shapes, body, ox, oy, oz, dx, dy, dz, limit, margin, widening):
     """Whether a ray may meet a body's sphere, grown by margin + widening * distance, before `limit`."""
-    c = _three(shapes.body_center, body)
+    c = _three(shapes.bodies, body, CENTER)
     cx, cy, cz = c[0] - ox, c[1] - oy, c[2] - oz
     along = cx * dx + cy * dy + cz * dz
-    radius = shapes.body_radius[body] + margin + widening * max(along, 0.0)
+    radius = shapes.bodies[body, RADIUS] + margin + widening * max(along, 0.0)
     return along > -radius and along - radius < limit and cx * cx + cy * cy + cz * cz - along * along < radius * radius
 
 
@@ -134,9 +133,9 @@ def _meets(shapes, body, ox, oy, oz, dx, dy, dz, limit, margin, widening):
 def _nearest(shapes, ox, oy, oz, dx, dy, dz, limit):
     """(distance, index) of the first solid before `limit`; index -1 if there is none."""
     best, index = limit, -1
-    for body in range(len(shapes.body_radius)):
+    for body in range(len(shapes.bodies)):
         if _meets(shapes, body, ox, oy, oz, dx, dy, dz, best, 0.0, 0.0):
-            for i in range(shapes.body_first[body], shapes.body_first[body + 1]):
+            for i in range(int(shapes.bodies[body, FIRST]), int(shapes.bodies[body, END])):
                 t = _hit(shapes, i, ox, oy, oz, dx, dy, dz)
                 if t < best:
                     best, index = t, i
@@ -146,9 +145,9 @@ def _nearest(shapes, ox, oy, oz, dx, dy, dz, limit):
 @njit(cache=True, error_model="numpy")
 def _blocked(shapes, ox, oy, oz, dx, dy, dz, limit):
     """Whether any solid lies on a ray before `limit`."""
-    for body in range(len(shapes.body_radius)):
-        if _meets(shapes, body, ox, oy, oz, dx, dy, dz, limit, 0.0, 0.0):
-            for i in range(shapes.body_first[body], shapes.body_first[body + 1]):
+    for body in range(len(shapes.bodies)):
+        if shapes.bodies[body, SHADOWS] > 0 and _meets(shapes, body, ox, oy, oz, dx, dy, dz, limit, 0.0, 0.0):
+            for i in range(int(shapes.bodies[body, FIRST]), int(shapes.bodies[body, END])):
                 if _hit(shapes, i, ox, oy, oz, dx, dy, dz) < limit:
                     return True
     return False
@@ -157,10 +156,10 @@ def _blocked(shapes, ox, oy, oz, dx, dy, dz, limit):
 @njit(cache=True, error_model="numpy")
 def _normal(shapes, i, x, y, z):
     """Outward unit normal in local coordinates at a local point of the surface."""
-    h = _three(shapes.half, i)
-    if shapes.kind[i] == ELLIPSOID:
+    h = _three(shapes.solids, i, HALF)
+    if shapes.solids[i, KIND] == ELLIPSOID:
         nx, ny, nz = x / (h[0] * h[0]), y / (h[1] * h[1]), z / (h[2] * h[2])
-    elif shapes.kind[i] == CYLINDER:
+    elif shapes.solids[i, KIND] == CYLINDER:
         if abs(y) > h[1] - 1e-6:
             return 0.0, math.copysign(1.0, y), 0.0
         nx, ny, nz = x / (h[0] * h[0]), 0.0, z / (h[2] * h[2])
@@ -178,18 +177,14 @@ def _normal(shapes, i, x, y, z):
 @njit(cache=True, error_model="numpy")
 def _surface(shapes, i, x, y, z):
     """World normal and albedo at a world point on solid i."""
-    p, half, R, colors = _three(shapes.position, i), _three(shapes.half, i), shapes.rotation, shapes.colors
-    x, y, z = _to_local(shapes, i, x - p[0], y - p[1], z - p[2])
+    a, R = shapes.solids, ROTATION
+    x, y, z = _to_local(shapes, i, x - a[i, POSITION], y - a[i, POSITION + 1], z - a[i, POSITION + 2])
     nx, ny, nz = _normal(shapes, i, x, y, z)
-    palette = (
-        (colors[i, 0, 0], colors[i, 0, 1], colors[i, 0, 2]),
-        (colors[i, 1, 0], colors[i, 1, 1], colors[i, 1, 2]),
-        (colors[i, 2, 0], colors[i, 2, 1], colors[i, 2, 2]),
-    )
-    r, g, b = albedo(shapes.texture[i], x, y, z, nx, ny, nz, half, palette, shapes.scale[i], shapes.phase[i])
-    wx = R[i, 0, 0] * nx + R[i, 0, 1] * ny + R[i, 0, 2] * nz
-    wy = R[i, 1, 0] * nx + R[i, 1, 1] * ny + R[i, 1, 2] * nz
-    wz = R[i, 2, 0] * nx + R[i, 2, 1] * ny + R[i, 2, 2] * nz
+    half, palette = _three(a, i, HALF), (_three(a, i, COLORS), _three(a, i, COLORS + 3), _three(a, i, COLORS + 6))
+    r, g, b = albedo(a[i, TEXTURE], x, y, z, nx, ny, nz, half, palette, a[i, SCALE], a[i, PHASE])
+    wx = a[i, R] * nx + a[i, R + 1] * ny + a[i, R + 2] * nz
+    wy = a[i, R + 3] * nx + a[i, R + 4] * ny + a[i, R + 5] * nz
+    wz = a[i, R + 6] * nx + a[i, R + 7] * ny + a[i, R + 8] * nz
     return wx, wy, wz, r, g, b
 
 
@@ -197,14 +192,14 @@ def _surface(shapes, i, x, y, z):
 def _openness(shapes, me, x, y, z, nx, ny, nz):
     """Share of the ambient light that the other solids leave: each counts as the sphere of its extent."""
     light = 1.0
-    for i in range(len(shapes.kind)):
-        if i != me and shapes.occlusion[i] > 0:
-            p, h = _three(shapes.position, i), _three(shapes.half, i)
+    for i in range(len(shapes.solids)):
+        if i != me and shapes.solids[i, OCCLUSION] > 0:
+            p, h = _three(shapes.solids, i, POSITION), _three(shapes.solids, i, HALF)
             cx, cy, cz = p[0] - x, p[1] - y, p[2] - z
             d2 = cx * cx + cy * cy + cz * cz
             r2 = (h[0] * h[1] + h[1] * h[2] + h[2] * h[0]) / 3
             cosine = (cx * nx + cy * ny + cz * nz) / math.sqrt(d2 + 1e-9)
-            light *= 1 - shapes.occlusion[i] * max(0.0, min(1.0, 0.35 + 0.65 * cosine)) * r2 / (r2 + d2)
+            light *= 1 - shapes.solids[i, OCCLUSION] * max(0.0, min(1.0, 0.35 + 0.65 * cosine)) * r2 / (r2 + d2)
     return light
 
 
@@ -284,13 +279,13 @@ def _look(still, light, s, ox, oy, oz, dx, dy, dz):
     distance, i = _nearest(still, ox, oy, oz, dx, dy, dz, FAR)
     x, y, z = ox + distance * dx, oy + distance * dy, oz + distance * dz
     tr, tg, tb, t, mirror = 1.0, 1.0, 1.0, distance, -1
-    if i >= 0 and still.texture[i] == MIRROR:
+    if i >= 0 and still.solids[i, TEXTURE] == MIRROR:
         mirror = i
         dx, dy, dz, tr, tg, tb = _reflect(still, i, x, y, z, dx, dy, dz)
         ox, oy, oz = x, y, z
         t, i = _nearest(still, x, y, z, dx, dy, dz, FAR)
         x, y, z = ox + t * dx, oy + t * dy, oz + t * dz
-    if i < 0 or still.texture[i] == MIRROR:
+    if i < 0 or still.solids[i, TEXTURE] == MIRROR:
         r, g, b = _sky(dy)
         return distance, mirror, (x, y, z), (tr * r, tg * g, tb * b), (0.0, 0.0, 0.0)
     ar, ag, ab, r, g, b = _lit(still, still, i, i, light, s, x, y, z)
@@ -298,41 +293,45 @@ def _look(still, light, s, ox, oy, oz, dx, dy, dz):
 
 
 @njit(cache=True, error_model="numpy", parallel=True)
-def _trace_still(camera, height, width, light, still, depth, point, ambient, direct, mirror):
+def _trace_still(camera, light, still, samples):
+    height, width, count, _ = samples.shape
     for row in prange(height):
         for col in range(width):
-            for s in range(SAMPLES * SAMPLES):
+            for s in range(count):
                 dx, dy, dz = _ray(camera, row, col, s)
                 t, m, p, a, d = _look(still, light, s, camera[0, 0], camera[0, 1], camera[0, 2], dx, dy, dz)
-                depth[row, col, s], mirror[row, col, s] = t, m
-                point[row, col, s], ambient[row, col, s], direct[row, col, s] = p, a, d
+                samples[row, col, s, DEPTH], samples[row, col, s, MIRRORED] = t, m
+                for k in range(3):
+                    samples[row, col, s, POINT + k] = p[k]
+                    samples[row, col, s, AMBIENT + k] = a[k]
+                    samples[row, col, s, DIRECT + k] = d[k]
 
 
 @njit(cache=True, error_model="numpy")
-def _unchanged(camera, light, moving, row, col, middle, spread):
+def _unchanged(camera, light, moving, pixels, row, col):
     """True only if no moving body can be seen in a pixel or cast a shadow on what is seen there."""
     dx, dy, dz = _ray(camera, row, col, SAMPLES * (SAMPLES // 2) + SAMPLES // 2)
-    x, y, z = middle[row, col, 0], middle[row, col, 1], middle[row, col, 2]
+    x, y, z = pixels[row, col, MIDDLE], pixels[row, col, MIDDLE + 1], pixels[row, col, MIDDLE + 2]
     sx, sy, sz = light[0] - x, light[1] - y, light[2] - z
     distance = math.sqrt(sx * sx + sy * sy + sz * sz)
     sx, sy, sz = sx / distance, sy / distance, sz / distance
     widening = 1.2 / min(camera[5, 0], camera[5, 1])
     to_lamp = LIGHT_SIZE * 0.71 / distance
-    for body in range(len(moving.body_radius)):
+    for body in range(len(moving.bodies)):
         if _meets(moving, body, camera[0, 0], camera[0, 1], camera[0, 2], dx, dy, dz, FAR, 0.0, widening):
             return False
-        if _meets(moving, body, x, y, z, sx, sy, sz, distance, spread[row, col], to_lamp):
+        if _meets(moving, body, x, y, z, sx, sy, sz, distance, pixels[row, col, SPREAD], to_lamp):
             return False
     return True
 
 
 @njit(cache=True, error_model="numpy")
-def _sample(camera, light, still, moving, seen, row, col, s):
+def _sample(camera, light, still, moving, samples, row, col, s):
     """Colour of one sub-sample, given what it sees of the standing solids."""
     ox, oy, oz = camera[0, 0], camera[0, 1], camera[0, 2]
     dx, dy, dz = _ray(camera, row, col, s)
-    depth, mirror = seen.depth[row, col, s], seen.mirror[row, col, s]
-    px, py, pz = seen.point[row, col, s, 0], seen.point[row, col, s, 1], seen.point[row, col, s, 2]
+    depth, mirror = samples[row, col, s, DEPTH], int(samples[row, col, s, MIRRORED])
+    px, py, pz = samples[row, col, s, POINT], samples[row, col, s, POINT + 1], samples[row, col, s, POINT + 2]
     t, i = _nearest(moving, ox, oy, oz, dx, dy, dz, depth)
     tr, tg, tb = 1.0, 1.0, 1.0
     if i < 0 and mirror >= 0:
@@ -343,42 +342,44 @@ def _sample(camera, light, still, moving, seen, row, col, s):
     if i >= 0:
         r, g, b = _shade(still, moving, i, light, s, ox + t * dx, oy + t * dy, oz + t * dz)
         return tr * r, tg * g, tb * b
-    r, g, b = seen.direct[row, col, s, 0], seen.direct[row, col, s, 1], seen.direct[row, col, s, 2]
+    r, g, b = samples[row, col, s, DIRECT], samples[row, col, s, DIRECT + 1], samples[row, col, s, DIRECT + 2]
     if r + g + b > 0:
         sx, sy, sz, distance = _lamp(light, s, px, py, pz)
         if _blocked(moving, px, py, pz, sx, sy, sz, distance):
             r, g, b = 0.0, 0.0, 0.0
-    return r + seen.ambient[row, col, s, 0], g + seen.ambient[row, col, s, 1], b + seen.ambient[row, col, s, 2]
+    ar, ag, ab = samples[row, col, s, AMBIENT], samples[row, col, s, AMBIENT + 1], samples[row, col, s, AMBIENT + 2]
+    return r + ar, g + ag, b + ab
 
 
 @njit(cache=True, error_model="numpy", parallel=True)
-def _trace_frame(camera, light, still, moving, seen, image):
-    height, width, samples = seen.depth.shape
+def _trace_frame(camera, light, still, moving, samples, pixels, image):
+    height, width, count, _ = samples.shape
     for row in prange(height):
         for col in range(width):
-            if _unchanged(camera, light, moving, row, col, seen.middle, seen.spread):
+            if _unchanged(camera, light, moving, pixels, row, col):
                 for k in range(3):
-                    image[row, col, k] = seen.plain[row, col, k]
+                    image[row, col, k] = pixels[row, col, PLAIN + k]
                 continue
             red, green, blue = 0.0, 0.0, 0.0
-            for s in range(samples):
-                r, g, b = _sample(camera, light, still, moving, seen, row, col, s)
+            for s in range(count):
+                r, g, b = _sample(camera, light, still, moving, samples, row, col, s)
                 red, green, blue = red + r, green + g, blue + b
-            image[row, col, 0], image[row, col, 1], image[row, col, 2] = red / samples, green / samples, blue / samples
+            image[row, col, 0], image[row, col, 1], image[row, col, 2] = red / count, green / count, blue / count
 
 
 @njit(cache=True, error_model="numpy", parallel=True)
-def _trace_cover(camera, moving, counts, depth, cover, distance):
-    height, width, samples = depth.shape
+def _trace_cover(camera, moving, counts, samples, cover, distance):
+    height, width, count, _ = samples.shape
     for row in prange(height):
         for col in range(width):
-            for s in range(samples):
+            for s in range(count):
                 dx, dy, dz = _ray(camera, row, col, s)
-                t, i = _nearest(moving, camera[0, 0], camera[0, 1], camera[0, 2], dx, dy, dz, depth[row, col, s])
+                depth = samples[row, col, s, DEPTH]
+                t, i = _nearest(moving, camera[0, 0], camera[0, 1], camera[0, 2], dx, dy, dz, depth)
                 if i >= 0 and counts[i]:
-                    cover[row, col] += 1 / samples
+                    cover[row, col] += 1 / count
                 forward = dx * camera[3, 0] + dy * camera[3, 1] + dz * camera[3, 2]
-                distance[row, col] += t * forward / samples
+                distance[row, col] += t * forward / count
 
 
 def _pack(camera: Camera) -> np.ndarray:
@@ -390,21 +391,22 @@ def _pack(camera: Camera) -> np.ndarray:
 
 def trace_still(camera: Camera, still: Shapes, light: np.ndarray) -> Still:
     """What `camera` sees of the standing solids. light: [3], the lamp's centre."""
-    shape = (camera.height, camera.width, SAMPLES * SAMPLES)
-    depth, mirror = np.empty(shape), np.empty(shape, np.int32)
-    point, ambient, direct = (np.zeros((*shape, 3), np.float32) for _ in range(3))
-    _trace_still(_pack(camera), *shape[:2], light, still, depth, point, ambient, direct, mirror)
-    low, high = point.min(2), point.max(2)
-    spread = np.linalg.norm(high - low, axis=-1) / 2
-    spread[(mirror >= 0).any(2)] = FAR  # what a mirror shows may change wherever it stands
-    plain = (ambient.astype(np.float64) + direct).mean(2)
-    return Still(depth, point, ambient, direct, mirror, plain, (low + high) / 2, spread)
+    samples = np.empty((camera.height, camera.width, SAMPLES * SAMPLES, SAMPLE_COLUMNS), np.float32)
+    _trace_still(_pack(camera), light, still, samples)
+    points = samples[..., POINT : POINT + 3].astype(np.float64)
+    low, high = points.min(2), points.max(2)
+    pixels = np.empty((camera.height, camera.width, PIXEL_COLUMNS))
+    pixels[..., PLAIN : PLAIN + 3] = (samples[..., AMBIENT : AMBIENT + 3] + samples[..., DIRECT : DIRECT + 3]).mean(2)
+    pixels[..., MIDDLE : MIDDLE + 3] = (low + high) / 2
+    pixels[..., SPREAD] = np.linalg.norm(high - low, axis=-1) / 2
+    pixels[(samples[..., MIRRORED] >= 0).any(2), SPREAD] = FAR  # what a mirror shows may change wherever it stands
+    return Still(samples, pixels)
 
 
 def trace_frame(camera: Camera, seen: Still, still: Shapes, moving: Shapes, light: np.ndarray) -> np.ndarray:
     """One frame as uint8 [H, W, 3] sRGB."""
     image = np.empty((camera.height, camera.width, 3))
-    _trace_frame(_pack(camera), light, still, moving, seen, image)
+    _trace_frame(_pack(camera), light, still, moving, *seen, image)
     linear = np.clip(image, 0, 1)
     srgb = np.where(linear <= 0.0031308, 12.92 * linear, 1.055 * linear ** (1 / 2.4) - 0.055)
     return np.round(srgb * 255).astype(np.uint8)
@@ -415,5 +417,5 @@ def trace_cover(camera: Camera, seen: Still, moving: Shapes, counts: np.ndarray)
     depth along the viewing axis of all that is seen.
     """
     cover, depth = np.zeros((2, camera.height, camera.width))
-    _trace_cover(_pack(camera), moving, counts, seen.depth, cover, depth)
+    _trace_cover(_pack(camera), moving, counts, seen.samples, cover, depth)
     return cover.astype(np.float32), depth.astype(np.float32)

@@ -5,13 +5,12 @@ World: x right, y up, z towards the cameras; the floor is y = 0. Times are secon
 
 from __future__ import annotations
 
-import itertools
 import math
 
 import numpy as np
 
 from splatreel.capture import textures as tx
-from splatreel.capture.raytracer import BOX, CYLINDER, ELLIPSOID, Shapes
+from splatreel.capture.raytracer import BOX, CYLINDER, ELLIPSOID, POSITION, REACH, ROTATION, Shapes
 
 LIGHT = np.array([1.3, 4.6, 3.4])
 PLANE_ENTERS = 0.4
@@ -32,12 +31,12 @@ class _Builder:
     """Collects solids and packs them as `Shapes`."""
 
     def __init__(self) -> None:
-        self._rows: list[tuple] = []
-        self._bodies: list[int] = []
+        self._solids: list[np.ndarray] = []
+        self._bodies: list[tuple[int, bool]] = []
 
-    def body(self) -> None:
+    def body(self, shadows: bool = True) -> None:
         """Start a body; solids added from now on are part of it. Neighbours share one, so that rays can pass them by together."""
-        self._bodies.append(len(self._rows))
+        self._bodies.append((len(self._solids), shadows))
 
     def add(
         self,
@@ -52,31 +51,24 @@ class _Builder:
         occlusion: float = 0.35,
     ) -> None:
         """One solid; `colors` may be fewer than three, the last is repeated."""
-        three = [_linear(c) for c in (*colors, colors[-1], colors[-1])[:3]]
-        self._rows.append(
-            (kind, position, np.eye(3) if turn is None else turn, half, texture, three, scale, phase, occlusion)
-        )
+        three = np.array([_linear(c) for c in (*colors, colors[-1], colors[-1])[:3]])
+        rotation = np.eye(3) if turn is None else turn
+        reach = {BOX: math.hypot(*half), ELLIPSOID: max(half), CYLINDER: math.hypot(max(half[0], half[2]), half[1])}[
+            kind
+        ]
+        numbers = [kind, texture, scale, phase, occlusion, reach]
+        self._solids.append(np.concatenate([numbers, position, half, rotation.ravel(), three.ravel()]))
 
     def shapes(self) -> Shapes:
-        columns = list(zip(*self._rows, strict=True))
-        types = [np.int64, float, float, float, np.int64, float, float, float, float]
-        arrays = [np.ascontiguousarray(c, t) for c, t in zip(columns, types, strict=True)]
-        position, reach = arrays[1], _reach(arrays[0], arrays[3])
-        first = np.array([*self._bodies, len(position)])
-        parts = [slice(a, b) for a, b in itertools.pairwise(first)]
-        low = [(position[p] - reach[p, None]).min(0) for p in parts]
-        high = [(position[p] + reach[p, None]).max(0) for p in parts]
-        center = (np.array(low) + high) / 2
-        spheres = zip(parts, center, strict=True)
-        radius = np.array([(np.linalg.norm(position[p] - c, axis=1) + reach[p]).max() for p, c in spheres])
-        return Shapes(*arrays, first, center, radius)
-
-
-def _reach(kind: np.ndarray, half: np.ndarray) -> np.ndarray:
-    """Radius of the sphere around each solid, [N]."""
-    box, round_ = np.linalg.norm(half, axis=1), half.max(1)
-    cylinder = np.hypot(half[:, [0, 2]].max(1), half[:, 1])
-    return np.select([kind == BOX, kind == ELLIPSOID], [box, round_], cylinder)
+        solids = np.stack(self._solids)
+        ends = [first for first, _ in self._bodies[1:]] + [len(solids)]
+        bodies = []
+        for (first, shadows), end in zip(self._bodies, ends, strict=True):
+            position, reach = solids[first:end, POSITION : POSITION + 3], solids[first:end, REACH]
+            center = ((position - reach[:, None]).min(0) + (position + reach[:, None]).max(0)) / 2
+            radius = (np.linalg.norm(position - center, axis=1) + reach).max()
+            bodies.append([*center, radius, first, end, shadows])
+        return Shapes(solids, np.array(bodies, float))
 
 
 def turn_y(angle: float) -> np.ndarray:
@@ -108,7 +100,7 @@ def standing(seed: int = 0) -> Shapes:
 
 def _room(b: _Builder, rng: np.random.Generator) -> None:
     phase = rng.uniform(0, 1)
-    b.body()
+    b.body(shadows=False)  # floor and walls surround the lamp
     b.add(BOX, (0, -0.5, 0), (5, 0.5, 5), (WOOD, (0.78, 0.56, 0.34)), tx.PLANKS, 2.6, phase, occlusion=0)
     paper = ((0.55, 0.73, 0.72), (0.66, 0.81, 0.77), CREAM)
     b.add(BOX, (0, 1.5, -2.0), (3.4, 2.0, 0.2), paper, tx.WALLPAPER, 1.7, phase, occlusion=0)
@@ -207,9 +199,9 @@ def moving(seconds: float) -> Shapes:
 
 def in_motion(seconds: float) -> np.ndarray:
     """Which of the solids of `moving` are not at rest at that time, [N] bool."""
-    now, soon = moving(seconds), moving(seconds + 1e-3)
-    shift = np.abs(now.position - soon.position).max(1)
-    return (shift > 1e-9) | (np.abs(now.rotation - soon.rotation).max((1, 2)) > 1e-9)
+    place = slice(POSITION, POSITION + 3), slice(ROTATION, ROTATION + 9)
+    now, soon = moving(seconds).solids, moving(seconds + 1e-3).solids
+    return np.any([np.abs(now[:, part] - soon[:, part]).max(1) > 1e-9 for part in place], axis=0)
 
 
 def _globe(b: _Builder, t: float) -> None:
