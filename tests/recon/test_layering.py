@@ -7,7 +7,7 @@ from tests.recon.scenes import random_gaussians
 def test_points_change_layer_by_their_labels():
     static, dynamic = random_gaussians(6, seed=0), random_gaussians(4, seed=1)
     alive = np.array([True, False, True, True, True, False])
-    moves = np.array([False, True, False, False] + [True, False, True, True])
+    moves = np.array([False, True, False, False, True, False, True, True])
     layers = separate(static, alive, dynamic, moves)
     assert layers.alive.tolist() == [True, False, False, True, True, False]
     np.testing.assert_array_equal(layers.settled.means, dynamic.means[[1]])

@@ -1,3 +1,5 @@
+import itertools
+
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
@@ -30,6 +32,6 @@ def test_groups_cover_every_frame_once(frames, length, data):
     cut = spans(frames, length, overlap)
     assert sum(s.own for s in cut) == frames
     assert cut[-1].first + cut[-1].count == frames
-    for a, b in zip(cut, cut[1:], strict=False):
+    for a, b in itertools.pairwise(cut):
         assert b.first == a.first + a.own
         assert a.count == min(a.own + overlap, frames - a.first)

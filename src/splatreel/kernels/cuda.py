@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 import torch
 from torch import Tensor
 
 from splatreel.errors import MissingDependencyError
+from splatreel.kernels import twin
 
 TILE = 16
 
@@ -58,13 +61,29 @@ def rasterize(
     radii: Tensor,
     width: int,
     height: int,
+    still: Any = None,
 ) -> tuple[Tensor, Tensor]:
+    """As `splat.rasterize`; gsplat skips the tiles a mask leaves out."""
     gsplat = _gsplat()
     tiles_x, tiles_y = -(-width // TILE), -(-height // TILE)
     extents = radii[None, :, None].expand(-1, -1, 2).contiguous()
     _, pairs, ids = gsplat.isect_tiles(means2d.detach()[None], extents, depths.detach()[None], TILE, tiles_x, tiles_y)
     offsets = gsplat.isect_offset_encode(pairs, 1, tiles_x, tiles_y)
+    masks = None if still is None else still.tiles[None].contiguous()
     image, alpha = gsplat.rasterize_to_pixels(
-        means2d[None], conics[None], colors[None], opacities[None], width, height, TILE, offsets, ids
+        means2d[None], conics[None], colors[None], opacities[None], width, height, TILE, offsets, ids, masks=masks
     )
-    return image[0], alpha[0, ..., 0]
+    image, alpha = image[0], alpha[0, ..., 0]
+    return (image, alpha) if still is None else twin.keep_still(image, alpha, still)
+
+
+def tile_spans(means2d: Tensor, radii: Tensor, width: int, height: int) -> Tensor:
+    """As `splat.tile_spans`, from the square of the radius, which is what gsplat sorts into tiles by."""
+    low = ((means2d.detach() - radii[:, None]) / TILE).floor().long()
+    high = ((means2d.detach() + radii[:, None]) / TILE).floor().long()
+    columns, rows = -(-width // TILE), -(-height // TILE)
+    left, right = low[:, 0].clamp_min(0), high[:, 0].clamp_max(columns - 1)
+    top, bottom = low[:, 1].clamp_min(0), high[:, 1].clamp_max(rows - 1)
+    seen = (radii > 0) & (right >= left) & (bottom >= top)
+    empty = torch.tensor([0, -1, 0, -1], device=means2d.device)
+    return torch.where(seen[:, None], torch.stack([left, right, top, bottom], 1), empty)

@@ -18,6 +18,7 @@ from torch import Tensor
 from splatreel.errors import GaussiansError
 from splatreel.kernels import cuda, twin
 from splatreel.kernels.cpu import autograd as cpu
+from splatreel.kernels.cpu import binning
 from splatreel.kernels.cpu.project import View
 
 
@@ -40,6 +41,17 @@ class Rendered(NamedTuple):
     alpha: Tensor
     means2d: Tensor
     radii: Tensor
+
+
+class Still(NamedTuple):
+    """A picture to keep where nothing moves. tiles: [ceil(H / 16), ceil(W / 16)] bool, the tiles to draw anew.
+
+    image: [H, W, C] and alpha: [H, W], what the other tiles show.
+    """
+
+    tiles: Tensor
+    image: Tensor
+    alpha: Tensor
 
 
 def project(
@@ -89,6 +101,7 @@ def rasterize(
     radii: Tensor,
     width: int,
     height: int,
+    still: Still | None = None,
 ) -> tuple[Tensor, Tensor]:
     """Blends projected Gaussians front to back over black.
 
@@ -97,9 +110,37 @@ def rasterize(
     """
     _check_finite(means2d=means2d, conics=conics, colors=colors, opacities=opacities)
     if means2d.is_cuda:
-        return cuda.rasterize(means2d, conics, colors, opacities, depths, radii, width, height)
-    arguments = (means2d, conics, colors, opacities, depths, radii, width, height)
+        return cuda.rasterize(means2d, conics, colors, opacities, depths, radii, width, height, still)
+    arguments = (means2d, conics, colors, opacities, depths, radii, width, height, still)
     return cpu.Rasterize.apply(*arguments)  # pyright: ignore[reportReturnType]
+
+
+def tile_spans(means2d: Tensor, conics: Tensor, opacities: Tensor, radii: Tensor, width: int, height: int) -> Tensor:
+    """[N, 4] int64: first and last tile column, first and last tile row that each splat touches; last < first if none."""
+    if means2d.is_cuda:
+        return cuda.tile_spans(means2d, radii, width, height)
+    arrays = [t.detach().contiguous().numpy() for t in (means2d, conics, opacities, radii)]
+    return torch.from_numpy(binning.tile_spans(*arrays, width=width, height=height).astype(np.int64))
+
+
+def touched_tiles(spans: Tensor, width: int, height: int) -> Tensor:
+    """[ceil(H / 16), ceil(W / 16)] bool: the tiles that any splat of spans [N, 4] touches."""
+    rows, columns = -(-height // binning.TILE), -(-width // binning.TILE)
+    left, right, top, bottom = spans[spans[:, 1] >= spans[:, 0]].unbind(1)
+    corners = torch.zeros((rows + 1) * (columns + 1), dtype=torch.int64, device=spans.device)
+    one = torch.ones_like(left)
+    for y, x, sign in ((top, left, 1), (top, right + 1, -1), (bottom + 1, left, -1), (bottom + 1, right + 1, 1)):
+        corners.index_add_(0, y * (columns + 1) + x, one, alpha=sign)
+    return corners.view(rows + 1, columns + 1).cumsum(0).cumsum(1)[:rows, :columns] > 0
+
+
+def touching(spans: Tensor, tiles: Tensor) -> Tensor:
+    """[N] bool: which splats of spans [N, 4] touch any of the tiles [rows, columns] bool."""
+    area = torch.nn.functional.pad(tiles.long().cumsum(0).cumsum(1), (1, 0, 1, 0))
+    left, right, top, bottom = spans.unbind(1)
+    right, bottom = right.clamp_min(-1) + 1, bottom.clamp_min(-1) + 1
+    inside = area[bottom, right] - area[top, right] - area[bottom, left] + area[top, left]
+    return (inside > 0) & (right > left)
 
 
 def render(

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from typing import Any
 
 import numpy as np
 import torch
@@ -10,6 +11,7 @@ import torch.nn.functional as functional
 from torch import Tensor
 
 from splatreel.kernels.cpu import harmonics
+from splatreel.kernels.cpu.binning import TILE
 from splatreel.kernels.cpu.hashgrid import PRIME_Y, PRIME_Z, is_dense
 from splatreel.kernels.cpu.similarity import SSIM_C1, SSIM_C2, WINDOW
 
@@ -83,6 +85,7 @@ def rasterize(
     radii: Tensor,
     width: int,
     height: int,
+    still: Any = None,
 ) -> tuple[Tensor, Tensor]:
     """As `splat.rasterize`; every pixel meets every Gaussian, [H * W, N] at once."""
     order = torch.argsort(depths.detach(), stable=True)
@@ -101,7 +104,15 @@ def rasterize(
     alpha = alpha * drawn
     transmittance = torch.cumprod(torch.cat([torch.ones_like(dx[:, :1].sum(1, keepdim=True)), 1 - alpha], 1), 1)
     image = (alpha * transmittance[:, :-1]) @ colors[order]
-    return image.view(height, width, -1), (1 - transmittance[:, -1]).view(height, width)
+    image, alpha = image.view(height, width, -1), (1 - transmittance[:, -1]).view(height, width)
+    return (image, alpha) if still is None else keep_still(image, alpha, still)
+
+
+def keep_still(image: Tensor, alpha: Tensor, still: Any) -> tuple[Tensor, Tensor]:
+    """image [H, W, C] and alpha [H, W] in the tiles of a `splat.Still` that are drawn anew, its own picture in the others."""
+    height, width = alpha.shape
+    drawn = still.tiles.repeat_interleave(TILE, 0).repeat_interleave(TILE, 1)[:height, :width]
+    return torch.where(drawn[..., None], image, still.image), torch.where(drawn, alpha, still.alpha)
 
 
 def photometric_loss(image: Tensor, target: Tensor, lambda_dssim: float = 0.2) -> Tensor:

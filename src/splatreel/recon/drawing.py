@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 
 import torch
 from torch import Tensor
@@ -31,7 +31,7 @@ class View:
 
 @dataclass(frozen=True)
 class Splats:
-    """Points as one view sees them, ready to be rasterized. index: [M] which points they are, None for all."""
+    """Points as one view sees them, ready to be rasterized; fields as in `splat.rasterize`."""
 
     means2d: Tensor
     conics: Tensor
@@ -39,7 +39,28 @@ class Splats:
     opacities: Tensor
     depths: Tensor
     radii: Tensor
-    index: Tensor | None = None
+
+    def __getitem__(self, index: Tensor) -> Splats:
+        return Splats(*[getattr(self, f.name)[index] for f in fields(self)])
+
+    def spans(self, view: View) -> Tensor:
+        """[M, 4]: the tiles each one touches."""
+        return splat.tile_spans(self.means2d, self.conics, self.opacities, self.radii, view.width, view.height)
+
+    @staticmethod
+    def join(a: Splats, b: Splats) -> Splats:
+        return Splats(*[torch.cat([getattr(a, f.name), getattr(b, f.name)]) for f in fields(a)])
+
+
+@dataclass(frozen=True)
+class Scenery:
+    """What one view sees of the backdrop. index: [M] which of its points; spans: [M, 4] their tiles; image, alpha: their picture."""
+
+    splats: Splats
+    index: Tensor
+    spans: Tensor
+    image: Tensor
+    alpha: Tensor
 
 
 @dataclass(frozen=True)
@@ -67,15 +88,14 @@ def splats(
 
 
 class Backdrop:
-    """Static points: frozen, so that each view projects and colours them once and keeps the result."""
+    """Static points: frozen, so that each view projects, colours and draws them once and keeps the result."""
 
     def __init__(self, gaussians: Gaussians, views: list[View], near: float, device: torch.device) -> None:
         self.views = views
         self.near = near
         self.params = to_params(gaussians, device)
-        self._points = activate(self.params)
         self.alive = torch.ones(len(gaussians), dtype=torch.bool, device=device)
-        self._seen: dict[int, Splats] = {}
+        self._scenery: dict[int, Scenery] = {}
 
     def __len__(self) -> int:
         return len(self.alive)
@@ -87,19 +107,27 @@ class Backdrop:
     def set_alive(self, alive: Tensor) -> None:
         """Hide the points that became dynamic. alive: [S] bool."""
         self.alive = alive.clone()
-        for camera, seen in self._seen.items():
-            if seen.index is not None:
-                self._seen[camera] = _select(seen, alive[seen.index])
+        for camera, old in self._scenery.items():
+            keep = alive[old.index]
+            if not bool(keep.all()):
+                self._scenery[camera] = self._drawn(camera, old.splats[keep], old.index[keep])
 
-    def seen(self, camera: int) -> Splats:
+    @torch.no_grad()
+    def scenery(self, camera: int) -> Scenery:
         """The living points that view number `camera` sees."""
-        if camera not in self._seen:
-            with torch.no_grad():
-                index = torch.nonzero(self.alive)[:, 0]
-                all_points = splats(*(array[index] for array in self._points), self.views[camera], self.near)
-                named = Splats(*(getattr(all_points, n) for n in _FIELDS), index)
-                self._seen[camera] = _select(named, all_points.radii > 0)
-        return self._seen[camera]
+        if camera not in self._scenery:
+            index = torch.nonzero(self.alive)[:, 0]
+            points = activate({name: value[index] for name, value in self.params.items()})
+            projected = splats(*points, self.views[camera], self.near)
+            seen = torch.nonzero(projected.radii > 0)[:, 0]
+            self._scenery[camera] = self._drawn(camera, projected[seen], index[seen])
+        return self._scenery[camera]
+
+    @torch.no_grad()
+    def _drawn(self, camera: int, seen: Splats, index: Tensor) -> Scenery:
+        view = self.views[camera]
+        image, alpha = _rasterize(seen, view)
+        return Scenery(seen, index, seen.spans(view), image, alpha)
 
 
 def activate(params: dict[str, Tensor]) -> tuple[Tensor, Tensor, Tensor, Tensor, Tensor]:
@@ -108,26 +136,29 @@ def activate(params: dict[str, Tensor]) -> tuple[Tensor, Tensor, Tensor, Tensor,
     return params["means"], params["quats"], params["log_scales"].exp(), params["logit_opacities"].sigmoid(), sh
 
 
-_FIELDS = ("means2d", "conics", "colors", "opacities", "depths", "radii")
+def draw(moving: Splats, view: View, scenery: Scenery | None = None, layered: bool = True) -> Drawing:
+    """Rasterize moving points together with a view's scenery.
 
-
-def _select(seen: Splats, mask: Tensor) -> Splats:
-    assert seen.index is not None
-    return Splats(*(getattr(seen, name)[mask] for name in _FIELDS), seen.index[mask])
-
-
-def draw(moving: Splats, view: View, backdrop: Splats | None = None) -> Drawing:
-    """Rasterize moving points together with a view's backdrop."""
+    layered: draw only the tiles that a moving point touches, and keep the scenery's picture in the others. Picture and gradients of
+    the moving points are the same; scenery outside of those tiles gets no gradient, and is not among the rows of means2d.
+    """
     count = len(moving.means2d)
-    parts = moving if backdrop is None else _join(moving, backdrop)
-    means2d = parts.means2d
-    if means2d.requires_grad:
-        means2d.retain_grad()
-    image, alpha = splat.rasterize(
-        means2d, parts.conics, parts.colors, parts.opacities, parts.depths, parts.radii, view.width, view.height
+    if scenery is None:
+        parts, index, still = moving, None, None
+    elif layered:
+        tiles = splat.touched_tiles(moving.spans(view), view.width, view.height)
+        near_them = torch.nonzero(splat.touching(scenery.spans, tiles))[:, 0]
+        parts, index = Splats.join(moving, scenery.splats[near_them]), scenery.index[near_them]
+        still = splat.Still(tiles, scenery.image, scenery.alpha)
+    else:
+        parts, index, still = Splats.join(moving, scenery.splats), scenery.index, None
+    if parts.means2d.requires_grad:
+        parts.means2d.retain_grad()
+    image, alpha = _rasterize(parts, view, still)
+    return Drawing(image, alpha, parts.means2d, count, index)
+
+
+def _rasterize(s: Splats, view: View, still: splat.Still | None = None) -> tuple[Tensor, Tensor]:
+    return splat.rasterize(
+        s.means2d, s.conics, s.colors, s.opacities, s.depths, s.radii, view.width, view.height, still
     )
-    return Drawing(image, alpha, means2d, count, None if backdrop is None else backdrop.index)
-
-
-def _join(moving: Splats, backdrop: Splats) -> Splats:
-    return Splats(*(torch.cat([getattr(moving, name), getattr(backdrop, name)]) for name in _FIELDS))

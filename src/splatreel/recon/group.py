@@ -16,7 +16,7 @@ from splatreel.recon import losses
 from splatreel.recon.colors import CameraGains
 from splatreel.recon.deformation import Deformation, deform
 from splatreel.recon.density import GradientMeter
-from splatreel.recon.drawing import Backdrop, View, draw, splats
+from splatreel.recon.drawing import Backdrop, Drawing, View, draw, splats
 from splatreel.recon.hashgrid import HashGrid
 from splatreel.recon.points import TrainablePoints
 from splatreel.recon.schedule import FrameSchedule
@@ -36,6 +36,9 @@ CANONICAL_RATES = {
 
 ADAPT_FROM, ADAPT_TO = 0.25, 0.8
 """Share of training in which points are converted and cloned: before, everything that moves pulls; after, none could learn."""
+
+MEASURE_EVERY = 8
+"""Iterations between two that draw the whole picture, to measure how much the static points are pulled at."""
 
 
 @dataclass(frozen=True)
@@ -114,14 +117,15 @@ class GroupTrainer:
         view = self.frames.views[camera]
         dx, dq = self.model.offsets(self.points.means, frame)
         moving = self._deformed(dx, dq, view)
-        drawing = draw(moving, view, self.backdrop.seen(camera))
+        measured = self.config.layering.adapt_every > 0 and iteration % MEASURE_EVERY == 0
+        drawing = draw(moving, view, self.backdrop.scenery(camera), layered=not measured)
         with torch.no_grad():
             gain = self.gains.values[camera]
         loss = splat.photometric_loss(
             drawing.image * gain, self.frames.images[frame, camera], self.config.group.lambda_dssim
         )
         (loss + self._regularisers(iteration, frame, dx, dq)).backward()
-        self._measure(drawing.means2d.grad, drawing.index, view)
+        self._measure(drawing, view, measured)
         self.points.scale_rates({}, default=0.1**share)
         self.points.step()
         self.model.step(share)
@@ -150,12 +154,12 @@ class GroupTrainer:
                 total = total + 4 * group.lambda_temporal * smooth
         return total
 
-    def _measure(self, grad: Tensor | None, index: Tensor | None, view: View) -> None:
+    def _measure(self, drawing: Drawing, view: View, everything: bool) -> None:
+        grad = drawing.means2d.grad
         assert grad is not None
-        count = len(self.points)
-        self.moving_meter.add(grad[:count], view.width, view.height)
-        if index is not None:
-            self.static_meter.add(grad[count:], view.width, view.height, index)
+        self.moving_meter.add(grad[: drawing.moving], view.width, view.height)
+        if everything and drawing.index is not None:
+            self.static_meter.add(grad[drawing.moving :], view.width, view.height, drawing.index)
 
     def _watch(self) -> None:
         """Start the meters anew and find every point's neighbours, after the set of points has changed."""
@@ -230,7 +234,7 @@ class GroupTrainer:
             camera = (k * 7) % len(self.frames.views)
             dx, dq = self.model.offsets(self.points.means, frame)
             view = self.frames.views[camera]
-            image = draw(self._deformed(dx, dq, view), view, self.backdrop.seen(camera)).image
+            image = draw(self._deformed(dx, dq, view), view, self.backdrop.scenery(camera)).image
             target = self.frames.images[frame, camera].float() / 255
             error = ((image * self.gains.values[camera]).clamp(0, 1) - target).square().mean()
             values.append(-10 * math.log10(max(float(error), 1e-12)))

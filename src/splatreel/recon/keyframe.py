@@ -115,7 +115,7 @@ class KeyframeTrainer:
     def _step(self, stage: Stage, camera: int, behind: Backdrop | None) -> tuple[Tensor, Tensor]:
         p, view = self.points, stage.views[camera]
         moving = splats(p.means, p.quats, p.scales, p.opacities, p.sh, view, stage.near)
-        drawing = draw(moving, view, behind.seen(camera) if behind else None)
+        drawing = draw(moving, view, behind.scenery(camera) if behind else None)
         image = self.gains.apply(drawing.image, camera)
         loss = splat.photometric_loss(image, stage.images[camera])
         loss.backward()

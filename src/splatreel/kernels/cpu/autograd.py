@@ -62,11 +62,15 @@ class SphericalHarmonics(Function):
 
 class Rasterize(Function):
     @staticmethod
-    def forward(ctx: Any, means2d, conics, colors, opacities, depths, radii, width: int, height: int):
+    def forward(ctx: Any, means2d, conics, colors, opacities, depths, radii, width: int, height: int, still):
         arrays = _arrays(means2d, conics, opacities, depths)
         visible = radii.to(torch.int32).contiguous().numpy()
-        bins = binning.bin_splats(*arrays, radii=visible, width=width, height=height)
-        parts = [rasterize.forward(bins, part) for part in _split(*_arrays(colors))]
+        wanted = None if still is None else still.tiles.numpy()
+        bins = binning.bin_splats(*arrays, radii=visible, width=width, height=height, wanted=wanted)
+        parts = []
+        for channel, part in enumerate(_split(*_arrays(colors))):
+            kept = None if still is None else (_split(*_arrays(still.image))[channel], *_arrays(still.alpha))
+            parts.append(rasterize.forward(bins, part, kept))
         image = torch.from_numpy(_join([image for image, _ in parts], colors.shape[1]))
         alpha = torch.from_numpy(parts[0][1])
         ctx.bins = bins
@@ -87,7 +91,7 @@ class Rasterize(Function):
         for others in geometry[1:]:
             d_means2d, d_conics, d_opacities = d_means2d + others[0], d_conics + others[1], d_opacities + others[2]
         d_color = _join(d_colors, colors.shape[1])
-        return *_tensors(d_means2d, d_conics, d_color, d_opacities), None, None, None, None
+        return *_tensors(d_means2d, d_conics, d_color, d_opacities), None, None, None, None, None
 
 
 def _split(values: np.ndarray) -> list[np.ndarray]:

@@ -25,6 +25,7 @@ class Bins:
     offsets: [tiles + 1] int32: the pairs of tile t are offsets[t] : offsets[t + 1], front to back.
     ids: [M] int32, the splat of each pair. slots: [M] int32, where the pair's gradient goes.
     first: [N + 1] int32: the slots of splat i are first[i] : first[i + 1], so that its gradient is one contiguous sum.
+    wanted: [tiles_y, tiles_x] bool: the tiles to draw; the others hold no pair.
     """
 
     width: int
@@ -35,6 +36,7 @@ class Bins:
     ids: np.ndarray
     slots: np.ndarray
     first: np.ndarray
+    wanted: np.ndarray
 
 
 def bin_splats(
@@ -45,18 +47,33 @@ def bin_splats(
     radii: np.ndarray,
     width: int,
     height: int,
+    wanted: np.ndarray | None = None,
 ) -> Bins:
-    """Splats with radius 0, or nowhere at alpha 1/255, are in no tile. Equal depths keep the order of the input."""
+    """Splats with radius 0, or nowhere at alpha 1/255, are in no tile. Equal depths keep the order of the input.
+
+    wanted: [tiles_y, tiles_x] bool, the tiles to fill; all of them if None.
+    """
     n = len(means2d)
     tiles_x, tiles_y = -(-width // TILE), -(-height // TILE)
     splats, spans = np.empty((n, 6), np.float32), np.empty((n, 4), np.int32)
     _prepare(means2d, conics, opacities, radii, width, height, splats, spans)
     order = _depth_order(depths, spans)
+    if wanted is None:
+        wanted = np.ones((tiles_y, tiles_x), np.bool_)
     offsets, first = np.zeros(tiles_x * tiles_y + 1, np.int32), np.empty(n + 1, np.int32)
-    pairs = _count(spans, tiles_x, offsets, first)
+    pairs = _count(spans, wanted, offsets, first)
     ids, slots = np.empty(pairs, np.int32), np.empty(pairs, np.int32)
-    _fill(spans, order, tiles_x, offsets, first, ids, slots)
-    return Bins(width, height, splats, spans, offsets, ids, slots, first)
+    _fill(spans, order, wanted, offsets, first, ids, slots)
+    return Bins(width, height, splats, spans, offsets, ids, slots, first, wanted)
+
+
+def tile_spans(
+    means2d: np.ndarray, conics: np.ndarray, opacities: np.ndarray, radii: np.ndarray, width: int, height: int
+) -> np.ndarray:
+    """[N, 4] int32: first and last tile column, first and last tile row that each splat touches; last < first if none."""
+    splats, spans = np.empty((len(means2d), 6), np.float32), np.empty((len(means2d), 4), np.int32)
+    _prepare(means2d, conics, opacities, radii, width, height, splats, spans)
+    return spans // TILE
 
 
 @njit(**PARALLEL)
@@ -125,8 +142,9 @@ def _depth_order(depths, spans):
 
 
 @njit(**SERIAL)
-def _count(spans, tiles_x, offsets, first):
+def _count(spans, wanted, offsets, first):
     """Fills offsets (prefix sums of the pairs of each tile) and first; returns the number of pairs."""
+    tiles_x = wanted.shape[1]
     pairs = 0
     for i in range(spans.shape[0]):
         first[i] = pairs
@@ -134,8 +152,9 @@ def _count(spans, tiles_x, offsets, first):
             continue
         for tile_y in range(spans[i, 2] // TILE, spans[i, 3] // TILE + 1):
             for tile_x in range(spans[i, 0] // TILE, spans[i, 1] // TILE + 1):
-                offsets[tile_y * tiles_x + tile_x + 1] += 1
-                pairs += 1
+                if wanted[tile_y, tile_x]:
+                    offsets[tile_y * tiles_x + tile_x + 1] += 1
+                    pairs += 1
     first[spans.shape[0]] = pairs
     for tile in range(offsets.shape[0] - 1):
         offsets[tile + 1] += offsets[tile]
@@ -143,13 +162,16 @@ def _count(spans, tiles_x, offsets, first):
 
 
 @njit(**SERIAL)
-def _fill(spans, order, tiles_x, offsets, first, ids, slots):
+def _fill(spans, order, wanted, offsets, first, ids, slots):
+    tiles_x = wanted.shape[1]
     cursors = offsets[:-1].copy()
     for rank in range(order.shape[0]):
         i = order[rank]
         slot = first[i]
         for tile_y in range(spans[i, 2] // TILE, spans[i, 3] // TILE + 1):
             for tile_x in range(spans[i, 0] // TILE, spans[i, 1] // TILE + 1):
+                if not wanted[tile_y, tile_x]:
+                    continue
                 tile = tile_y * tiles_x + tile_x
                 position = cursors[tile]
                 cursors[tile] = position + 1

@@ -35,12 +35,20 @@ P1, P2, P3, P4, P5, P6 = (
 MIN_EXPONENT = F(-8)  # below 1/255, so such alphas are dropped anyway
 
 
-def forward(bins: Bins, colors: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Blends colors [N, C], C 1 or 3, over black. Returns the image [H, W, C] and alpha [H, W]."""
-    image = np.empty((bins.height, bins.width, colors.shape[1]), np.float32)
-    alpha = np.empty((bins.height, bins.width), np.float32)
+def forward(
+    bins: Bins, colors: np.ndarray, still: tuple[np.ndarray, np.ndarray] | None = None
+) -> tuple[np.ndarray, np.ndarray]:
+    """Blends colors [N, C], C 1 or 3, over black. Returns the image [H, W, C] and alpha [H, W].
+
+    still: an image and alpha to keep where the bins want no tile.
+    """
+    if still is None:
+        image = np.empty((bins.height, bins.width, colors.shape[1]), np.float32)
+        alpha = np.empty((bins.height, bins.width), np.float32)
+    else:
+        image, alpha = still[0].copy(), still[1].copy()
     kernel = _forward_1 if colors.shape[1] == 1 else _forward_3
-    kernel(bins.splats, bins.spans, colors, bins.offsets, bins.ids, _balanced(bins.offsets), image, alpha, _scratch())
+    kernel(bins.splats, bins.spans, colors, bins.offsets, bins.ids, _balanced(bins), image, alpha, _scratch())
     return image, alpha
 
 
@@ -60,7 +68,7 @@ def backward(
     n, channels = colors.shape
     pairs = np.empty((len(bins.ids), 6 + channels), np.float32)
     kernel = _backward_1 if channels == 1 else _backward_3
-    tiles = (bins.offsets, bins.ids, bins.slots, _balanced(bins.offsets))
+    tiles = (bins.offsets, bins.ids, bins.slots, _balanced(bins))
     kernel(bins.splats, bins.spans, colors, *tiles, image, alpha, d_image, d_alpha, pairs, _scratch())
     d_means2d, d_conics = np.empty((n, 2), np.float32), np.empty((n, 3), np.float32)
     d_opacities, d_colors = np.empty(n, np.float32), np.empty((n, channels), np.float32)
@@ -68,9 +76,10 @@ def backward(
     return d_means2d, d_conics, d_opacities, d_colors
 
 
-def _balanced(offsets: np.ndarray) -> np.ndarray:
-    """All tiles, fullest first, dealt out so that the contiguous share each thread takes holds about equal work."""
-    fullest_first = np.argsort(offsets[:-1] - offsets[1:], kind="stable")
+def _balanced(bins: Bins) -> np.ndarray:
+    """The wanted tiles, fullest first, dealt out so that the contiguous share each thread takes holds about equal work."""
+    fullest_first = np.argsort(bins.offsets[:-1] - bins.offsets[1:], kind="stable")
+    fullest_first = fullest_first[bins.wanted.ravel()[fullest_first]]
     threads = numba.get_num_threads()
     return np.concatenate([fullest_first[k::threads] for k in range(threads)])
 
