@@ -92,6 +92,14 @@ class Capture(ABC):
             raise CaptureError(
                 f"{self.path}: {len(names)} cameras ({', '.join(names) or 'none'}); at least {MIN_CAMERAS} are needed."
             )
+        if len(set(names)) < len(names):
+            raise CaptureError(f"{self.path}: two cameras have the same name, among {', '.join(names)}.")
+        sizes = {(c.width, c.height): c.name for c in self.cameras}
+        if len(sizes) > 1:
+            found = ", ".join(f"{name} {width}x{height}" for (width, height), name in sizes.items())
+            raise CaptureError(
+                f"{self.path}: the cameras have different sizes ({found}). Bring them to one size first."
+            )
         unknown = [n for n in self.held_out if n not in names]
         if unknown:
             raise CaptureError(

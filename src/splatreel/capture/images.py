@@ -4,7 +4,9 @@ from __future__ import annotations
 
 from pathlib import Path
 
+import av
 import numpy as np
+from av.video.reformatter import Interpolation
 from PIL import Image, UnidentifiedImageError
 
 from splatreel.errors import CaptureError
@@ -16,29 +18,23 @@ def image_size(path: Path) -> tuple[int, int]:
         with Image.open(path) as image:
             return image.size
     except (OSError, UnidentifiedImageError) as error:
-        raise CaptureError(
-            f"{path}: cannot be read as an image ({error}). Replace the file or leave it out."
-        ) from error
+        raise _unreadable(path, error) from error
 
 
 def read_image(path: Path, width: int, height: int) -> np.ndarray:
-    """An image file resized to width x height by area, uint8 [height, width, 3] sRGB."""
+    """An image file resized by area to width x height, uint8 [height, width, 3] sRGB."""
     try:
         with Image.open(path) as image:
-            return resize(image.convert("RGB"), width, height)
+            pixels = np.asarray(image.convert("RGB"))
     except (OSError, UnidentifiedImageError, Image.DecompressionBombError) as error:
-        raise CaptureError(
-            f"{path}: cannot be read as an image ({error}). Replace the file or leave it out."
-        ) from error
+        raise _unreadable(path, error) from error
+    if pixels.shape[:2] == (height, width):
+        return pixels
+    frame = av.VideoFrame.from_ndarray(pixels, format="rgb24")  # the same resampling as for videos
+    return frame.reformat(width, height, "rgb24", interpolation=Interpolation.AREA).to_ndarray()
 
 
-def resize(image: Image.Image, width: int, height: int) -> np.ndarray:
-    """Resampled with a filter as wide as an output pixel.
-
-    At whole ratios that is the mean over the pixel's area. Pillow's box filter takes input pixels whole, which shifts edges
-    by up to half of one at other ratios, so those use the smooth window nearest to it.
-    """
-    if image.size != (width, height):
-        whole = image.width % width == 0 and image.height % height == 0
-        image = image.resize((width, height), Image.Resampling.BOX if whole else Image.Resampling.HAMMING)
-    return np.asarray(image)
+def _unreadable(path: Path, error: Exception) -> CaptureError:
+    if not path.exists():
+        return CaptureError(f"{path}: is missing, though the capture's description names it. Copy it there.")
+    return CaptureError(f"{path}: cannot be read as an image ({error}). Replace the file or leave it out.")

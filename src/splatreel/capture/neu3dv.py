@@ -56,7 +56,7 @@ class Neu3DVCapture(Capture):
         default = sidecar.get("held_out", [HELD_OUT] if HELD_OUT in counts else [])
         super().__init__(
             path,
-            _same_size(path, cameras),
+            cameras,
             held_out=default if request.held_out is None else request.held_out,
             frame_range=request.range(min(counts.values(), default=0), path),
             fps=sidecar.get("fps") or next(iter(self._videos.values())).fps or 30.0,
@@ -119,14 +119,6 @@ def _camera(path: Path, video: VideoFile, row: np.ndarray) -> Camera:
     viewmat[:3, 3] = -rotation @ center
     K = np.array([[focal, 0, width / 2], [0, focal, height / 2], [0, 0, 1]])
     return Camera(video.path.stem, viewmat, K, round(width), round(height)).resized(video.width, video.height)
-
-
-def _same_size(path: Path, cameras: list[Camera]) -> list[Camera]:
-    sizes = {(c.width, c.height): c.name for c in cameras}
-    if len(sizes) > 1:
-        found = ", ".join(f"{name} {w}x{h}" for (w, h), name in sizes.items())
-        raise CaptureError(f"{path}: the videos have different sizes ({found}); bring them to one size first.")
-    return cameras
 
 
 def _read_sidecar(file: Path) -> dict:

@@ -2,6 +2,7 @@
 
 It shares nothing with the splatting code, so that a reconstruction is judged against something that knows no Gaussians.
 What stands still is traced once a camera; a frame then traces only the rays, and the shadow rays, that may meet what moves.
+The kernels run on one thread without the interpreter lock: cameras are traced in parallel.
 World and camera conventions are those of `scene.camera`; lengths are world units, colours linear 0..1.
 """
 
@@ -11,7 +12,7 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit, prange
+from numba import njit
 
 from splatreel.capture.textures import MIRROR, albedo
 from splatreel.scene.camera import Camera
@@ -292,10 +293,10 @@ def _look(still, light, s, ox, oy, oz, dx, dy, dz):
     return distance, mirror, (x, y, z), (tr * ar, tg * ag, tb * ab), (tr * r, tg * g, tb * b)
 
 
-@njit(cache=True, error_model="numpy", parallel=True)
+@njit(cache=True, error_model="numpy", nogil=True)
 def _trace_still(camera, light, still, samples):
     height, width, count, _ = samples.shape
-    for row in prange(height):
+    for row in range(height):
         for col in range(width):
             for s in range(count):
                 dx, dy, dz = _ray(camera, row, col, s)
@@ -351,10 +352,10 @@ def _sample(camera, light, still, moving, samples, row, col, s):
     return r + ar, g + ag, b + ab
 
 
-@njit(cache=True, error_model="numpy", parallel=True)
+@njit(cache=True, error_model="numpy", nogil=True)
 def _trace_frame(camera, light, still, moving, samples, pixels, image):
     height, width, count, _ = samples.shape
-    for row in prange(height):
+    for row in range(height):
         for col in range(width):
             if _unchanged(camera, light, moving, pixels, row, col):
                 for k in range(3):
@@ -367,10 +368,10 @@ def _trace_frame(camera, light, still, moving, samples, pixels, image):
             image[row, col, 0], image[row, col, 1], image[row, col, 2] = red / count, green / count, blue / count
 
 
-@njit(cache=True, error_model="numpy", parallel=True)
+@njit(cache=True, error_model="numpy", nogil=True)
 def _trace_cover(camera, moving, counts, samples, cover, distance):
     height, width, count, _ = samples.shape
-    for row in prange(height):
+    for row in range(height):
         for col in range(width):
             for s in range(count):
                 dx, dy, dz = _ray(camera, row, col, s)

@@ -7,9 +7,12 @@ import math
 import os
 import shutil
 import tempfile
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from concurrent.futures import ThreadPoolExecutor
 from fractions import Fraction
+from itertools import count
 from pathlib import Path
+from threading import Event
 from typing import Literal
 
 import av
@@ -125,19 +128,37 @@ def _is_made_by(path: Path, recipe: dict) -> bool:
 
 
 def _write(folder: Path, recipe: dict, progress: Callable[[float], None]) -> None:
-    """All files of the capture, one camera after the other."""
-    fps, frames, seed = recipe["fps"], recipe["frames"], recipe["seed"]
+    """All files of the capture; the cameras are filmed in parallel."""
     cameras = make_cameras(recipe["width"], recipe["height"])
-    still = toyroom.standing(seed)
-    for c, camera in enumerate(cameras):
-        seen = trace_still(camera, still, toyroom.LIGHT)
-        with _VideoWriter(folder / f"{camera.name}.mp4", camera, fps) as video:
-            for t in range(frames):
-                video.add(trace_frame(camera, seen, still, toyroom.moving(t / fps), toyroom.LIGHT))
-                progress((c * frames + t + 1) / (len(cameras) * frames))
+    total, done, stop = len(cameras) * recipe["frames"], count(1), Event()
+
+    def film(camera: Camera) -> None:
+        for _ in _film(folder, camera, recipe):
+            progress(next(done) / total)
+            if stop.is_set():
+                return
+
+    with ThreadPoolExecutor(os.cpu_count()) as pool:
+        try:
+            for job in [pool.submit(film, camera) for camera in cameras]:
+                job.result()
+        except BaseException:  # Ctrl-C reaches this thread only
+            stop.set()
+            pool.shutdown(wait=False, cancel_futures=True)
+            raise
     np.save(folder / "poses_bounds.npy", np.stack([_llff_row(c) for c in cameras]))
-    sidecar = {"held_out": list(HELD_OUT), "fps": fps, "made_by": recipe}
+    sidecar = {"held_out": list(HELD_OUT), "fps": recipe["fps"], "made_by": recipe}
     (folder / SIDECAR).write_text(json.dumps(sidecar, indent=2) + "\n", encoding="utf-8")
+
+
+def _film(folder: Path, camera: Camera, recipe: dict) -> Iterator[int]:
+    """Write one camera's video; yields the number of each frame as it is written."""
+    still = toyroom.standing(recipe["seed"])
+    seen = trace_still(camera, still, toyroom.LIGHT)
+    with _VideoWriter(folder / f"{camera.name}.mp4", camera, recipe["fps"]) as video:
+        for t in range(recipe["frames"]):
+            video.add(trace_frame(camera, seen, still, toyroom.moving(t / recipe["fps"]), toyroom.LIGHT))
+            yield t
 
 
 def _llff_row(camera: Camera) -> np.ndarray:
@@ -156,7 +177,7 @@ class _VideoWriter:
         self._stream = self._container.add_stream("libx264", rate=Fraction(fps))
         self._stream.width, self._stream.height, self._stream.pix_fmt = camera.width, camera.height, "yuv444p"
         self._stream.codec_context.thread_count = 1
-        self._stream.codec_context.options = {"crf": "10", "preset": "medium", "g": str(fps), "flags": "+bitexact"}
+        self._stream.codec_context.options = {"crf": "6", "preset": "medium", "g": str(fps), "flags": "+bitexact"}
 
     def __enter__(self) -> _VideoWriter:
         return self

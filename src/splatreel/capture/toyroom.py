@@ -41,8 +41,8 @@ class _Builder:
     def add(
         self,
         kind: int,
-        position: tuple[float, float, float],
-        half: tuple[float, float, float],
+        position: tuple[float, ...],
+        half: tuple[float, ...],
         colors: tuple[Color, ...],
         texture: int = tx.SOLID,
         scale: float = 1.0,
@@ -235,7 +235,7 @@ def _plane(b: _Builder, t: float) -> None:
 
     b.body()
 
-    def part(kind: int, at: tuple[float, float, float], half: tuple[float, float, float], *rest, **more) -> None:
+    def part(kind: int, at: tuple[float, float, float], half: tuple[float, ...], *rest, **more) -> None:
         b.add(kind, tuple(place + frame @ at), half, *rest, turn=frame, **more)
 
     part(ELLIPSOID, (0, 0, 0), (0.36, 0.095, 0.09), (YELLOW, RED), tx.STRIPES, 30.0)
@@ -252,7 +252,7 @@ def _train(b: _Builder, t: float) -> None:
 
     b.body()
 
-    def part(kind: int, at: tuple[float, float, float], half: tuple[float, float, float], *rest, **more) -> None:
+    def part(kind: int, at: tuple[float, float, float], half: tuple[float, ...], *rest, **more) -> None:
         b.add(kind, (x + at[0], at[1], 0.22 + at[2]), half, *rest, **more)
 
     part(BOX, (0, 0.14, 0), (0.36, 0.04, 0.13), (BLACK,))
