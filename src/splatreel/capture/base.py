@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+import math
 from abc import ABC, abstractmethod
 from dataclasses import dataclass
 from pathlib import Path
@@ -35,6 +36,8 @@ class Request:
         if self.width is not None and self.scale is not None:
             raise CaptureError(f"{path}: both width {self.width} and scale {self.scale} were given; give one of them.")
         scale = self.width / width if self.width is not None else self.scale if self.scale is not None else 1.0
+        if not 0 < scale < math.inf:
+            raise CaptureError(f"{path}: cannot be resized by {scale}; width and scale must be positive numbers.")
         out = round(width * scale), round(height * scale)
         if min(out) < 1:
             raise CaptureError(

@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 import math
 import os
-import shutil
 import tempfile
 from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
@@ -108,15 +107,15 @@ def make_capture(
         raise CaptureError(
             f"{path}: exists and is not the built-in capture of {recipe}. Remove it or choose another folder."
         )
-    path.parent.mkdir(parents=True, exist_ok=True)
-    temporary = Path(tempfile.mkdtemp(prefix=f".{path.name}.", dir=path.parent))
     try:
-        _write(temporary, recipe, progress or (lambda share: None))
-        temporary.chmod(0o755)
-        os.replace(temporary, path)
-    except BaseException:
-        shutil.rmtree(temporary, ignore_errors=True)
-        raise
+        path.parent.mkdir(parents=True, exist_ok=True)
+        with tempfile.TemporaryDirectory(prefix=f".{path.name}.", dir=path.parent) as temporary:
+            folder = Path(temporary) / path.name
+            folder.mkdir()
+            _write(folder, recipe, progress or (lambda share: None))
+            os.replace(folder, path)
+    except OSError as error:
+        raise CaptureError(f"{path}: cannot be written ({error}). Free some space or choose another folder.") from error
     return path
 
 

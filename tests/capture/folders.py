@@ -1,0 +1,115 @@
+"""Tiny captures of every format, with known content."""
+
+import json
+from pathlib import Path
+
+import av
+import numpy as np
+from PIL import Image
+
+from splatreel.scene.camera import Camera
+
+WIDTH, HEIGHT, FRAMES = 32, 24, 12
+
+
+def cameras(count: int = 4) -> list[Camera]:
+    """Cameras on an arc round the origin, each turned about its own axis as well."""
+    made = []
+    for c in range(count):
+        angle, roll = 0.3 * (c - count / 2), 0.1 * c
+        turn = np.array([[np.cos(angle), 0, np.sin(angle)], [0, 1, 0], [-np.sin(angle), 0, np.cos(angle)]])
+        lean = np.array([[np.cos(roll), -np.sin(roll), 0], [np.sin(roll), np.cos(roll), 0], [0, 0, 1]])
+        viewmat = np.eye(4)
+        viewmat[:3, :3] = lean @ turn
+        viewmat[:3, 3] = [0.1 * c, -0.05, 4.0]
+        K = np.array([[40.0, 0, WIDTH / 2], [0, 40.0, HEIGHT / 2], [0, 0, 1]])
+        made.append(Camera(f"cam{c:02d}", viewmat, K, WIDTH, HEIGHT))
+    return made
+
+
+def frame(camera: int, number: int, width: int = WIDTH, height: int = HEIGHT) -> np.ndarray:
+    """A flat image whose colour says which camera and which frame it is; uint8 [height, width, 3]."""
+    return np.full((height, width, 3), (20 + 15 * number, 40 + 40 * camera, 128), np.uint8)
+
+
+def which(image: np.ndarray) -> tuple[int, int]:
+    """(camera, frame) by the colour of an image that `frame` made."""
+    red, green, _ = image.reshape(-1, 3).mean(0)
+    return round((green - 40) / 40), round((red - 20) / 15)
+
+
+def write_video(path: Path, images: list[np.ndarray], options: dict[str, str] | None = None) -> None:
+    """H.264 with B-frames and a keyframe every five frames."""
+    with av.open(str(path), "w", options=options or {}) as container:
+        stream = container.add_stream("libx264", rate=30)
+        stream.height, stream.width = images[0].shape[:2]
+        stream.pix_fmt = "yuv444p"
+        stream.codec_context.options = {"crf": "1", "g": "5", "bf": "2", "preset": "ultrafast", "b-adapt": "0"}
+        for image in images:
+            container.mux(stream.encode(av.VideoFrame.from_ndarray(image, format="rgb24")))
+        container.mux(stream.encode(None))
+
+
+def llff(cameras: list[Camera]) -> np.ndarray:
+    """poses_bounds rows [C, 17] by the format's definition, from each camera's matrix of camera to world."""
+    rows = []
+    for camera in cameras:
+        world = np.linalg.inv(camera.viewmat.astype(np.float64))
+        right, down, forward, center = world[:3].T
+        matrix = np.stack([down, right, -forward, center, [camera.height, camera.width, camera.K[0, 0]]], 1)
+        rows.append([*matrix.ravel(), 1.5, 9.0])
+    return np.array(rows)
+
+
+def neu3dv(folder: Path, count: int = 4, frames: int = FRAMES) -> Path:
+    folder.mkdir()
+    for c, camera in enumerate(cameras(count)):
+        write_video(folder / f"{camera.name}.mp4", [frame(c, t) for t in range(frames)])
+    np.save(folder / "poses_bounds.npy", llff(cameras(count)))
+    return folder
+
+
+def panoptic(folder: Path, frames: int = 5) -> Path:
+    """Training cameras 1, 2, 12 and test camera 10."""
+    views = cameras()
+    for file, members in (("train_meta.json", {1: 0, 2: 1, 12: 2}), ("test_meta.json", {10: 3})):
+        meta = {
+            "w": WIDTH,
+            "h": HEIGHT,
+            "k": [[views[c].K.tolist() for c in members.values()]] * frames,
+            "w2c": [[views[c].viewmat.tolist() for c in members.values()]] * frames,
+            "fn": [[f"{name}/{t:06d}.png" for name in members] for t in range(frames)],
+            "cam_id": [list(members)] * frames,
+        }
+        folder.mkdir(exist_ok=True)
+        (folder / file).write_text(json.dumps(meta))
+        for name, c in members.items():
+            (folder / "ims" / str(name)).mkdir(parents=True)
+            for t in range(frames):
+                Image.fromarray(frame(c, t)).save(folder / "ims" / str(name) / f"{t:06d}.png")
+    return folder
+
+
+def colmap(folder: Path, model: str = "PINHOLE", params: str = "80 80 32 24", images: str = "images_2") -> Path:
+    """A text model for 64x48 whose images are 32x24 and differ in extension."""
+    sparse = folder / "sparse" / "0"
+    sparse.mkdir(parents=True)
+    (sparse / "cameras.txt").write_text(f"1 {model} 64 48 {params}\n")
+    lines = []
+    (folder / images).mkdir()
+    for c, camera in enumerate(cameras()):
+        translation = " ".join(str(x) for x in camera.viewmat[:3, 3])
+        w, x, y, z = _quaternion(camera.viewmat[:3, :3])
+        lines += [f"{c + 1} {w} {x} {y} {z} {translation} 1 view/{camera.name}.png", ""]
+        (folder / images / "view").mkdir(exist_ok=True)
+        Image.fromarray(frame(c, 0)).save(folder / images / "view" / f"{camera.name}.jpg", quality=95)
+    (sparse / "images.txt").write_text("\n".join(lines) + "\n")
+    (sparse / "points3D.txt").write_text("1 0.5 -0.25 1.0 255 51 0 0.7\n7 0 0 0 0 255 102 0.1\n")
+    return folder
+
+
+def _quaternion(rotation: np.ndarray) -> np.ndarray:
+    """wxyz of a rotation by less than half a turn."""
+    w = np.sqrt(1 + np.trace(rotation)) / 2
+    x, y, z = (rotation[[2, 0, 1], [1, 2, 0]] - rotation[[1, 2, 0], [2, 0, 1]]) / (4 * w)
+    return np.array([w, x, y, z])

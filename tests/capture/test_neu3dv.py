@@ -1,0 +1,148 @@
+import json
+import shutil
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from splatreel.capture.opening import open_capture
+from splatreel.errors import CaptureError
+from tests.capture import folders
+
+
+@pytest.fixture(scope="module")
+def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return folders.neu3dv(tmp_path_factory.mktemp("neu3dv") / "scene")
+
+
+@pytest.fixture
+def scene(made: Path, tmp_path: Path) -> Path:
+    """A copy to be spoiled."""
+    return shutil.copytree(made, tmp_path / "scene")
+
+
+def test_cameras_are_those_that_were_written(made: Path) -> None:
+    capture = open_capture(made)
+    for found, written in zip(capture.cameras, folders.cameras(), strict=True):
+        assert found.name == written.name
+        np.testing.assert_allclose(found.viewmat, written.viewmat, atol=1e-6)
+        np.testing.assert_allclose(found.K, written.K, atol=1e-5)
+
+
+def test_what_the_format_says_is_taken(made: Path) -> None:
+    capture = open_capture(made)
+    assert (capture.frames, capture.fps, capture.near, capture.held_out) == (folders.FRAMES, 30.0, 1.5, ["cam00"])
+    assert [c.name for c in capture.training_cameras] == ["cam01", "cam02", "cam03"]
+
+
+def test_frames_are_counted_within_the_range_and_cameras_come_in_the_order_asked_for(made: Path) -> None:
+    capture = open_capture(made, frames=(3, 11))
+    images = capture.read(2, 4, ["cam02", "cam00"])
+    assert images.shape == (4, 2, folders.HEIGHT, folders.WIDTH, 3)
+    assert [[folders.which(image) for image in step] for step in images] == [[(2, t), (0, t)] for t in range(5, 9)]
+
+
+def test_a_smaller_size_scales_the_cameras_too(made: Path) -> None:
+    capture = open_capture(made, scale=0.5)
+    assert (capture.width, capture.height) == (16, 12)
+    np.testing.assert_allclose(capture.camera("cam01").K[0], [20, 0, 8], atol=1e-5)
+    assert capture.read(0, 1, ["cam01"]).shape == (1, 1, 12, 16, 3)
+
+
+def test_poses_for_another_size_of_the_same_shape_are_scaled(scene: Path) -> None:
+    poses = np.load(scene / "poses_bounds.npy")
+    poses[:, [4, 9, 14]] *= 2
+    np.save(scene / "poses_bounds.npy", poses)
+    np.testing.assert_allclose(open_capture(scene).cameras[0].K, folders.cameras()[0].K, atol=1e-5)
+
+
+def test_the_note_beside_the_videos_says_what_is_held_out(scene: Path) -> None:
+    (scene / "splatreel.json").write_text(json.dumps({"held_out": ["cam02"], "fps": 25}))
+    assert open_capture(scene).held_out == ["cam02"]
+    assert open_capture(scene).fps == 25
+    assert open_capture(scene, held_out=[]).held_out == []
+
+
+@pytest.mark.parametrize("content", ["[]", "{", '{"held_out": "cam00"}', '{"fps": -1}', '{"fps": null}'])
+def test_a_bad_note_is_named(scene: Path, content: str) -> None:
+    (scene / "splatreel.json").write_text(content)
+    with pytest.raises(CaptureError, match=r"splatreel\.json"):
+        open_capture(scene)
+
+
+def test_a_missing_video_is_counted(scene: Path) -> None:
+    (scene / "cam02.mp4").unlink()
+    with pytest.raises(CaptureError, match=r"3 videos .* but 4 rows in poses_bounds\.npy.* add the missing videos"):
+        open_capture(scene)
+
+
+def test_an_extra_video_is_counted(scene: Path) -> None:
+    shutil.copy(scene / "cam02.mp4", scene / "cam09.mp4")
+    with pytest.raises(CaptureError, match=r"5 videos .* but 4 rows"):
+        open_capture(scene)
+
+
+def test_videos_without_poses_are_told_so(scene: Path) -> None:
+    (scene / "poses_bounds.npy").unlink()
+    with pytest.raises(CaptureError, match=r"poses_bounds\.npy: is missing"):
+        open_capture(scene)
+
+
+def test_unequal_frame_counts_name_both_and_the_way_out(scene: Path) -> None:
+    folders.write_video(scene / "cam03.mp4", [folders.frame(3, t) for t in range(9)])
+    with pytest.raises(CaptureError, match=r"cam03\.mp4 has 9, cam00\.mp4 has 12.*--frames 0:9"):
+        open_capture(scene)
+    assert open_capture(scene, frames=(0, 9)).frames == 9
+    with pytest.raises(CaptureError, match="frames 0:10 were asked for, the capture has frames 0:9"):
+        open_capture(scene, frames=(0, 10))
+
+
+@pytest.mark.parametrize("value", [np.nan, np.inf])
+def test_poses_that_are_no_numbers_name_the_camera(scene: Path, value: float) -> None:
+    poses = np.load(scene / "poses_bounds.npy")
+    poses[2, 3] = value
+    np.save(scene / "poses_bounds.npy", poses)
+    with pytest.raises(CaptureError, match=r"poses_bounds\.npy: row 2 .*NaN or infinity"):
+        open_capture(scene)
+
+
+@pytest.mark.parametrize(
+    "poses", [np.zeros((4, 15)), np.zeros((4, 3, 5)), np.zeros(17), np.zeros((4, 17), complex), np.full((4, 17), "a")]
+)
+def test_poses_of_the_wrong_shape_say_which(scene: Path, poses: np.ndarray) -> None:
+    np.save(scene / "poses_bounds.npy", poses)
+    with pytest.raises(CaptureError, match=r"poses_bounds\.npy: has shape .* expected \[cameras, 17\]"):
+        open_capture(scene)
+
+
+def test_poses_that_are_no_array_file_are_named(scene: Path) -> None:
+    np.save(scene / "poses_bounds.npy", np.array([{"a": 1}], dtype=object), allow_pickle=True)
+    with pytest.raises(CaptureError, match=r"poses_bounds\.npy: is not a NumPy array"):
+        open_capture(scene)
+
+
+def test_axes_that_are_no_rotation_are_refused(scene: Path) -> None:
+    poses = np.load(scene / "poses_bounds.npy")
+    poses[1, :15] = 3.0
+    np.save(scene / "poses_bounds.npy", poses)
+    with pytest.raises(CaptureError, match=r"row of cam01\.mp4 is no LLFF pose"):
+        open_capture(scene)
+
+
+def test_poses_for_another_aspect_ratio_are_refused(scene: Path) -> None:
+    poses = np.load(scene / "poses_bounds.npy")
+    poses[:, 4] *= 1.5
+    np.save(scene / "poses_bounds.npy", poses)
+    with pytest.raises(CaptureError, match=r"cam00\.mp4: is 32x24, but .* 32x36"):
+        open_capture(scene)
+
+
+def test_videos_of_different_sizes_are_refused(scene: Path) -> None:
+    folders.write_video(scene / "cam01.mp4", [folders.frame(1, t, 64, 48) for t in range(folders.FRAMES)])
+    with pytest.raises(CaptureError, match=r"different sizes .*64x48"):
+        open_capture(scene)
+
+
+def test_two_cameras_are_too_few(tmp_path: Path) -> None:
+    with pytest.raises(CaptureError, match=r"2 cameras \(cam00, cam01\); at least 3"):
+        open_capture(folders.neu3dv(tmp_path / "scene", count=2, frames=2))

@@ -1,0 +1,17 @@
+from pathlib import Path
+
+import pytest
+
+from splatreel.capture.opening import open_capture
+from splatreel.errors import CaptureError
+
+
+@pytest.mark.parametrize("make", [True, False], ids=["empty folder", "no folder"])
+def test_what_was_looked_for_is_listed(tmp_path: Path, make: bool) -> None:
+    path = tmp_path / "nothing"
+    if make:
+        path.mkdir()
+    with pytest.raises(CaptureError) as error:
+        open_capture(path)
+    for name in (str(path), "poses_bounds.npy", "train_meta.json", "cameras.bin"):
+        assert name in str(error.value)

@@ -1,0 +1,54 @@
+import threading
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from splatreel.capture.base import Capture
+from splatreel.capture.prefetch import FramePrefetcher
+from splatreel.errors import CaptureError
+from tests.capture import folders
+
+
+class Watched(Capture):
+    """Counts its reads; frame 20 cannot be read."""
+
+    def __init__(self) -> None:
+        super().__init__(Path("a"), folders.cameras(), held_out=[], frame_range=(0, 30))
+        self.begun: list[int] = []
+        self.ahead = threading.Event()
+
+    def _read_into(self, out: np.ndarray, first: int, cameras: list[str]) -> None:
+        self.begun.append(first)
+        if len(self.begun) == 2:
+            self.ahead.set()
+        if first <= 20 < first + len(out):
+            raise CaptureError("frame 20 is damaged")
+        out[:] = np.arange(first, first + len(out)).reshape(-1, 1, 1, 1, 1)
+
+
+def test_stretches_come_in_order_and_overlap_as_asked() -> None:
+    with FramePrefetcher(Watched(), ["cam01"], [(0, 6), (5, 6), (10, 4)]) as frames:
+        firsts = [(len(part), int(part[0, 0, 0, 0, 0])) for part in frames]
+    assert firsts == [(6, 0), (6, 5), (4, 10)]
+
+
+def test_exactly_one_stretch_is_decoded_ahead() -> None:
+    source = Watched()
+    with FramePrefetcher(source, ["cam01"], [(0, 2), (2, 2), (4, 2)]) as frames:
+        next(iter(frames))
+        assert source.ahead.wait(10)
+    assert source.begun == [0, 2]
+
+
+def test_an_error_comes_where_its_stretch_is_used() -> None:
+    with FramePrefetcher(Watched(), ["cam01"], [(0, 5), (18, 5)]) as frames:
+        parts = iter(frames)
+        assert len(next(parts)) == 5
+        with pytest.raises(CaptureError, match="frame 20"):
+            next(parts)
+
+
+def test_nothing_asked_for_is_nothing() -> None:
+    with FramePrefetcher(Watched(), ["cam01"], []) as frames:
+        assert list(frames) == []

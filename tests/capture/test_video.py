@@ -1,0 +1,97 @@
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from splatreel.capture.video import VideoFile
+from splatreel.errors import CaptureError
+from tests.capture import folders
+
+FRAMES = folders.FRAMES
+
+
+@pytest.fixture(scope="module")
+def video(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    path = tmp_path_factory.mktemp("video") / "cam01.mp4"
+    folders.write_video(path, [folders.frame(1, t) for t in range(FRAMES)])
+    return path
+
+
+def read(
+    video: VideoFile, first: int, count: int, width: int = folders.WIDTH, height: int = folders.HEIGHT
+) -> np.ndarray:
+    out = np.empty((count, height, width, 3), np.uint8)
+    video.read_into(out, first)
+    return out
+
+
+def test_frames_and_size_are_known_without_decoding(video: Path) -> None:
+    file = VideoFile(video)
+    assert (file.frames, file.width, file.height, file.fps) == (FRAMES, 32, 24, 30.0)
+
+
+@settings(deadline=None, max_examples=30)
+@given(st.lists(st.tuples(st.integers(0, FRAMES - 1), st.integers(1, FRAMES)), min_size=1, max_size=6))
+def test_any_order_of_reads_gives_the_frames_asked_for(video: Path, reads: list[tuple[int, int]]) -> None:
+    file = VideoFile(video)
+    for first, count in reads:
+        count = min(count, FRAMES - first)
+        images = read(file, first, count)
+        assert [folders.which(image) for image in images] == [(1, first + t) for t in range(count)]
+    file.close()
+
+
+def test_frames_are_read_one_by_one_to_the_last(video: Path) -> None:
+    file = VideoFile(video)
+    assert [folders.which(read(file, t, 1)[0])[1] for t in range(FRAMES)] == list(range(FRAMES))
+
+
+def test_a_frame_is_resized_to_the_mean_of_each_area(tmp_path: Path) -> None:
+    rng = np.random.default_rng(0)
+    coarse = rng.integers(60, 190, (12, 16, 3))
+    detail = np.tile([[[20], [-20]], [[-20], [20]]], (12, 16, 1))  # a mean of nothing in every square of four
+    image = (coarse.repeat(2, 0).repeat(2, 1) + detail).astype(np.uint8)
+    folders.write_video(tmp_path / "a.mp4", [image])
+    small = read(VideoFile(tmp_path / "a.mp4"), 0, 1, 16, 12)[0]
+    assert np.abs(small.astype(int) - coarse).max() <= 6
+
+
+def test_frames_outside_the_video_are_refused(video: Path) -> None:
+    with pytest.raises(CaptureError, match=r"cam01\.mp4: frames 10:13 asked for, the video has 12"):
+        read(VideoFile(video), 10, 3)
+
+
+@pytest.mark.parametrize("options", [{}, {"movflags": "faststart"}], ids=["index at the end", "index first"])
+@pytest.mark.parametrize("share", [0.0, 0.3, 0.7, 0.95])
+def test_a_truncated_video_is_named(tmp_path: Path, options: dict[str, str], share: float) -> None:
+    path = tmp_path / "cam03.mp4"
+    rng = np.random.default_rng(0)
+    folders.write_video(path, [rng.integers(0, 255, (24, 32, 3), np.uint8) for _ in range(FRAMES)], options)
+    content = path.read_bytes()
+    path.write_bytes(content[: int(share * len(content))])
+    with pytest.raises(CaptureError, match=r"cam03\.mp4.*truncated"):
+        VideoFile(path)
+
+
+def test_damaged_frames_are_an_error_and_the_others_can_still_be_read(tmp_path: Path) -> None:
+    path = tmp_path / "cam04.mp4"
+    rng = np.random.default_rng(0)
+    folders.write_video(path, [rng.integers(0, 255, (24, 32, 3), np.uint8) for _ in range(FRAMES)])
+    content = bytearray(path.read_bytes())
+    middle = content.index(b"mdat") + 2 * len(content) // 3
+    content[middle : middle + 3000] = b"\x00" * 3000
+    path.write_bytes(content)
+    file = VideoFile(path)
+    with pytest.raises(CaptureError, match=r"cam04\.mp4"):
+        read(file, 0, FRAMES)
+    assert read(file, 0, 2).shape == (2, 24, 32, 3)
+
+
+@pytest.mark.parametrize("content", [b"", b"not a video at all" * 100])
+def test_something_else_than_a_video_is_named(tmp_path: Path, content: bytes) -> None:
+    path = tmp_path / "cam05.mp4"
+    path.write_bytes(content)
+    with pytest.raises(CaptureError, match=r"cam05\.mp4: cannot be decoded"):
+        VideoFile(path)
