@@ -4,22 +4,23 @@ import numpy as np
 import pytest
 
 from splatreel.capture import raytracer as rt
+from splatreel.capture import solids as sd
 from splatreel.capture import toyroom
 from splatreel.capture.synthetic import make_cameras
 from splatreel.capture.textures import MIRROR
 from splatreel.scene.camera import Camera
 
-NOTHING = rt.Shapes(np.zeros((0, rt.SOLID_COLUMNS)), np.zeros((0, rt.BODY_COLUMNS)))
+NOTHING = sd.Shapes(np.zeros((0, sd.SOLID_COLUMNS)), np.zeros((0, sd.BODY_COLUMNS)))
 
 
 def solid(
     kind: int, position: tuple[float, float, float], half: tuple[float, float, float], texture: int = 0
-) -> rt.Shapes:
-    row = np.zeros(rt.SOLID_COLUMNS)
-    row[[rt.KIND, rt.TEXTURE, rt.SCALE, rt.REACH]] = kind, texture, 1, np.linalg.norm(half)
-    row[rt.POSITION : rt.POSITION + 3], row[rt.HALF : rt.HALF + 3] = position, half
-    row[rt.ROTATION : rt.ROTATION + 9], row[rt.COLORS :] = np.eye(3).ravel(), 0.5
-    return rt.Shapes(row[None], np.array([[*position, np.linalg.norm(half), 0, 1, 1]]))
+) -> sd.Shapes:
+    row = np.zeros(sd.SOLID_COLUMNS)
+    row[[sd.KIND, sd.TEXTURE, sd.SCALE, sd.REACH]] = kind, texture, 1, np.linalg.norm(half)
+    row[sd.POSITION : sd.POSITION + 3], row[sd.HALF : sd.HALF + 3] = position, half
+    row[sd.ROTATION : sd.ROTATION + 9], row[sd.COLORS :] = np.eye(3).ravel(), 0.5
+    return sd.Shapes(row[None], np.array([[*position, np.linalg.norm(half), 0, 1, 1]]))
 
 
 def front(size: int = 65) -> Camera:
@@ -29,18 +30,18 @@ def front(size: int = 65) -> Camera:
     return Camera("front", viewmat, [[size, 0, size / 2], [0, size, size / 2], [0, 0, 1]], size, size)
 
 
-def together(a: rt.Shapes, b: rt.Shapes) -> rt.Shapes:
+def together(a: sd.Shapes, b: sd.Shapes) -> sd.Shapes:
     moved = b.bodies.copy()
-    moved[:, [rt.FIRST, rt.END]] += len(a.solids)
-    return rt.Shapes(np.concatenate([a.solids, b.solids]), np.concatenate([a.bodies, moved]))
+    moved[:, [sd.FIRST, sd.END]] += len(a.solids)
+    return sd.Shapes(np.concatenate([a.solids, b.solids]), np.concatenate([a.bodies, moved]))
 
 
 @pytest.mark.parametrize(
     ("kind", "depth", "area"),
     [
-        (rt.BOX, 4 - 0.5, 1.0 * 0.8 / 3.5**2),  # its front face as seen from 3.5
-        (rt.ELLIPSOID, 4 - 0.5, math.pi * 0.5 * 0.4 / (16 - 0.25)),
-        (rt.CYLINDER, 4 - 0.5, None),
+        (sd.BOX, 4 - 0.5, 1.0 * 0.8 / 3.5**2),  # its front face as seen from 3.5
+        (sd.ELLIPSOID, 4 - 0.5, math.pi * 0.5 * 0.4 / (16 - 0.25)),
+        (sd.CYLINDER, 4 - 0.5, None),
     ],
 )
 def test_a_solid_has_the_distance_and_the_outline_it_must_have(kind: int, depth: float, area: float | None) -> None:
@@ -56,7 +57,7 @@ def test_what_moves_looks_as_if_it_had_always_been_there() -> None:
     """A frame that reuses what stands still, and skips what cannot change, equals one traced anew, mirror and shadows included."""
     camera, light = make_cameras(96, 72)[3], toyroom.LIGHT
     still, moving = toyroom.standing(0), toyroom.moving(0.7)
-    moving.solids[:, rt.OCCLUSION] = 0  # what moves does not darken the ambient light of what stands
+    moving.solids[:, sd.OCCLUSION] = 0  # what moves does not darken the ambient light of what stands
     everything = together(still, moving)
     fast = rt.trace_frame(camera, rt.trace_still(camera, still, light), still, moving, light)
     slow = rt.trace_frame(camera, rt.trace_still(camera, everything, light), everything, NOTHING, light)
@@ -67,10 +68,10 @@ def test_what_moves_looks_as_if_it_had_always_been_there() -> None:
 
 
 def test_a_mirror_shows_what_stands_before_it() -> None:
-    mirror = solid(rt.BOX, (0, 0, 0), (1, 1, 0.1), MIRROR)
-    mirror.solids[:, rt.COLORS :] = 1.0
-    red = solid(rt.ELLIPSOID, (0, 0, 6), (1, 1, 1))
-    red.solids[:, rt.COLORS :] = [1, 0, 0] * 3
+    mirror = solid(sd.BOX, (0, 0, 0), (1, 1, 0.1), MIRROR)
+    mirror.solids[:, sd.COLORS :] = 1.0
+    red = solid(sd.ELLIPSOID, (0, 0, 6), (1, 1, 1))
+    red.solids[:, sd.COLORS :] = [1, 0, 0] * 3
     image = rt.trace_frame(front(), rt.trace_still(front(), mirror, toyroom.LIGHT), mirror, red, toyroom.LIGHT)
     inside, outside = image[32, 32].astype(int), image[12, 32].astype(int)
     assert inside[0] > 100
@@ -79,7 +80,7 @@ def test_a_mirror_shows_what_stands_before_it() -> None:
 
 
 def test_a_shadow_falls_away_from_the_lamp() -> None:
-    floor, ball = solid(rt.BOX, (0, -0.6, 0), (5, 0.1, 5)), solid(rt.ELLIPSOID, (0, 0, 0), (0.3, 0.3, 0.3))
+    floor, ball = solid(sd.BOX, (0, -0.6, 0), (5, 0.1, 5)), solid(sd.ELLIPSOID, (0, 0, 0), (0.3, 0.3, 0.3))
     light = np.array([4.0, 4.0, 0.0])
     seen = rt.trace_still(front(), floor, light)
     before = rt.trace_frame(front(), seen, floor, NOTHING, light).astype(int)

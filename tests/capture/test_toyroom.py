@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 
 from splatreel.capture import toyroom
-from splatreel.capture.raytracer import END, FIRST, OCCLUSION, POSITION, REACH, trace_cover, trace_still
+from splatreel.capture.raytracer import trace_cover, trace_still
+from splatreel.capture.solids import END, FIRST, OCCLUSION, POSITION, REACH
 from splatreel.capture.synthetic import make_cameras
 from splatreel.scene.camera import Camera
 

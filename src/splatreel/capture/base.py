@@ -7,6 +7,7 @@ import math
 from abc import ABC, abstractmethod
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -15,6 +16,10 @@ from splatreel.scene.camera import Camera
 
 MIN_CAMERAS = 3
 """Fewer cameras do not fix the geometry of a scene."""
+MIN_SIDE = 8
+"""Pixels; smaller images show nothing that cameras could agree on."""
+FAR_OFF = 1e4
+"""A camera this many times as far from the others as they are apart has a broken pose."""
 
 
 @dataclass(frozen=True)
@@ -38,10 +43,13 @@ class Request:
         scale = self.width / width if self.width is not None else self.scale if self.scale is not None else 1.0
         if not 0 < scale < math.inf:
             raise CaptureError(f"{path}: cannot be resized by {scale}; width and scale must be positive numbers.")
+        if not math.isfinite(scale):
+            raise CaptureError(f"{path}: images cannot be scaled by {scale}. Give a positive number, such as 0.5.")
         out = round(width * scale), round(height * scale)
-        if min(out) < 1:
+        if min(out) < MIN_SIDE:
             raise CaptureError(
-                f"{path}: {width}x{height} cannot be resized to {out[0]}x{out[1]}; ask for a larger size."
+                f"{path}: {width}x{height} cannot be resized to {out[0]}x{out[1]}; ask for a larger size, "
+                f"at least {MIN_SIDE} pixels each way."
             )
         return out
 
@@ -93,7 +101,8 @@ class Capture(ABC):
         names = [c.name for c in self.cameras]
         if len(names) < MIN_CAMERAS:
             raise CaptureError(
-                f"{self.path}: {len(names)} cameras ({', '.join(names) or 'none'}); at least {MIN_CAMERAS} are needed."
+                f"{self.path}: {len(names)} cameras ({', '.join(names) or 'none'}); at least {MIN_CAMERAS} are needed. "
+                f"Add the missing ones with their poses."
             )
         if len(set(names)) < len(names):
             raise CaptureError(f"{self.path}: two cameras have the same name, among {', '.join(names)}.")
@@ -110,6 +119,25 @@ class Capture(ABC):
             )
         if not self.training_cameras:
             raise CaptureError(f"{self.path}: all {len(names)} cameras are held out; leave some to train on.")
+        if not (math.isfinite(self.fps) and self.fps > 0):
+            raise CaptureError(f"{self.path}: has {self.fps} frames a second; correct the number in its files.")
+        self._check_places()
+
+    def _check_places(self) -> None:
+        """Poses that are finite, but of no rig of cameras."""
+        centers = np.stack([c.center for c in self.cameras]).astype(np.float64)
+        gaps = np.linalg.norm(centers - np.median(centers, 0), axis=1)
+        if gaps.max() <= 1e-6 * np.abs(centers).max():
+            raise CaptureError(
+                f"{self.path}: all {len(gaps)} cameras stand in one place, {centers[0].round(3).tolist()}, where they see no "
+                f"depth. Check their poses."
+            )
+        if gaps.max() > FAR_OFF * np.median(gaps) > 0:
+            lost = int(gaps.argmax())
+            raise CaptureError(
+                f"{self.path}: camera {self.cameras[lost].name!r} stands {gaps[lost]:.3g} units away from the others, which "
+                f"are {np.median(gaps):.3g} apart. Correct its pose or leave the camera out."
+            )
 
     @property
     def training_cameras(self) -> list[Camera]:
@@ -153,14 +181,39 @@ class Capture(ABC):
     def close(self) -> None:  # noqa: B027 - most formats hold nothing open
         """Release open files; reading again reopens them."""
 
-    def fingerprint(self) -> str:
-        """A short stable string that changes with the cameras, the size, the frames or what is held out.
+    def _files(self) -> list[Path]:
+        """The files that are read, whose sizes belong to the fingerprint."""
+        return []
 
-        A run that continues compares it: checkpoints of another capture do not fit. It does not depend on where the capture lies.
+    def fingerprint(self) -> str:
+        """A short stable string that changes with the cameras, the frames, what is held out, or the files.
+
+        A run that continues compares it: checkpoints of another capture do not fit. It does not depend on where the capture
+        lies. Files are compared by their sizes: two takes of one rig differ in nothing else. Raises `CaptureError` where a file is
+        missing.
         """
         digest = hashlib.sha256()
         digest.update(repr((self.name, self.first_frame, self.frames, self.fps, sorted(self.held_out))).encode())
         for camera in self.cameras:
             digest.update(repr((camera.name, camera.width, camera.height)).encode())
             digest.update(camera.viewmat.tobytes() + camera.K.tobytes())
+        for file in self._files():
+            try:
+                digest.update(repr((file.name, file.stat().st_size)).encode())
+            except OSError as error:
+                raise CaptureError(
+                    f"{file}: cannot be read ({error.strerror}). Put the file back or leave the camera out."
+                ) from error
         return digest.hexdigest()[:16]
+
+    def describe(self) -> dict[str, Any]:
+        """What a person calls different about two captures, and the fingerprint for the rest; plain JSON values."""
+        return {
+            "name": self.name,
+            "frames": f"{self.first_frame}:{self.first_frame + self.frames}",
+            "fps": self.fps,
+            "size": f"{self.width}x{self.height}",
+            "held_out": sorted(self.held_out),
+            "cameras": [camera.name for camera in self.cameras],
+            "fingerprint": self.fingerprint(),
+        }

@@ -70,6 +70,9 @@ class Neu3DVCapture(Capture):
             for job in jobs:
                 job.result()
 
+    def _files(self) -> list[Path]:
+        return [video.path for video in self._videos.values()]
+
     def close(self) -> None:
         for video in self._videos.values():
             video.close()
@@ -84,13 +87,19 @@ def _read_poses(file: Path) -> np.ndarray:
     try:
         poses = np.load(file, allow_pickle=False)
     except (OSError, ValueError, EOFError) as error:
-        raise CaptureError(f"{file}: is not a NumPy array file ({error}).") from error
+        raise CaptureError(
+            f"{file}: is not a NumPy array file ({error}). Copy it again; LLFF's imgs2poses makes one."
+        ) from error
     if poses.ndim != 2 or poses.shape[1] != 17 or poses.dtype.kind not in "fiu":
-        raise CaptureError(f"{file}: has shape {poses.shape} of {poses.dtype}, expected [cameras, 17] numbers (LLFF).")
+        raise CaptureError(
+            f"{file}: has shape {poses.shape} of {poses.dtype}, expected [cameras, 17] numbers (LLFF). Make it again with LLFF's "
+            f"imgs2poses: 3x5 pose, near and far in a row."
+        )
     bad = ~np.isfinite(poses).all(1)
     if bad.any():
         raise CaptureError(
-            f"{file}: row {int(bad.argmax())} (camera {int(bad.argmax())} by name) holds NaN or infinity."
+            f"{file}: row {int(bad.argmax())} (counted from 0, as the videos by name) holds NaN or infinity. Estimate the pose "
+            f"again, or remove the row and its video."
         )
     return poses.astype(np.float64)
 
@@ -108,7 +117,7 @@ def _camera(path: Path, video: VideoFile, row: np.ndarray) -> Camera:
     ):
         raise CaptureError(
             f"{path / POSES}: the row of {video.path.name} is no LLFF pose: its axes are not a rotation, or its height, width "
-            f"and focal length {height:g}, {width:g}, {focal:g} are not positive."
+            f"and focal length {height:g}, {width:g}, {focal:g} are not positive. Estimate the poses again with LLFF's imgs2poses."
         )
     if abs(width / height * video.height / video.width - 1) > 0.02:
         raise CaptureError(

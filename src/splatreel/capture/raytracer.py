@@ -1,4 +1,4 @@
-"""A small ray tracer for the built-in capture: boxes, ellipsoids and cylinders, matte or mirror, under one soft light.
+"""A small ray tracer for the built-in capture: matte and mirroring solids under one soft light.
 
 It shares nothing with the splatting code, so that a reconstruction is judged against something that knows no Gaussians.
 What stands still is traced once a camera; a frame then traces only the rays, and the shadow rays, that may meet what moves.
@@ -14,39 +14,29 @@ from typing import NamedTuple
 import numpy as np
 from numba import njit
 
-from splatreel.capture.textures import MIRROR, albedo
+from splatreel.capture.solids import (
+    FAR,
+    HALF,
+    OCCLUSION,
+    POSITION,
+    TEXTURE,
+    Shapes,
+    blocked,
+    meets,
+    nearest,
+    surface,
+    three,
+)
+from splatreel.capture.textures import MIRROR
 from splatreel.scene.camera import Camera
 
-BOX, ELLIPSOID, CYLINDER = 0, 1, 2
 SAMPLES = 3
 """Rays along an edge of a pixel."""
-FAR = 1e9
-EPSILON = 1e-4
 LIGHT_SIZE = 0.5
 
-
-# Columns of Shapes.solids. One array, not one an attribute: numba passes arrays by value, and calls would cost more than rays.
-KIND, TEXTURE, SCALE, PHASE, OCCLUSION, REACH = range(6)
-POSITION, HALF, ROTATION, COLORS, SOLID_COLUMNS = 6, 9, 12, 21, 30
-# Columns of Shapes.bodies.
-CENTER, RADIUS, FIRST, END, SHADOWS, BODY_COLUMNS = 0, 3, 4, 5, 6, 7
 # Columns of Still.samples and Still.pixels.
 DEPTH, MIRRORED, POINT, AMBIENT, DIRECT, SAMPLE_COLUMNS = 0, 1, 2, 5, 8, 11
 PLAIN, MIDDLE, SPREAD, PIXEL_COLUMNS = 0, 3, 6, 7
-
-
-class Shapes(NamedTuple):
-    """Solids, sorted by the body they are part of.
-
-    solids: [N, 30] float64: KIND; TEXTURE with its SCALE and PHASE; OCCLUSION, how strongly it darkens the ambient light around
-    it; REACH, the radius of the sphere around it; POSITION [3]; HALF [3] extents (a cylinder's axis is y); ROTATION [3 x 3] local
-    to world; COLORS [3 x 3], three linear colours.
-    bodies: [B, 7] float64: CENTER [3] and RADIUS of a sphere around its solids, the FIRST solid and the END, and whether it SHADOWS
-    anything.
-    """
-
-    solids: np.ndarray
-    bodies: np.ndarray
 
 
 class Still(NamedTuple):
@@ -62,140 +52,12 @@ class Still(NamedTuple):
 
 
 @njit(cache=True, error_model="numpy")
-def _three(array, i, k):
-    """Three neighbouring numbers; a slice would cost a reference count that all threads share."""
-    return array[i, k], array[i, k + 1], array[i, k + 2]
-
-
-@njit(cache=True, error_model="numpy")
-def _to_local(shapes, i, x, y, z):
-    R, k = shapes.solids, ROTATION
-    return (
-        R[i, k] * x + R[i, k + 3] * y + R[i, k + 6] * z,
-        R[i, k + 1] * x + R[i, k + 4] * y + R[i, k + 7] * z,
-        R[i, k + 2] * x + R[i, k + 5] * y + R[i, k + 8] * z,
-    )
-
-
-@njit(cache=True, error_model="numpy")
-def _slab(o, d, half, low, high):
-    """The part [low, high] of a ray's parameter for which |o + t d| <= half, on one axis."""
-    if abs(d) < 1e-12:
-        return (low, high) if abs(o) <= half else (FAR, -FAR)
-    a, b = (-half - o) / d, (half - o) / d
-    return max(low, min(a, b)), min(high, max(a, b))
-
-
-@njit(cache=True, error_model="numpy")
-def _hit(shapes, i, ox, oy, oz, dx, dy, dz):
-    """Distance along a unit ray to solid i from outside it, or FAR."""
-    p, half, reach = _three(shapes.solids, i, POSITION), _three(shapes.solids, i, HALF), shapes.solids[i, REACH]
-    ox, oy, oz = ox - p[0], oy - p[1], oz - p[2]
-    along = ox * dx + oy * dy + oz * dz
-    if along > reach or ox * ox + oy * oy + oz * oz - along * along > reach * reach:
-        return FAR
-    ox, oy, oz = _to_local(shapes, i, ox, oy, oz)
-    dx, dy, dz = _to_local(shapes, i, dx, dy, dz)
-    low, high = -FAR, FAR
-    if shapes.solids[i, KIND] == BOX:
-        low, high = _slab(ox, dx, half[0], low, high)
-        low, high = _slab(oy, dy, half[1], low, high)
-        low, high = _slab(oz, dz, half[2], low, high)
-    else:
-        ox, oz, dx, dz = ox / half[0], oz / half[2], dx / half[0], dz / half[2]
-        a, b, c = dx * dx + dz * dz, ox * dx + oz * dz, ox * ox + oz * oz - 1
-        if shapes.solids[i, KIND] == ELLIPSOID:
-            oy, dy = oy / half[1], dy / half[1]
-            a, b, c = a + dy * dy, b + oy * dy, c + oy * oy
-        else:
-            low, high = _slab(oy, dy, half[1], low, high)
-        if a > 1e-12:
-            root = b * b - a * c
-            if root <= 0:
-                return FAR
-            root = math.sqrt(root)
-            low, high = max(low, (-b - root) / a), min(high, (-b + root) / a)
-        elif c > 0:
-            return FAR
-    return low if low <= high and low > EPSILON else FAR
-
-
-@njit(cache=True, error_model="numpy")
-def _meets(shapes, body, ox, oy, oz, dx, dy, dz, limit, margin, widening):
-    """Whether a ray may meet a body's sphere, grown by margin + widening * distance, before `limit`."""
-    c = _three(shapes.bodies, body, CENTER)
-    cx, cy, cz = c[0] - ox, c[1] - oy, c[2] - oz
-    along = cx * dx + cy * dy + cz * dz
-    radius = shapes.bodies[body, RADIUS] + margin + widening * max(along, 0.0)
-    return along > -radius and along - radius < limit and cx * cx + cy * cy + cz * cz - along * along < radius * radius
-
-
-@njit(cache=True, error_model="numpy")
-def _nearest(shapes, ox, oy, oz, dx, dy, dz, limit):
-    """(distance, index) of the first solid before `limit`; index -1 if there is none."""
-    best, index = limit, -1
-    for body in range(len(shapes.bodies)):
-        if _meets(shapes, body, ox, oy, oz, dx, dy, dz, best, 0.0, 0.0):
-            for i in range(int(shapes.bodies[body, FIRST]), int(shapes.bodies[body, END])):
-                t = _hit(shapes, i, ox, oy, oz, dx, dy, dz)
-                if t < best:
-                    best, index = t, i
-    return best, index
-
-
-@njit(cache=True, error_model="numpy")
-def _blocked(shapes, ox, oy, oz, dx, dy, dz, limit):
-    """Whether any solid lies on a ray before `limit`."""
-    for body in range(len(shapes.bodies)):
-        if shapes.bodies[body, SHADOWS] > 0 and _meets(shapes, body, ox, oy, oz, dx, dy, dz, limit, 0.0, 0.0):
-            for i in range(int(shapes.bodies[body, FIRST]), int(shapes.bodies[body, END])):
-                if _hit(shapes, i, ox, oy, oz, dx, dy, dz) < limit:
-                    return True
-    return False
-
-
-@njit(cache=True, error_model="numpy")
-def _normal(shapes, i, x, y, z):
-    """Outward unit normal in local coordinates at a local point of the surface."""
-    h = _three(shapes.solids, i, HALF)
-    if shapes.solids[i, KIND] == ELLIPSOID:
-        nx, ny, nz = x / (h[0] * h[0]), y / (h[1] * h[1]), z / (h[2] * h[2])
-    elif shapes.solids[i, KIND] == CYLINDER:
-        if abs(y) > h[1] - 1e-6:
-            return 0.0, math.copysign(1.0, y), 0.0
-        nx, ny, nz = x / (h[0] * h[0]), 0.0, z / (h[2] * h[2])
-    else:
-        ax, ay, az = abs(x) / h[0], abs(y) / h[1], abs(z) / h[2]
-        if ax >= ay and ax >= az:
-            return math.copysign(1.0, x), 0.0, 0.0
-        if ay >= az:
-            return 0.0, math.copysign(1.0, y), 0.0
-        return 0.0, 0.0, math.copysign(1.0, z)
-    norm = math.sqrt(nx * nx + ny * ny + nz * nz)
-    return nx / norm, ny / norm, nz / norm
-
-
-@njit(cache=True, error_model="numpy")
-def _surface(shapes, i, x, y, z):
-    """World normal and albedo at a world point on solid i."""
-    a, R = shapes.solids, ROTATION
-    x, y, z = _to_local(shapes, i, x - a[i, POSITION], y - a[i, POSITION + 1], z - a[i, POSITION + 2])
-    nx, ny, nz = _normal(shapes, i, x, y, z)
-    half, palette = _three(a, i, HALF), (_three(a, i, COLORS), _three(a, i, COLORS + 3), _three(a, i, COLORS + 6))
-    r, g, b = albedo(a[i, TEXTURE], x, y, z, nx, ny, nz, half, palette, a[i, SCALE], a[i, PHASE])
-    wx = a[i, R] * nx + a[i, R + 1] * ny + a[i, R + 2] * nz
-    wy = a[i, R + 3] * nx + a[i, R + 4] * ny + a[i, R + 5] * nz
-    wz = a[i, R + 6] * nx + a[i, R + 7] * ny + a[i, R + 8] * nz
-    return wx, wy, wz, r, g, b
-
-
-@njit(cache=True, error_model="numpy")
 def _openness(shapes, me, x, y, z, nx, ny, nz):
     """Share of the ambient light that the other solids leave: each counts as the sphere of its extent."""
     light = 1.0
     for i in range(len(shapes.solids)):
         if i != me and shapes.solids[i, OCCLUSION] > 0:
-            p, h = _three(shapes.solids, i, POSITION), _three(shapes.solids, i, HALF)
+            p, h = three(shapes.solids, i, POSITION), three(shapes.solids, i, HALF)
             cx, cy, cz = p[0] - x, p[1] - y, p[2] - z
             d2 = cx * cx + cy * cy + cz * cz
             r2 = (h[0] * h[1] + h[1] * h[2] + h[2] * h[0]) / 3
@@ -224,7 +86,7 @@ def _lit(still, shapes, i, me, light, sample, x, y, z):
 
     me: the solid's index among the standing ones, which it does not darken itself, or -1.
     """
-    nx, ny, nz, r, g, b = _surface(shapes, i, x, y, z)
+    nx, ny, nz, r, g, b = surface(shapes, i, x, y, z)
     open_sky = _openness(still, me, x, y, z, nx, ny, nz)
     up = 0.5 + 0.5 * ny
     ar, ag, ab = open_sky * (0.30 + 0.16 * up), open_sky * (0.27 + 0.21 * up), open_sky * (0.25 + 0.27 * up)
@@ -232,7 +94,7 @@ def _lit(still, shapes, i, me, light, sample, x, y, z):
     cosine = nx * sx + ny * sy + nz * sz
     power = 0.0
     if cosine > 0:
-        power = 0.0 if _blocked(still, x, y, z, sx, sy, sz, distance) else cosine
+        power = 0.0 if blocked(still, x, y, z, sx, sy, sz, distance) else cosine
     return r * ar, g * ag, b * ab, r * power * 1.02, g * power * 0.93, b * power * 0.80
 
 
@@ -242,7 +104,7 @@ def _shade(still, moving, i, light, sample, x, y, z):
     ar, ag, ab, r, g, b = _lit(still, moving, i, -1, light, sample, x, y, z)
     if r + g + b > 0:
         sx, sy, sz, distance = _lamp(light, sample, x, y, z)
-        if _blocked(moving, x, y, z, sx, sy, sz, distance):
+        if blocked(moving, x, y, z, sx, sy, sz, distance):
             r, g, b = 0.0, 0.0, 0.0
     return ar + r, ag + g, ab + b
 
@@ -269,7 +131,7 @@ def _sky(dy):
 @njit(cache=True, error_model="numpy")
 def _reflect(still, i, x, y, z, dx, dy, dz):
     """Direction after mirror i, and the mirror's tint."""
-    nx, ny, nz, r, g, b = _surface(still, i, x, y, z)
+    nx, ny, nz, r, g, b = surface(still, i, x, y, z)
     k = 2 * (dx * nx + dy * ny + dz * nz)
     return dx - k * nx, dy - k * ny, dz - k * nz, r, g, b
 
@@ -277,14 +139,14 @@ def _reflect(still, i, x, y, z, dx, dy, dz):
 @njit(cache=True, error_model="numpy")
 def _look(still, light, s, ox, oy, oz, dx, dy, dz):
     """(distance, mirror, point, ambient, direct) of what a ray sees of the standing solids; a mirror in a mirror shows the sky."""
-    distance, i = _nearest(still, ox, oy, oz, dx, dy, dz, FAR)
+    distance, i = nearest(still, ox, oy, oz, dx, dy, dz, FAR)
     x, y, z = ox + distance * dx, oy + distance * dy, oz + distance * dz
     tr, tg, tb, t, mirror = 1.0, 1.0, 1.0, distance, -1
     if i >= 0 and still.solids[i, TEXTURE] == MIRROR:
         mirror = i
         dx, dy, dz, tr, tg, tb = _reflect(still, i, x, y, z, dx, dy, dz)
         ox, oy, oz = x, y, z
-        t, i = _nearest(still, x, y, z, dx, dy, dz, FAR)
+        t, i = nearest(still, x, y, z, dx, dy, dz, FAR)
         x, y, z = ox + t * dx, oy + t * dy, oz + t * dz
     if i < 0 or still.solids[i, TEXTURE] == MIRROR:
         r, g, b = _sky(dy)
@@ -319,9 +181,9 @@ def _unchanged(camera, light, moving, pixels, row, col):
     widening = 1.2 / min(camera[5, 0], camera[5, 1])
     to_lamp = LIGHT_SIZE * 0.71 / distance
     for body in range(len(moving.bodies)):
-        if _meets(moving, body, camera[0, 0], camera[0, 1], camera[0, 2], dx, dy, dz, FAR, 0.0, widening):
+        if meets(moving, body, camera[0, 0], camera[0, 1], camera[0, 2], dx, dy, dz, FAR, 0.0, widening):
             return False
-        if _meets(moving, body, x, y, z, sx, sy, sz, distance, pixels[row, col, SPREAD], to_lamp):
+        if meets(moving, body, x, y, z, sx, sy, sz, distance, pixels[row, col, SPREAD], to_lamp):
             return False
     return True
 
@@ -333,20 +195,20 @@ def _sample(camera, light, still, moving, samples, row, col, s):
     dx, dy, dz = _ray(camera, row, col, s)
     depth, mirror = samples[row, col, s, DEPTH], int(samples[row, col, s, MIRRORED])
     px, py, pz = samples[row, col, s, POINT], samples[row, col, s, POINT + 1], samples[row, col, s, POINT + 2]
-    t, i = _nearest(moving, ox, oy, oz, dx, dy, dz, depth)
+    t, i = nearest(moving, ox, oy, oz, dx, dy, dz, depth)
     tr, tg, tb = 1.0, 1.0, 1.0
     if i < 0 and mirror >= 0:
         ox, oy, oz = ox + depth * dx, oy + depth * dy, oz + depth * dz
         dx, dy, dz, tr, tg, tb = _reflect(still, mirror, ox, oy, oz, dx, dy, dz)
         limit = min(FAR, math.sqrt((px - ox) ** 2 + (py - oy) ** 2 + (pz - oz) ** 2))
-        t, i = _nearest(moving, ox, oy, oz, dx, dy, dz, limit)
+        t, i = nearest(moving, ox, oy, oz, dx, dy, dz, limit)
     if i >= 0:
         r, g, b = _shade(still, moving, i, light, s, ox + t * dx, oy + t * dy, oz + t * dz)
         return tr * r, tg * g, tb * b
     r, g, b = samples[row, col, s, DIRECT], samples[row, col, s, DIRECT + 1], samples[row, col, s, DIRECT + 2]
     if r + g + b > 0:
         sx, sy, sz, distance = _lamp(light, s, px, py, pz)
-        if _blocked(moving, px, py, pz, sx, sy, sz, distance):
+        if blocked(moving, px, py, pz, sx, sy, sz, distance):
             r, g, b = 0.0, 0.0, 0.0
     ar, ag, ab = samples[row, col, s, AMBIENT], samples[row, col, s, AMBIENT + 1], samples[row, col, s, AMBIENT + 2]
     return r + ar, g + ag, b + ab
@@ -376,7 +238,7 @@ def _trace_cover(camera, moving, counts, samples, cover, distance):
             for s in range(count):
                 dx, dy, dz = _ray(camera, row, col, s)
                 depth = samples[row, col, s, DEPTH]
-                t, i = _nearest(moving, camera[0, 0], camera[0, 1], camera[0, 2], dx, dy, dz, depth)
+                t, i = nearest(moving, camera[0, 0], camera[0, 1], camera[0, 2], dx, dy, dz, depth)
                 if i >= 0 and counts[i]:
                     cover[row, col] += 1 / count
                 forward = dx * camera[3, 0] + dy * camera[3, 1] + dz * camera[3, 2]

@@ -10,7 +10,7 @@ import math
 import numpy as np
 
 from splatreel.capture import textures as tx
-from splatreel.capture.raytracer import BOX, CYLINDER, ELLIPSOID, POSITION, REACH, ROTATION, Shapes
+from splatreel.capture.solids import BOX, CYLINDER, ELLIPSOID, POSITION, REACH, ROTATION, Shapes
 
 LIGHT = np.array([1.3, 4.6, 3.4])
 PLANE_ENTERS = 0.4
