@@ -16,8 +16,6 @@ from splatreel.scene.camera import Camera
 
 MIN_CAMERAS = 3
 """Fewer cameras do not fix the geometry of a scene."""
-MIN_SIDE = 8
-"""Pixels; smaller images show nothing that cameras could agree on."""
 FAR_OFF = 1e4
 """A camera this many times as far from the others as they are apart has a broken pose."""
 
@@ -43,13 +41,10 @@ class Request:
         scale = self.width / width if self.width is not None else self.scale if self.scale is not None else 1.0
         if not 0 < scale < math.inf:
             raise CaptureError(f"{path}: cannot be resized by {scale}; width and scale must be positive numbers.")
-        if not math.isfinite(scale):
-            raise CaptureError(f"{path}: images cannot be scaled by {scale}. Give a positive number, such as 0.5.")
         out = round(width * scale), round(height * scale)
-        if min(out) < MIN_SIDE:
+        if min(out) < 1:
             raise CaptureError(
-                f"{path}: {width}x{height} cannot be resized to {out[0]}x{out[1]}; ask for a larger size, "
-                f"at least {MIN_SIDE} pixels each way."
+                f"{path}: {width}x{height} cannot be resized to {out[0]}x{out[1]}; ask for a larger size."
             )
         return out
 
@@ -181,7 +176,7 @@ class Capture(ABC):
     def close(self) -> None:  # noqa: B027 - most formats hold nothing open
         """Release open files; reading again reopens them."""
 
-    def _files(self) -> list[Path]:
+    def sources(self) -> list[Path]:
         """The files that are read, whose sizes belong to the fingerprint."""
         return []
 
@@ -197,7 +192,7 @@ class Capture(ABC):
         for camera in self.cameras:
             digest.update(repr((camera.name, camera.width, camera.height)).encode())
             digest.update(camera.viewmat.tobytes() + camera.K.tobytes())
-        for file in self._files():
+        for file in self.sources():
             try:
                 digest.update(repr((file.name, file.stat().st_size)).encode())
             except OSError as error:

@@ -57,6 +57,9 @@ class ColmapCapture(Capture):
             point_colors=colors,
         )
 
+    def sources(self) -> list[Path]:
+        return [self._files[camera.name] for camera in self.cameras]
+
     def _read_into(self, out: np.ndarray, first: int, cameras: list[str]) -> None:
         for c, name in enumerate(cameras):
             out[0, c] = read_image(self._files[name], self.width, self.height)

@@ -11,6 +11,7 @@ import json
 import os
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
+from zipfile import BadZipFile
 
 import numpy as np
 
@@ -70,7 +71,7 @@ class Neu3DVCapture(Capture):
             for job in jobs:
                 job.result()
 
-    def _files(self) -> list[Path]:
+    def sources(self) -> list[Path]:
         return [video.path for video in self._videos.values()]
 
     def close(self) -> None:
@@ -86,7 +87,9 @@ def _read_poses(file: Path) -> np.ndarray:
         )
     try:
         poses = np.load(file, allow_pickle=False)
-    except (OSError, ValueError, EOFError) as error:
+        if not isinstance(poses, np.ndarray):
+            raise ValueError("an archive of several arrays")
+    except (OSError, ValueError, EOFError, SyntaxError, MemoryError, BadZipFile) as error:
         raise CaptureError(
             f"{file}: is not a NumPy array file ({error}). Copy it again; LLFF's imgs2poses makes one."
         ) from error
@@ -135,9 +138,13 @@ def _read_sidecar(file: Path) -> dict:
         return {}
     try:
         content = json.loads(file.read_text(encoding="utf-8"))
+        if not isinstance(content, dict):
+            raise ValueError("is not a JSON object")
         held_out, fps = content.get("held_out", []), content.get("fps", 30.0)
-        if not isinstance(held_out, list) or not all(isinstance(n, str) for n in held_out) or not float(fps) > 0:
-            raise ValueError("held_out must be a list of camera names, fps a positive number")
-    except (OSError, ValueError, TypeError, AttributeError) as error:
+        if not isinstance(held_out, list) or not all(isinstance(n, str) for n in held_out):
+            raise ValueError(f"held_out is {held_out!r:.100}, expected a list of camera names")
+        if isinstance(fps, bool) or not isinstance(fps, int | float) or not 0 < fps < float("inf"):
+            raise ValueError(f"fps is {fps!r:.100}, expected a positive number")
+    except (OSError, ValueError, RecursionError) as error:
         raise CaptureError(f"{file}: {error}. Correct it or remove it.") from error
     return content

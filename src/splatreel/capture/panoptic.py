@@ -56,6 +56,10 @@ class PanopticCapture(Capture):
             fps=FPS,
         )
 
+    def sources(self) -> list[Path]:
+        times = slice(self.first_frame, self.first_frame + self.frames)
+        return [self.path / "ims" / file for files in self._files.values() for file in files[times]]
+
     def _read_into(self, out: np.ndarray, first: int, cameras: list[str]) -> None:
         for c, name in enumerate(cameras):
             for t in range(len(out)):
