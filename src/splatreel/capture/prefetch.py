@@ -3,11 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from concurrent.futures import Future, ThreadPoolExecutor
+from concurrent.futures import CancelledError, Future, ThreadPoolExecutor
+from threading import Event
 
 import numpy as np
 
 from splatreel.capture.base import Capture
+
+CHUNK = 4
+"""Frames decoded before a thread looks whether it is still wanted: Ctrl-C does not wait for a whole stretch."""
 
 
 class FramePrefetcher:
@@ -20,11 +24,13 @@ class FramePrefetcher:
     def __init__(self, capture: Capture, cameras: list[str], stretches: list[tuple[int, int]]) -> None:
         self.capture, self.cameras, self.stretches = capture, cameras, stretches
         self._pool = ThreadPoolExecutor(1, thread_name_prefix="decode")
+        self._left = Event()
 
     def __enter__(self) -> FramePrefetcher:
         return self
 
     def __exit__(self, *_: object) -> None:
+        self._left.set()
         self._pool.shutdown(wait=True, cancel_futures=True)
 
     def __iter__(self) -> Iterator[np.ndarray]:
@@ -38,4 +44,14 @@ class FramePrefetcher:
     def _start(self, index: int) -> Future[np.ndarray] | None:
         if index >= len(self.stretches):
             return None
-        return self._pool.submit(self.capture.read, *self.stretches[index], self.cameras)
+        return self._pool.submit(self._read, *self.stretches[index])
+
+    def _read(self, first: int, count: int) -> np.ndarray:
+        source = self.capture
+        frames = np.empty((count, len(self.cameras), source.height, source.width, 3), np.uint8)
+        for begin in range(0, count, CHUNK):
+            if self._left.is_set():
+                raise CancelledError
+            part = min(CHUNK, count - begin)
+            frames[begin : begin + part] = source.read(first + begin, part, self.cameras)
+        return frames

@@ -32,6 +32,7 @@ def demo(
         frames: Length of the videos, 30 frames a second.
         seed: Seed of everything random.
     """
+    config = configure(quality, None, None, seed)
     from splatreel.capture.opening import open_capture
     from splatreel.capture.synthetic import make_capture
     from splatreel.evaluation.evaluate import evaluate
@@ -55,9 +56,7 @@ def demo(
         progress.update(100)
         filming = round(time.monotonic() - start, 3)
         capture = open_capture(folder)
-        result = sequence.reconstruct(
-            capture, out, configure(quality, None, None, seed), device=device, progress=progress
-        )
+        result = sequence.reconstruct(capture, out, config, device=device, progress=progress)
         report = evaluate(
             result.reel,
             capture,

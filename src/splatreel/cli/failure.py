@@ -4,15 +4,39 @@ from __future__ import annotations
 
 import errno
 import shlex
-from collections.abc import Sequence
+import signal
+import threading
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 
 from splatreel.errors import SplatreelError
 
 EXTRAS = {"torch": "recon", "cv2": "recon", "pycolmap": "recon", "gsplat": "cuda", "viser": "viewer", "ray": "cluster"}
 """Which extra of the package brings an optional module."""
 
-INTERRUPTED = 130
-"""What shells return for a program ended by Ctrl-C."""
+INTERRUPTED, TERMINATED = 130, 143
+"""What shells return for a program ended by Ctrl-C, and by SIGTERM."""
+
+
+class Terminated(KeyboardInterrupt):
+    """SIGTERM: `kill`, a batch system out of time, a container that is stopped. What handles Ctrl-C handles it too."""
+
+
+@contextmanager
+def termination() -> Iterator[None]:
+    """SIGTERM raises `Terminated`, so that what is open is closed. Only the main thread may ask for that; others go without."""
+    if threading.current_thread() is not threading.main_thread():
+        yield
+        return
+
+    def end(*_: object) -> None:
+        raise Terminated
+
+    before = signal.signal(signal.SIGTERM, end)
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGTERM, signal.SIG_DFL if before is None else before)
 
 
 def explain(error: BaseException, arguments: Sequence[str]) -> tuple[str, int] | None:
@@ -21,7 +45,8 @@ def explain(error: BaseException, arguments: Sequence[str]) -> tuple[str, int] |
     if isinstance(error, SplatreelError):
         return f"Error: {error}", error.exit_code
     if isinstance(error, KeyboardInterrupt):
-        return f"Interrupted. What is finished is kept; continue with the same command:\n  {command}", INTERRUPTED
+        code = TERMINATED if isinstance(error, Terminated) else INTERRUPTED
+        return f"Interrupted. What is finished is kept; continue with the same command:\n  {command}", code
     if _is_disk_full(error):
         where = getattr(error, "filename", None)
         place = f" while writing {where}" if where else ""

@@ -14,7 +14,7 @@ from splatreel.cli.demo import demo
 from splatreel.cli.encode import encode
 from splatreel.cli.evaluate import evaluate
 from splatreel.cli.export import export
-from splatreel.cli.failure import explain
+from splatreel.cli.failure import explain, termination
 from splatreel.cli.info import info
 from splatreel.cli.reconstruct import reconstruct
 from splatreel.cli.serve import serve, view
@@ -38,7 +38,7 @@ def build() -> SubcommandApp:
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Run one command line; returns the exit code: 0 for success only, 2 for wrong use, 130 after Ctrl-C."""
+    """Run one command line; returns the exit code: 0 for success only, 2 for wrong use, 130 after Ctrl-C, 143 after SIGTERM."""
     arguments = sys.argv[1:] if arguments is None else list(arguments)
     if arguments == ["--version"]:
         from splatreel import __version__
@@ -47,7 +47,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
         return 0
     quiet_threads()
     try:
-        build().cli(prog="splatreel", description=DESCRIPTION, args=arguments)
+        with termination():
+            build().cli(prog="splatreel", description=DESCRIPTION, args=arguments)
     except BrokenPipeError:
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())  # the reader left; say nothing at exit either
         return 1

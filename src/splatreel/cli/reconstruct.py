@@ -10,6 +10,7 @@ from tyro.conf import Positional
 
 from splatreel.cli.options import parse_frames, parse_names
 from splatreel.config import Config, Quality, preset
+from splatreel.errors import UsageError
 
 Device = Literal["auto", "cpu", "cuda"]
 Codec = Literal["h265"]
@@ -62,7 +63,9 @@ def reconstruct(
 
 
 def configure(quality: Quality, codec: Codec | None, deformation: Deformation | None, seed: int) -> Config:
-    """The preset of a quality with what the command line changes."""
+    """The preset of a quality with what the command line changes. Raises `UsageError` for a seed that is none."""
+    if not 0 <= seed < 1 << 32:
+        raise UsageError(f"--seed {seed} is out of range. Choose a whole number from 0 to {(1 << 32) - 1}.")
     config = dataclasses.replace(preset(quality), seed=seed)
     if codec is not None:
         config = dataclasses.replace(config, encode=dataclasses.replace(config.encode, codec=codec))

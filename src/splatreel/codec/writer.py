@@ -23,8 +23,9 @@ class ReelWriter:
     """Encodes layers and groups into the directory `path` and publishes each group in the manifest (docs/format.md).
 
     For every group, in order: `add_layer` if static points are born at it, then `add_group`. With `resume` the
-    groups already published are kept; to go on, start with any index up to their number (with its layer, if it has one): the
-    group of that index and all later ones are dropped. Without it, a reel that is already in `path` is dropped.
+    groups already published are kept, as far as their files are there; to go on, start with any index up to their number
+    (with its layer, if it has one): the group of that index and all later ones are dropped. Without it, a reel that is
+    already in `path` is dropped.
 
     fps: frames a second. bounds: [2, 3] box of the content. up: [3] unit. near: least depth to draw. camera: where a player starts.
     log_scales: False stores scales linearly, as the paper. Raises `ReelError` where files cannot be read or written.
@@ -68,8 +69,7 @@ class ReelWriter:
         published = self._published()
         if published:
             self._manifest = self._manifest.with_files(list(published.layers), list(published.groups))
-            if not resume:
-                self._drop_from(0)
+            self._drop_from(self._intact() if resume else 0)
 
     @property
     def manifest(self) -> Manifest:
@@ -128,7 +128,22 @@ class ReelWriter:
         except FileNotFoundError:
             return None
         except OSError as error:
-            raise ReelError(f"{file}: cannot be read ({error.strerror}).") from error
+            raise ReelError(f"{file}: cannot be read ({error.strerror}). Make it readable or delete it.") from error
+
+    def _intact(self) -> int:
+        """How many groups, from the first on, have all their files, in the length that the manifest says."""
+        files = (*self._manifest.layers, *self._manifest.groups)
+        broken = [entry.group for entry in files if self._size(entry.uri) != entry.bytes]
+        return min(broken, default=len(self._manifest.groups))
+
+    def _size(self, uri: str) -> int | None:
+        path = self.path / uri
+        try:
+            return path.stat().st_size
+        except FileNotFoundError:
+            return None
+        except OSError as error:
+            raise ReelError(f"{path}: cannot be read ({error.strerror}). Make it readable or delete it.") from error
 
     def _check_next(self, group: int) -> None:
         if not 0 <= group <= len(self._manifest.groups):

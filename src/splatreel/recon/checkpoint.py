@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 import json
-import os
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from safetensors import SafetensorError
-from safetensors.numpy import load_file, save_file
+from safetensors.numpy import load_file, save
 
+from splatreel.codec.container import write_atomically
 from splatreel.errors import ReconstructionError
 from splatreel.scene.gaussians import Gaussians
 
@@ -18,11 +18,8 @@ FIELDS = ("means", "quats", "scales", "opacities", "sh")
 
 
 def save_arrays(path: Path, arrays: dict[str, np.ndarray]) -> None:
-    """Write arrays to a safetensors file; the file appears whole or not at all."""
-    path.parent.mkdir(parents=True, exist_ok=True)
-    part = path.with_name(path.name + ".part")
-    save_file({name: np.ascontiguousarray(value) for name, value in arrays.items()}, str(part))
-    os.replace(part, path)
+    """Write arrays to a safetensors file; it appears whole or not at all. Raises `ReelError` where the disk refuses."""
+    write_atomically(path, save({name: np.ascontiguousarray(value) for name, value in arrays.items()}))
 
 
 def load_arrays(path: Path) -> dict[str, np.ndarray]:
@@ -42,14 +39,13 @@ def unpack(arrays: dict[str, np.ndarray], prefix: str = "") -> Gaussians:
 
 
 def save_json(path: Path, value: Any) -> None:
-    path.parent.mkdir(parents=True, exist_ok=True)
-    part = path.with_name(path.name + ".part")
-    part.write_text(json.dumps(value, indent=1, sort_keys=True) + "\n")
-    os.replace(part, path)
+    """Write JSON; the file appears whole or not at all. Raises `ReelError` where the disk refuses."""
+    write_atomically(path, (json.dumps(value, indent=1, sort_keys=True) + "\n").encode())
 
 
 def load_json(path: Path) -> Any:
+    """Raises `ReconstructionError` for a file that cannot be read."""
     try:
-        return json.loads(path.read_text())
+        return json.loads(path.read_text(encoding="utf-8"))
     except (OSError, ValueError) as error:
         raise ReconstructionError(f"{path}: cannot read this checkpoint ({error}). Delete it and run again.") from error

@@ -15,7 +15,12 @@ class CameraGains:
     def __init__(self, cameras: int, device: torch.device, enabled: bool = True, rate: float = 2e-3) -> None:
         self.values = torch.ones(cameras, 3, device=device, requires_grad=enabled)
         self.enabled = enabled
-        self._optimizer = torch.optim.Adam([self.values], lr=rate) if enabled else None
+        self._rate = rate
+        self.restart()
+
+    def restart(self) -> None:
+        """Forget the optimiser's momentum: a run continued from a checkpoint goes on as one that was never stopped."""
+        self._optimizer = torch.optim.Adam([self.values], lr=self._rate) if self.enabled else None
 
     def apply(self, image: Tensor, camera: int) -> Tensor:
         """image: [H, W, 3] as rendered; returns it as the camera would record it."""

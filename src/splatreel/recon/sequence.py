@@ -17,6 +17,7 @@ from splatreel.config import Config
 from splatreel.errors import ReconstructionError, UsageError
 from splatreel.progress import Progress, Silent
 from splatreel.recon import checkpoint
+from splatreel.recon.claim import Claim
 from splatreel.recon.colors import CameraGains
 from splatreel.recon.drawing import View
 from splatreel.recon.group import GroupFrames, GroupTrainer
@@ -24,6 +25,7 @@ from splatreel.recon.initialise import initial_points, near_plane
 from splatreel.recon.keyframe import KeyframeTrainer, Stage, starting_points
 from splatreel.recon.layering import Layers, label_points, separate
 from splatreel.recon.layout import Layout, measure
+from splatreel.recon.plan import Plan
 from splatreel.recon.points import TrainablePoints, default_rates
 from splatreel.recon.publish import (
     Publisher,
@@ -37,6 +39,10 @@ from splatreel.recon.publish import (
 )
 from splatreel.scene.gaussians import Gaussians
 from splatreel.scene.group import Group
+
+MIN_CAMERAS = 3
+MIN_SIDE = 8
+"""Pixels; smaller images show nothing that cameras could agree on."""
 
 
 @dataclass(frozen=True)
@@ -85,11 +91,29 @@ def reconstruct(
 ) -> Result:
     """Reconstruct a capture into OUT/reel, with checkpoints in OUT/work; the same call continues an interrupted run.
 
-    device: auto, cpu or cuda. Raises `ReconstructionError` when OUT belongs to another capture or configuration, `UsageError` for a
-    device that is not there, and what the capture raises for frames that cannot be read.
+    device: auto, cpu or cuda. Raises `ReconstructionError` when OUT belongs to another capture or configuration or is in use, or
+    a checkpoint is damaged, `UsageError` for a device that is not there, `ReelError` where the disk refuses, and what the
+    capture raises for frames that cannot be read. What is finished stays, whatever is raised.
     """
-    run = Reconstruction(capture, Path(out), config, pick_device(device), progress or Silent())
-    return run.run()
+    check_capture(capture)
+    chosen = pick_device(device)
+    with Claim(Path(out), capture, config) as claim:
+        return Reconstruction(capture, claim, config, chosen, progress or Silent()).run()
+
+
+def check_capture(capture: Capture) -> None:
+    """Raises `ReconstructionError` for a capture that can be read, but not reconstructed."""
+    count = len(capture.training_cameras)
+    if count < MIN_CAMERAS:
+        raise ReconstructionError(
+            f"{capture.path}: only {count} cameras are left to train on besides the held-out {', '.join(capture.held_out)}; "
+            f"at least {MIN_CAMERAS} are needed. Hold out fewer, or add cameras."
+        )
+    if min(capture.width, capture.height) < MIN_SIDE:
+        raise ReconstructionError(
+            f"{capture.path}: images of {capture.width}x{capture.height} pixels are too small, each side needs at least "
+            f"{MIN_SIDE}. Ask for a larger width or scale."
+        )
 
 
 def pick_device(name: str) -> torch.device:
@@ -104,17 +128,15 @@ def pick_device(name: str) -> torch.device:
 class Reconstruction:
     """One run. Its methods are the stages, in order."""
 
-    def __init__(self, capture: Capture, out: Path, config: Config, device: torch.device, progress: Progress) -> None:
-        self.capture, self.config, self.device, self.progress = capture, config, device, progress
+    def __init__(
+        self, capture: Capture, claim: Claim, config: Config, device: torch.device, progress: Progress
+    ) -> None:
+        self.capture, self.claim, self.config, self.device, self.progress = capture, claim, config, device, progress
         self.cameras = capture.training_cameras
-        if len(self.cameras) < 3:
-            raise ReconstructionError(
-                f"{capture.path}: only {len(self.cameras)} cameras are left to train on, at least 3 are needed."
-            )
         self.names = [camera.name for camera in self.cameras]
-        self.reel, self.work = out / "reel", out / "work"
+        self.reel, self.work = claim.reel, claim.work
         self.spans = spans(capture.frames, config.group.length, config.group.overlap)
-        self._claim()
+        self.plan = Plan([span.count for span in self.spans], config)
         self.seconds: dict[str, float] = self._load_seconds()
         self.gains = CameraGains(len(self.cameras), device, config.correct_colors)
 
@@ -125,7 +147,7 @@ class Reconstruction:
         scene = Scene(Gaussians.empty(self.config.keyframe.sh_degree), np.zeros(0, bool), Gaussians.empty())
         finished = finished_groups(self.work)
         for span in self.spans[:finished]:
-            scene = self._restore(span, publisher)
+            scene = self._restore(span, scene, publisher)
         todo = self.spans[finished:]
         with FramePrefetcher(self.capture, self.names, [(s.first, s.count) for s in todo]) as stretches:
             for span, frames in zip(todo, stretches, strict=True):
@@ -135,23 +157,24 @@ class Reconstruction:
 
     def _group(self, span: Span, scene: Scene, frames: np.ndarray, layout: Layout, writer: ReelWriter) -> Scene:
         """All stages of one group; returns the scene at the next keyframe."""
-        torch.manual_seed(self.config.seed + span.index)
         points = self._keyframe(span, scene, frames[0], layout)
         scene = Scene(scene.static, scene.alive, points)
         layers = self._layer(span, scene, frames, layout)
         scene = self._settle(span, scene, layers, writer)
         with self._timed("group"):
-            self.progress.stage(self._title(span, "motion"), self.config.group.iterations_per_frame * span.count)
+            iterations = self.config.group.iterations_per_frame * span.count
+            self.progress.stage(self._title(span, "motion"), iterations, self.plan.motion(span.index))
             data = GroupFrames(torch.from_numpy(frames).to(self.device), self._views(), layout.near, layout.unit)
             trainer = GroupTrainer(
                 data, scene.dynamic, scene.static, scene.alive, self.gains, self.config, self.config.seed + span.index
             )
             result = trainer.train(self.progress)
+            self.progress.update(iterations, dynamic=len(result.dynamic))
         result.dynamic.check_finite(f"Group {span.index}")
+        group = Group(span.index, span.first, result.dynamic, result.dx, result.dq, result.alive)
+        save_group(self.work, group)  # before it is published: what is in the reel is never trained again
         with self._timed("encode"):
-            group = Group(span.index, span.first, result.dynamic, result.dx, result.dq, result.alive)
             writer.add_group(group)
-        save_group(self.work, group)
         return self._hand_over(span, scene.static, group)
 
     def _keyframe(self, span: Span, scene: Scene, images: np.ndarray, layout: Layout) -> Gaussians:
@@ -166,7 +189,8 @@ class Reconstruction:
             iterations = config.first_iterations if first else config.refine_iterations
             if not first and len(scene.dynamic) == 0:
                 return scene.dynamic
-            self.progress.stage(self._title(span, "keyframe"), iterations)
+            self.progress.stage(self._title(span, "keyframe"), iterations, self.plan.keyframe(span.index))
+            self.gains.restart()
             trainer = self._keyframe_trainer(scene, layout, first)
             coarse = round(iterations * config.coarse_share) if first else 0
             if coarse:
@@ -198,7 +222,7 @@ class Reconstruction:
     def _layer(self, span: Span, scene: Scene, frames: np.ndarray, layout: Layout) -> Layers:
         """(b): label all living points by their motion in this group."""
         with self._timed("layering"):
-            self.progress.stage(self._title(span, "layering"), 1)
+            self.progress.stage(self._title(span, "layering"), 1, self.plan.layering(span.index))
             everything = Gaussians.concatenate([scene.static[scene.alive], scene.dynamic])
             moves = label_points(everything, self.cameras, frames, layout.near, self.config.layering, self.device)
             layers = separate(scene.static, scene.alive, scene.dynamic, moves)
@@ -221,16 +245,15 @@ class Reconstruction:
         """The scene at the next keyframe: the dynamic points, deformed there (paper section 4)."""
         return Scene(static, group.alive, group.at(span.own))
 
-    def _restore(self, span: Span, publisher: Publisher) -> Scene:
-        """The scene after a finished group, from the checkpoints; the reel gets what it lacks."""
+    def _restore(self, span: Span, scene: Scene, publisher: Publisher) -> Scene:
+        """The scene after a finished group, from the checkpoints and the scene before; the reel gets what it lacks."""
         if span.index < len(publisher.writer.manifest.groups):
             publisher.skip(span.index)
         else:
             with self._timed("encode"):
                 publisher.publish(span.index)
-        layers = [load_layer(self.work, index, "decoded") for index in range(span.index + 1)]
-        born = [layer for layer in layers if layer is not None]
-        static = Gaussians.concatenate(born) if born else Gaussians.empty(self.config.keyframe.sh_degree)
+        born = load_layer(self.work, span.index, "decoded")
+        static = scene.static if born is None else Gaussians.concatenate([scene.static, born])
         keyframe = self._folder(span) / "keyframe.safetensors"
         if keyframe.exists():
             self.gains.load(torch.from_numpy(checkpoint.load_arrays(keyframe)["gains"]).to(self.device))
@@ -242,7 +265,7 @@ class Reconstruction:
         if path.exists() and (self.work / "points.safetensors").exists():
             return Layout(**checkpoint.load_json(path))
         with self._timed("points"):
-            self.progress.stage("initial points", 1)
+            self.progress.stage("initial points", 1, self.plan.points())
             images = self.capture.read(0, 1, self.names)[0]
             seeds = initial_points(
                 self.cameras,
@@ -255,6 +278,7 @@ class Reconstruction:
             near = near_plane(self.cameras, seeds.points)
             layout = measure(self.cameras, seeds.points, near)
             self.progress.update(1, points=len(seeds.points))
+        self.claim.keep()
         checkpoint.save_arrays(self.work / "points.safetensors", {"points": seeds.points, "colors": seeds.colors})
         checkpoint.save_json(path, layout.to_dict())
         return layout
@@ -293,21 +317,6 @@ class Reconstruction:
 
     def _title(self, span: Span, what: str) -> str:
         return f"group {span.index + 1}/{len(self.spans)} {what}"
-
-    def _claim(self) -> None:
-        """Refuse a folder that holds another capture or configuration, instead of mixing two."""
-        path = self.work / "run.json"
-        mine = {"capture": self.capture.fingerprint(), "config": self.config.to_json()}
-        if path.exists():
-            theirs = checkpoint.load_json(path)
-            for what in ("capture", "config"):
-                if theirs.get(what) != mine[what]:
-                    raise ReconstructionError(
-                        f"{path}: this folder holds a reconstruction with another {what}. "
-                        "Choose another --out, or delete the folder to start over."
-                    )
-        else:
-            checkpoint.save_json(path, mine)
 
     def _load_seconds(self) -> dict[str, float]:
         path = self.work / "seconds.json"

@@ -1,0 +1,113 @@
+"""An output folder belongs to one capture and one configuration, and to one process at a time."""
+
+from __future__ import annotations
+
+import errno
+import json
+import os
+from pathlib import Path
+from typing import Any
+
+from splatreel.capture.base import Capture
+from splatreel.config import Config
+from splatreel.errors import ReconstructionError
+from splatreel.recon import checkpoint
+
+try:
+    import fcntl
+except ImportError:  # not on Windows, where nothing keeps two runs apart
+    fcntl = None
+
+VERSION = 1
+"""Raised when checkpoints of before can no longer be continued."""
+SHOWN = 3
+"""Differences that a message lists."""
+
+
+class Claim:
+    """The right to write into an output folder, OUT/work and OUT/reel. Use as a context manager.
+
+    Entering makes the folders, keeps other processes out, and removes files that a killed one left half written. Raises
+    `ReconstructionError` if that cannot be, or the folder holds something else: the run of another capture or
+    configuration, or a reel without the checkpoints it was made from. Nothing is overwritten then.
+    """
+
+    def __init__(self, out: Path, capture: Capture, config: Config) -> None:
+        self.out, self.reel, self.work = out, out / "reel", out / "work"
+        self.record = {"version": VERSION, "capture": capture.describe(), "config": json.loads(config.to_json())}
+        self._lock: int | None = None
+
+    def __enter__(self) -> Claim:
+        self._lock = self._acquire()
+        try:
+            self._check()
+        except BaseException:
+            self._release()
+            raise
+        for folder in (self.work, self.reel):
+            for leftover in folder.glob("**/.*.tmp"):
+                leftover.unlink(missing_ok=True)
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._release()
+
+    def keep(self) -> None:
+        """Say whose folder this is; called when the first checkpoint is about to be written."""
+        checkpoint.save_json(self.work / "run.json", self.record)
+
+    def _check(self) -> None:
+        path = self.work / "run.json"
+        if path.exists():
+            theirs = checkpoint.load_json(path)
+            found = differences(theirs if isinstance(theirs, dict) else {}, self.record)
+            if found:
+                more = [f"and {len(found) - SHOWN} more"] if len(found) > SHOWN else []
+                raise ReconstructionError(
+                    f"{path}: this folder holds another reconstruction: {'; '.join([*found[:SHOWN], *more])}. "
+                    "Choose another --out, ask for the same again, or delete the folder to start over."
+                )
+        elif (self.reel / "manifest.json").exists():
+            raise ReconstructionError(
+                f"{self.reel}: holds a reel already, but {self.work} has no checkpoints it could be continued from. "
+                "Choose another --out, or move the reel away."
+            )
+
+    def _acquire(self) -> int | None:
+        try:
+            self.work.mkdir(parents=True, exist_ok=True)
+            self.reel.mkdir(exist_ok=True)
+            if fcntl is None:
+                return None
+            lock = os.open(self.work / ".lock", os.O_RDWR | os.O_CREAT, 0o644)
+        except OSError as error:
+            raise ReconstructionError(
+                f"{error.filename}: cannot be written ({error.strerror}). Choose another --out, or fix what is in the way."
+            ) from error
+        try:
+            fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except OSError as error:
+            if error.errno in (errno.EAGAIN, errno.EACCES):
+                os.close(lock)
+                raise ReconstructionError(
+                    f"{self.out}: another process is reconstructing into this folder. Wait for it or choose another --out."
+                ) from error
+            # Some network file systems have no locks: then nobody can tell.
+        return lock
+
+    def _release(self) -> None:
+        if self._lock is not None:
+            os.close(self._lock)
+            self._lock = None
+
+
+def differences(theirs: dict[str, Any], mine: dict[str, Any], prefix: str = "") -> list[str]:
+    """What two nested records say differently, such as `config.seed is 1 there, 0 now`."""
+    found = []
+    for name in sorted({*theirs, *mine}):
+        a, b = theirs.get(name), mine.get(name)
+        if isinstance(a, dict) and isinstance(b, dict):
+            found += differences(a, b, f"{prefix}{name}.")
+        elif a != b:
+            found.append(f"{prefix}{name} is {json.dumps(a):.60} there, {json.dumps(b):.60} now")
+    return found

@@ -1,0 +1,53 @@
+"""How much of a whole reconstruction each stage is, so that progress can tell the time left of all of it."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from splatreel.config import Config
+from splatreel.progress import Span
+
+MOTION_COST = 0.6
+"""Seconds of an iteration of motion over those of an iteration of a keyframe, roughly: most of the picture stands still."""
+COARSE_COST = 0.5
+POINTS_COST = 150.0
+LAYERING_COST = 50.0
+"""Initial points and layering, in iterations of a keyframe."""
+
+
+class Plan:
+    """The stages of a job in their order, with what each costs beside the others.
+
+    counts: frames of each group, overlap included. Costs are estimates: what moves decides the rest.
+    """
+
+    def __init__(self, counts: Sequence[int], config: Config) -> None:
+        keyframe = config.keyframe
+        coarse = keyframe.coarse_share * (1 - COARSE_COST)
+        self._costs = {"points": POINTS_COST}
+        for group, count in enumerate(counts):
+            first = keyframe.first_iterations * (1 - coarse)
+            self._costs[f"keyframe {group}"] = keyframe.refine_iterations if group else first
+            self._costs[f"layering {group}"] = LAYERING_COST
+            self._costs[f"motion {group}"] = MOTION_COST * config.group.iterations_per_frame * count
+
+    def points(self) -> Span:
+        return self._span("points")
+
+    def keyframe(self, group: int) -> Span:
+        return self._span(f"keyframe {group}")
+
+    def layering(self, group: int) -> Span:
+        return self._span(f"layering {group}")
+
+    def motion(self, group: int) -> Span:
+        return self._span(f"motion {group}")
+
+    def _span(self, stage: str) -> Span:
+        """The part of the whole job a stage is: where it starts and ends, 0..1."""
+        total, begin = sum(self._costs.values()), 0.0
+        for name, cost in self._costs.items():
+            if name == stage:
+                return begin / total, (begin + cost) / total
+            begin += cost
+        raise KeyError(stage)
