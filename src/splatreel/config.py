@@ -37,7 +37,7 @@ class LayeringConfig:
     adapt_every: int = 100
     """Iterations between adaptive static-point conversions; 0 turns it off."""
     adapt_gradient: float = 3e-4
-    """lambda_adp^grad, normalised device units."""
+    """lambda_adp^grad, normalised device units, at a width of 1352: the splats of smaller images are larger and pull harder."""
     adapt_neighbours: float = 0.6
     """lambda_adp^nn: the share of dynamic neighbours that makes a static point dynamic."""
 
@@ -52,6 +52,8 @@ class KeyframeConfig:
     """Share of the iterations of the first keyframe trained at half size."""
     sh_degree: int = 3
     max_points: int = 1_000_000
+    points_per_pixel: float = 10.0
+    """Never more points than this many for each pixel of one image: small images cannot tell more apart."""
     cull_opacity: float = 0.05
     densify_gradient: float = 2e-4
     densify_every: int = 100
@@ -115,12 +117,12 @@ def preset(quality: Quality) -> Config:
         return Config(layering=layering, group=GroupConfig(deformation="hashgrid"), correct_colors=False)
     if quality == "standard":
         return Config(
-            keyframe=KeyframeConfig(first_iterations=3000, refine_iterations=800, max_points=60_000, coarse_share=0.5),
-            group=GroupConfig(iterations_per_frame=130),
+            keyframe=KeyframeConfig(first_iterations=2500, refine_iterations=500, max_points=60_000, points_per_pixel=0.6, coarse_share=0.5),
+            group=GroupConfig(iterations_per_frame=80),
         )
     if quality == "draft":
         return Config(
-            keyframe=KeyframeConfig(first_iterations=1000, refine_iterations=250, max_points=30_000, coarse_share=0.5),
+            keyframe=KeyframeConfig(first_iterations=1000, refine_iterations=250, max_points=30_000, points_per_pixel=0.6, coarse_share=0.5),
             group=GroupConfig(iterations_per_frame=30),
         )
     raise UsageError(f"Unknown quality {quality!r}. Choose draft, standard or paper.")

@@ -11,12 +11,9 @@ def grid():
     return torch.stack(torch.meshgrid(axis, axis, axis, indexing="ij"), -1).reshape(-1, 3)
 
 
-def pairs(count):
-    return torch.arange(count - 1), torch.arange(1, count)
-
-
-def arap(means, dx, dq):
-    return losses.arap(means, dx, dq, pairs(len(means)), torch.ones(len(means) - 1), 1.0)
+def arap(means, dx, dq, unit=1.0):
+    neighbour = torch.arange(1, len(means) + 1) % len(means)
+    return losses.arap(means, dx, dq, neighbour, torch.ones(len(means)), unit)
 
 
 def test_a_rigid_motion_costs_nothing():
@@ -41,9 +38,7 @@ def test_stretching_and_twisting_cost(kind):
 def test_the_unit_makes_the_loss_independent_of_scale():
     means, dx = grid(), 0.1 * grid().sin()
     dq = torch.tensor([[1.0, 0, 0, 0]]).repeat(len(means), 1)
-    weights = torch.ones(len(means) - 1)
-    small = losses.arap(means, dx, dq, pairs(len(means)), weights, 1.0)
-    large = losses.arap(1000 * means, 1000 * dx, dq, pairs(len(means)), weights, 1000.0)
+    small, large = arap(means, dx, dq), arap(1000 * means, 1000 * dx, dq, 1000.0)
     torch.testing.assert_close(small, large, rtol=1e-3, atol=1e-6)
 
 

@@ -37,6 +37,9 @@ CANONICAL_RATES = {
 ADAPT_FROM, ADAPT_TO = 0.25, 0.8
 """Share of training in which points are converted and cloned: before, everything that moves pulls; after, none could learn."""
 
+FULL_WIDTH = 1352
+"""Image width that the paper's thresholds are for."""
+
 MEASURE_EVERY = 8
 """Iterations between two that draw the whole picture, to measure how much the static points are pulled at."""
 
@@ -137,21 +140,24 @@ class GroupTrainer:
         return splats(means, quats, p.scales, p.opacities, p.sh, view, self.frames.near)
 
     def _regularisers(self, iteration: int, frame: int, dx: Tensor, dq: Tensor) -> Tensor:
-        """ARAP on one random neighbour of every point, and temporal smoothness every fourth iteration: unbiased, and cheap."""
+        """ARAP on one random neighbour of every point in every second iteration, temporal smoothness in every eighth.
+
+        Both are weighted up in turn: unbiased, and cheap.
+        """
         group, total = self.config.group, dx.new_zeros(())
-        if group.lambda_arap and len(self.points) > 1:
+        if group.lambda_arap and len(self.points) > 1 and iteration % 2 == 0:
             column = int(self.rng.integers(self.neighbours.shape[1]))
-            pairs = (torch.arange(len(self.points), device=dx.device), self.neighbours[:, column])
-            arap = losses.arap(self.points.means, dx, dq, pairs, self.pair_weights[:, column], self.frames.unit)
-            total = total + group.lambda_arap * arap
-        if group.lambda_temporal and self.frames.count > 2 and iteration % 4 == 0:
+            other, weights = self.neighbours[:, column], self.pair_weights[:, column]
+            arap = losses.arap(self.points.means, dx, dq, other, weights, self.frames.unit)
+            total = total + 2 * group.lambda_arap * arap
+        if group.lambda_temporal and self.frames.count > 2 and iteration % 8 == 1:
             last = min(self.schedule.frontier(iteration), self.frames.count - 1)
             start = min(frame, max(last - group.temporal_window, 0))
             end = min(start + group.temporal_window, last)
             if end > start:
                 delta = float(self.rng.uniform())
                 smooth = losses.temporal(self.model, self.points.means, start, end, delta, self.frames.unit)
-                total = total + 4 * group.lambda_temporal * smooth
+                total = total + 8 * group.lambda_temporal * smooth
         return total
 
     def _measure(self, drawing: Drawing, view: View, everything: bool) -> None:
@@ -176,12 +182,13 @@ class GroupTrainer:
         """Adaptive static-point conversion (paper 4.1), then clone dynamic points that the images still pull at (4.2)."""
         layering = self.config.layering
         alive = self.backdrop.alive
-        convert = alive & (self.static_meter.mean() > layering.adapt_gradient)
+        coarseness = FULL_WIDTH / self.frames.views[0].width
+        convert = alive & (self.static_meter.mean() > layering.adapt_gradient * coarseness)
         convert |= alive & self._surrounded(alive)
         chosen = torch.nonzero(convert)[:, 0]
         if len(chosen) > self.room:
             chosen = chosen[torch.topk(self.static_meter.mean()[chosen], self.room).indices]
-        grow = self.moving_meter.mean() > self.config.keyframe.densify_gradient * 1.5
+        grow = self.moving_meter.mean() > layering.adapt_gradient * coarseness
         clones = torch.nonzero(grow)[:, 0]
         if len(clones) > max(self.room - len(chosen), 0):
             clones = clones[torch.topk(self.moving_meter.mean()[clones], max(self.room - len(chosen), 0)).indices]

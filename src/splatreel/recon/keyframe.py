@@ -73,14 +73,14 @@ class KeyframeTrainer:
         config: KeyframeConfig,
         *,
         backdrop: Gaussians | None = None,
-        max_points: int | None = None,
+        max_points: int,
         seed: int = 0,
     ) -> None:
         self.points = points
         self.gains = gains
         self.config = config
         self.static = backdrop
-        self.max_points = max_points or config.max_points
+        self.max_points = max_points
         self.generator = torch.Generator().manual_seed(seed)
         self.rng = np.random.default_rng(seed)
         self.done = 0

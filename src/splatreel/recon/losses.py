@@ -9,24 +9,24 @@ from splatreel.recon.deformation import Deformation
 from splatreel.recon.density import rotate
 
 
-def arap(means: Tensor, dx: Tensor, dq: Tensor, pairs: tuple[Tensor, Tensor], weights: Tensor, unit: float) -> Tensor:
+def arap(means: Tensor, dx: Tensor, dq: Tensor, neighbour: Tensor, weights: Tensor, unit: float) -> Tensor:
     """L_arap: neighbours rotate alike, translate alike and keep their distance.
 
-    means, dx: [N, 3]; dq: [N, 4]; pairs: two indices [P]; weights: [P], one over all when points coincide. Lengths are measured in
-    `unit`, so that the weight means the same in millimetres and in metres. Mean over the pairs.
+    means, dx: [N, 3]; dq: [N, 4]; neighbour: [N] a neighbour of every point; weights: [N], one where points coincide. Lengths are
+    measured in `unit`, so that the loss means the same in millimetres and in metres. Only the offsets get gradients. Mean over points.
     """
-    i, j = pairs
+    here = means.detach()
+    half = (here - here.index_select(0, neighbour)) / 2
     dq = torch.nn.functional.normalize(dq, dim=-1)
-    # Delta r, the translation once the rotation about the origin is taken out; about the pair's own middle it is well conditioned.
-    middle = (means[i] + means[j]).detach() / 2
-    a, b = means[i] - middle, means[j] - middle
-    move_i = a + dx[i] - rotate(dq[i], a)
-    move_j = b + dx[j] - rotate(dq[j], b)
-    turn = (dq[i] - dq[j]).abs().sum(1)
-    shift = (move_i - move_j).abs().sum(1) / unit
-    before = (means[i] - means[j]).detach().norm(dim=1)
-    after = (means[i].detach() + dx[i] - means[j].detach() - dx[j]).square().sum(1).add(1e-12).sqrt()
-    return (weights * (turn + shift + (before - after).abs() / unit)).mean()
+    offsets = torch.cat([dx, dq], 1)
+    other = offsets.index_select(0, neighbour)
+    # Delta r, what is left of the motion once the rotation is taken out: about the pair's middle, which is better conditioned than
+    # the origin of the world.
+    shift = dx + half - rotate(dq, half) - (other[:, :3] - half + rotate(other[:, 3:], half))
+    turn = (dq - other[:, 3:]).abs().sum(1)
+    length = (2 * half + dx - other[:, :3]).square().sum(1).add(1e-12).sqrt()
+    stretch = (2 * half.norm(dim=1) - length).abs()
+    return (weights * (turn + (shift.abs().sum(1) + stretch) / unit)).mean()
 
 
 def temporal(model: Deformation, means: Tensor, frame: float, other: float, delta: float, unit: float) -> Tensor:

@@ -208,7 +208,9 @@ class Reconstruction:
         if first:
             seeds = checkpoint.load_arrays(self.work / "points.safetensors")
             points = starting_points(seeds["points"], seeds["colors"], config, layout.unit, self.device)
-            return KeyframeTrainer(points, self.gains, config, seed=self.config.seed)
+            pixels = self.cameras[0].width * self.cameras[0].height
+            most = min(config.max_points, round(config.points_per_pixel * pixels))
+            return KeyframeTrainer(points, self.gains, config, max_points=most, seed=self.config.seed)
         points = TrainablePoints.from_gaussians(scene.dynamic, default_rates(layout.unit), self.device)
         return KeyframeTrainer(
             points,
