@@ -31,14 +31,14 @@ def encode_points(means: np.ndarray, bits: int) -> tuple[bytes, Parameters, np.n
     extent = float((means.max(0) - low).max()) or 1.0
     steps = (1 << bits) - 1
     q = _separate(np.rint((means - low) / extent * steps).astype(np.int64), bits)
+    order = np.argsort(morton.encode(q), kind="stable")
     data = DracoPy.encode(
-        q.astype(np.float32),
+        q[order].astype(np.float32),  # sorted: the bytes then do not depend on the order in which points come
         quantization_bits=bits,
         compression_level=_KD_TREE_LEVEL,
         quantization_range=float(steps),
         quantization_origin=[0.0, 0.0, 0.0],
     )
-    order = np.argsort(morton.encode(q), kind="stable")
     parameters: Parameters = {"codec": "draco", "bits": bits, "min": low.tolist(), "range": extent}
     if not np.array_equal(_decode_lattice(data, bits, len(means)), q[order]):
         raise ReelError("Draco did not give back the positions it was given. Use another version of DracoPy.")
