@@ -12,6 +12,8 @@ from splatreel.cli.reconstruct import Codec
 from splatreel.config import EncodeConfig
 from splatreel.errors import UsageError
 
+LIMITS = {"crf": (0, 51), "position_bits": (4, 21), "scale_bits": (1, 16), "sh_entries": (0, 65536)}
+
 
 def encode(
     run: Positional[Path],
@@ -38,19 +40,28 @@ def encode(
     from splatreel.progress import console
     from splatreel.recon.publish import encode as encode_checkpoints
 
-    if out.resolve() == (run / "reel").resolve():
-        raise UsageError(f"--out {out}: is the reel of the run itself. Choose another folder.")
-    given = {
-        "codec": codec,
-        "crf": crf,
-        "position_bits": position_bits,
-        "scale_bits": scale_bits,
-        "sh_entries": sh_entries,
-    }
-    config = dataclasses.replace(EncodeConfig(), **{name: value for name, value in given.items() if value is not None})
+    _check_folder(run, out)
+    asked = {"crf": crf, "position_bits": position_bits, "scale_bits": scale_bits, "sh_entries": sh_entries}
+    given = {name: value for name, value in asked.items() if value is not None}
+    for name, value in given.items():
+        low, high = LIMITS[name]
+        if not low <= value <= high:
+            raise UsageError(f"--{name.replace('_', '-')} {value} is out of range. Choose {low} to {high}.")
+    config = dataclasses.replace(EncodeConfig(codec=codec or EncodeConfig.codec), **given)
     progress = console()
     try:
         encode_checkpoints(run / "work", out, config, progress)
     finally:
         progress.close()
     print(describe(str(out), reel_info(out)))
+
+
+def _check_folder(run: Path, out: Path) -> None:
+    """A reel that somebody has made is not written over; one that is still live is what an interrupted `encode` left."""
+    from splatreel.codec.reader import ReelReader
+
+    if out.resolve() in (run.resolve(), (run / "reel").resolve(), (run / "work").resolve()):
+        raise UsageError(f"--out {out}: belongs to the run itself. Choose another folder.")
+    of_a_run = out.name == "reel" and (out.parent / "work").is_dir()
+    if (out / "manifest.json").is_file() and (of_a_run or not ReelReader(out).manifest.live):
+        raise UsageError(f"--out {out}: holds a reel already. Choose another folder, or delete that reel.")

@@ -47,10 +47,9 @@ class Server:
             )
         try:
             self._http = _HTTPServer((host, port), _Handler)
-        except OSError as error:
-            raise UsageError(
-                f"Cannot listen on {host}:{port} ({error.strerror}). Choose another host or port."
-            ) from error
+        except (OSError, OverflowError) as error:
+            reason = error.strerror if isinstance(error, OSError) else error
+            raise UsageError(f"Cannot listen on {host}:{port} ({reason}). Choose another host or port.") from error
         self._http.roots = {"/reel/": reel, "/": STATIC.resolve()}
         self._thread = threading.Thread(
             target=self._http.serve_forever, args=(_POLL_SECONDS,), name="splatreel-server", daemon=True

@@ -20,6 +20,7 @@ except ImportError:  # not on Windows, where nothing keeps two runs apart
 
 VERSION = 1
 """Raised when checkpoints of before can no longer be continued."""
+FINGERPRINT = "fingerprint"
 SHOWN = 3
 """Differences that a message lists."""
 
@@ -102,12 +103,14 @@ class Claim:
 
 
 def differences(theirs: dict[str, Any], mine: dict[str, Any], prefix: str = "") -> list[str]:
-    """What two nested records say differently, such as `config.seed is 1 there, 0 now`."""
+    """What two nested records say differently, such as `config.seed is 1 there, 0 now`; the fingerprint only if nothing else."""
     found = []
-    for name in sorted({*theirs, *mine}):
+    for name in sorted({*theirs, *mine} - {FINGERPRINT}):
         a, b = theirs.get(name), mine.get(name)
         if isinstance(a, dict) and isinstance(b, dict):
             found += differences(a, b, f"{prefix}{name}.")
         elif a != b:
             found.append(f"{prefix}{name} is {json.dumps(a):.60} there, {json.dumps(b):.60} now")
+    if not found and theirs.get(FINGERPRINT) != mine.get(FINGERPRINT):
+        found.append(f"the {prefix.rstrip('.')} has other files or camera poses")
     return found
