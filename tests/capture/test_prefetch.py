@@ -1,4 +1,5 @@
 import threading
+import time
 from pathlib import Path
 
 import numpy as np
@@ -27,6 +28,22 @@ class Watched(Capture):
         out[:] = np.arange(first, first + len(out)).reshape(-1, 1, 1, 1, 1)
 
 
+class Slow(Capture):
+    """A long capture that takes its time."""
+
+    def __init__(self) -> None:
+        super().__init__(Path("a"), folders.cameras(), held_out=[], frame_range=(0, 3000))
+        self.begun: list[int] = []
+        self.ahead = threading.Event()
+
+    def _read_into(self, out: np.ndarray, first: int, cameras: list[str]) -> None:
+        time.sleep(0.01)
+        self.begun.append(len(out))
+        if len(self.begun) == 3:
+            self.ahead.set()
+        out[:] = (np.arange(first, first + len(out)) % 256).reshape(-1, 1, 1, 1, 1)
+
+
 def test_stretches_come_in_order_and_overlap_as_asked() -> None:
     with FramePrefetcher(Watched(), ["cam01"], [(0, 6), (5, 6), (10, 4)]) as frames:
         firsts = [(len(part), int(part[0, 0, 0, 0, 0])) for part in frames]
@@ -52,3 +69,17 @@ def test_an_error_comes_where_its_stretch_is_used() -> None:
 def test_nothing_asked_for_is_nothing() -> None:
     with FramePrefetcher(Watched(), ["cam01"], []) as frames:
         assert list(frames) == []
+
+
+def test_who_leaves_does_not_wait_for_a_whole_stretch() -> None:
+    source = Slow()
+    with FramePrefetcher(source, ["cam01"], [(0, 2), (2, 2000)]) as frames:
+        next(iter(frames))
+        assert source.ahead.wait(10)
+    assert sum(source.begun) < 100
+
+
+def test_a_stretch_is_whole_however_it_is_read() -> None:
+    with FramePrefetcher(Slow(), ["cam01", "cam02"], [(3, 11)]) as frames:
+        (part,) = list(frames)
+    assert part[:, 1, 0, 0, 0].tolist() == list(range(3, 14))

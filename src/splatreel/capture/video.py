@@ -36,7 +36,10 @@ class VideoFile:
         self._lock = Lock()
         with self._guard(), av.open(str(path)) as container:
             if not container.streams.video:
-                raise CaptureError(f"{path}: holds no video stream. Replace the file or leave the camera out.")
+                raise CaptureError(
+                    f"{path}: holds no video stream. The file is no video or truncated: "
+                    f"copy it again or leave the camera out."
+                )
             stream = container.streams.video[0]
             self.width, self.height = stream.codec_context.width, stream.codec_context.height
             self.fps = float(stream.average_rate or stream.guessed_rate or 0)
@@ -52,9 +55,9 @@ class VideoFile:
         self.frames = len(self._pts)
         whole = sum(not corrupt for _, _, corrupt, _ in packets)
         if whole < max(declared, len(packets), 1):
+            advice = f"or cut every video to {whole} frames" if whole else "or leave the camera out"
             raise CaptureError(
-                f"{path}: is truncated: {whole} of {max(declared, len(packets))} frames are whole. Copy the file again, "
-                f"or cut every video to {whole} frames."
+                f"{path}: is truncated: {whole} of {max(declared, len(packets))} frames are whole. Copy the file again, {advice}."
             )
 
     def read_into(self, out: np.ndarray, first: int) -> None:

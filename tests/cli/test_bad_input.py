@@ -1,0 +1,172 @@
+"""Captures and folders that cannot be used, at the command line: one block that names the file and the way out, and nothing lost."""
+
+import json
+import shutil
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from splatreel.cli.main import main
+from tests.capture import folders
+
+
+@pytest.fixture(scope="module")
+def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Five cameras, cam00 held out, three frames."""
+    return folders.neu3dv(tmp_path_factory.mktemp("made") / "scene", count=5, frames=3)
+
+
+@pytest.fixture
+def scene(made: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    monkeypatch.chdir(tmp_path)
+    shutil.copytree(made, "scene")
+    return Path("scene")
+
+
+def change_poses(scene: Path, change: Callable[[np.ndarray], np.ndarray]) -> None:
+    np.save(scene / "poses_bounds.npy", change(np.load(scene / "poses_bounds.npy")))
+
+
+def cut(file: Path, share: float) -> None:
+    data = file.read_bytes()
+    file.write_bytes(data[: int(len(data) * share)])
+
+
+def with_nan(poses: np.ndarray) -> np.ndarray:
+    poses[3, 7] = np.nan
+    return poses
+
+
+def gathered(poses: np.ndarray) -> np.ndarray:
+    poses[:, [3, 8, 13]] = 1.0
+    return poses
+
+
+def lost(poses: np.ndarray) -> np.ndarray:
+    poses[2, 3] = 1e9
+    return poses
+
+
+def remove_cameras(scene: Path, left: int) -> None:
+    for number in range(left, 5):
+        (scene / f"cam{number:02d}.mp4").unlink()
+    change_poses(scene, lambda p: p[:left])
+
+
+def longer(scene: Path) -> None:
+    folders.write_video(scene / "cam03.mp4", [folders.frame(3, t) for t in range(5)])
+
+
+def cut_film(scene: Path) -> None:
+    """A video that begins with its table of contents, so that the frames that are gone are known."""
+    film = [folders.frame(2, t) for t in range(12)]
+    folders.write_video(scene / "cam02.mp4", film, {"movflags": "faststart"})
+    cut(scene / "cam02.mp4", 0.8)
+
+
+def two_arrays(scene: Path) -> None:
+    np.savez(scene / "a.npz", np.zeros(3), np.ones(3))
+    (scene / "a.npz").replace(scene / "poses_bounds.npy")
+
+
+SPOILED: dict[str, tuple[Callable[[Path], object], list[str]]] = {
+    "a missing camera": (
+        lambda s: (s / "cam03.mp4").unlink(),
+        ["scene: 4 videos", "5 rows in poses_bounds.npy", "add the missing"],
+    ),
+    "an extra camera": (
+        lambda s: shutil.copy(s / "cam03.mp4", s / "cam09.mp4"),
+        ["scene: 6 videos", "5 rows", "remove"],
+    ),
+    "unequal frame counts": (longer, ["cam00.mp4 has 3", "cam03.mp4 has 5", "--frames 0:3"]),
+    "a truncated video": (cut_film, ["scene/cam02.mp4: is truncated", "of 12 frames", "Copy the file again"]),
+    "half a video": (lambda s: cut(s / "cam02.mp4", 0.6), ["scene/cam02.mp4", "truncated", "copy it again"]),
+    "an empty video": (lambda s: cut(s / "cam02.mp4", 0), ["scene/cam02.mp4", "copy it again"]),
+    "poses of the wrong shape": (
+        lambda s: change_poses(s, lambda p: p[:, :15]),
+        ["scene/poses_bounds.npy", "(5, 15)", "[cameras, 17]", "imgs2poses"],
+    ),
+    "NaN poses": (lambda s: change_poses(s, with_nan), ["scene/poses_bounds.npy", "row 3", "NaN", "remove the row"]),
+    "poses that are no array": (lambda s: cut(s / "poses_bounds.npy", 0.01), ["scene/poses_bounds.npy", "Copy it"]),
+    "poses in an archive": (two_arrays, ["scene/poses_bounds.npy", "an archive of several arrays"]),
+    "cameras in one place": (lambda s: change_poses(s, gathered), ["scene: all 5 cameras", "one place", "poses"]),
+    "a camera far off": (
+        lambda s: change_poses(s, lost),
+        ["scene: camera 'cam02' stands 1e+09", "leave the camera out"],
+    ),
+    "two cameras": (lambda s: remove_cameras(s, 2), ["scene: 2 cameras (cam00, cam01)", "at least 3"]),
+    "two cameras to train on": (lambda s: remove_cameras(s, 3), ["scene: only 2 cameras", "held-out cam00", "3"]),
+    "an endless frame rate": (
+        lambda s: (s / "splatreel.json").write_text('{"fps": 1e999}'),
+        ["scene/splatreel.json: fps is inf", "Correct it or remove it"],
+    ),
+}
+
+
+@pytest.mark.parametrize("what", SPOILED)
+def test_captures_that_cannot_be_used(what: str, scene: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    spoil, expected = SPOILED[what]
+    spoil(scene)
+    assert main(["reconstruct", "scene", "--out", "out"]) == 1
+    error = capsys.readouterr().err
+    assert error.startswith("Error: ")
+    assert [part for part in expected if part not in error] == []
+    assert not Path("out").exists()
+
+
+ASKED = {
+    "--frames 0:9": ["scene: frames 0:9", "0 <= first < end <= 3"],
+    "--frames 3:4": ["scene: frames 3:4", "frames 0:3"],
+    "--width 4": ["scene: images of 4x3 pixels", "at least 8", "larger width or scale"],
+    "--width 0": ["scene", "positive"],
+    "--scale nan": ["scene", "nan", "positive"],
+    "--width 16 --scale 0.5": ["scene", "give one of them"],
+    "--hold-out cam00,cam01,cam02": ["scene: only 2 cameras", "cam00, cam01, cam02", "at least 3", "Hold out fewer"],
+    "--hold-out cam77": ["scene", "no camera 'cam77'", "cam00, cam01"],
+    "--seed -1": ["--seed -1", "from 0 to 4294967295"],
+    "--seed 99999999999": ["--seed 99999999999", "from 0 to 4294967295"],
+}
+
+
+@pytest.mark.parametrize("options", ASKED)
+def test_options_that_do_not_fit_the_capture(options: str, scene: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    words = options.replace("--seed -1", "--seed=-1").split()
+    assert main(["reconstruct", "scene", "--out", "out", *words]) in (1, 2)
+    error = capsys.readouterr().err
+    assert error.startswith("Error: ")
+    assert [part for part in ASKED[options] if part not in error] == []
+    assert not Path("out").exists()
+
+
+def test_a_damaged_picture_stops_the_run_but_claims_nothing(scene: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Its packets are all there, so that only decoding finds it; a repaired copy may be another size."""
+    file = scene / "cam02.mp4"
+    data = bytearray(file.read_bytes())
+    start = data.index(b"mdat") + 4
+    data[start + 700 : start + 1500] = bytes(800)
+    file.write_bytes(data)
+    assert main(["reconstruct", "scene", "--out", "out"]) == 1
+    error = capsys.readouterr().err.splitlines()[-1]
+    assert error.startswith("Error: scene/cam02.mp4")
+    assert "opy" in error
+    assert not Path("out/work/run.json").exists()
+
+
+def test_the_folder_of_another_run_is_refused_and_kept(scene: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    work = Path("out/work")
+    work.mkdir(parents=True)
+    (work / "run.json").write_text(json.dumps({"version": 1, "capture": {"frames": "0:300"}, "config": {}}))
+    assert main(["reconstruct", "scene", "--out", "out"]) == 1
+    error = capsys.readouterr().err
+    assert error.startswith("Error: out/work/run.json: this folder holds another reconstruction")
+    assert "Choose another --out" in error
+    assert json.loads((work / "run.json").read_text())["capture"] == {"frames": "0:300"}
+
+
+def test_an_output_folder_that_is_a_file(scene: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    Path("out").write_text("mine")
+    assert main(["reconstruct", "scene", "--out", "out"]) == 1
+    assert capsys.readouterr().err.startswith("Error: out/work: cannot be written")
+    assert Path("out").read_text() == "mine"

@@ -1,0 +1,110 @@
+"""The real command, stopped by real signals, and continued by the same command."""
+
+import os
+import signal
+import subprocess
+import sys
+import threading
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from splatreel.cli import main as cli
+from splatreel.cli.main import main
+from splatreel.codec.verify import verify_reel
+from tests.capture import folders
+from tests.recon.captures import WallCapture
+
+SHORT = """
+import sys
+from splatreel import config
+from splatreel.config import Config, GroupConfig, KeyframeConfig, LayeringConfig
+
+keyframe = KeyframeConfig(first_iterations=30, refine_iterations=10, densify_every=10, sh_degree=0)
+group = GroupConfig(length=3, overlap=1, iterations_per_frame=4)
+config.preset = lambda quality: Config(LayeringConfig(flow_frames=2), keyframe, group)
+
+from splatreel.cli.main import main
+sys.exit(main())
+"""
+"""The command with a preset of few iterations."""
+
+
+@pytest.fixture
+def capture(tmp_path: Path) -> Path:
+    source = WallCapture(5)
+    folder = tmp_path / "capture"
+    folder.mkdir()
+    for camera in source.cameras:
+        folders.write_video(folder / f"{camera.name}.mp4", list(source.read(0, 5, [camera.name])[:, 0]))
+    np.save(folder / "poses_bounds.npy", folders.llff(source.cameras))
+    return folder
+
+
+def start(capture: Path, out: Path) -> subprocess.Popen[str]:
+    command = [sys.executable, "-c", SHORT, "reconstruct", str(capture), "--out", str(out)]
+    environment = os.environ | {"PYTHONPATH": os.pathsep.join(sys.path)}
+    return subprocess.Popen(command, stderr=subprocess.PIPE, stdout=subprocess.PIPE, text=True, env=environment)
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="POSIX signals")
+def test_signals_stop_the_command_and_the_same_command_goes_on(capture: Path, tmp_path: Path) -> None:
+    out = tmp_path / "out"
+    stops = [
+        ("group 2/2 keyframe", signal.SIGINT, 130, 1),
+        ("group 2/2 motion", signal.SIGKILL, -signal.SIGKILL, 1),
+    ]
+    for line, number, code, published in stops:
+        process = start(capture, out)
+        assert process.stderr is not None
+        seen = next((text for text in process.stderr if text.startswith(line)), None)
+        assert seen is not None, line
+        process.send_signal(number)
+        errors = process.communicate(timeout=60)[1]
+        assert process.returncode == code, errors
+        assert "Traceback" not in errors
+        if number != signal.SIGKILL:
+            assert "continue with the same command:\n  splatreel reconstruct" in errors
+        assert verify_reel(out / "reel").groups == published
+    process = start(capture, out)
+    output, errors = process.communicate(timeout=60)
+    assert process.returncode == 0, errors
+    assert "keyframe" not in errors  # both were kept
+    assert f"splatreel serve {out / 'reel'}" in output
+    assert verify_reel(out / "reel").groups == 2
+    assert [file for file in out.rglob("*") if file.suffix == ".tmp"] == []
+
+
+class Busy:
+    """A command during which SIGTERM arrives."""
+
+    def __init__(self) -> None:
+        self.closed = False
+
+    def cli(self, **_: object) -> None:
+        try:
+            os.kill(os.getpid(), signal.SIGTERM)
+            time.sleep(10)
+        finally:
+            self.closed = True
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="POSIX signals")
+def test_sigterm_ends_like_ctrl_c(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
+    command, before = Busy(), signal.getsignal(signal.SIGTERM)
+    monkeypatch.setattr(cli, "build", lambda: command)
+    assert main(["reconstruct", "capture"]) == 143
+    assert command.closed
+    assert capsys.readouterr().err.endswith("continue with the same command:\n  splatreel reconstruct capture\n")
+    assert signal.getsignal(signal.SIGTERM) is before
+
+
+def test_commands_run_outside_of_the_main_thread() -> None:
+    """Where signals cannot be handled, they are not."""
+    codes: list[int] = []
+    thread = threading.Thread(target=lambda: codes.append(main(["info", "nowhere"])))
+    thread.start()
+    thread.join()
+    assert codes == [1]
