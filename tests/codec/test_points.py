@@ -28,7 +28,10 @@ def test_round_trip_and_order(count, offset):
 
 def test_same_points_same_bytes():
     means = np.random.default_rng(0).random((500, 3))
-    assert points.encode_points(means, 20)[0] == points.encode_points(means, 20)[0]
+    data, _, order = points.encode_points(means, 20)
+    assert points.encode_points(means, 20)[0] == data
+    assert points.encode_points(means[::-1], 20)[0] == data
+    assert points.encode_points(means[order], 20)[0] == data
 
 
 def test_six_bytes_a_point():

@@ -109,6 +109,18 @@ def test_adding_an_earlier_group_drops_the_later_ones(tmp_path):
     assert sorted(p.name for p in (path / "groups").iterdir()) == ["0000.safetensors", "0001.safetensors"]
 
 
+@pytest.mark.parametrize("uri", ["layers/0001.safetensors", "groups/0001.safetensors"])
+def test_resume_keeps_only_what_is_whole(tmp_path, uri):
+    path = write_reel(tmp_path, groups=3)
+    file = path / uri
+    file.write_bytes(file.read_bytes()[:-1])
+    assert len(new_writer(path, resume=True).manifest.groups) == 1
+    assert verify_reel(path).groups == 1
+    (path / "groups" / "0000.safetensors").unlink()
+    assert new_writer(path, resume=True).manifest.groups == ()
+    assert not (path / "manifest.json").exists()
+
+
 def test_without_resume_an_old_reel_is_dropped(tmp_path):
     new_writer(write_reel(tmp_path))
     assert published(tmp_path) == {}

@@ -172,6 +172,11 @@ def test_close_frees_the_port(reel: Path):
     serve(reel, port=port).close()
 
 
+def test_a_port_that_there_is_not(reel: Path):
+    with pytest.raises(UsageError, match=r"127\.0\.0\.1:99999 .*0-65535.*Choose another"):
+        serve(reel, port=99999)
+
+
 def test_a_folder_without_a_reel(tmp_path: Path):
     with pytest.raises(ReelError, match=r"no manifest\.json"):
         serve(tmp_path, port=0)

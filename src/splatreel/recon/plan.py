@@ -7,11 +7,11 @@ from collections.abc import Sequence
 from splatreel.config import Config
 from splatreel.progress import Span
 
-MOTION_COST = 0.6
+MOTION_COST = 0.7
 """Seconds of an iteration of motion over those of an iteration of a keyframe, roughly: most of the picture stands still."""
 COARSE_COST = 0.5
-POINTS_COST = 150.0
-LAYERING_COST = 50.0
+POINTS_COST = 125.0
+LAYERING_COST = 25.0
 """Initial points and layering, in iterations of a keyframe."""
 
 

@@ -1,0 +1,83 @@
+"""`splatreel encode`: another reel of a run, and never over one that somebody has."""
+
+import json
+import shutil
+from pathlib import Path
+
+import pytest
+
+from splatreel.cli.main import main
+from splatreel.codec.verify import verify_reel
+from splatreel.config import Config, KeyframeConfig
+from splatreel.recon.sequence import reconstruct
+from tests.recon.captures import WallCapture
+
+
+@pytest.fixture(scope="module")
+def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    out = tmp_path_factory.mktemp("made") / "run"
+    reconstruct(WallCapture(1), out, Config(keyframe=KeyframeConfig(first_iterations=4, sh_degree=1)))
+    return out
+
+
+@pytest.fixture
+def run(made: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    monkeypatch.chdir(tmp_path)
+    return shutil.copytree(made, tmp_path / "run")
+
+
+def test_other_settings_make_another_reel(run: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["encode", "run", "--out", "small", "--scale-bits", "6", "--sh-entries", "0"]) == 0
+    assert verify_reel("small").points == verify_reel(run / "reel").points
+    assert verify_reel("small").bytes < verify_reel(run / "reel").bytes
+    assert "static points" in capsys.readouterr().out
+
+
+def test_one_that_was_cut_off_is_made_anew(run: Path) -> None:
+    assert main(["encode", "run", "--out", "other"]) == 0
+    manifest = Path("other/manifest.json")
+    manifest.write_text(json.dumps(json.loads(manifest.read_text()) | {"live": True}))
+    assert main(["encode", "run", "--out", "other"]) == 0
+    assert json.loads(manifest.read_text())["live"] is False
+
+
+@pytest.mark.parametrize(
+    ("out", "reason"),
+    [
+        ("run", "belongs to the run itself. Choose another folder"),
+        ("run/reel", "belongs to the run itself. Choose another folder"),
+        ("run/work", "belongs to the run itself. Choose another folder"),
+        ("second/reel", "holds a reel already. Choose another folder, or delete that reel"),
+    ],
+)
+def test_reels_there_are_stay(run: Path, out: str, reason: str, capsys: pytest.CaptureFixture[str]) -> None:
+    shutil.copytree(run, "second")
+    manifest = Path("second/reel/manifest.json")
+    manifest.write_text(json.dumps(json.loads(manifest.read_text()) | {"live": True}))  # as while it is reconstructed
+    before = manifest.read_bytes()
+    assert main(["encode", "run", "--out", out]) == 2
+    assert capsys.readouterr().err == f"Error: --out {out}: {reason}.\n"
+    assert manifest.read_bytes() == before
+    assert verify_reel("run/reel").groups == 1
+
+
+@pytest.mark.parametrize(
+    ("options", "range"),
+    [
+        (["--crf", "52"], "0 to 51"),
+        (["--position-bits", "3"], "4 to 21"),
+        (["--scale-bits", "17"], "1 to 16"),
+        (["--sh-entries=-1"], "0 to 65536"),
+    ],
+)
+def test_values_out_of_range(run: Path, options: list[str], range: str, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["encode", "run", "--out", "x", *options]) == 2
+    assert capsys.readouterr().err.endswith(f"is out of range. Choose {range}.\n")
+    assert not Path("x").exists()
+
+
+def test_a_folder_without_a_run(run: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["encode", "run/reel", "--out", "x"]) == 1
+    assert capsys.readouterr().err == (
+        "Error: run/reel/work: holds no finished group. Run splatreel reconstruct first.\n"
+    )
