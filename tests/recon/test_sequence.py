@@ -25,10 +25,10 @@ from tests.recon.captures import WallCapture
 
 CONFIG = Config(
     keyframe=KeyframeConfig(first_iterations=30, refine_iterations=8, coarse_share=0.5, densify_every=5, sh_degree=1),
-    group=GroupConfig(length=3, overlap=1, iterations_per_frame=3),
+    group=GroupConfig(length=2, overlap=1, iterations_per_frame=3),
     layering=LayeringConfig(adapt_every=4, flow_frames=2),
 )
-FRAMES = 5
+FRAMES = 4
 
 
 def content(reel: Path) -> dict[str, str]:
@@ -67,7 +67,7 @@ def test_groups_are_published_with_what_moves_in_them(whole: Result) -> None:
     reel = ReelReader(whole.reel)
     assert verify_reel(whole.reel).groups == 2
     assert not reel.manifest.live
-    assert [(g.first_frame, g.frames) for g in reel.manifest.groups] == [(0, 4), (3, 2)]
+    assert [(g.first_frame, g.frames) for g in reel.manifest.groups] == [(0, 3), (2, 2)]
     group = reel.group(0)
     assert 0 < len(group.dynamic) < group.alive.sum()
     assert np.abs(group.dx).max() > 0
@@ -229,7 +229,7 @@ def test_a_damaged_checkpoint_is_named_and_nothing_else_is_touched(copy: Path, p
 
 
 REFUSED = [
-    (WallCapture(4), CONFIG, 'capture.frames is "0:5" there, "0:4" now'),
+    (WallCapture(3), CONFIG, 'capture.frames is "0:4" there, "0:3" now'),
     (WallCapture(FRAMES, cameras=5), CONFIG, "capture.cameras is "),
     (WallCapture(FRAMES, fps=25), CONFIG, "capture.fps is 30.0 there, 25.0 now"),
     (WallCapture(FRAMES), replace(CONFIG, seed=7), "config.seed is 0 there, 7 now"),
@@ -337,4 +337,4 @@ def test_an_unknown_device(tmp_path: Path) -> None:
 def test_the_record_says_in_words_what_a_run_is(whole: Result) -> None:
     record = json.loads((whole.work / "run.json").read_text())
     assert record["capture"]["name"] == "wall"
-    assert record["config"]["group"]["length"] == 3
+    assert record["config"]["group"]["length"] == 2
