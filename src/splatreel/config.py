@@ -71,6 +71,8 @@ class GroupConfig:
     lambda_arap: float = 0.01
     lambda_temporal: float = 0.01
     temporal_window: int = 2
+    track: bool = False
+    """Start from tracks by optical flow, and from new points where several views lack something; goes past the paper."""
     progressive: float = 0.5
     """Share of the iterations over which frames are let in one after the other; 0 turns progressive sampling off."""
 
@@ -117,12 +119,16 @@ def preset(quality: Quality) -> Config:
         return Config(layering=layering, group=GroupConfig(deformation="hashgrid"), correct_colors=False)
     if quality == "standard":
         return Config(
-            keyframe=KeyframeConfig(first_iterations=2500, refine_iterations=500, max_points=60_000, points_per_pixel=0.6, coarse_share=0.5),
-            group=GroupConfig(iterations_per_frame=80),
+            keyframe=KeyframeConfig(
+                first_iterations=2000, refine_iterations=400, max_points=60_000, points_per_pixel=0.6, coarse_share=0.5
+            ),
+            group=GroupConfig(iterations_per_frame=60, track=True, progressive=0.0),
         )
     if quality == "draft":
         return Config(
-            keyframe=KeyframeConfig(first_iterations=1000, refine_iterations=250, max_points=30_000, points_per_pixel=0.6, coarse_share=0.5),
-            group=GroupConfig(iterations_per_frame=30),
+            keyframe=KeyframeConfig(
+                first_iterations=1000, refine_iterations=250, max_points=30_000, points_per_pixel=0.6, coarse_share=0.5
+            ),
+            group=GroupConfig(iterations_per_frame=15, track=True, progressive=0.0),
         )
     raise UsageError(f"Unknown quality {quality!r}. Choose draft, standard or paper.")

@@ -38,6 +38,7 @@ class DisFlow:
 
     def __init__(self) -> None:
         self._dis = cv2.DISOpticalFlow.create(cv2.DISOPTICAL_FLOW_PRESET_MEDIUM)
+        self._dis.setFinestScale(0)
 
     def __call__(self, a: np.ndarray, b: np.ndarray) -> np.ndarray:
         grays = [cv2.cvtColor(np.ascontiguousarray(x), cv2.COLOR_RGB2GRAY) for x in (a, b)]

@@ -18,6 +18,10 @@ class Deformation(Protocol):
         """dx [N, 3] in world units and dq [N, 4], wxyz about (1, 0, 0, 0), not normalised, for canonical means [N, 3]."""
         ...
 
+    def follow(self, means: Tensor, positions: Tensor) -> None:
+        """Start from tracks: positions [T, N, 3] of the points with canonical means [N, 3] at every frame."""
+        ...
+
     def reach(self, frame: float) -> None:
         """Training is about to see frames up to this one for the first time."""
         ...

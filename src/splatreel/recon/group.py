@@ -80,6 +80,7 @@ class GroupTrainer:
         gains: CameraGains,
         config: Config,
         seed: int,
+        tracks: np.ndarray | None = None,
     ) -> None:
         device = frames.images.device
         self.frames, self.config, self.gains = frames, config, gains
@@ -88,6 +89,8 @@ class GroupTrainer:
         self.backdrop = Backdrop(static, frames.views, frames.near, device)
         self.backdrop.set_alive(torch.from_numpy(alive).to(device))
         self.model = make_deformation(config.group.deformation, self.points.means.detach(), frames, seed)
+        if tracks is not None:
+            self.model.follow(self.points.means.detach(), torch.from_numpy(tracks).to(device))
         self.iterations = config.group.iterations_per_frame * frames.count
         self.schedule = FrameSchedule(frames.count, self.iterations, config.group.progressive, seed)
         self.rng = np.random.default_rng(seed)

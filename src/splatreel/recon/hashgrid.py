@@ -13,6 +13,7 @@ from torch import Tensor, nn
 from splatreel.kernels import splat
 
 AXES = ((0, 1, 2), (0, 1, 3), (0, 2, 3), (1, 2, 3))
+FOLLOW_ITERATIONS = 500
 TIME_SPAN = 0.9
 """Share of the unit interval that a group's time fills."""
 
@@ -80,6 +81,16 @@ class HashGrid(nn.Module):
         dx, dq = (head(hidden) for head in self.heads)
         identity = torch.tensor([1.0, 0, 0, 0], device=dx.device)
         return dx * (0.1 * self.unit), dq * 0.1 + identity
+
+    def follow(self, means: Tensor, positions: Tensor) -> None:
+        """Fit the grid to the tracks: no picture is drawn, so this is quick."""
+        rng = np.random.default_rng(0)
+        for iteration in range(FOLLOW_ITERATIONS):
+            frame = int(rng.integers(len(positions)))
+            dx, dq = self.offsets(means, frame)
+            error = (dx - (positions[frame] - means)).abs().mean() / self.unit
+            (error + 0.1 * dq[:, 1:].square().mean()).backward()
+            self.step(iteration / FOLLOW_ITERATIONS)
 
     def reach(self, frame: float) -> None:
         """Nothing to prepare: the grid is defined at all times."""

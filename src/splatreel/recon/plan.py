@@ -13,6 +13,8 @@ COARSE_COST = 0.5
 POINTS_COST = 125.0
 LAYERING_COST = 25.0
 """Initial points and layering, in iterations of a keyframe."""
+TRACKING_COST = 15.0
+"""Tracking a frame, in iterations of a keyframe."""
 
 
 class Plan:
@@ -29,6 +31,7 @@ class Plan:
             first = keyframe.first_iterations * (1 - coarse)
             self._costs[f"keyframe {group}"] = keyframe.refine_iterations if group else first
             self._costs[f"layering {group}"] = LAYERING_COST
+            self._costs[f"tracking {group}"] = TRACKING_COST * count if config.group.track else 0.0
             self._costs[f"motion {group}"] = MOTION_COST * config.group.iterations_per_frame * count
 
     def points(self) -> Span:
@@ -39,6 +42,9 @@ class Plan:
 
     def layering(self, group: int) -> Span:
         return self._span(f"layering {group}")
+
+    def tracking(self, group: int) -> Span:
+        return self._span(f"tracking {group}")
 
     def motion(self, group: int) -> Span:
         return self._span(f"motion {group}")

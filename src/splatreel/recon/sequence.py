@@ -15,11 +15,13 @@ from splatreel.capture.prefetch import FramePrefetcher
 from splatreel.codec.writer import ReelWriter
 from splatreel.config import Config
 from splatreel.errors import ReconstructionError, UsageError
+from splatreel.motion.flow import make_flow
 from splatreel.progress import Progress, Silent
 from splatreel.recon import checkpoint
 from splatreel.recon.claim import Claim
 from splatreel.recon.colors import CameraGains
 from splatreel.recon.drawing import View
+from splatreel.recon.following import follow
 from splatreel.recon.group import GroupFrames, GroupTrainer
 from splatreel.recon.initialise import initial_points, near_plane
 from splatreel.recon.keyframe import KeyframeTrainer, Stage, starting_points
@@ -161,12 +163,20 @@ class Reconstruction:
         scene = Scene(scene.static, scene.alive, points)
         layers = self._layer(span, scene, frames, layout)
         scene = self._settle(span, scene, layers, writer)
+        scene, tracks = self._follow(span, scene, frames, layout)
         with self._timed("group"):
             iterations = self.config.group.iterations_per_frame * span.count
             self.progress.stage(self._title(span, "motion"), iterations, self.plan.motion(span.index))
             data = GroupFrames(torch.from_numpy(frames).to(self.device), self._views(), layout.near, layout.unit)
             trainer = GroupTrainer(
-                data, scene.dynamic, scene.static, scene.alive, self.gains, self.config, self.config.seed + span.index
+                data,
+                scene.dynamic,
+                scene.static,
+                scene.alive,
+                self.gains,
+                self.config,
+                self.config.seed + span.index,
+                tracks,
             )
             result = trainer.train(self.progress)
             self.progress.update(iterations, dynamic=len(result.dynamic))
@@ -242,6 +252,18 @@ class Reconstruction:
         checkpoint.save_arrays(self._folder(span) / "layer.safetensors", arrays)
         alive = np.concatenate([layers.alive, np.ones(len(decoded), bool)])
         return Scene(Gaussians.concatenate([scene.static, decoded]), alive, layers.dynamic)
+
+    def _follow(self, span: Span, scene: Scene, frames: np.ndarray, layout: Layout) -> tuple[Scene, np.ndarray | None]:
+        """Tracks of the dynamic points, to start their deformation from, and new points for what appears."""
+        if not self.config.group.track or span.count < 2:
+            return scene, None
+        with self._timed("tracking"):
+            self.progress.stage(self._title(span, "tracking"), span.count, self.plan.tracking(span.index))
+            gains = self.gains.values.detach().cpu().numpy()
+            static, flow = scene.static[scene.alive], make_flow(self.config.layering.flow)
+            start = follow(scene.dynamic, static, self.cameras, frames, gains, flow, layout.near, self.progress)
+            self.progress.update(span.count, dynamic=len(start.dynamic), new=len(start.dynamic) - len(scene.dynamic))
+        return Scene(scene.static, scene.alive, start.dynamic), start.tracks
 
     def _hand_over(self, span: Span, static: Gaussians, group: Group) -> Scene:
         """The scene at the next keyframe: the dynamic points, deformed there (paper section 4)."""

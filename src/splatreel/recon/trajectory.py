@@ -14,6 +14,9 @@ from torch import Tensor
 
 from splatreel.kernels import splat
 
+SMOOTHING = 0.3
+"""Weight of a spline's second differences against the tracks it follows."""
+
 DIMENSIONS = 7
 """dx, and dq less its identity."""
 
@@ -69,6 +72,20 @@ class Trajectory:
                 k = self.reached
                 for controls in self.controls:
                     controls[k] = controls[k - 1] + self.EXTRAPOLATION * (controls[k - 1] - controls[k - 2])
+
+    def follow(self, means: Tensor, positions: Tensor) -> None:
+        """The point level takes the tracks, as the smoothest spline close to them; all knots are then in use."""
+        rows = np.zeros((len(positions), self.knots), np.float32)
+        for frame in range(len(positions)):
+            knot, weights = basis(frame / self.last * self.intervals, self.intervals)
+            rows[frame, knot : knot + 4] = weights
+        bend = np.diff(np.eye(self.knots, dtype=np.float32), 2, axis=0)
+        system = rows.T @ rows + SMOOTHING * bend.T @ bend + 1e-4 * np.eye(self.knots, dtype=np.float32)
+        solve = torch.from_numpy(np.linalg.solve(system, rows.T).astype(np.float32)).to(positions.device)
+        offsets = ((positions - means) / self.unit).reshape(len(positions), -1)
+        with torch.no_grad():
+            self.controls[-1][..., :3] = (solve @ offsets).view(self.knots, -1, 3)
+        self.reached = self.knots - 1
 
     def step(self, share: float) -> None:
         for group in self.optimizer.param_groups:

@@ -1,0 +1,121 @@
+"""Things that appear: where several views agree that the picture lacks something, and what it looks like there.
+
+Dynamic points come from the keyframe, so what flies in later, or was lost, has none. At such a frame the pixels where the rendered
+scene is wrong are carved into space: a place counts if the views that see it call it wrong there and agree on its colour.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+
+from splatreel.scene.camera import Camera
+
+WRONG = 0.12
+"""Mean absolute colour error, 0..1, of a pixel's surroundings that counts as something missing."""
+AGREE = 0.8
+"""Share of the views a place falls into that must call it wrong."""
+COLOR = 0.1
+"""Largest mean colour difference, 0..1, between those views."""
+VIEWS = 0.3
+"""Share of all cameras, and three at least, that must call a place wrong: next to a camera a few agree on anything."""
+DEPTHS = 64
+RAYS = 4000
+
+
+@dataclass(frozen=True)
+class Found:
+    """points: [M, 3] world; colors: [M, 3] 0..1; sizes: [M] world, standard deviation, half the distance to the next point."""
+
+    points: np.ndarray
+    colors: np.ndarray
+    sizes: np.ndarray
+
+
+def wrong_pixels(image: np.ndarray, truth: np.ndarray) -> np.ndarray:
+    """[H, W] bool: where a picture [H, W, 3] float differs from its truth (uint8) by more than noise and edges do."""
+    error = np.abs(image - truth.astype(np.float32) / 255).mean(-1)
+    smooth = cv2.GaussianBlur(error, (5, 5), 1.2)
+    mask = cv2.morphologyEx((smooth > WRONG).astype(np.uint8), cv2.MORPH_OPEN, np.ones((3, 3), np.uint8))
+    return mask > 0
+
+
+def find(
+    cameras: list[Camera], images: np.ndarray, wrong: np.ndarray, depths: np.ndarray, near: float, seed: int = 0
+) -> Found:
+    """Points of what is missing in the views.
+
+    images: [C, H, W, 3] uint8; wrong: [C, H, W] bool; depths: [C, H, W] what the scene without it shows, infinite for nothing.
+    """
+    rays = _rays(wrong, np.random.default_rng(seed))
+    if len(rays) == 0:
+        return Found(np.zeros((0, 3), np.float32), np.zeros((0, 3), np.float32), np.zeros(0, np.float32))
+    places, footprint, stride = _places(cameras, rays, wrong, depths, near)
+    own = images[rays[:, 0], rays[:, 1], rays[:, 2]].astype(np.float32) / 255
+    score = _score(places, own, cameras, images, wrong, near)
+    best = score.argmin(1)
+    index = np.arange(len(rays))
+    good = score[index, best] < COLOR
+    sizes = 0.5 * footprint[index, best] * stride
+    return _thinned(places[index, best][good], own[good], sizes[good])
+
+
+def _rays(wrong: np.ndarray, rng: np.random.Generator) -> np.ndarray:
+    """[R, 3] camera, row, column of wrong pixels, an even choice of them."""
+    rays = np.argwhere(wrong)
+    return rays if len(rays) <= RAYS else rays[np.sort(rng.choice(len(rays), RAYS, replace=False))]
+
+
+def _places(
+    cameras: list[Camera], rays: np.ndarray, wrong: np.ndarray, depths: np.ndarray, near: float
+) -> tuple[np.ndarray, np.ndarray, float]:
+    """[R, D, 3] places along the rays, near to the depth shown, evenly in inverse depth; [R, D] size of a pixel; rays' spacing."""
+    camera, row, column = rays.T
+    shown = depths[camera, row, column]
+    finite = depths[np.isfinite(depths)]
+    far = float(np.percentile(finite, 99)) if len(finite) else 20 * near
+    end = np.minimum(np.where(np.isfinite(shown), 1.02 * shown, far), far).clip(1.05 * near)
+    inverse = 1 / near + (1 / end - 1 / near)[:, None] * np.linspace(0.02, 1, DEPTHS)
+    z = 1 / inverse
+    K = np.stack([c.K for c in cameras])[camera]
+    poses = np.stack([c.viewmat for c in cameras])[camera]
+    directions = np.stack(
+        [(column + 0.5 - K[:, 0, 2]) / K[:, 0, 0], (row + 0.5 - K[:, 1, 2]) / K[:, 1, 1], np.ones(len(rays))], 1
+    )
+    local = directions[:, None] * z[..., None] - poses[:, None, :3, 3]
+    places = np.einsum("rdi,rij->rdj", local, poses[:, :3, :3])
+    stride = float(np.sqrt(max(wrong.sum() / len(rays), 1.0)))
+    return places.astype(np.float32), (z / K[:, 0, 0][:, None]).astype(np.float32), stride
+
+
+def _score(
+    places: np.ndarray, own: np.ndarray, cameras: list[Camera], images: np.ndarray, wrong: np.ndarray, near: float
+) -> np.ndarray:
+    """[R, D] mean colour difference to the ray's own colour over the views that call a place wrong; infinite if too few do."""
+    shape = places.shape[:2]
+    flat = places.reshape(-1, 3)
+    inside, agree, difference = (np.zeros(len(flat), np.float32) for _ in range(3))
+    for camera, image, mask in zip(cameras, images, wrong, strict=True):
+        local = flat @ camera.viewmat[:3, :3].T + camera.viewmat[:3, 3]
+        z = np.maximum(local[:, 2], 1e-9)
+        u = (camera.K[0, 0] * local[:, 0] / z + camera.K[0, 2]).astype(np.int64)
+        v = (camera.K[1, 1] * local[:, 1] / z + camera.K[1, 2]).astype(np.int64)
+        seen = np.flatnonzero((local[:, 2] > near) & (u >= 0) & (v >= 0) & (u < camera.width) & (v < camera.height))
+        inside[seen] += 1
+        hit = seen[mask[v[seen], u[seen]]]
+        agree[hit] += 1
+        color = image[v[hit], u[hit]].astype(np.float32) / 255
+        difference[hit] += np.abs(color - own[hit // shape[1]]).mean(1)
+    held = (agree >= max(3, VIEWS * len(cameras))) & (agree >= AGREE * inside)
+    return np.where(held, difference / np.maximum(agree, 1), np.inf).reshape(shape)
+
+
+def _thinned(points: np.ndarray, colors: np.ndarray, sizes: np.ndarray) -> Found:
+    """One point a cell, a little finer than their spacing."""
+    if len(points) == 0:
+        return Found(points, colors, sizes)
+    cell = 1.5 * float(np.median(sizes))
+    _, first = np.unique(np.floor(points / cell).astype(np.int64), axis=0, return_index=True)
+    return Found(points[first], colors[first], sizes[first])

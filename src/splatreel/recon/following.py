@@ -1,0 +1,95 @@
+"""The start of a group: tracks of its dynamic points by flow, and new points for what appears (before any training)."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from splatreel.kernels.image import render_image
+from splatreel.motion.appear import find, wrong_pixels
+from splatreel.motion.flow import Flow
+from splatreel.motion.track import Tracker
+from splatreel.progress import Progress
+from splatreel.recon.keyframe import SH_C0
+from splatreel.scene.camera import Camera
+from splatreel.scene.gaussians import Gaussians
+
+STEP = 4
+"""Frames between two looks for things that appeared."""
+
+ROOM = 6000
+"""Newcomers a group takes, or as many as it has dynamic points: flicker and noise are no things."""
+
+
+@dataclass(frozen=True)
+class Start:
+    """dynamic: the dynamic points at the keyframe, newcomers last; tracks: [T, N, 3] their positions at every frame."""
+
+    dynamic: Gaussians
+    tracks: np.ndarray
+
+
+def follow(
+    dynamic: Gaussians,
+    static: Gaussians,
+    cameras: list[Camera],
+    frames: np.ndarray,
+    gains: np.ndarray,
+    flow: Flow,
+    near: float,
+    progress: Progress,
+) -> Start:
+    """Track dynamic points through frames [T, C, H, W, 3] uint8, and add points where several views lack something.
+
+    gains: [C, 3] colour gain of each camera.
+    """
+    tracker = Tracker(static, cameras, frames, flow, near)
+    start = Start(dynamic, tracker.track(dynamic))
+    known = _wrong(start, static, tracker, 0, gains)
+    room = max(ROOM, len(dynamic))
+    for frame in range(STEP, len(frames), STEP):
+        progress.update(frame, dynamic=len(start.dynamic))
+        newcomers = _appeared(start, static, tracker, frame, gains, known)
+        room -= len(newcomers)
+        if len(newcomers) and room >= 0:
+            tracks = tracker.track(newcomers, frame)
+            at_keyframe = newcomers.moved(tracks[0] - newcomers.means, _identity(len(newcomers)))
+            start = Start(
+                Gaussians.concatenate([start.dynamic, at_keyframe]), np.concatenate([start.tracks, tracks], axis=1)
+            )
+    return start
+
+
+def _at(start: Start, frame: int) -> Gaussians:
+    return start.dynamic.moved(start.tracks[frame] - start.dynamic.means, _identity(len(start.dynamic)))
+
+
+def _wrong(start: Start, static: Gaussians, tracker: Tracker, frame: int, gains: np.ndarray) -> np.ndarray:
+    """[C, H, W] bool: where the views of a frame differ from the scene as it is tracked."""
+    scene = Gaussians.concatenate([static, _at(start, frame)])
+    views = zip(tracker.cameras, tracker.frames[frame], gains, strict=True)
+    return np.stack([wrong_pixels(render_image(scene, c, near=tracker.near) * gain, image) for c, image, gain in views])
+
+
+def _appeared(
+    start: Start, static: Gaussians, tracker: Tracker, frame: int, gains: np.ndarray, known: np.ndarray
+) -> Gaussians:
+    """Gaussians, in place at a frame, of what the views show there and the scene does not.
+
+    known: [C, H, W] bool, what was wrong at the keyframe already, where the points had been trained: mirrors, not newcomers.
+    """
+    wrong = _wrong(start, static, tracker, frame, gains) & ~known
+    images, moved = tracker.frames[frame], _at(start, frame)
+    found = find(tracker.cameras, images, wrong, tracker.depths(moved), tracker.near, seed=frame)
+    count, bands = len(found.points), start.dynamic.sh.shape[1]
+    sh = np.zeros((count, bands, 3), np.float32)
+    sh[:, 0] = (found.colors - 0.5) / SH_C0
+    scales = np.repeat(found.sizes[:, None], 3, 1)
+    return Gaussians(found.points, _identity(count), scales, np.full(count, 0.7, np.float32), sh)
+
+
+def _identity(count: int) -> np.ndarray:
+    quats = np.zeros((count, 4), np.float32)
+    quats[:, 0] = 1
+    return quats
