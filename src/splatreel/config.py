@@ -9,6 +9,7 @@ from __future__ import annotations
 import dataclasses
 import json
 from dataclasses import dataclass, field
+from operator import attrgetter
 from typing import Literal
 
 from splatreel.errors import UsageError
@@ -96,9 +97,24 @@ class EncodeConfig:
     """Store the low byte mirrored where the high byte is odd: a triangle wave instead of a sawtooth."""
 
 
+LEAST = {
+    "seed": 0,
+    "keyframe.first_iterations": 1,
+    "keyframe.refine_iterations": 1,
+    "keyframe.densify_every": 1,
+    "keyframe.max_points": 1,
+    "layering.lift_iterations": 1,
+    "layering.adapt_every": 0,
+    "group.iterations_per_frame": 1,
+    "group.length": 1,
+    "group.overlap": 0,
+}
+"""The least value of what counts something."""
+
+
 @dataclass(frozen=True)
 class Config:
-    """Everything that decides what a reconstruction looks like."""
+    """Everything that decides what a reconstruction looks like. Raises `UsageError` for counts that no run can have."""
 
     layering: LayeringConfig = field(default_factory=LayeringConfig)
     keyframe: KeyframeConfig = field(default_factory=KeyframeConfig)
@@ -107,6 +123,17 @@ class Config:
     correct_colors: bool = True
     """Per-camera colour gain, learned on the training cameras around a mean of one; cameras never seen get none."""
     seed: int = 0
+
+    def __post_init__(self) -> None:
+        for name, least in LEAST.items():
+            value = attrgetter(name)(self)
+            if value < least:
+                raise UsageError(f"{name} {value} is out of range. Choose {least} or more.")
+        length, overlap = self.group.length, self.group.overlap
+        if overlap >= length:
+            raise UsageError(
+                f"group.overlap {overlap} does not fit group.length {length}. Choose an overlap shorter than a group."
+            )
 
     def to_json(self) -> str:
         return json.dumps(dataclasses.asdict(self), indent=1, sort_keys=True)

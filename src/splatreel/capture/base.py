@@ -139,10 +139,6 @@ class Capture(ABC):
         return [c for c in self.cameras if c.name not in self.held_out]
 
     @property
-    def held_out_cameras(self) -> list[Camera]:
-        return [c for c in self.cameras if c.name in self.held_out]
-
-    @property
     def width(self) -> int:
         return self.cameras[0].width
 

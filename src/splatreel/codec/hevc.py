@@ -73,9 +73,9 @@ def _frame(picture: np.ndarray, index: int) -> av.VideoFrame:
     luma, *chroma = frame.planes
     rows = np.zeros((luma.height, luma.line_size), np.uint8)
     rows[:height, :width] = picture
-    luma.update(rows)
+    luma.update(rows.tobytes())
     for plane in chroma:
-        plane.update(np.full(plane.buffer_size, 128, np.uint8))
+        plane.update(b"\x80" * plane.buffer_size)
     frame.pts = index
     return frame
 
@@ -102,7 +102,8 @@ def _decode_track(data: bytes, track: int, count: int, frames: int, width: int, 
                 if not frame.format.name.startswith(("yuv420p", "yuvj420p")) or frame.format.components[0].bits != 8:
                     raise ReelError(f"track {track} has pictures of format {frame.format.name}, expected yuv420p.")
                 luma = frame.planes[0]
-                pictures[decoded] = np.frombuffer(luma, np.uint8).reshape(-1, luma.line_size)[:height, :width]
+                rows = np.frombuffer(luma, np.uint8)  # pyright: ignore[reportCallIssue, reportArgumentType]: it is a buffer
+                pictures[decoded] = rows.reshape(-1, luma.line_size)[:height, :width]
                 decoded += 1
     except (FFmpegError, ValueError, EOFError) as error:
         raise ReelError(f"is not a video file that can be decoded ({error}).") from error

@@ -12,7 +12,6 @@ import numpy as np
 Distance = Callable[[np.ndarray, np.ndarray], float]
 
 BACKBONE = "vgg16-397923af.pth"
-HOW_TO_GET = "pip install 'splatreel[models]' and run once: python -c \"import lpips; lpips.LPIPS(net='vgg')\""
 
 
 def available() -> bool:

@@ -7,6 +7,7 @@ does not mind, and many views agree on one motion in space. The tracks are a sta
 from __future__ import annotations
 
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 import torch
@@ -67,7 +68,7 @@ class Tracker:
         means, *shape = _tensors(points)
         neighbours = _neighbours(means)
         path, motion = [means], torch.zeros_like(means)
-        for here, there in zip(order, order[1:], strict=False):
+        for here, there in pairwise(order):
             views = []
             for c, (camera, pinhole, wall) in enumerate(zip(self.lookouts, self.pinholes, self.walls, strict=True)):
                 depth = torch.minimum(wall, _depth((path[-1], shape[0], shape[1], shape[2]), camera, self.near))

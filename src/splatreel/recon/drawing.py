@@ -25,8 +25,9 @@ class View:
 
     @staticmethod
     def of(camera: Camera, device: torch.device) -> View:
-        tensors = [torch.from_numpy(array.copy()).to(device) for array in (camera.viewmat, camera.K, camera.center)]
-        return View(*tensors, camera.width, camera.height)
+        arrays = camera.viewmat, camera.K, camera.center
+        viewmat, K, center = (torch.from_numpy(array.copy()).to(device) for array in arrays)
+        return View(viewmat, K, center, camera.width, camera.height)
 
 
 @dataclass(frozen=True)

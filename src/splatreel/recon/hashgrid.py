@@ -29,6 +29,8 @@ class HashGrid(nn.Module):
     """Coarsest and finest, of the two space axes and of time."""
     WIDTH = 64
     GRID_RATE, NETWORK_RATE = 4e-3, 1e-3
+    low: Tensor
+    extent: Tensor
 
     def __init__(self, means: Tensor, frames: int, unit: float, seed: int = 0) -> None:
         super().__init__()

@@ -99,12 +99,6 @@ def initial_points(
     return InitialPoints(found.points.astype(np.float32), np.clip(found.colors, 0, 1).astype(np.float32), source)
 
 
-def viewing_distance(cameras: list[Camera], points: np.ndarray) -> float:
-    """Median depth of what the cameras see, world units; the distance to the common focus if they see no point."""
-    depths = np.concatenate(_seen_depths(cameras, np.asarray(points, np.float64)))
-    return float(np.median(depths)) if len(depths) else _focus_distance(cameras)
-
-
 def near_plane(cameras: list[Camera], points: np.ndarray) -> float:
     """A near plane in front of nearly everything seen, world units.
 
@@ -115,21 +109,6 @@ def near_plane(cameras: list[Camera], points: np.ndarray) -> float:
     if len(depths) < ENOUGH_POINTS:
         return 0.05 * _focus_distance(cameras)
     return float(np.clip(0.5 * np.percentile(depths, 1), 0.03 * np.median(depths), 0.2 * np.median(depths)))
-
-
-def scene_scale(cameras: list[Camera], points: np.ndarray) -> float:
-    """1.1 times the largest distance of a camera from their mean centre, as 3DGS; kept within 0.2 to 2 viewing distances."""
-    centers = np.stack([c.center for c in cameras]).astype(np.float64)
-    extent = 1.1 * np.linalg.norm(centers - centers.mean(0), axis=1).max()
-    distance = viewing_distance(cameras, points)
-    return float(np.clip(extent, 0.2 * distance, 2 * distance))
-
-
-def scene_bounds(points: np.ndarray) -> np.ndarray:
-    """Box [2, 3] float32 (lowest and highest corner) that holds nearly all points: the 1st to 99th percentile, 5 % wider."""
-    low, high = np.percentile(np.asarray(points, np.float64), [1, 99], axis=0)
-    margin = 0.05 * (high - low)
-    return np.stack([low - margin, high + margin]).astype(np.float32)
 
 
 def depth_ranges(cameras: list[Camera], points: np.ndarray, near: float | None = None) -> np.ndarray:

@@ -79,4 +79,5 @@ class Gaussians:
         bands = max(p.sh.shape[1] for p in parts)
         padded = [np.pad(p.sh, ((0, 0), (0, bands - p.sh.shape[1]), (0, 0))) for p in parts]
         names = ("means", "quats", "scales", "opacities")
-        return Gaussians(*(np.concatenate([getattr(p, n) for p in parts]) for n in names), np.concatenate(padded))
+        means, quats, scales, opacities = (np.concatenate([getattr(p, n) for p in parts]) for n in names)
+        return Gaussians(means, quats, scales, opacities, np.concatenate(padded))

@@ -69,7 +69,7 @@ class Rasterize(Function):
         bins = binning.bin_splats(*arrays, radii=visible, width=width, height=height, wanted=wanted)
         parts = []
         for channel, part in enumerate(_split(*_arrays(colors))):
-            kept = None if still is None else (_split(*_arrays(still.image))[channel], *_arrays(still.alpha))
+            kept = None if still is None else (_split(*_arrays(still.image))[channel], _arrays(still.alpha)[0])
             parts.append(rasterize.forward(bins, part, kept))
         image = torch.from_numpy(_join([image for image, _ in parts], colors.shape[1]))
         alpha = torch.from_numpy(parts[0][1])
