@@ -1,0 +1,86 @@
+"""Write the README's table of results from the latest record of each benchmark in benchmarks/results.jsonl.
+
+python benchmarks/table.py
+"""
+
+import json
+from pathlib import Path
+
+from record import RESULTS, ROOT
+
+README = ROOT / "README.md"
+BEGIN, END = "<!-- results: written by benchmarks/table.py -->", "<!-- end of results -->"
+MISSING = "*not measured*"
+
+ROWS = {
+    "demo trajectory": "built-in capture",
+    "demo hashgrid": "built-in capture, the paper's hash grid",
+    "basketball 320": "Panoptic basketball, 320 wide",
+    "basketball 640": "Panoptic basketball, 640 wide",
+}
+"""Benchmarks that always have a row, measured or not. `static NAME WIDTH` gets one when it has been recorded."""
+
+COLUMNS = ("held-out cameras of", "frames", "PSNR dB", "per channel", "SSIM", "before encoding", "reel", "of float32")
+COLUMNS += ("time", "memory", "commit")
+
+
+def latest(results: Path = RESULTS) -> dict[str, dict]:
+    """The last record of each benchmark, by name; empty where nothing has been recorded."""
+    lines = results.read_text(encoding="utf-8").splitlines() if results.exists() else []
+    records = [json.loads(line) for line in lines if line.strip()]
+    return {record["benchmark"]: record for record in records}
+
+
+def table(records: dict[str, dict]) -> str:
+    """The Markdown table, and on which machines it was measured."""
+    static = {name: f"{name.split()[1]}, one frame" for name in sorted(records) if name.startswith("static ")}
+    rows = ROWS | static
+    lines = [_row(COLUMNS), _row(["---"] * len(COLUMNS))]
+    lines += [_row(_cells(label, records.get(name))) for name, label in rows.items()]
+    measured = [records[name] for name in rows if name in records]
+    machines = sorted({str(record.get("machine_before", record["machine"])) for record in measured})
+    if machines:
+        lines += ["", f"Measured on {'; '.join(machines)}."]
+    return "\n".join(lines)
+
+
+def _row(cells: list[str] | tuple[str, ...]) -> str:
+    return f"| {' | '.join(cells)} |"
+
+
+def _cells(label: str, record: dict | None) -> list[str]:
+    if record is None:
+        return [label, *[MISSING] * (len(COLUMNS) - 1)]
+    return [
+        label,
+        f"{record['frames']} at {record['width']}x{record['height']}",
+        _number(record, "psnr", ".2f"),
+        _number(record, "psnr_per_channel", ".2f"),
+        _number(record, "ssim", ".4f"),
+        _number(record, "psnr_undecoded", ".2f"),
+        _number(record, "reel_bytes", ".2f", 1e-6, " MB"),
+        _number(record, "share_of_float32", ".1f", 100, " %"),
+        _number(record, "seconds_total", ".1f", 1 / 60, " min"),
+        _number(record, "peak_memory_bytes", ".1f", 1e-9, " GB"),
+        f"`{record['revision']}`",
+    ]
+
+
+def _number(record: dict, name: str, style: str, factor: float = 1, unit: str = "") -> str:
+    value = record.get(name)
+    return MISSING if value is None else f"{value * factor:{style}}{unit}"
+
+
+def replaced(text: str, inner: str) -> str:
+    """A document with what stands between its two markers replaced. Raises ValueError where they are missing."""
+    head, begin, rest = text.partition(BEGIN)
+    _, end, tail = rest.partition(END)
+    if not begin or not end:
+        raise ValueError(f"The document has no place for results: put {BEGIN} and {END} on lines of their own.")
+    return f"{head}{begin}\n{inner}\n{end}{tail}"
+
+
+if __name__ == "__main__":
+    written = replaced(README.read_text(encoding="utf-8"), table(latest()))
+    README.write_text(written, encoding="utf-8")
+    print(table(latest()))

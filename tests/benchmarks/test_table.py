@@ -1,0 +1,70 @@
+import importlib.util
+import json
+import sys
+from pathlib import Path
+from types import ModuleType
+
+import pytest
+
+ROOT = Path(__file__).parent.parent.parent
+RECORD = {
+    "benchmark": "basketball 320",
+    "revision": "abc1234",
+    "date": "2030-01-01 00:00",
+    "machine": "2 cores, load 1.9",
+    "machine_before": "2 cores, load 0.1",
+    "psnr": 29.5,
+    "psnr_per_channel": 29.75,
+    "ssim": 0.91,
+    "psnr_undecoded": None,
+    "reel_bytes": 2_340_000,
+    "share_of_float32": 0.0813,
+    "seconds_total": 390.0,
+    "peak_memory_bytes": 1.5e9,
+    "frames": 60,
+    "width": 320,
+    "height": 180,
+}
+
+
+@pytest.fixture
+def table(monkeypatch: pytest.MonkeyPatch) -> ModuleType:
+    monkeypatch.syspath_prepend(str(ROOT / "benchmarks"))
+    monkeypatch.delitem(sys.modules, "record", raising=False)
+    spec = importlib.util.spec_from_file_location("table", ROOT / "benchmarks" / "table.py")
+    assert spec is not None
+    assert spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
+def test_the_latest_record_of_a_benchmark_counts(table: ModuleType, tmp_path: Path) -> None:
+    file = tmp_path / "results.jsonl"
+    file.write_text("".join(json.dumps(RECORD | {"psnr": psnr}) + "\n" for psnr in (28.0, 29.5)))
+    assert table.latest(file)["basketball 320"]["psnr"] == 29.5
+    assert table.latest(tmp_path / "none.jsonl") == {}
+
+
+def test_rows_say_what_was_measured_and_what_was_not(table: ModuleType) -> None:
+    static = RECORD | {"benchmark": "static coffee 672", "frames": 1}
+    text = table.table({"basketball 320": RECORD, "static coffee 672": static})
+    row = next(line for line in text.splitlines() if "320x180" in line)
+    for cell in ("60 at 320x180", "29.50", "29.75", "0.9100", "2.34 MB", "8.1 %", "6.5 min", "1.5 GB", "`abc1234`"):
+        assert f"| {cell} |" in row
+    assert row.count(table.MISSING) == 1  # psnr_undecoded
+    assert "coffee, one frame" in text
+    assert text.splitlines()[2].count(table.MISSING) == len(table.COLUMNS) - 1  # the built-in capture
+    assert text.endswith("Measured on 2 cores, load 0.1.")
+
+
+def test_only_what_stands_between_the_markers_is_replaced(table: ModuleType) -> None:
+    text = f"before\n{table.BEGIN}\nold\n{table.END}\nafter\n"
+    assert table.replaced(text, "new") == f"before\n{table.BEGIN}\nnew\n{table.END}\nafter\n"
+    with pytest.raises(ValueError, match="no place for results"):
+        table.replaced("nothing here", "new")
+
+
+def test_the_readme_shows_the_recorded_results(table: ModuleType) -> None:
+    readme = table.README.read_text(encoding="utf-8")
+    assert readme == table.replaced(readme, table.table(table.latest())), "run: python benchmarks/table.py"

@@ -1,0 +1,35 @@
+import re
+import shlex
+from pathlib import Path
+
+import pytest
+
+from splatreel.cli.main import build
+
+ROOT = Path(__file__).parent.parent.parent
+README = (ROOT / "README.md").read_text(encoding="utf-8")
+
+
+def test_the_python_example_runs(capsys: pytest.CaptureFixture[str]) -> None:
+    example = re.search(r"```python\n(.*?)```", README, re.DOTALL)
+    assert example is not None
+    code = example[1].replace("out/demo/reel", str(ROOT / "tests" / "data" / "golden"))
+    assert len(code.splitlines()) <= 6
+    exec(compile(code, "README.md", "exec"), {})
+    assert re.fullmatch(r"\d+ \(\d+, \d+, 3\)\n", capsys.readouterr().out)
+
+
+def test_the_named_options_exist(capsys: pytest.CaptureFixture[str]) -> None:
+    """Every `splatreel VERB --option` of the README is one that the verb's help knows."""
+    lines = [line.split("#")[0].strip() for line in README.splitlines() if line.startswith("    splatreel ")]
+    checked = 0
+    for line in lines:
+        options = [word for word in shlex.split(line) if word.startswith("--")]
+        if options:
+            verb = line.split()[1]
+            with pytest.raises(SystemExit):
+                build().cli(prog="splatreel", args=[verb, "--help"])
+            known = capsys.readouterr().out
+            assert [option for option in options if option not in known] == []
+            checked += len(options)
+    assert checked >= 8
