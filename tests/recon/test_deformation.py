@@ -31,8 +31,8 @@ def fit(model, means, frames, iterations):
         model.step(i / iterations)
 
 
-@pytest.mark.parametrize("model", MODELS)
-def test_offsets_start_near_zero_and_learn_a_motion(model):
+@pytest.mark.parametrize(("model", "tolerance"), [(Trajectory, 0.01), (HashGrid, 0.025)])
+def test_offsets_start_near_zero_and_learn_a_motion(model, tolerance):
     means, frames = cloud(), 12
     net = model(means, frames, 1.0)
     dx, dq = net.offsets(means, 6)
@@ -40,9 +40,58 @@ def test_offsets_start_near_zero_and_learn_a_motion(model):
     torch.testing.assert_close(dq, torch.tensor([1.0, 0, 0, 0]).expand_as(dq), atol=1e-2, rtol=0)
     fit(net, means, frames, 800)
     errors = [(net.offsets(means, f)[0] - true_motion(means, f, frames)).abs().mean().item() for f in range(frames)]
-    assert max(errors) < 0.01
+    assert max(errors) < tolerance
+    assert true_motion(means, frames - 1, frames).abs().mean() > 2.5 * tolerance, "standing still would not pass"
     between = (net.offsets(means, 5.5)[0] - true_motion(means, 5.5, frames)).abs().mean().item()
-    assert between < 0.01
+    assert between < tolerance
+
+
+def tracks_of(means, frames):
+    return torch.stack([means + true_motion(means, frame, frames) for frame in range(frames)])
+
+
+@pytest.mark.parametrize(("model", "tolerance"), [(Trajectory, 2e-3), (HashGrid, 0.02)])
+def test_a_model_follows_smooth_tracks(model, tolerance):
+    means, frames = cloud(), 12
+    net = model(means, frames, 1.0)
+    net.follow(means, tracks_of(means, frames))
+    for frame in range(frames):
+        dx, dq = net.offsets(means, frame)
+        assert (dx - true_motion(means, frame, frames)).abs().mean() < tolerance
+        torch.testing.assert_close(dq, torch.tensor([1.0, 0, 0, 0]).expand_as(dq), atol=0.02, rtol=0)
+    assert (net.offsets(means, frames - 1)[0]).abs().mean() > 3 * tolerance, "the tracks do move"
+
+
+def test_a_trajectory_smooths_the_jitter_of_tracks():
+    means, frames = cloud(), 12
+    jitter = 0.02 * torch.randn(frames, len(means), 3, generator=torch.Generator().manual_seed(2))
+    net = Trajectory(means, frames, 1.0)
+    net.follow(means, tracks_of(means, frames) + jitter)
+    errors = [(net.offsets(means, f)[0] - true_motion(means, f, frames)).abs().mean().item() for f in range(frames)]
+    assert sum(errors) / frames < 0.8 * jitter.abs().mean()
+
+
+def test_tracks_that_were_followed_stay_when_training_goes_on():
+    """All knots are in use from then on: the next frames to be let in are not extrapolated anew."""
+    means, frames = cloud(), 12
+    net = Trajectory(means, frames, 1.0)
+    net.follow(means, tracks_of(means, frames))
+    before = net.offsets(means, 11)[0].detach()
+    net.reach(3)
+    net.reach(11)
+    net.offsets(means, 2)[0].square().sum().backward()
+    net.step(1.0)
+    torch.testing.assert_close(net.offsets(means, 11)[0], before, atol=1e-3, rtol=0)
+
+
+@pytest.mark.parametrize("model", MODELS)
+def test_newcomers_of_followed_tracks_rest_or_go_with_their_parents(model):
+    means, frames = cloud(), 12
+    net = model(means, frames, 1.0)
+    net.follow(means, tracks_of(means, frames))
+    net.append(means[:3], torch.tensor([0, 1, 2]))
+    dx = net.offsets(torch.cat([means, means[:3]]), 8)[0]
+    torch.testing.assert_close(dx[200:], dx[:3])
 
 
 @pytest.mark.parametrize("model", MODELS)

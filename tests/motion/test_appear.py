@@ -1,0 +1,104 @@
+"""A ball that the scene lacks: the views see it, and it is found where it is."""
+
+import numpy as np
+
+from splatreel.kernels.image import render_image
+from splatreel.motion.appear import find, wrong_pixels
+from splatreel.scene.gaussians import Gaussians
+from tests.recon.scenes import ring
+
+WIDTH, HEIGHT, NEAR = 96, 64, 0.8
+CAMERAS = ring(5, width=WIDTH, height=HEIGHT)
+PIXEL = 4 / WIDTH
+"""World size of a pixel at the ball: the cameras are four units away and as long as they are wide."""
+CENTER, RADIUS = np.array([0.3, -0.1, 0.2]), 0.35
+
+
+def ball() -> Gaussians:
+    """Opaque points on a sphere, in colours that vary slowly and are never the background's."""
+    directions = np.random.default_rng(0).normal(size=(1500, 3))
+    means = CENTER + RADIUS * directions / np.linalg.norm(directions, axis=1, keepdims=True)
+    count = len(means)
+    reds = 0.8 + 0.2 * np.sin(9 * means[:, 1])
+    colors = np.stack([reds, 0.5 + 0.4 * np.sin(11 * means[:, 0]), 0.1 + 0.1 * np.sin(7 * means[:, 2])], 1)
+    sh = ((colors - 0.5) / 0.28209479)[:, None]
+    quats = np.tile([1.0, 0, 0, 0], (count, 1))
+    return Gaussians(means, quats, np.full((count, 3), 0.03), np.full(count, 0.99), sh)
+
+
+def pictures(scene: Gaussians) -> np.ndarray:
+    images = [render_image(scene, camera, near=NEAR, background=(0.2, 0.4, 0.6)) for camera in CAMERAS]
+    return (np.clip(images, 0, 1) * 255).astype(np.uint8)
+
+
+EMPTY = np.tile(np.array([0.2, 0.4, 0.6], np.float32), (HEIGHT, WIDTH, 1))
+BACKGROUND = np.full((len(CAMERAS), HEIGHT, WIDTH), 6, np.float32)
+
+
+def test_a_missing_ball_is_found_where_it_is() -> None:
+    images = pictures(ball())
+    wrong = np.stack([wrong_pixels(EMPTY, image) for image in images])
+    found = find(CAMERAS, images, wrong, BACKGROUND, NEAR)
+    assert len(found.points) > 100
+    off = np.abs(np.linalg.norm(found.points - CENTER, axis=1) - RADIUS) / PIXEL
+    assert np.median(off) < 2
+    assert np.percentile(off, 80) < 4
+    assert (found.colors[:, 0] > found.colors[:, 2]).mean() > 0.95, "red over blue, as the ball is, but for its rim"
+    assert found.sizes.shape == (len(found.points),)
+    assert (0.2 * PIXEL < found.sizes).all()
+    assert (found.sizes < 4 * PIXEL).all()
+
+
+def test_the_same_seed_finds_the_same() -> None:
+    images = pictures(ball())
+    wrong = np.stack([wrong_pixels(EMPTY, image) for image in images])
+    a, b = (find(CAMERAS, images, wrong, BACKGROUND, NEAR, seed=3) for _ in range(2))
+    assert len(a.points)
+    np.testing.assert_array_equal(a.points, b.points)
+
+
+def test_where_nothing_is_wrong_nothing_is_found() -> None:
+    images = pictures(ball())
+    found = find(CAMERAS, images, np.zeros((5, HEIGHT, WIDTH), bool), BACKGROUND, NEAR)
+    assert found.points.shape == found.colors.shape == (0, 3)
+    assert found.sizes.shape == (0,)
+
+
+def test_what_one_or_two_views_call_wrong_is_not_found() -> None:
+    images = pictures(ball())
+    wrong = np.stack([wrong_pixels(EMPTY, image) for image in images])
+    for views in (1, 2):
+        few = wrong.copy()
+        few[views:] = False
+        assert len(find(CAMERAS, images, few, BACKGROUND, NEAR).points) == 0
+
+
+def test_views_that_disagree_on_the_colour_find_nothing() -> None:
+    images = pictures(ball())
+    wrong = np.stack([wrong_pixels(EMPTY, image) for image in images])
+    for c, image in enumerate(images):
+        image[wrong[c]] = [(0, 0, 0), (255, 255, 255), (255, 0, 0), (0, 255, 0), (0, 0, 255)][c]
+    assert len(find(CAMERAS, images, wrong, BACKGROUND, NEAR).points) == 0
+
+
+def test_nothing_is_found_behind_what_the_scene_shows() -> None:
+    images = pictures(ball())
+    wrong = np.stack([wrong_pixels(EMPTY, image) for image in images])
+    found = find(CAMERAS, images, wrong, np.full_like(BACKGROUND, 2.0), NEAR)
+    for camera in CAMERAS:
+        depth = found.points @ camera.viewmat[2, :3] + camera.viewmat[2, 3]
+        assert (depth < 3).all(), "the ball is four units away, behind a surface at two"
+
+
+def test_noise_and_thin_edges_are_not_wrong() -> None:
+    truth = np.random.default_rng(0).integers(90, 130, (HEIGHT, WIDTH, 3)).astype(np.uint8)
+    picture = np.full((HEIGHT, WIDTH, 3), 110 / 255, np.float32)
+    assert not wrong_pixels(picture, truth).any()
+    edge = truth.copy()
+    edge[:, 40] = 255
+    assert not wrong_pixels(picture, edge)[:, :36].any()
+    block = truth.copy()
+    block[20:40, 30:60] = 250
+    mask = wrong_pixels(picture, block)
+    assert mask[23:37, 33:57].all()
+    assert mask.sum() < 24 * 34
