@@ -59,7 +59,7 @@ def test_a_model_follows_smooth_tracks(model, tolerance):
         dx, dq = net.offsets(means, frame)
         assert (dx - true_motion(means, frame, frames)).abs().mean() < tolerance
         torch.testing.assert_close(dq, torch.tensor([1.0, 0, 0, 0]).expand_as(dq), atol=0.02, rtol=0)
-    assert (net.offsets(means, frames - 1)[0]).abs().mean() > 3 * tolerance, "the tracks do move"
+    assert net.offsets(means, frames - 1)[0].abs().mean() > 2.5 * tolerance, "the tracks do move"
 
 
 def test_a_trajectory_smooths_the_jitter_of_tracks():
