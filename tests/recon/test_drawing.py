@@ -1,0 +1,86 @@
+import numpy as np
+import pytest
+import torch
+
+from splatreel.recon.drawing import Backdrop, Splats, View, draw, splats
+from splatreel.recon.points import TrainablePoints, default_rates
+from splatreel.scene.gaussians import Gaussians
+from tests.recon.captures import blots
+from tests.recon.scenes import ring
+
+CPU, NEAR = torch.device("cpu"), 0.1
+VIEWS = [View.of(camera, CPU) for camera in ring(3, width=96, height=64)]
+WALL = blots(300, [-3, -2, 0.9], [3, 2, 1.0], 0.14, 0)
+THING = blots(30, [-0.9, -0.6, -0.4], [-0.2, 0.6, 0.2], 0.06, 1)
+
+
+def moving(view: View, thing: Gaussians = THING) -> tuple[TrainablePoints, Splats]:
+    p = TrainablePoints.from_gaussians(thing, default_rates(4.0), CPU)
+    return p, splats(p.means, p.quats, p.scales, p.opacities, p.sh, view, NEAR)
+
+
+def backdrop(points: Gaussians = WALL) -> Backdrop:
+    return Backdrop(points, VIEWS, NEAR, CPU)
+
+
+@pytest.mark.parametrize("camera", range(3))
+def test_layered_and_whole_drawing_agree(camera: int) -> None:
+    """Picture, alpha, gradients of the moving points; and those of the scenery that both drew."""
+    results = []
+    for layered in (True, False):
+        points, seen = moving(VIEWS[camera])
+        drawing = draw(seen, VIEWS[camera], backdrop().scenery(camera), layered=layered)
+        weights = torch.rand(drawing.image.shape, generator=torch.Generator().manual_seed(0))
+        (drawing.image * weights).sum().backward()
+        assert drawing.moving == len(THING)
+        assert drawing.means2d.grad is not None
+        results.append((drawing, drawing.means2d.grad, points))
+    (part, part_grad, part_points), (whole, whole_grad, whole_points) = results
+    torch.testing.assert_close(part.image, whole.image, atol=1e-5, rtol=0)
+    torch.testing.assert_close(part.alpha, whole.alpha, atol=1e-5, rtol=0)
+    torch.testing.assert_close(part_grad[: len(THING)], whole_grad[: len(THING)], atol=1e-4, rtol=1e-3)
+    for name, tensor in part_points.params.items():
+        torch.testing.assert_close(tensor.grad, whole_points.params[name].grad, atol=1e-3, rtol=1e-3)
+    assert part.index is not None
+    assert whole.index is not None
+    assert len(part.index) < len(whole.index), "scenery far from what moves is not drawn again"
+    assert set(part.index.tolist()) <= set(whole.index.tolist())
+
+
+def test_without_scenery_only_what_moves_is_drawn() -> None:
+    _, seen = moving(VIEWS[0])
+    alone, before_nothing = draw(seen, VIEWS[0]), draw(seen, VIEWS[0], backdrop(Gaussians.empty(0)).scenery(0))
+    assert alone.index is None
+    torch.testing.assert_close(alone.image, before_nothing.image, atol=1e-6, rtol=0)
+    assert (alone.alpha == 0).any()
+
+
+@pytest.mark.parametrize("drawn_before", [True, False])
+def test_the_scenery_shows_the_living_points_only(drawn_before: bool) -> None:
+    alive = torch.from_numpy(WALL.means[:, 0] < 0.3)
+    behind = backdrop()
+    if drawn_before:
+        assert len(behind.scenery(1).index) > int(alive.sum()) // 2
+    behind.set_alive(alive)
+    scenery, expected = behind.scenery(1), backdrop(WALL[alive.numpy()]).scenery(1)
+    assert bool(alive[scenery.index].all())
+    np.testing.assert_array_equal(torch.nonzero(alive)[:, 0][expected.index], scenery.index)
+    torch.testing.assert_close(scenery.image, expected.image, atol=1e-6, rtol=0)
+    torch.testing.assert_close(scenery.alpha, expected.alpha, atol=1e-6, rtol=0)
+    assert len(scenery.spans) == len(scenery.index) == len(scenery.splats.means2d)
+    assert (backdrop().scenery(1).image - scenery.image).abs().max() > 0.1
+
+
+def test_the_callers_mask_stays_his_own() -> None:
+    behind, alive = backdrop(), torch.ones(len(WALL), dtype=torch.bool)
+    behind.set_alive(alive)
+    alive[0] = False
+    assert bool(behind.alive.all())
+
+
+def test_scenery_is_drawn_once() -> None:
+    behind = backdrop()
+    first = behind.scenery(2)
+    assert behind.scenery(2) is first
+    behind.set_alive(torch.ones(len(WALL), dtype=torch.bool))
+    assert behind.scenery(2) is first, "nothing died"

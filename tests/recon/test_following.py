@@ -1,0 +1,105 @@
+"""What flies in after the keyframe becomes points of the group, with tracks."""
+
+import numpy as np
+import pytest
+
+from splatreel.kernels.image import render_image
+from splatreel.motion.flow import DisFlow
+from splatreel.progress import Silent
+from splatreel.recon import following
+from splatreel.recon.following import Start, follow
+from splatreel.scene.gaussians import Gaussians
+from tests.recon.captures import blots
+from tests.recon.scenes import ring
+
+CAMERAS = ring(5, width=96, height=64)
+NEAR, FRAMES, ARRIVAL = 0.8, 6, 3
+WALL = blots(900, [-5, -3.5, 0.9], [5, 3.5, 1.0], 0.2, 0)
+THING = blots(40, [-1.0, -0.4, -0.2], [-0.4, 0.4, 0.2], 0.1, 1)
+CENTER, RADIUS = np.array([0.6, 0.1, -0.2]), 0.3
+
+
+def visitor() -> Gaussians:
+    """A ball, bright yellow with darker stripes."""
+    directions = np.random.default_rng(0).normal(size=(700, 3))
+    means = CENTER + RADIUS * directions / np.linalg.norm(directions, axis=1, keepdims=True)
+    shade = 1.2 + 0.4 * np.sin(12 * means.sum(1))
+    sh = (shade[:, None] * [1.6, 1.4, -1.5])[:, None]
+    quats = np.tile([1.0, 0, 0, 0], (len(means), 1))
+    return Gaussians(means, quats, np.full(means.shape, 0.04), np.full(len(means), 0.99), sh)
+
+
+def film(arrives: bool) -> np.ndarray:
+    scenes = [
+        Gaussians.concatenate([WALL, THING, *([visitor()] if arrives and t >= ARRIVAL else [])]) for t in range(6)
+    ]
+    images = [[render_image(scene, camera, near=NEAR) for camera in CAMERAS] for scene in scenes]
+    return (np.clip(images, 0, 1) * 255).round().astype(np.uint8)
+
+
+@pytest.fixture(scope="module")
+def arrival() -> np.ndarray:
+    return film(True)
+
+
+def started(frames: np.ndarray, dynamic: Gaussians = THING) -> Start:
+    gains = np.ones((len(CAMERAS), 3), np.float32)
+    return follow(dynamic, WALL, CAMERAS, frames, gains, DisFlow(), NEAR, Silent())
+
+
+def test_newcomers_are_appended_with_tracks(arrival: np.ndarray) -> None:
+    start = started(arrival)
+    new = len(start.dynamic) - len(THING)
+    assert new > 20
+    assert start.tracks.shape == (FRAMES, len(start.dynamic), 3)
+    np.testing.assert_array_equal(start.dynamic.means[: len(THING)], THING.means)
+    np.testing.assert_allclose(start.dynamic.means, start.tracks[0], atol=1e-6)
+    assert np.abs(start.tracks[:, : len(THING)] - THING.means).max() < 0.1, "the thing stands still"
+    at_arrival = start.tracks[following.STEP, len(THING) :]
+    assert np.median(np.linalg.norm(at_arrival - CENTER, axis=1)) < RADIUS + 0.1
+    yellow = start.dynamic.sh[len(THING) :, 0]
+    assert np.median(yellow[:, 0] - yellow[:, 2]) > 1
+    assert start.dynamic.sh.shape[1] == THING.sh.shape[1]
+
+
+def test_the_scene_with_newcomers_is_nearer_to_the_pictures(arrival: np.ndarray) -> None:
+    start, last = started(arrival), FRAMES - 1
+    identity = np.tile([1.0, 0, 0, 0], (len(start.dynamic), 1))
+    there = start.dynamic.moved(start.tracks[last] - start.dynamic.means, identity)
+    errors = []
+    for scene in ([WALL, THING], [WALL, there]):
+        image = render_image(Gaussians.concatenate(scene), CAMERAS[2], near=NEAR)
+        errors.append(np.abs(image.clip(0, 1) - arrival[last, 2] / 255).mean())
+    assert errors[1] < 0.7 * errors[0]
+
+
+def test_where_nothing_appears_nothing_is_added() -> None:
+    start = started(film(False))
+    assert len(start.dynamic) == len(THING)
+    assert start.tracks.shape == (FRAMES, len(THING), 3)
+
+
+def test_what_was_wrong_at_the_keyframe_is_no_newcomer(arrival: np.ndarray) -> None:
+    frames = arrival.copy()
+    frames[0] = arrival[-1]
+    assert len(started(frames).dynamic) == len(THING)
+
+
+def test_more_newcomers_than_there_is_room_for_are_noise(arrival: np.ndarray, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(following, "ROOM", 5)
+    static, gains = Gaussians.concatenate([WALL, THING[3:]]), np.ones((len(CAMERAS), 3), np.float32)
+    start = follow(THING[:3], static, CAMERAS, arrival, gains, DisFlow(), NEAR, Silent())
+    assert len(start.dynamic) == 3
+    assert start.tracks.shape == (FRAMES, 3, 3)
+
+
+def test_a_group_without_dynamic_points_takes_newcomers(arrival: np.ndarray) -> None:
+    gains = np.ones((len(CAMERAS), 3), np.float32)
+    static = Gaussians.concatenate([WALL, THING])
+    start = follow(Gaussians.empty(0), static, CAMERAS, arrival, gains, DisFlow(), NEAR, Silent())
+    assert len(start.dynamic) > 20
+    assert start.tracks.shape == (FRAMES, len(start.dynamic), 3)
+
+
+def test_fewer_frames_than_a_look_takes_are_tracked_only(arrival: np.ndarray) -> None:
+    assert started(arrival[:2]).tracks.shape == (2, len(THING), 3)

@@ -1,0 +1,195 @@
+"""Groups of a tiny scene that our own renderer drew: a cluster passes in front of a wall."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import torch
+
+from splatreel.config import Config, GroupConfig, LayeringConfig
+from splatreel.kernels.image import render_image
+from splatreel.progress import Silent
+from splatreel.recon.colors import CameraGains
+from splatreel.recon.drawing import View
+from splatreel.recon.group import GroupFrames, GroupResult, GroupTrainer
+from splatreel.recon.hashgrid import HashGrid
+from splatreel.recon.trajectory import Trajectory
+from splatreel.scene.gaussians import Gaussians
+from tests.recon.captures import blots
+from tests.recon.scenes import ring
+
+CPU = torch.device("cpu")
+CAMERAS = ring(4, width=48, height=32)
+FRAMES, NEAR, UNIT = 5, 0.1, 4.0
+SPEED = 0.06
+WALL = blots(400, [-3, -2, 0.9], [3, 2, 1.0], 0.14, 0)
+THING = blots(48, [-0.8, -0.6, -0.4], [0.2, 0.6, 0.2], 0.14, 1)
+
+
+def moved(points: Gaussians, frame: float) -> Gaussians:
+    return Gaussians(points.means + [SPEED * frame, 0, 0], points.quats, points.scales, points.opacities, points.sh)
+
+
+def frames(thing: Gaussians = THING, count: int = FRAMES) -> GroupFrames:
+    scenes = [Gaussians.concatenate([WALL, moved(thing, t)]) for t in range(count)]
+    images = [[render_image(scene, camera, near=NEAR) for camera in CAMERAS] for scene in scenes]
+    pixels = torch.from_numpy((np.clip(images, 0, 1) * 255).round().astype(np.uint8))
+    return GroupFrames(pixels, [View.of(camera, CPU) for camera in CAMERAS], NEAR, UNIT)
+
+
+@pytest.fixture(scope="module")
+def filmed() -> GroupFrames:
+    return frames()
+
+
+def config(deformation="trajectory", iterations=30, **layering) -> Config:
+    return Config(
+        LayeringConfig(**{"adapt_every": 0, **layering}),
+        group=GroupConfig(length=FRAMES, overlap=0, deformation=deformation, iterations_per_frame=iterations),
+    )
+
+
+def trainer(filmed: GroupFrames, config: Config, dynamic: Gaussians = THING, static: Gaussians = WALL, tracks=None):
+    alive = np.ones(len(static), bool)
+    gains = CameraGains(len(CAMERAS), CPU, enabled=False)
+    return GroupTrainer(filmed, dynamic, static, alive, gains, config, seed=0, tracks=tracks)
+
+
+class Losses(Silent):
+    def __init__(self) -> None:
+        self.values: list[float] = []
+
+    def update(self, done: int, **numbers: float) -> None:
+        self.values.append(numbers["loss"])
+
+
+def quality(filmed: GroupFrames, result: GroupResult, static: Gaussians = WALL) -> float:
+    """PSNR over all frames and cameras, as the viewer will draw them."""
+    squares = []
+    for images, dx, dq in zip(filmed.images.numpy(), result.dx, result.dq, strict=True):
+        scene = Gaussians.concatenate([static[result.alive], result.dynamic.moved(dx, dq)])
+        squares += [
+            np.square(np.clip(render_image(scene, camera, near=NEAR), 0, 1) - image / 255).mean()
+            for camera, image in zip(CAMERAS, images, strict=True)
+        ]
+    return float(-10 * np.log10(np.mean(squares)))
+
+
+@pytest.mark.parametrize(("deformation", "least"), [("trajectory", 28), ("hashgrid", 30)])
+def test_motion_is_learned(filmed: GroupFrames, deformation: str, least: float) -> None:
+    group, losses = trainer(filmed, config(deformation, 60)), Losses()
+    assert isinstance(group.model, HashGrid if deformation == "hashgrid" else Trajectory)
+    assert quality(filmed, group.result()) < 27, "standing still is not good enough"
+    result = group.train(losses)
+    assert quality(filmed, result) > least
+    assert len(losses.values) == 60 * FRAMES // 50
+    assert np.isfinite(losses.values).all()
+    assert result.dx.shape == (FRAMES, len(result.dynamic), 3)
+    assert result.dq.shape == (FRAMES, len(result.dynamic), 4)
+    assert result.alive.all()
+
+
+@pytest.mark.parametrize("deformation", ["trajectory", "hashgrid"])
+def test_true_tracks_are_a_good_start(filmed: GroupFrames, deformation: str) -> None:
+    tracks = np.stack([moved(THING, t).means for t in range(FRAMES)])
+    group = trainer(filmed, config(deformation), tracks=tracks)
+    assert quality(filmed, group.result()) > 35
+    assert group.psnr() > 35
+
+
+def test_the_same_seed_learns_the_same(filmed: GroupFrames) -> None:
+    a, b = (trainer(filmed, config(iterations=6)).train(Silent()) for _ in range(2))
+    np.testing.assert_array_equal(a.dx, b.dx)
+    np.testing.assert_array_equal(a.dynamic.means, b.dynamic.means)
+
+
+def test_a_static_point_where_the_picture_moves_becomes_dynamic(filmed: GroupFrames) -> None:
+    """A few of the thing's points were called static: they are found, and nothing of the wall is."""
+    few = np.arange(len(THING)) % 8 == 0
+    static = Gaussians.concatenate([WALL, THING[few]])
+    group = trainer(filmed, config(iterations=60, adapt_every=30, adapt_neighbours=0.4), THING[~few], static)
+    result = group.train(Silent())
+    converted = ~result.alive
+    assert converted[len(WALL) :].mean() > 0.7
+    assert converted[: len(WALL)].mean() < 0.1
+    assert len(result.dynamic) >= (~few).sum() + converted[len(WALL) :].sum() - 5
+    assert result.dx.shape[1] == len(result.dynamic)
+
+
+def test_a_pull_alone_makes_a_static_point_dynamic(filmed: GroupFrames) -> None:
+    few = np.arange(len(THING)) % 8 == 0
+    static = Gaussians.concatenate([WALL, THING[few]])
+    settings = {"adapt_every": 40, "adapt_neighbours": 2.0}
+    strict = trainer(filmed, config(iterations=40, adapt_gradient=1e9, **settings), THING[~few], static)
+    assert strict.train(Silent()).alive.all(), "nothing is converted, nor by its neighbours"
+    loose = trainer(filmed, config(iterations=40, adapt_gradient=3e-4, **settings), THING[~few], static)
+    alive = loose.train(Silent()).alive
+    assert (~alive[len(WALL) :]).mean() > 0.3
+    assert (~alive[: len(WALL)]).mean() < 0.05, "the wall stands still"
+
+
+def test_points_join_up_to_the_room_there_is(filmed: GroupFrames) -> None:
+    group = trainer(filmed, config(iterations=8, adapt_every=10, adapt_gradient=0.0, adapt_neighbours=2.0))
+    group.room = 50
+    before = len(group.points)
+    result = group.train(Silent())
+    assert before < len(result.dynamic) <= before + 50
+    assert group.room == 0
+    assert len(result.dynamic) >= before + (~result.alive).sum() - 5
+
+
+@pytest.mark.parametrize("deformation", ["trajectory", "hashgrid"])
+def test_pruning_keeps_the_rows_of_points_and_motion_together(filmed: GroupFrames, deformation: str) -> None:
+    """Every third point fades; the others keep their place and their motion."""
+    tracks = np.stack([moved(THING, t).means for t in range(FRAMES)])
+    tracks[..., 1] += np.linspace(0, 0.1, FRAMES)[:, None] * np.arange(len(THING))  # every point goes its own way
+    group = trainer(filmed, config(deformation), tracks=tracks)
+    before = group.result()
+    faint = torch.arange(len(THING)) % 3 == 0
+    with torch.no_grad():
+        group.points.params["logit_opacities"][faint] = -8
+    group._prune()
+    after, kept = group.result(), ~faint.numpy()
+    np.testing.assert_array_equal(after.dynamic.means, before.dynamic.means[kept])
+    np.testing.assert_allclose(after.dx, before.dx[:, kept], atol=1e-6)
+    group._watch()
+    group._step(0)  # the optimisers still fit
+
+
+def test_a_group_keeps_a_point_even_if_all_are_faint(filmed: GroupFrames) -> None:
+    group = trainer(filmed, config(), THING.faded(0.001))
+    group._prune()
+    assert len(group.points) == len(THING)
+
+
+@pytest.mark.parametrize("deformation", ["trajectory", "hashgrid"])
+def test_a_group_in_which_nothing_moves(filmed: GroupFrames, deformation: str) -> None:
+    notes = Losses()
+    result = trainer(filmed, config(deformation), Gaussians.empty(0)).train(notes)
+    assert len(result.dynamic) == 0
+    assert result.dx.shape == (FRAMES, 0, 3)
+    assert result.dq.shape == (FRAMES, 0, 4)
+    assert result.alive.all()
+    assert not notes.values
+
+
+def test_one_moving_point_and_no_static_one() -> None:
+    filmed = frames(THING[:1], 2)
+    settings = config(iterations=4, adapt_every=2)
+    result = trainer(filmed, settings, THING[:1], Gaussians.empty(0)).train(Silent())
+    assert len(result.dynamic) >= 1
+    assert np.isfinite(result.dx).all()
+
+
+def test_gains_are_applied_and_left_as_they_are(filmed: GroupFrames) -> None:
+    """A camera that records half as bright is no fault of the scene."""
+    dim = replace(filmed, images=(filmed.images * torch.tensor([1, 1, 0.5, 1])[:, None, None, None]).round().byte())
+    gains = CameraGains(len(CAMERAS), CPU)
+    gains.load(torch.tensor([[1.0] * 3, [1.0] * 3, [0.5] * 3, [1.0] * 3]))
+    kept = gains.values.detach().clone()
+    alive = np.ones(len(WALL), bool)
+    tracks = np.stack([moved(THING, t).means for t in range(FRAMES)])
+    group = GroupTrainer(dim, THING, WALL, alive, gains, config(iterations=2), 0, tracks)
+    assert group.psnr() > 35
+    group.train(Silent())
+    torch.testing.assert_close(gains.values.detach(), kept)

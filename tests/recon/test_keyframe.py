@@ -1,0 +1,119 @@
+"""Keyframes of a tiny scene that our own renderer drew."""
+
+import numpy as np
+import pytest
+import torch
+
+from splatreel.config import KeyframeConfig
+from splatreel.kernels.image import render_image
+from splatreel.progress import Silent
+from splatreel.recon.colors import CameraGains
+from splatreel.recon.drawing import View
+from splatreel.recon.keyframe import SH_C0, KeyframeTrainer, Stage, starting_points
+from splatreel.recon.points import TrainablePoints, default_rates
+from splatreel.scene.camera import Camera
+from splatreel.scene.gaussians import Gaussians
+from tests.recon.captures import blots
+from tests.recon.scenes import look_at, ring
+
+CPU, NEAR, UNIT = torch.device("cpu"), 0.1, 4.0
+CAMERAS = ring(4, width=48, height=32)
+UNSEEN = look_at([0.6, 0.0, -3.9], width=48, height=32)
+WALL = blots(400, [-3, -2, 0.9], [3, 2, 1.0], 0.14, 0)
+THING = blots(60, [-0.8, -0.6, -0.4], [0.2, 0.6, 0.2], 0.12, 1)
+SCENE = Gaussians.concatenate([WALL, THING])
+CONFIG = KeyframeConfig(sh_degree=1, densify_every=40)
+
+
+def stage() -> Stage:
+    images = np.stack([render_image(SCENE, camera, near=NEAR) for camera in CAMERAS]).clip(0, 1)
+    views = [View.of(camera, CPU) for camera in CAMERAS]
+    return Stage(views, torch.from_numpy((images * 255).round().astype(np.uint8)), NEAR, UNIT)
+
+
+def psnr(points: Gaussians, camera: Camera) -> float:
+    image, truth = (render_image(g, camera, near=NEAR).clip(0, 1) for g in (points, SCENE))
+    return float(-10 * np.log10(np.square(image - truth).mean()))
+
+
+def gains() -> CameraGains:
+    return CameraGains(len(CAMERAS), CPU, enabled=False)
+
+
+def rough_start() -> TrainablePoints:
+    """Points near the true ones, in grey."""
+    places = SCENE.means + np.random.default_rng(0).normal(size=SCENE.means.shape) * 0.03
+    return starting_points(places, np.full(places.shape, 0.5), CONFIG, UNIT, CPU)
+
+
+def test_points_start_as_large_as_their_distance_and_in_their_colour() -> None:
+    grid = np.stack(np.meshgrid(*[np.arange(4) * 0.1] * 3), -1).reshape(-1, 3)
+    colors = np.random.default_rng(0).uniform(0, 1, grid.shape)
+    points = starting_points(grid, colors, CONFIG, 1.0, CPU).gaussians()
+    np.testing.assert_allclose(points.scales, 0.07, atol=1e-6, err_msg="kept below 0.07 of the viewing distance")
+    wide = starting_points(grid, colors, CONFIG, 10.0, CPU).gaussians()
+    np.testing.assert_allclose(wide.scales, 0.1, rtol=1e-4)
+    np.testing.assert_allclose(points.sh[:, 0] * SH_C0 + 0.5, colors, atol=1e-6)
+    np.testing.assert_allclose(points.opacities, 0.1, atol=1e-6)
+    assert points.sh.shape == (64, 4, 3)
+
+
+@pytest.mark.parametrize("count", [1, 2])
+def test_very_few_points_start_too(count: int) -> None:
+    points = starting_points(np.eye(3)[:count], np.zeros((count, 3)), CONFIG, 1.0, CPU)
+    assert len(points) == count
+    assert np.isfinite(points.gaussians().scales).all()
+
+
+def test_a_keyframe_is_learned_for_views_it_has_not_seen() -> None:
+    trainer = KeyframeTrainer(rough_start(), gains(), CONFIG, max_points=3000)
+    start = psnr(trainer.points.gaussians(), CAMERAS[0])
+    trainer.train(stage(), 300, 300, Silent())
+    points = trainer.points.gaussians()
+    points.check_finite()
+    assert start < 16
+    assert psnr(points, CAMERAS[0]) > 26
+    assert psnr(points, UNSEEN) > 22
+    assert len(points) > len(SCENE), "points were cloned or split"
+
+
+def test_no_more_points_than_allowed() -> None:
+    limit = len(SCENE) + 20
+    trainer = KeyframeTrainer(rough_start(), gains(), CONFIG, max_points=limit)
+    trainer.train(stage(), 200, 200, Silent())
+    assert len(trainer.points) <= limit + 20, "each split of the last round adds one"
+
+
+def test_the_backdrop_stays_and_only_the_others_learn() -> None:
+    """The wall is frozen; what stands before it is learned on top of it."""
+    grey = Gaussians(THING.means, THING.quats, THING.scales, THING.opacities, np.zeros_like(THING.sh))
+    points = TrainablePoints.from_gaussians(grey, default_rates(UNIT), CPU)
+    trainer = KeyframeTrainer(points, gains(), KeyframeConfig(sh_degree=0), backdrop=WALL, max_points=200)
+    before = psnr(Gaussians.concatenate([WALL, grey]), UNSEEN)
+    trainer.train(stage(), 150, 150, Silent())
+    after = psnr(Gaussians.concatenate([WALL, trainer.points.gaussians()]), UNSEEN)
+    assert after > before + 5
+
+
+def test_faint_points_and_monsters_are_pruned_but_never_all() -> None:
+    opacities, scales = THING.opacities.copy(), THING.scales.copy()
+    opacities[:10], scales[10:15] = 0.001, 0.6 * UNIT
+    sick = Gaussians(THING.means, THING.quats, scales, opacities, THING.sh)
+    trainer = KeyframeTrainer(
+        TrainablePoints.from_gaussians(sick, default_rates(UNIT), CPU), gains(), CONFIG, max_points=200
+    )
+    trainer._prune(UNIT, 1.0)
+    np.testing.assert_allclose(trainer.points.gaussians().means, THING.means[15:])
+    for _ in range(2):
+        with torch.no_grad():
+            trainer.points.params["logit_opacities"].fill_(-9)
+        trainer._prune(UNIT, 1.0)
+        assert len(trainer.points) == len(THING) - 15
+
+
+def test_training_in_two_stages_goes_on_where_it_was() -> None:
+    trainer = KeyframeTrainer(rough_start(), gains(), CONFIG, max_points=1000)
+    trainer.train(stage(), 10, 20, Silent())
+    assert trainer.done == 10
+    trainer.train(stage(), 10, 20, Silent())
+    assert trainer.done == 20
