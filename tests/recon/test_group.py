@@ -27,7 +27,8 @@ THING = blots(48, [-0.8, -0.6, -0.4], [0.2, 0.6, 0.2], 0.14, 1)
 
 
 def moved(points: Gaussians, frame: float) -> Gaussians:
-    return Gaussians(points.means + [SPEED * frame, 0, 0], points.quats, points.scales, points.opacities, points.sh)
+    means = points.means + np.array([SPEED * frame, 0, 0])
+    return Gaussians(means, points.quats, points.scales, points.opacities, points.sh)
 
 
 def frames(thing: Gaussians = THING, count: int = FRAMES) -> GroupFrames:
