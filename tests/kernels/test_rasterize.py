@@ -184,7 +184,7 @@ def test_hot_loops_are_vector_code():
     means2d, conics, colors, opacities, depths, radii = (t.numpy() for t in splats(30, 3, 40, 30))
     bins = binning.bin_splats(means2d, conics, opacities, depths, radii, 40, 30)
     image, alpha = rasterize.forward(bins, colors)
-    tiles, scratch = rasterize._balanced(bins.offsets), rasterize._scratch()
+    tiles, scratch = rasterize._balanced(bins), rasterize._scratch()
     scene = (bins.splats, bins.spans, colors, bins.offsets, bins.ids)
     assert vector_share(rasterize._forward_3, *scene, tiles, image, alpha, scratch) > 0.4
     gradients = (image, alpha, image, alpha, np.empty((len(bins.ids), 9), np.float32))

@@ -13,7 +13,7 @@ def test_stages_follow_each_other_and_fill_the_job(counts, quality):
     plan = Plan(counts, preset(quality))
     order = [plan.points()]
     for group in range(len(counts)):
-        order += [plan.keyframe(group), plan.layering(group), plan.motion(group)]
+        order += [plan.keyframe(group), plan.layering(group), plan.tracking(group), plan.motion(group)]
     assert order[0][0] == 0
     assert order[-1][1] == pytest.approx(1)
     for before, after in pairwise(order):
