@@ -22,6 +22,8 @@ COLOR = 0.1
 VIEWS = 0.3
 """Share of all cameras, and three at least, that must call a place wrong: next to a camera a few agree on anything."""
 DEPTHS = 64
+CLOSE = 8
+"""What is nearer than this part of the depth behind it would fill the view: no place is tried there."""
 RAYS = 4000
 
 
@@ -77,7 +79,8 @@ def _places(
     finite = depths[np.isfinite(depths)]
     far = float(np.percentile(finite, 99)) if len(finite) else 20 * near
     end = np.minimum(np.where(np.isfinite(shown), 1.02 * shown, far), far).clip(1.05 * near)
-    inverse = 1 / near + (1 / end - 1 / near)[:, None] * np.linspace(0.02, 1, DEPTHS)
+    start = np.maximum(near, end / CLOSE)[:, None]
+    inverse = 1 / start + (1 / end[:, None] - 1 / start) * np.linspace(0.02, 1, DEPTHS)
     z = 1 / inverse
     K = np.stack([c.K for c in cameras])[camera]
     poses = np.stack([c.viewmat for c in cameras])[camera]
