@@ -46,6 +46,29 @@ def test_parity_where_pixels_fill_up(opacity):
     parity(inputs, 40, 30, 1e-4)
 
 
+@pytest.mark.parametrize("learning", [0, 1, 60, 150])
+@pytest.mark.parametrize("channels", [1, 3, 5])
+def test_parity_where_the_last_splats_are_frozen(channels, learning):
+    *values, depths, radii = splats(150, channels, 37, 29, seed=channels)
+    arguments = (depths, radii, 37, 29, None, learning)
+    assert_parity(lambda *a: splat.rasterize(*a, *arguments), lambda *a: twin.rasterize(*a, *arguments), values, 3e-5)
+
+
+def test_frozen_splats_leave_the_gradients_of_the_others_alone():
+    *values, depths, radii = splats(300, 3, 70, 50)
+    values[3][:] = 0.9  # pixels fill up
+
+    def gradients(learning):
+        leaves = [value.clone().requires_grad_() for value in values]
+        image, alpha = splat.rasterize(*leaves, depths, radii, 70, 50, learning=learning)
+        (image.square().sum() + alpha.sum()).backward()
+        return [leaf.grad for leaf in leaves]
+
+    for some, every in zip(gradients(100), gradients(None), strict=True):
+        torch.testing.assert_close(some[:100], every[:100], rtol=1e-5, atol=1e-6)
+        assert not some[100:].any()
+
+
 def test_parity_of_splats_that_cover_everything():
     inputs = splats(40, 3, 50, 34)
     inputs[1][:5] = torch.tensor([1e-6, 0, 1e-6])
@@ -184,11 +207,12 @@ def test_hot_loops_are_vector_code():
     means2d, conics, colors, opacities, depths, radii = (t.numpy() for t in splats(30, 3, 40, 30))
     bins = binning.bin_splats(means2d, conics, opacities, depths, radii, 40, 30)
     image, alpha = rasterize.forward(bins, colors)
-    tiles, scratch = rasterize._balanced(bins), rasterize._scratch()
-    scene = (bins.splats, bins.spans, colors, bins.offsets, bins.ids)
-    assert vector_share(rasterize._forward_3, *scene, tiles, image, alpha, scratch) > 0.4
+    tiles, scratch = rasterize._balanced(bins, bins.ends), rasterize._scratch()
+    scene = (bins.splats, bins.spans, colors, bins.offsets)
+    assert vector_share(rasterize._forward_3, *scene, bins.ids, tiles, image, alpha, scratch) > 0.4
     gradients = (image, alpha, image, alpha, np.empty((len(bins.ids), 9), np.float32))
-    assert vector_share(rasterize._backward_3, *scene, bins.slots, tiles, *gradients, scratch) > 0.4
+    pairs = (bins.ends, bins.ids, bins.slots, tiles)
+    assert vector_share(rasterize._backward_3, *scene, *pairs, *gradients, scratch) > 0.4
 
 
 def test_a_second_process_starts_quickly():

@@ -25,7 +25,7 @@ def backdrop(points: Gaussians = WALL) -> Backdrop:
 
 @pytest.mark.parametrize("camera", range(3))
 def test_layered_and_whole_drawing_agree(camera: int) -> None:
-    """Picture, alpha, gradients of the moving points; and those of the scenery that both drew."""
+    """Picture, alpha and gradients of the moving points; only a whole drawing says how the scenery is pulled."""
     results = []
     for layered in (True, False):
         points, seen = moving(VIEWS[camera])
@@ -39,6 +39,8 @@ def test_layered_and_whole_drawing_agree(camera: int) -> None:
     torch.testing.assert_close(part.image, whole.image, atol=1e-5, rtol=0)
     torch.testing.assert_close(part.alpha, whole.alpha, atol=1e-5, rtol=0)
     torch.testing.assert_close(part_grad[: len(THING)], whole_grad[: len(THING)], atol=1e-4, rtol=1e-3)
+    assert not part_grad[len(THING) :].any()
+    assert whole_grad[len(THING) :].any()
     for name, tensor in part_points.params.items():
         torch.testing.assert_close(tensor.grad, whole_points.params[name].grad, atol=1e-3, rtol=1e-3)
     assert part.index is not None

@@ -102,16 +102,19 @@ def rasterize(
     width: int,
     height: int,
     still: Still | None = None,
+    learning: int | None = None,
 ) -> tuple[Tensor, Tensor]:
     """Blends projected Gaussians front to back over black.
 
     colors: [N, C], any C; opacities: [N] in 0..1; the others as `project` returns them. Returns the image [H, W, C] and
-    alpha [H, W]. Gradients go to means2d, conics, colors and opacities. Raises `GaussiansError` for NaN or infinity.
+    alpha [H, W]. Gradients go to means2d, conics, colors and opacities: to all rows, or to the first `learning` only,
+    which is quicker. Raises `GaussiansError` for NaN or infinity.
     """
     _check_finite(means2d=means2d, conics=conics, colors=colors, opacities=opacities)
     if means2d.is_cuda:
+        means2d, conics, colors, opacities = twin.frozen(learning, means2d, conics, colors, opacities)
         return cuda.rasterize(means2d, conics, colors, opacities, depths, radii, width, height, still)
-    arguments = (means2d, conics, colors, opacities, depths, radii, width, height, still)
+    arguments = (means2d, conics, colors, opacities, depths, radii, width, height, still, learning)
     return cpu.Rasterize.apply(*arguments)  # pyright: ignore[reportReturnType]
 
 

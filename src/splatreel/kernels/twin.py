@@ -86,8 +86,10 @@ def rasterize(
     width: int,
     height: int,
     still: Any = None,
+    learning: int | None = None,
 ) -> tuple[Tensor, Tensor]:
     """As `splat.rasterize`; every pixel meets every Gaussian, [H * W, N] at once."""
+    means2d, conics, colors, opacities = frozen(learning, means2d, conics, colors, opacities)
     order = torch.argsort(depths.detach(), stable=True)
     order = order[radii[order] > 0]
     ys, xs = torch.meshgrid(
@@ -106,6 +108,13 @@ def rasterize(
     image = (alpha * transmittance[:, :-1]) @ colors[order]
     image, alpha = image.view(height, width, -1), (1 - transmittance[:, -1]).view(height, width)
     return (image, alpha) if still is None else keep_still(image, alpha, still)
+
+
+def frozen(learning: int | None, *tensors: Tensor) -> list[Tensor]:
+    """The tensors [N, ...] with a gradient to their first `learning` rows only; as they are if None."""
+    if learning is None:
+        return list(tensors)
+    return [torch.cat([tensor[:learning], tensor[learning:].detach()]) for tensor in tensors]
 
 
 def keep_still(image: Tensor, alpha: Tensor, still: Any) -> tuple[Tensor, Tensor]:

@@ -68,7 +68,8 @@ class Scenery:
 class Drawing:
     """image: [H, W, 3]; alpha: [H, W]. means2d: [M, 2], a tensor of the graph that keeps its gradient (pixels).
 
-    Its first `moving` rows are the moving points in their order, the others the backdrop's points `index`.
+    Its first `moving` rows are the moving points in their order, the others the backdrop's points `index`, whose gradient is zero
+    in a layered drawing.
     """
 
     image: Tensor
@@ -141,7 +142,7 @@ def draw(moving: Splats, view: View, scenery: Scenery | None = None, layered: bo
     """Rasterize moving points together with a view's scenery.
 
     layered: draw only the tiles that a moving point touches, and keep the scenery's picture in the others. Picture and gradients of
-    the moving points are the same; scenery outside of those tiles gets no gradient, and is not among the rows of means2d.
+    the moving points are the same; scenery gets no gradient, and outside of those tiles is not among the rows of means2d.
     """
     count = len(moving.means2d)
     if scenery is None:
@@ -155,11 +156,12 @@ def draw(moving: Splats, view: View, scenery: Scenery | None = None, layered: bo
         parts, index, still = Splats.join(moving, scenery.splats), scenery.index, None
     if parts.means2d.requires_grad:
         parts.means2d.retain_grad()
-    image, alpha = _rasterize(parts, view, still)
+    image, alpha = _rasterize(parts, view, still, count if layered else None)
     return Drawing(image, alpha, parts.means2d, count, index)
 
 
-def _rasterize(s: Splats, view: View, still: splat.Still | None = None) -> tuple[Tensor, Tensor]:
-    return splat.rasterize(
-        s.means2d, s.conics, s.colors, s.opacities, s.depths, s.radii, view.width, view.height, still
-    )
+def _rasterize(
+    s: Splats, view: View, still: splat.Still | None = None, learning: int | None = None
+) -> tuple[Tensor, Tensor]:
+    arrays = s.means2d, s.conics, s.colors, s.opacities, s.depths, s.radii
+    return splat.rasterize(*arrays, view.width, view.height, still, learning)

@@ -62,11 +62,12 @@ class SphericalHarmonics(Function):
 
 class Rasterize(Function):
     @staticmethod
-    def forward(ctx: Any, means2d, conics, colors, opacities, depths, radii, width: int, height: int, still):
+    def forward(ctx: Any, means2d, conics, colors, opacities, depths, radii, width: int, height: int, still, learning):
         arrays = _arrays(means2d, conics, opacities, depths)
         visible = radii.to(torch.int32).contiguous().numpy()
         wanted = None if still is None else still.tiles.numpy()
-        bins = binning.bin_splats(*arrays, radii=visible, width=width, height=height, wanted=wanted)
+        limits = {"width": width, "height": height, "wanted": wanted, "learning": learning}
+        bins = binning.bin_splats(*arrays, radii=visible, **limits)
         parts = []
         for channel, part in enumerate(_split(*_arrays(colors))):
             kept = None if still is None else (_split(*_arrays(still.image))[channel], _arrays(still.alpha)[0])
@@ -91,7 +92,7 @@ class Rasterize(Function):
         for others in geometry[1:]:
             d_means2d, d_conics, d_opacities = d_means2d + others[0], d_conics + others[1], d_opacities + others[2]
         d_color = _join(d_colors, colors.shape[1])
-        return *_tensors(d_means2d, d_conics, d_color, d_opacities), None, None, None, None, None
+        return *_tensors(d_means2d, d_conics, d_color, d_opacities), *[None] * 6
 
 
 def _split(values: np.ndarray) -> list[np.ndarray]:

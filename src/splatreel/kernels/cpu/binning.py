@@ -23,7 +23,9 @@ class Bins:
     splats: [N, 6] float32: x, y, the conic in powers of two (halved where the quadratic form halves it), log2 opacity.
     spans: [N, 4] int32: first and last column, first and last row where alpha may reach 1/255; last < first if none.
     offsets: [tiles + 1] int32: the pairs of tile t are offsets[t] : offsets[t + 1], front to back.
-    ids: [M] int32, the splat of each pair. slots: [M] int32, where the pair's gradient goes.
+    learning: splats from this row on are frozen, and get no gradient.
+    ends: [tiles] int32: the pairs of tile t from ends[t] on are all of frozen splats, so that no gradient depends on them.
+    ids: [M] int32, the splat of each pair. slots: [M] int32, where the pair's gradient goes; -1 where frozen.
     first: [N + 1] int32: the slots of splat i are first[i] : first[i + 1], so that its gradient is one contiguous sum.
     wanted: [tiles_y, tiles_x] bool: the tiles to draw; the others hold no pair.
     """
@@ -32,7 +34,9 @@ class Bins:
     height: int
     splats: np.ndarray
     spans: np.ndarray
+    learning: int
     offsets: np.ndarray
+    ends: np.ndarray
     ids: np.ndarray
     slots: np.ndarray
     first: np.ndarray
@@ -48,12 +52,15 @@ def bin_splats(
     width: int,
     height: int,
     wanted: np.ndarray | None = None,
+    learning: int | None = None,
 ) -> Bins:
     """Splats with radius 0, or nowhere at alpha 1/255, are in no tile. Equal depths keep the order of the input.
 
-    wanted: [tiles_y, tiles_x] bool, the tiles to fill; all of them if None.
+    wanted: [tiles_y, tiles_x] bool, the tiles to fill; all of them if None. learning: how many splats, the first ones, get gradients;
+    all of them if None.
     """
     n = len(means2d)
+    learning = n if learning is None else learning
     tiles_x, tiles_y = -(-width // TILE), -(-height // TILE)
     splats, spans = np.empty((n, 6), np.float32), np.empty((n, 4), np.int32)
     _prepare(means2d, conics, opacities, radii, width, height, splats, spans)
@@ -61,10 +68,11 @@ def bin_splats(
     if wanted is None:
         wanted = np.ones((tiles_y, tiles_x), np.bool_)
     offsets, first = np.zeros(tiles_x * tiles_y + 1, np.int32), np.empty(n + 1, np.int32)
-    pairs = _count(spans, wanted, offsets, first)
+    pairs = _count(spans, wanted, learning, offsets, first)
+    ends = offsets[:-1].copy()
     ids, slots = np.empty(pairs, np.int32), np.empty(pairs, np.int32)
-    _fill(spans, order, wanted, offsets, first, ids, slots)
-    return Bins(width, height, splats, spans, offsets, ids, slots, first, wanted)
+    _fill(spans, order, wanted, learning, offsets, first, ends, ids, slots)
+    return Bins(width, height, splats, spans, learning, offsets, ends, ids, slots, first, wanted)
 
 
 def tile_spans(
@@ -142,12 +150,12 @@ def _depth_order(depths, spans):
 
 
 @njit(**SERIAL)
-def _count(spans, wanted, offsets, first):
+def _count(spans, wanted, learning, offsets, first):
     """Fills offsets (prefix sums of the pairs of each tile) and first; returns the number of pairs."""
     tiles_x = wanted.shape[1]
-    pairs = 0
+    pairs, slots = 0, 0
     for i in range(spans.shape[0]):
-        first[i] = pairs
+        first[i] = slots
         if spans[i, 1] < spans[i, 0]:
             continue
         for tile_y in range(spans[i, 2] // TILE, spans[i, 3] // TILE + 1):
@@ -155,14 +163,16 @@ def _count(spans, wanted, offsets, first):
                 if wanted[tile_y, tile_x]:
                     offsets[tile_y * tiles_x + tile_x + 1] += 1
                     pairs += 1
-    first[spans.shape[0]] = pairs
+        if i < learning:
+            slots = pairs
+    first[spans.shape[0]] = slots
     for tile in range(offsets.shape[0] - 1):
         offsets[tile + 1] += offsets[tile]
     return pairs
 
 
 @njit(**SERIAL)
-def _fill(spans, order, wanted, offsets, first, ids, slots):
+def _fill(spans, order, wanted, learning, offsets, first, ends, ids, slots):
     tiles_x = wanted.shape[1]
     cursors = offsets[:-1].copy()
     for rank in range(order.shape[0]):
@@ -175,5 +185,7 @@ def _fill(spans, order, wanted, offsets, first, ids, slots):
                 tile = tile_y * tiles_x + tile_x
                 position = cursors[tile]
                 cursors[tile] = position + 1
-                ids[position], slots[position] = i, slot
-                slot += 1
+                ids[position], slots[position] = i, -1
+                if i < learning:
+                    slots[position], ends[tile] = slot, position + 1
+                    slot += 1

@@ -48,7 +48,8 @@ def forward(
     else:
         image, alpha = still[0].copy(), still[1].copy()
     kernel = _forward_1 if colors.shape[1] == 1 else _forward_3
-    kernel(bins.splats, bins.spans, colors, bins.offsets, bins.ids, _balanced(bins), image, alpha, _scratch())
+    tiles = _balanced(bins, bins.offsets[1:])
+    kernel(bins.splats, bins.spans, colors, bins.offsets, bins.ids, tiles, image, alpha, _scratch())
     return image, alpha
 
 
@@ -63,12 +64,13 @@ def backward(
     """Gradients to means2d [N, 2], conics [N, 3], opacities [N] and colors [N, C].
 
     image and alpha are what `forward` returned. Every (splat, tile) pair has its own slot, summed in a fixed order: no
-    atomics, and the same bits for any number of threads.
+    atomics, and the same bits for any number of threads. Frozen splats only take light away; what lies behind the last
+    splat that is not frozen matters to no gradient and is left out.
     """
     n, channels = colors.shape
-    pairs = np.empty((len(bins.ids), 6 + channels), np.float32)
+    pairs = np.empty((bins.first[-1], 6 + channels), np.float32)
     kernel = _backward_1 if channels == 1 else _backward_3
-    tiles = (bins.offsets, bins.ids, bins.slots, _balanced(bins))
+    tiles = (bins.offsets, bins.ends, bins.ids, bins.slots, _balanced(bins, bins.ends))
     kernel(bins.splats, bins.spans, colors, *tiles, image, alpha, d_image, d_alpha, pairs, _scratch())
     d_means2d, d_conics = np.empty((n, 2), np.float32), np.empty((n, 3), np.float32)
     d_opacities, d_colors = np.empty(n, np.float32), np.empty((n, channels), np.float32)
@@ -76,9 +78,12 @@ def backward(
     return d_means2d, d_conics, d_opacities, d_colors
 
 
-def _balanced(bins: Bins) -> np.ndarray:
-    """The wanted tiles, fullest first, dealt out so that the contiguous share each thread takes holds about equal work."""
-    fullest_first = np.argsort(bins.offsets[:-1] - bins.offsets[1:], kind="stable")
+def _balanced(bins: Bins, ends: np.ndarray) -> np.ndarray:
+    """The wanted tiles, fullest first, dealt out so that the contiguous share each thread takes holds about equal work.
+
+    ends: [tiles], one past the last pair of each tile that is looked at.
+    """
+    fullest_first = np.argsort(bins.offsets[:-1] - ends, kind="stable")
     fullest_first = fullest_first[bins.wanted.ravel()[fullest_first]]
     threads = numba.get_num_threads()
     return np.concatenate([fullest_first[k::threads] for k in range(threads)])
@@ -128,6 +133,26 @@ def _is_full(buffer):
     for p in range(U(0), U(PIXELS)):
         open_pixels += ONE if buffer[p] > ZERO else ZERO
     return open_pixels == ZERO
+
+
+@njit(inline="always")
+def _start_backward(buffer, top, left, image, alpha, d_image, d_alpha):
+    """Fills a tile's planes for the backward pass; pixels outside the image are full and have no gradient."""
+    rows, columns = min(TILE, alpha.shape[0] - top), min(TILE, alpha.shape[1] - left)
+    for r in range(TILE):
+        for x in range(TILE):
+            p = r * TILE + x
+            inside = r < rows and x < columns
+            buffer[p] = ONE if inside else -ONE
+            buffer[X + p], buffer[Y + p] = F(left + x) + HALF, F(top + r) + HALF
+            gradient = d_alpha[top + r, left + x] if inside else ZERO
+            rest = gradient * alpha[top + r, left + x] if inside else ZERO
+            buffer[D_ALPHA + p] = gradient
+            for channel in range(d_image.shape[2]):
+                gradient = d_image[top + r, left + x, channel] if inside else ZERO
+                rest += gradient * image[top + r, left + x, channel] if inside else ZERO
+                buffer[D_RGB + channel * PIXELS + p] = gradient
+            buffer[REST + p] = rest
 
 
 def _make_forward(channels: int):
@@ -188,34 +213,19 @@ def _make_backward(channels: int):
 
     @njit(**PARALLEL)
     def backward_kernel(
-        splats, spans, colors, offsets, ids, slots, tiles, image, alpha, d_image, d_alpha, pairs, scratch
+        splats, spans, colors, offsets, ends, ids, slots, tiles, image, alpha, d_image, d_alpha, pairs, scratch
     ):
-        height, width = alpha.shape
-        tiles_x = (width + TILE - 1) // TILE
+        tiles_x = (alpha.shape[1] + TILE - 1) // TILE
         for task in prange(tiles.shape[0]):
             buffer = scratch[get_thread_id()]
             tile = tiles[task]
             top, left = tile // tiles_x * TILE, tile % tiles_x * TILE
-            rows, columns = min(TILE, height - top), min(TILE, width - left)
-            for r in range(TILE):
-                for x in range(TILE):
-                    p = r * TILE + x
-                    inside = r < rows and x < columns
-                    buffer[p] = ONE if inside else -ONE
-                    buffer[X + p], buffer[Y + p] = F(left + x) + HALF, F(top + r) + HALF
-                    gradient = d_alpha[top + r, left + x] if inside else ZERO
-                    rest = gradient * alpha[top + r, left + x] if inside else ZERO
-                    buffer[D_ALPHA + p] = gradient
-                    for channel in range(channels):
-                        gradient = d_image[top + r, left + x, channel] if inside else ZERO
-                        rest += gradient * image[top + r, left + x, channel] if inside else ZERO
-                        buffer[D_RGB + channel * PIXELS + p] = gradient
-                    buffer[REST + p] = rest
+            _start_backward(buffer, top, left, image, alpha, d_image, d_alpha)
             full = False
-            for k in range(offsets[tile], offsets[tile + 1]):
+            for k in range(offsets[tile], ends[tile]):
                 i, slot = ids[k], slots[k]
                 if full:
-                    for j in range(6 + channels):
+                    for j in range(6 + channels if slot >= 0 else 0):
                         pairs[slot, j] = ZERO
                     continue
                 x, y, a, b, c, log_opacity = splats[i]
@@ -223,6 +233,19 @@ def _make_backward(channels: int):
                 green, blue = colors[i, 1] if rgb else ZERO, colors[i, 2] if rgb else ZERO
                 m0 = mx = my = mxx = mxy = myy = d_red = d_green = d_blue = ZERO
                 first, last = max(spans[i, 2] - top, 0), min(spans[i, 3] - top, TILE - 1)
+                if slot < 0:
+                    for p in range(U(first * TILE), U(last * TILE + TILE)):
+                        dx, dy = buffer[U(X) + p] - x, buffer[U(Y) + p] - y
+                        opacity = _exp2(log_opacity - a * dx * dx - dy * (b * dx + c * dy))
+                        weight, behind = _blend(min(opacity, MAX_ALPHA), buffer[p])
+                        buffer[p] = behind
+                        value = buffer[U(D_ALPHA) + p] + red * buffer[U(D_RGB) + p]
+                        if rgb:
+                            value += green * buffer[U(D_RGB + PIXELS) + p] + blue * buffer[U(D_RGB + 2 * PIXELS) + p]
+                        buffer[U(REST) + p] -= weight * value
+                    if (k - offsets[tile]) % CHECK == CHECK - 1:
+                        full = _is_full(buffer)
+                    continue
                 for p in range(U(first * TILE), U(last * TILE + TILE)):
                     dx, dy = buffer[U(X) + p] - x, buffer[U(Y) + p] - y
                     opacity = _exp2(log_opacity - a * dx * dx - dy * (b * dx + c * dy))
