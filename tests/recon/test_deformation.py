@@ -3,7 +3,8 @@
 import pytest
 import torch
 
-from splatreel.recon.deformation import deform, multiply
+from splatreel.kernels.twin import multiply
+from splatreel.recon.deformation import deform
 from splatreel.recon.hashgrid import HashGrid
 from splatreel.recon.trajectory import Trajectory, basis, farthest_points, skin
 

@@ -8,6 +8,7 @@ readable torch version of every function here, with the same signature, as the o
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -226,6 +227,39 @@ def hashgrid(coords: Tensor, table: Tensor, resolutions: Tensor | np.ndarray) ->
     if coords.is_cuda:
         return twin.hashgrid(coords, table, cells)
     return cpu.HashGrid.apply(coords, table, cells)  # pyright: ignore[reportReturnType]
+
+
+Skin = tuple[Tensor, Tensor]
+"""index [N, K] int64, share [N, K]: the nodes that a point moves with, and how much. Neither gets a gradient."""
+
+
+def splines(controls: Sequence[Tensor], knot: int, weights: np.ndarray, skins: Sequence[Skin]) -> Tensor:
+    """Splines in time at one moment: of shared nodes, blended over the points by their skins, and of the points themselves.
+
+    controls: [knots, R, D] a level; the last level is the points' own, R = N. knot, weights: the first of the four knots that
+    count at that moment, and their weights [4] float32. skins: one a level but the last. Returns the sum of all levels, [N, D].
+    """
+    if controls[-1].is_cuda:
+        return twin.splines(controls, knot, weights, skins)
+    return cpu.Splines.apply(knot, weights, skins, *controls)  # pyright: ignore[reportReturnType]
+
+
+def turn(quats: Tensor, dq: Tensor) -> Tensor:
+    """Hamilton products quats * dq / |dq| of quaternions [N, 4], wxyz: each turns by dq first."""
+    if quats.is_cuda:
+        return twin.turn(quats, dq)
+    return cpu.Turn.apply(quats, dq)  # pyright: ignore[reportReturnType]
+
+
+def arap(means: Tensor, dx: Tensor, dq: Tensor, neighbour: Tensor, weights: Tensor, unit: float) -> Tensor:
+    """As rigid as possible (paper section 4.2): neighbours rotate alike, translate alike and keep their distance.
+
+    means, dx: [N, 3]; dq: [N, 4]; neighbour: [N] int64, a neighbour of every point; weights: [N]. Lengths are measured in `unit`.
+    Only dx and dq get gradients. Mean over the points.
+    """
+    if means.is_cuda:
+        return twin.arap(means, dx, dq, neighbour, weights, unit)
+    return cpu.Arap.apply(means, dx, dq, neighbour, weights, unit)  # pyright: ignore[reportReturnType]
 
 
 def _matrix(value: Tensor | np.ndarray) -> np.ndarray:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -185,3 +186,39 @@ def hashgrid(coords: Tensor, table: Tensor, resolutions: Tensor | np.ndarray) ->
             total = total + weight[:, None] * table[level][row]
         outputs.append(total)
     return torch.cat(outputs, -1)
+
+
+def splines(controls: Sequence[Tensor], knot: int, weights: np.ndarray, skins: Sequence[Any]) -> Tensor:
+    """As `splat.splines`; also what CUDA uses."""
+    w = torch.as_tensor(weights, device=controls[-1].device).to(controls[-1].dtype)
+    *nodes, total = (torch.einsum("k,krd->rd", w, level[knot : knot + 4]) for level in controls)
+    for values, (index, share) in zip(nodes, skins, strict=True):
+        total = total + (values[index] * share[..., None]).sum(1)
+    return total
+
+
+def turn(quats: Tensor, dq: Tensor) -> Tensor:
+    """As `splat.turn`; also what CUDA uses."""
+    return multiply(quats, functional.normalize(dq, dim=-1))
+
+
+def multiply(a: Tensor, b: Tensor) -> Tensor:
+    """Hamilton product of quaternions [N, 4], wxyz."""
+    aw, av = a[:, :1], a[:, 1:]
+    bw, bv = b[:, :1], b[:, 1:]
+    w = aw * bw - (av * bv).sum(-1, keepdim=True)
+    return torch.cat([w, aw * bv + bw * av + torch.linalg.cross(av, bv)], -1)
+
+
+def arap(means: Tensor, dx: Tensor, dq: Tensor, neighbour: Tensor, weights: Tensor, unit: float) -> Tensor:
+    """As `splat.arap`; also what CUDA uses."""
+    half = (means - means[neighbour]).detach() / 2
+    dq, rotation = functional.normalize(dq, dim=-1), _rotation(dq)
+    rotated = ((rotation + rotation[neighbour]) @ half[..., None])[..., 0]
+    apart = 2 * half + dx - dx[neighbour]
+    # Delta r, what is left of the motion once the rotation is taken out: about the pair's middle, which is better conditioned than
+    # the origin of the world.
+    shift = apart - rotated
+    stretch = 2 * half.norm(dim=1) - apart.square().sum(1).add(1e-12).sqrt()
+    turned = (dq - dq[neighbour]).abs().sum(1)
+    return (weights * (turned + (shift.abs().sum(1) + stretch.abs()) / unit)).mean()

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 from typing import Protocol
 
-import torch
 from torch import Tensor
+
+from splatreel.kernels import splat
 
 
 class Deformation(Protocol):
@@ -41,12 +42,4 @@ class Deformation(Protocol):
 
 def deform(means: Tensor, quats: Tensor, dx: Tensor, dq: Tensor) -> tuple[Tensor, Tensor]:
     """x + dx and q * dq (paper 4.2). means, dx: [N, 3]; quats, dq: [N, 4]."""
-    return means + dx, multiply(quats, torch.nn.functional.normalize(dq, dim=-1))
-
-
-def multiply(a: Tensor, b: Tensor) -> Tensor:
-    """Hamilton product of quaternions [N, 4], wxyz."""
-    aw, av = a[:, :1], a[:, 1:]
-    bw, bv = b[:, :1], b[:, 1:]
-    w = aw * bw - (av * bv).sum(-1, keepdim=True)
-    return torch.cat([w, aw * bv + bw * av + torch.linalg.cross(av, bv)], -1)
+    return means + dx, splat.turn(quats, dq)

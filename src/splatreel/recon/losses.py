@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-import torch
 from torch import Tensor
 
+from splatreel.kernels import splat
 from splatreel.recon.deformation import Deformation
-from splatreel.recon.density import rotate
 
 
 def arap(means: Tensor, dx: Tensor, dq: Tensor, neighbour: Tensor, weights: Tensor, unit: float) -> Tensor:
@@ -15,18 +14,7 @@ def arap(means: Tensor, dx: Tensor, dq: Tensor, neighbour: Tensor, weights: Tens
     means, dx: [N, 3]; dq: [N, 4]; neighbour: [N] a neighbour of every point; weights: [N], one where points coincide. Lengths are
     measured in `unit`, so that the loss means the same in millimetres and in metres. Only the offsets get gradients. Mean over points.
     """
-    here = means.detach()
-    half = (here - here.index_select(0, neighbour)) / 2
-    dq = torch.nn.functional.normalize(dq, dim=-1)
-    offsets = torch.cat([dx, dq], 1)
-    other = offsets.index_select(0, neighbour)
-    # Delta r, what is left of the motion once the rotation is taken out: about the pair's middle, which is better conditioned than
-    # the origin of the world.
-    shift = dx + half - rotate(dq, half) - (other[:, :3] - half + rotate(other[:, 3:], half))
-    turn = (dq - other[:, 3:]).abs().sum(1)
-    length = (2 * half + dx - other[:, :3]).square().sum(1).add(1e-12).sqrt()
-    stretch = (2 * half.norm(dim=1) - length).abs()
-    return (weights * (turn + (shift.abs().sum(1) + stretch) / unit)).mean()
+    return splat.arap(means.detach(), dx, dq, neighbour, weights, unit)
 
 
 def temporal(model: Deformation, means: Tensor, frame: float, other: float, delta: float, unit: float) -> Tensor:

@@ -6,8 +6,6 @@ shared by the points around them) and the point itself. Coarse levels move whole
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
 import torch
 from torch import Tensor
@@ -51,18 +49,9 @@ class Trajectory:
 
     def offsets(self, means: Tensor, frame: float) -> tuple[Tensor, Tensor]:
         knot, weights = basis(frame / self.last * self.intervals, self.intervals)
-        w = torch.from_numpy(weights).to(means.device)
-        total: Tensor | None = None
-        for level, controls in enumerate(self.controls):
-            rows = controls.shape[1]
-            value = (w @ controls[knot : knot + 4].reshape(4, -1)).view(rows, DIMENSIONS)
-            if level < len(self.nodes):
-                index, share = self.skins[level]
-                value = Blend.apply(value, index, share)
-            total = value if total is None else total + value
-        assert total is not None
-        scaled = total * self.scale
-        return scaled[:, :3], scaled[:, 3:] + self.identity
+        total = splat.splines(self.controls, knot, weights, self.skins) * self.scale
+        dx, dq = total.split((3, 4), 1)
+        return dx, dq + self.identity
 
     def reach(self, frame: float) -> None:
         needed = basis(frame / self.last * self.intervals, self.intervals)[0] + 3
@@ -127,26 +116,6 @@ class Trajectory:
             for name in ("exp_avg", "exp_avg_sq"):
                 state[name] = (of_state or of_rows)(state[name]).contiguous()
             self.optimizer.state[new] = state
-
-
-class Blend(torch.autograd.Function):
-    """Weighted sums of rows: sum_k share[n, k] value[index[n, k]]. Its gradient adds rows up, which torch's own would sort first.
-
-    value: [R, D]; index: [N, K] int64; share: [N, K], without gradient -> [N, D].
-    """
-
-    @staticmethod
-    def forward(ctx: Any, value: Tensor, index: Tensor, share: Tensor) -> Tensor:
-        ctx.save_for_backward(index, share)
-        ctx.rows = len(value)
-        rows = value.index_select(0, index.reshape(-1)).view(*index.shape, -1)
-        return (rows * share[..., None]).sum(1)
-
-    @staticmethod
-    def backward(ctx: Any, *grads: Tensor):
-        index, share = ctx.saved_tensors
-        grad = (grads[0][:, None] * share[..., None]).reshape(-1, grads[0].shape[1])
-        return grad.new_zeros(ctx.rows, grad.shape[1]).index_add_(0, index.reshape(-1), grad), None, None
 
 
 def basis(u: float, intervals: int) -> tuple[int, np.ndarray]:

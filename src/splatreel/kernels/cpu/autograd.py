@@ -17,7 +17,7 @@ from torch import Tensor
 from torch.autograd import Function
 from torch.autograd.function import once_differentiable
 
-from splatreel.kernels.cpu import binning, harmonics, hashgrid, project, rasterize, similarity
+from splatreel.kernels.cpu import binning, harmonics, hashgrid, motion, project, rasterize, similarity
 
 CHUNK = 3  # channels the rasteriser blends at once; other counts but 1 are padded and take several passes
 
@@ -139,3 +139,43 @@ class HashGrid(Function):
         if ctx.needs_input_grad[1]:
             d_table = torch.from_numpy(hashgrid.table_gradient(*arrays, resolutions=ctx.resolutions))
         return d_coords, d_table, None
+
+
+class Splines(Function):
+    @staticmethod
+    def forward(ctx: Any, knot: int, weights: np.ndarray, skins, *controls: Tensor):
+        ctx.basis = knot, weights, [(index.numpy(), share.numpy()) for index, share in skins]
+        ctx.shapes = [tuple(level.shape) for level in controls]
+        return torch.from_numpy(motion.splines(_arrays(*controls), *ctx.basis))
+
+    @staticmethod
+    @once_differentiable
+    def backward(ctx: Any, d_out: Tensor):
+        return None, None, None, *_tensors(*motion.splines_backward(ctx.shapes, *ctx.basis, *_arrays(d_out)))
+
+
+class Turn(Function):
+    @staticmethod
+    def forward(ctx: Any, quats: Tensor, dq: Tensor):
+        ctx.save_for_backward(quats, dq)
+        return torch.from_numpy(motion.turn(*_arrays(quats, dq)))
+
+    @staticmethod
+    @once_differentiable
+    def backward(ctx: Any, d_product: Tensor):
+        return tuple(_tensors(*motion.turn_backward(*_arrays(*ctx.saved_tensors, d_product))))
+
+
+class Arap(Function):
+    @staticmethod
+    def forward(ctx: Any, means: Tensor, dx: Tensor, dq: Tensor, neighbour: Tensor, weights: Tensor, unit: float):
+        arrays = *_arrays(means, dx, dq), neighbour.contiguous().numpy(), *_arrays(weights)
+        loss, *gradients = motion.arap(*arrays, unit=unit)
+        ctx.gradients = _tensors(*gradients)
+        return torch.tensor(loss, dtype=torch.float32)
+
+    @staticmethod
+    @once_differentiable
+    def backward(ctx: Any, d_loss: Tensor):
+        d_dx, d_dq = ctx.gradients
+        return None, d_dx * d_loss, d_dq * d_loss, None, None, None

@@ -1,0 +1,238 @@
+"""Moving points: cubic splines in time blended over shared nodes, quaternion products, and how rigidly neighbours move.
+
+Each is a handful of operations a point, which torch would spread over dozens of passes through memory. Sums over the points that
+share a node run on one thread, in the order of the points: the same bits for any number of threads.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+import numpy as np
+from numba import njit, prange
+
+from splatreel.kernels.cpu.jit import HALF, ONE, PARALLEL, SERIAL, TWO, ZERO, F
+
+Skin = tuple[np.ndarray, np.ndarray]
+"""index [N, K] int64 and share [N, K]: the nodes of every point and their weights."""
+
+
+def splines(controls: Sequence[np.ndarray], knot: int, weights: np.ndarray, skins: Sequence[Skin]) -> np.ndarray:
+    """Controls [knots, R, D] of all levels, the points' own last -> [N, D]."""
+    *nodes, points = (level[knot : knot + 4] for level in controls)
+    out = np.empty(points.shape[1:], np.float32)
+    _mix(points, weights, out)
+    for level, (index, share) in zip(nodes, skins, strict=True):
+        _blend(np.tensordot(weights, level, 1), index, share, out)
+    return out
+
+
+def splines_backward(
+    shapes: Sequence[tuple[int, ...]], knot: int, weights: np.ndarray, skins: Sequence[Skin], d_out: np.ndarray
+) -> list[np.ndarray]:
+    """Gradients to the controls; four knots of each level have one, the others are zero."""
+    gradients = []
+    for level, shape in enumerate(shapes):
+        d_values = d_out if level == len(skins) else np.zeros(shape[1:], np.float32)
+        if level < len(skins):
+            _blend_backward(d_out, *skins[level], d_values)
+        d_controls = np.zeros(shape, np.float32)
+        np.multiply.outer(weights, d_values, out=d_controls[knot : knot + 4])
+        gradients.append(d_controls)
+    return gradients
+
+
+def turn(quats: np.ndarray, dq: np.ndarray) -> np.ndarray:
+    """Hamilton products quats * dq / |dq|, [N, 4]."""
+    product = np.empty_like(quats)
+    _turn(quats, dq, product)
+    return product
+
+
+def turn_backward(quats: np.ndarray, dq: np.ndarray, d_product: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Gradients to quats and dq."""
+    d_quats, d_dq = np.empty_like(quats), np.empty_like(dq)
+    _turn_backward(quats, dq, d_product, d_quats, d_dq)
+    return d_quats, d_dq
+
+
+def arap(
+    means: np.ndarray, dx: np.ndarray, dq: np.ndarray, neighbour: np.ndarray, weights: np.ndarray, unit: float
+) -> tuple[float, np.ndarray, np.ndarray]:
+    """The loss, and its gradients to dx and dq."""
+    n = len(means)
+    losses, units = np.empty(n, np.float32), np.empty((n, 5), np.float32)
+    here, there = np.empty((n, 7), np.float32), np.empty((n, 7), np.float32)
+    d_dx, d_dq = np.empty_like(dx), np.empty_like(dq)
+    _normalise(dq, units)
+    _pairs(means, dx, units, neighbour, weights, F(1 / unit), F(1 / max(n, 1)), losses, here, there)
+    _scatter(neighbour, there, here)
+    _split_gradient(units, here, d_dx, d_dq)
+    return float(losses.sum(dtype=np.float64)), d_dx, d_dq
+
+
+@njit(**PARALLEL)
+def _mix(points, weights, out):
+    for i in prange(out.shape[0]):
+        for d in range(out.shape[1]):
+            early = weights[0] * points[0, i, d] + weights[1] * points[1, i, d]
+            out[i, d] = early + weights[2] * points[2, i, d] + weights[3] * points[3, i, d]
+
+
+@njit(**PARALLEL)
+def _blend(nodes, index, share, out):
+    for i in prange(out.shape[0]):
+        for k in range(index.shape[1]):
+            node, weight = index[i, k], share[i, k]
+            for d in range(out.shape[1]):
+                out[i, d] += weight * nodes[node, d]
+
+
+@njit(**SERIAL)
+def _blend_backward(d_out, index, share, d_nodes):
+    for i in range(d_out.shape[0]):
+        for k in range(index.shape[1]):
+            node, weight = index[i, k], share[i, k]
+            for d in range(d_out.shape[1]):
+                d_nodes[node, d] += weight * d_out[i, d]
+
+
+@njit(inline="always")
+def _product(aw, ax, ay, az, bw, bx, by, bz):
+    return (
+        aw * bw - ax * bx - ay * by - az * bz,
+        aw * bx + ax * bw + ay * bz - az * by,
+        aw * by - ax * bz + ay * bw + az * bx,
+        aw * bz + ax * by - ay * bx + az * bw,
+    )
+
+
+@njit(inline="always")
+def _unit(q, i):
+    """The normalised quaternion i, and one over its norm."""
+    w, x, y, z = q[i, 0], q[i, 1], q[i, 2], q[i, 3]
+    inverse = ONE / max(math.sqrt(w * w + x * x + y * y + z * z), F(1e-12))
+    return w * inverse, x * inverse, y * inverse, z * inverse, inverse
+
+
+@njit(inline="always")
+def _before_unit(w, x, y, z, inverse, gw, gx, gy, gz):
+    """Gradient to a quaternion before normalisation, from that to the unit quaternion."""
+    along = gw * w + gx * x + gy * y + gz * z
+    return (
+        (gw - along * w) * inverse,
+        (gx - along * x) * inverse,
+        (gy - along * y) * inverse,
+        (gz - along * z) * inverse,
+    )
+
+
+@njit(**PARALLEL)
+def _turn(quats, dq, product):
+    for i in prange(quats.shape[0]):
+        w, x, y, z, _ = _unit(dq, i)
+        product[i, 0], product[i, 1], product[i, 2], product[i, 3] = _product(
+            quats[i, 0], quats[i, 1], quats[i, 2], quats[i, 3], w, x, y, z
+        )
+
+
+@njit(**PARALLEL)
+def _turn_backward(quats, dq, d_product, d_quats, d_dq):
+    """The gradient of a product to a factor is the gradient times the conjugate of the other factor, on its side."""
+    for i in prange(quats.shape[0]):
+        w, x, y, z, inverse = _unit(dq, i)
+        gw, gx, gy, gz = d_product[i, 0], d_product[i, 1], d_product[i, 2], d_product[i, 3]
+        d_quats[i, 0], d_quats[i, 1], d_quats[i, 2], d_quats[i, 3] = _product(gw, gx, gy, gz, w, -x, -y, -z)
+        nw, nx, ny, nz = _product(quats[i, 0], -quats[i, 1], -quats[i, 2], -quats[i, 3], gw, gx, gy, gz)
+        d_dq[i, 0], d_dq[i, 1], d_dq[i, 2], d_dq[i, 3] = _before_unit(w, x, y, z, inverse, nw, nx, ny, nz)
+
+
+@njit(**PARALLEL)
+def _normalise(dq, units):
+    for i in prange(dq.shape[0]):
+        units[i, 0], units[i, 1], units[i, 2], units[i, 3], units[i, 4] = _unit(dq, i)
+
+
+@njit(inline="always")
+def _cross(ax, ay, az, bx, by, bz):
+    return ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx
+
+
+@njit(inline="always")
+def _rotate(q, i, vx, vy, vz):
+    """v + 2 w u x v + 2 u x (u x v), with the unit quaternion i = (w, u)."""
+    w, x, y, z = q[i, 0], q[i, 1], q[i, 2], q[i, 3]
+    cx, cy, cz = _cross(x, y, z, vx, vy, vz)
+    ex, ey, ez = _cross(x, y, z, cx, cy, cz)
+    return vx + TWO * (w * cx + ex), vy + TWO * (w * cy + ey), vz + TWO * (w * cz + ez)
+
+
+@njit(inline="always")
+def _rotate_gradient(q, i, vx, vy, vz, gx, gy, gz):
+    """Gradient of g . rotate(q, v) to q: u x (u x v) is u (u . v) - v (u . u)."""
+    w, x, y, z = q[i, 0], q[i, 1], q[i, 2], q[i, 3]
+    cx, cy, cz = _cross(x, y, z, vx, vy, vz)
+    bx, by, bz = _cross(vx, vy, vz, gx, gy, gz)
+    uv, ug, vg = x * vx + y * vy + z * vz, x * gx + y * gy + z * gz, TWO * (vx * gx + vy * gy + vz * gz)
+    return (
+        TWO * (gx * cx + gy * cy + gz * cz),
+        TWO * (w * bx + gx * uv + vx * ug - x * vg),
+        TWO * (w * by + gy * uv + vy * ug - y * vg),
+        TWO * (w * bz + gz * uv + vz * ug - z * vg),
+    )
+
+
+@njit(inline="always")
+def _sign(value):
+    return ONE if value > ZERO else (-ONE if value < ZERO else ZERO)
+
+
+@njit(**PARALLEL)
+def _pairs(means, dx, units, neighbour, weights, per_unit, share, losses, here, there):
+    """Each pair's part of the mean, and its gradients to (dx, unit quaternion) of the point and of its neighbour."""
+    for i in prange(means.shape[0]):
+        j, weight = neighbour[i], weights[i] * share
+        scale = weight * per_unit
+        hx, hy, hz = (
+            HALF * (means[i, 0] - means[j, 0]),
+            HALF * (means[i, 1] - means[j, 1]),
+            HALF * (means[i, 2] - means[j, 2]),
+        )
+        vx, vy, vz = TWO * hx + dx[i, 0] - dx[j, 0], TWO * hy + dx[i, 1] - dx[j, 1], TWO * hz + dx[i, 2] - dx[j, 2]
+        ax, ay, az = _rotate(units, i, hx, hy, hz)
+        bx, by, bz = _rotate(units, j, hx, hy, hz)
+        sx, sy, sz = vx - ax - bx, vy - ay - by, vz - az - bz
+        length = math.sqrt(vx * vx + vy * vy + vz * vz + F(1e-12))
+        stretch = TWO * math.sqrt(hx * hx + hy * hy + hz * hz) - length
+        turn = ZERO
+        for c in range(4):
+            turn += abs(units[i, c] - units[j, c])
+        losses[i] = weight * turn + scale * (abs(sx) + abs(sy) + abs(sz) + abs(stretch))
+        gx, gy, gz = scale * _sign(sx), scale * _sign(sy), scale * _sign(sz)
+        pull = -scale * _sign(stretch) / length
+        here[i, 0], here[i, 1], here[i, 2] = gx + pull * vx, gy + pull * vy, gz + pull * vz
+        here[i, 3], here[i, 4], here[i, 5], here[i, 6] = _rotate_gradient(units, i, hx, hy, hz, -gx, -gy, -gz)
+        there[i, 3], there[i, 4], there[i, 5], there[i, 6] = _rotate_gradient(units, j, hx, hy, hz, -gx, -gy, -gz)
+        for c in range(3):
+            there[i, c] = -here[i, c]
+        for c in range(4):
+            sign = weight * _sign(units[i, c] - units[j, c])
+            here[i, 3 + c] += sign
+            there[i, 3 + c] -= sign
+
+
+@njit(**SERIAL)
+def _scatter(index, rows, totals):
+    for i in range(rows.shape[0]):
+        for d in range(rows.shape[1]):
+            totals[index[i], d] += rows[i, d]
+
+
+@njit(**PARALLEL)
+def _split_gradient(units, gradient, d_dx, d_dq):
+    for i in prange(units.shape[0]):
+        w, x, y, z, inverse = units[i]
+        g = gradient[i]
+        d_dx[i, 0], d_dx[i, 1], d_dx[i, 2] = g[0], g[1], g[2]
+        d_dq[i, 0], d_dq[i, 1], d_dq[i, 2], d_dq[i, 3] = _before_unit(w, x, y, z, inverse, g[3], g[4], g[5], g[6])
