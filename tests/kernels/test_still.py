@@ -75,9 +75,16 @@ def test_a_splat_touches_the_tiles_of_its_pixels():
     tiles = splat.touched_tiles(spans, WIDTH, HEIGHT)
     assert tiles.shape == (5, 7)
     assert tiles.nonzero().tolist() == [[1, 2]]
-    assert splat.touching(torch.tensor([[0, 1, 0, 4], [2, 6, 1, 1], [0, 6, 0, 4], [0, -1, 0, -1]]), tiles).tolist() == [
-        False,
-        True,
-        True,
-        False,
-    ]
+    spans = torch.tensor([[0, 1, 0, 4], [2, 6, 1, 1], [0, 6, 0, 4], [0, -1, 0, -1]])
+    assert splat.touching(spans, tiles).tolist() == [1, 2]
+
+
+def test_tiles_are_those_of_the_twin():
+    some, others = (
+        splat.tile_spans(*[splats(count, seed)[i] for i in (0, 1, 3, 5)], WIDTH, HEIGHT)
+        for count, seed in ((9, 1), (200, 2))
+    )
+    tiles = splat.touched_tiles(some, WIDTH, HEIGHT)
+    assert 0 < int(tiles.sum()) < tiles.numel()
+    assert torch.equal(tiles, twin.touched_tiles(some, WIDTH, HEIGHT))
+    assert torch.equal(splat.touching(others, tiles), twin.touching(others, tiles))

@@ -120,31 +120,25 @@ def rasterize(
 
 
 def tile_spans(means2d: Tensor, conics: Tensor, opacities: Tensor, radii: Tensor, width: int, height: int) -> Tensor:
-    """[N, 4] int64: first and last tile column, first and last tile row that each splat touches; last < first if none."""
+    """[N, 4] integers: first and last tile column, first and last tile row that each splat touches; last < first if none."""
     if means2d.is_cuda:
         return cuda.tile_spans(means2d, radii, width, height)
     arrays = [t.detach().contiguous().numpy() for t in (means2d, conics, opacities, radii)]
-    return torch.from_numpy(binning.tile_spans(*arrays, width=width, height=height).astype(np.int64))
+    return torch.from_numpy(binning.tile_spans(*arrays, width=width, height=height))
 
 
 def touched_tiles(spans: Tensor, width: int, height: int) -> Tensor:
     """[ceil(H / 16), ceil(W / 16)] bool: the tiles that any splat of spans [N, 4] touches."""
-    rows, columns = -(-height // binning.TILE), -(-width // binning.TILE)
-    left, right, top, bottom = spans[spans[:, 1] >= spans[:, 0]].unbind(1)
-    corners = torch.zeros((rows + 1) * (columns + 1), dtype=torch.int64, device=spans.device)
-    one = torch.ones_like(left)
-    for y, x, sign in ((top, left, 1), (top, right + 1, -1), (bottom + 1, left, -1), (bottom + 1, right + 1, 1)):
-        corners.index_add_(0, y * (columns + 1) + x, one, alpha=sign)
-    return corners.view(rows + 1, columns + 1).cumsum(0).cumsum(1)[:rows, :columns] > 0
+    if spans.is_cuda:
+        return twin.touched_tiles(spans, width, height)
+    return torch.from_numpy(binning.touched_tiles(spans.numpy(), width, height))
 
 
 def touching(spans: Tensor, tiles: Tensor) -> Tensor:
-    """[N] bool: which splats of spans [N, 4] touch any of the tiles [rows, columns] bool."""
-    area = torch.nn.functional.pad(tiles.long().cumsum(0).cumsum(1), (1, 0, 1, 0))
-    left, right, top, bottom = spans.unbind(1)
-    right, bottom = right.clamp_min(-1) + 1, bottom.clamp_min(-1) + 1
-    inside = area[bottom, right] - area[top, right] - area[bottom, left] + area[top, left]
-    return (inside > 0) & (right > left)
+    """[M] int64: which splats of spans [N, 4] touch any of the tiles [rows, columns] bool, in order."""
+    if spans.is_cuda:
+        return twin.touching(spans, tiles)
+    return torch.from_numpy(binning.touching(spans.numpy(), tiles.numpy()))
 
 
 def render(

@@ -41,8 +41,9 @@ class Splats:
     depths: Tensor
     radii: Tensor
 
-    def __getitem__(self, index: Tensor) -> Splats:
-        return Splats(*[getattr(self, f.name)[index] for f in fields(self)])
+    def rows(self, index: Tensor) -> Splats:
+        """Those of an index [M] int64."""
+        return Splats(*[getattr(self, f.name).index_select(0, index) for f in fields(self)])
 
     def spans(self, view: View) -> Tensor:
         """[M, 4]: the tiles each one touches."""
@@ -110,9 +111,9 @@ class Backdrop:
         """Hide the points that became dynamic. alive: [S] bool."""
         self.alive = alive.clone()
         for camera, old in self._scenery.items():
-            keep = alive[old.index]
-            if not bool(keep.all()):
-                self._scenery[camera] = self._drawn(camera, old.splats[keep], old.index[keep])
+            keep = torch.nonzero(alive[old.index])[:, 0]
+            if len(keep) < len(old.index):
+                self._scenery[camera] = self._drawn(camera, old.splats.rows(keep), old.index[keep])
 
     @torch.no_grad()
     def scenery(self, camera: int) -> Scenery:
@@ -122,7 +123,7 @@ class Backdrop:
             points = activate({name: value[index] for name, value in self.params.items()})
             projected = splats(*points, self.views[camera], self.near)
             seen = torch.nonzero(projected.radii > 0)[:, 0]
-            self._scenery[camera] = self._drawn(camera, projected[seen], index[seen])
+            self._scenery[camera] = self._drawn(camera, projected.rows(seen), index[seen])
         return self._scenery[camera]
 
     @torch.no_grad()
@@ -149,8 +150,8 @@ def draw(moving: Splats, view: View, scenery: Scenery | None = None, layered: bo
         parts, index, still = moving, None, None
     elif layered:
         tiles = splat.touched_tiles(moving.spans(view), view.width, view.height)
-        near_them = torch.nonzero(splat.touching(scenery.spans, tiles))[:, 0]
-        parts, index = Splats.join(moving, scenery.splats[near_them]), scenery.index[near_them]
+        near_them = splat.touching(scenery.spans, tiles)
+        parts, index = Splats.join(moving, scenery.splats.rows(near_them)), scenery.index[near_them]
         still = splat.Still(tiles, scenery.image, scenery.alpha)
     else:
         parts, index, still = Splats.join(moving, scenery.splats), scenery.index, None

@@ -84,6 +84,38 @@ def tile_spans(
     return spans // TILE
 
 
+def touched_tiles(spans: np.ndarray, width: int, height: int) -> np.ndarray:
+    """[tiles_y, tiles_x] bool: the tiles that any of the spans [N, 4], in tiles, covers."""
+    tiles = np.zeros((-(-height // TILE), -(-width // TILE)), np.bool_)
+    _cover(spans, tiles)
+    return tiles
+
+
+def touching(spans: np.ndarray, tiles: np.ndarray) -> np.ndarray:
+    """[M] int64: which of the spans [N, 4], in tiles, cover any of the tiles, in order."""
+    touches = np.empty(len(spans), np.bool_)
+    _touch(spans, tiles, touches)
+    return np.flatnonzero(touches)
+
+
+@njit(**SERIAL)
+def _cover(spans, tiles):
+    for i in range(spans.shape[0]):
+        for y in range(spans[i, 2], spans[i, 3] + 1):
+            for x in range(spans[i, 0], spans[i, 1] + 1):
+                tiles[y, x] = True
+
+
+@njit(**PARALLEL)
+def _touch(spans, tiles, touches):
+    for i in prange(spans.shape[0]):
+        found = False
+        for y in range(spans[i, 2], spans[i, 3] + 1):
+            for x in range(spans[i, 0], spans[i, 1] + 1):
+                found = found or tiles[y, x]
+        touches[i] = found
+
+
 @njit(**PARALLEL)
 def _prepare(means2d, conics, opacities, radii, width, height, splats, spans):
     for i in prange(means2d.shape[0]):
