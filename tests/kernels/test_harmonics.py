@@ -21,6 +21,19 @@ def test_parity(degree, bands):
     assert_parity(fast, slow, inputs)
 
 
+def test_coefficients_alone_get_the_same_gradient():
+    generator = torch.Generator().manual_seed(0)
+    directions, coefficients = torch.randn(50, 3, generator=generator), torch.randn(50, 16, 3, generator=generator)
+    gradients = []
+    for wanted in (True, False):
+        leaf = coefficients.clone().requires_grad_()
+        toward = directions.clone().requires_grad_(wanted)
+        splat.spherical_harmonics(3, toward, leaf).square().sum().backward()
+        assert (toward.grad is not None) == wanted
+        gradients.append(leaf.grad)
+    torch.testing.assert_close(*gradients)
+
+
 def test_bands_are_orthonormal():
     """Over the sphere the squared basis functions integrate to 1 and the products of two to 0."""
     directions = torch.randn(400_000, 3, generator=torch.Generator().manual_seed(0))

@@ -57,7 +57,9 @@ class SphericalHarmonics(Function):
     @staticmethod
     @once_differentiable
     def backward(ctx: Any, d_colors: Tensor):
-        return None, *_tensors(*harmonics.backward(ctx.degree, *_arrays(*ctx.saved_tensors, d_colors)))
+        arrays, wanted = _arrays(*ctx.saved_tensors, d_colors), ctx.needs_input_grad[1]
+        d_directions, d_coefficients = harmonics.backward(ctx.degree, *arrays, to_directions=wanted)
+        return None, None if d_directions is None else torch.from_numpy(d_directions), torch.from_numpy(d_coefficients)
 
 
 class Rasterize(Function):

@@ -37,12 +37,13 @@ def forward(degree: int, directions: np.ndarray, coefficients: np.ndarray) -> np
 
 
 def backward(
-    degree: int, directions: np.ndarray, coefficients: np.ndarray, d_colors: np.ndarray
-) -> tuple[np.ndarray, np.ndarray]:
-    """Gradients to directions and coefficients."""
-    d_directions, d_coefficients = np.empty_like(directions), np.empty_like(coefficients)
-    _backward((degree + 1) ** 2, directions, coefficients, d_colors, d_directions, d_coefficients)
-    return d_directions, d_coefficients
+    degree: int, directions: np.ndarray, coefficients: np.ndarray, d_colors: np.ndarray, to_directions: bool
+) -> tuple[np.ndarray | None, np.ndarray]:
+    """Gradients to directions, None unless asked for, and to coefficients."""
+    d_directions, d_coefficients = np.zeros_like(directions), np.empty_like(coefficients)
+    bands = (degree + 1) ** 2
+    _backward(bands, directions, coefficients, d_colors, to_directions and bands > 1, d_directions, d_coefficients)
+    return d_directions if to_directions else None, d_coefficients
 
 
 @njit(inline="always")
@@ -105,7 +106,7 @@ def _forward(bands, directions, coefficients, colors):
 
 
 @njit(**PARALLEL)
-def _backward(bands, directions, coefficients, d_colors, d_directions, d_coefficients):
+def _backward(bands, directions, coefficients, d_colors, to_directions, d_directions, d_coefficients):
     for i in prange(directions.shape[0]):
         x, y, z = directions[i, 0], directions[i, 1], directions[i, 2]
         inverse = ONE / max(math.sqrt(x * x + y * y + z * z), F(1e-12))
@@ -120,8 +121,7 @@ def _backward(bands, directions, coefficients, d_colors, d_directions, d_coeffic
                 weight * g,
                 weight * b,
             )
-        d_directions[i, 0] = d_directions[i, 1] = d_directions[i, 2] = ZERO
-        if bands > 1:
+        if to_directions:
             for k in range(bands):  # the basis is no longer needed: reuse it for the gradient to each basis value
                 basis[k] = r * coefficients[i, k, 0] + g * coefficients[i, k, 1] + b * coefficients[i, k, 2]
             dx, dy, dz = _direction_gradient(bands, x, y, z, basis)
