@@ -6,7 +6,7 @@ import torch
 from splatreel.kernels.twin import multiply
 from splatreel.recon.deformation import deform
 from splatreel.recon.hashgrid import HashGrid
-from splatreel.recon.trajectory import Trajectory, basis, farthest_points, skin
+from splatreel.recon.trajectory import Trajectory, farthest_points, skin
 
 MODELS = [Trajectory, HashGrid]
 
@@ -131,14 +131,6 @@ def test_few_points_work(count):
     dx, dq = net.offsets(means, 2)
     assert dx.shape == (count, 3)
     assert dq.shape == (count, 4)
-
-
-def test_spline_weights_sum_to_one_and_are_continuous():
-    for u in (0.0, 0.3, 1.0, 4.999, 5.0):
-        assert abs(basis(u, 5)[1].sum() - 1) < 1e-6
-    left, right = basis(2 - 1e-6, 5), basis(2, 5)
-    assert right[0] == left[0] + 1
-    assert abs(left[1][1:] - right[1][:3]).max() < 1e-5
 
 
 def test_nodes_spread_and_weights_are_local():

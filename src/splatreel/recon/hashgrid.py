@@ -11,9 +11,9 @@ import torch
 from torch import Tensor, nn
 
 from splatreel.kernels import splat
+from splatreel.recon.spline import Spline
 
 AXES = ((0, 1, 2), (0, 1, 3), (0, 2, 3), (1, 2, 3))
-FOLLOW_ITERATIONS = 500
 TIME_SPAN = 0.9
 """Share of the unit interval that a group's time fills."""
 
@@ -35,7 +35,8 @@ class HashGrid(nn.Module):
     def __init__(self, means: Tensor, frames: int, unit: float, seed: int = 0) -> None:
         super().__init__()
         generator = torch.Generator().manual_seed(seed)
-        self.last = max(frames - 1, 1)
+        self.spline = Spline(frames)
+        self.tracks: Tensor | None = None
         self.unit = unit
         low, high = means.amin(0), means.amax(0)
         margin = 0.1 * unit
@@ -72,7 +73,7 @@ class HashGrid(nn.Module):
     def offsets(self, means: Tensor, frame: float) -> tuple[Tensor, Tensor]:
         # Positions enter as constants: a gradient through the grid to the points would move them to where the grid is smooth.
         space = ((means.detach() - self.low) / self.extent).clamp(0, 1 - 1e-6)
-        time = torch.full_like(space[:, :1], frame / self.last * TIME_SPAN)
+        time = torch.full_like(space[:, :1], frame / self.spline.last * TIME_SPAN)
         coordinates = torch.cat([space, time], 1)
         features = [
             splat.hashgrid(coordinates[:, list(axes)].contiguous(), table, resolutions)
@@ -82,17 +83,19 @@ class HashGrid(nn.Module):
         hidden = gate * self.motion(torch.cat(features[1:], 1))
         dx, dq = (head(hidden) for head in self.heads)
         identity = torch.tensor([1.0, 0, 0, 0], device=dx.device)
-        return dx * (0.1 * self.unit), dq * 0.1 + identity
+        dx = dx * (0.1 * self.unit)
+        if self.tracks is not None:
+            knot, weights = self.spline.at(frame)
+            known = torch.from_numpy(weights).to(dx.device) @ self.tracks[knot : knot + 4].flatten(1)
+            dx = dx + known.view(-1, 3)
+        return dx, dq * 0.1 + identity
 
     def follow(self, means: Tensor, positions: Tensor) -> None:
-        """Fit the grid to the tracks: no picture is drawn, so this is quick."""
-        rng = np.random.default_rng(0)
-        for iteration in range(FOLLOW_ITERATIONS):
-            frame = int(rng.integers(len(positions)))
-            dx, dq = self.offsets(means, frame)
-            error = (dx - (positions[frame] - means)).abs().mean() / self.unit
-            (error + 0.1 * dq[:, 1:].square().mean()).backward()
-            self.step(iteration / FOLLOW_ITERATIONS)
+        """Take the tracks as splines of the points, [knots, N, 3]; the grid learns what they lack.
+
+        Two things that pass close to each other share cells: fitted to the tracks, the grid would tie them together.
+        """
+        self.tracks = self.spline.fit(positions - means)
 
     def reach(self, frame: float) -> None:
         """Nothing to prepare: the grid is defined at all times."""
@@ -104,10 +107,15 @@ class HashGrid(nn.Module):
         self.optimizer.zero_grad(set_to_none=True)
 
     def keep(self, index: Tensor) -> None:
-        """Nothing to do: the grid belongs to space, not to the points."""
+        if self.tracks is not None:
+            self.tracks = self.tracks[:, index]
 
     def append(self, means: Tensor, parents: Tensor | None) -> None:
-        """Nothing to do: newcomers move with the space they are in."""
+        """Copies take their parents' tracks; newcomers have none, and move with the space they are in."""
+        if self.tracks is not None:
+            rest = self.tracks.new_zeros(len(self.tracks), len(means), 3)
+            added = rest if parents is None else self.tracks[:, parents]
+            self.tracks = torch.cat([self.tracks, added], 1)
 
 
 def _head(width: int, outputs: int) -> nn.Sequential:

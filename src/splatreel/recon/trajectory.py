@@ -6,14 +6,11 @@ shared by the points around them) and the point itself. Coarse levels move whole
 
 from __future__ import annotations
 
-import numpy as np
 import torch
 from torch import Tensor
 
 from splatreel.kernels import splat
-
-SMOOTHING = 0.3
-"""Weight of a spline's second differences against the tracks it follows."""
+from splatreel.recon.spline import Spline
 
 DIMENSIONS = 7
 """dx, and dq less its identity."""
@@ -24,14 +21,12 @@ class Trajectory:
 
     NODE_COUNTS = (64, 512)
     RATES = (1e-3, 5e-4, 1.5e-4)
-    FRAMES_PER_KNOT = 3.4
     EXTRAPOLATION = 0.8
 
     def __init__(self, means: Tensor, frames: int, unit: float, seed: int = 0) -> None:
         device = means.device
-        self.last = max(frames - 1, 1)
-        self.intervals = max(1, round(self.last / self.FRAMES_PER_KNOT))
-        self.knots = self.intervals + 3
+        self.spline = Spline(frames)
+        self.knots = self.spline.knots
         self.reached = 3
         self.unit = unit
         self.scale = torch.tensor([unit] * 3 + [1.0] * 4, device=device)
@@ -48,13 +43,13 @@ class Trajectory:
         )
 
     def offsets(self, means: Tensor, frame: float) -> tuple[Tensor, Tensor]:
-        knot, weights = basis(frame / self.last * self.intervals, self.intervals)
+        knot, weights = self.spline.at(frame)
         total = splat.splines(self.controls, knot, weights, self.skins) * self.scale
         dx, dq = total.split((3, 4), 1)
         return dx, dq + self.identity
 
     def reach(self, frame: float) -> None:
-        needed = basis(frame / self.last * self.intervals, self.intervals)[0] + 3
+        needed = self.spline.at(frame)[0] + 3
         with torch.no_grad():
             while self.reached < needed:
                 self.reached += 1
@@ -64,16 +59,9 @@ class Trajectory:
 
     def follow(self, means: Tensor, positions: Tensor) -> None:
         """The point level takes the tracks, as the smoothest spline close to them; all knots are then in use."""
-        rows = np.zeros((len(positions), self.knots), np.float32)
-        for frame in range(len(positions)):
-            knot, weights = basis(frame / self.last * self.intervals, self.intervals)
-            rows[frame, knot : knot + 4] = weights
-        bend = np.diff(np.eye(self.knots, dtype=np.float32), 2, axis=0)
-        system = rows.T @ rows + SMOOTHING * bend.T @ bend + 1e-4 * np.eye(self.knots, dtype=np.float32)
-        solve = torch.from_numpy(np.linalg.solve(system, rows.T).astype(np.float32)).to(positions.device)
-        offsets = ((positions - means) / self.unit).reshape(len(positions), -1)
+        offsets = (positions - means) / self.unit
         with torch.no_grad():
-            self.controls[-1][..., :3] = (solve @ offsets).view(self.knots, -1, 3)
+            self.controls[-1][..., :3] = self.spline.fit(offsets)
         self.reached = self.knots - 1
 
     def step(self, share: float) -> None:
@@ -116,14 +104,6 @@ class Trajectory:
             for name in ("exp_avg", "exp_avg_sq"):
                 state[name] = (of_state or of_rows)(state[name]).contiguous()
             self.optimizer.state[new] = state
-
-
-def basis(u: float, intervals: int) -> tuple[int, np.ndarray]:
-    """First knot and the four weights [4] float32 of the uniform cubic B-spline at u in 0..intervals."""
-    knot = min(max(int(u), 0), intervals - 1)
-    f = u - knot
-    weights = [(1 - f) ** 3, 3 * f**3 - 6 * f**2 + 4, -3 * f**3 + 3 * f**2 + 3 * f + 1, f**3]
-    return knot, np.array(weights, np.float32) / np.float32(6)
 
 
 def farthest_points(points: Tensor, count: int, seed: int) -> Tensor:
