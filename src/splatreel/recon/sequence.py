@@ -23,10 +23,9 @@ from splatreel.recon.colors import CameraGains
 from splatreel.recon.drawing import View
 from splatreel.recon.following import follow
 from splatreel.recon.group import GroupFrames, GroupTrainer
-from splatreel.recon.initialise import initial_points, near_plane
-from splatreel.recon.keyframe import KeyframeTrainer, Stage, starting_points
+from splatreel.recon.keyframe import KeyframeTrainer
 from splatreel.recon.layering import Layers, label_points, separate
-from splatreel.recon.layout import Layout, measure
+from splatreel.recon.layout import Layout
 from splatreel.recon.plan import Plan
 from splatreel.recon.points import TrainablePoints, default_rates
 from splatreel.recon.publish import (
@@ -39,6 +38,7 @@ from splatreel.recon.publish import (
     save_group,
     save_header,
 )
+from splatreel.recon.still import lay_out, still_trainer, train_frame
 from splatreel.scene.gaussians import Gaussians
 from splatreel.scene.group import Group
 
@@ -202,11 +202,8 @@ class Reconstruction:
             self.progress.stage(self._title(span, "keyframe"), iterations, self.plan.keyframe(span.index))
             self.gains.restart()
             trainer = self._keyframe_trainer(scene, layout, first)
-            coarse = round(iterations * config.coarse_share) if first else 0
-            if coarse:
-                trainer.train(self._stage(images, layout, 2), coarse, iterations, self.progress)
-            trainer.train(self._stage(images, layout, 1), iterations - coarse, iterations, self.progress)
-            self.progress.update(iterations, points=len(trainer.points))
+            coarse_share = config.coarse_share if first else 0.0
+            train_frame(trainer, self.cameras, images, layout, iterations, coarse_share, self.progress)
             points = trainer.points.gaussians()
         points.check_finite(f"Keyframe {span.index}")
         gains = self.gains.values.detach().cpu().numpy()
@@ -214,18 +211,14 @@ class Reconstruction:
         return points
 
     def _keyframe_trainer(self, scene: Scene, layout: Layout, first: bool) -> KeyframeTrainer:
-        config = self.config.keyframe
         if first:
             seeds = checkpoint.load_arrays(self.work / "points.safetensors")
-            points = starting_points(seeds["points"], seeds["colors"], config, layout.unit, self.device)
-            pixels = self.cameras[0].width * self.cameras[0].height
-            most = min(config.max_points, round(config.points_per_pixel * pixels))
-            return KeyframeTrainer(points, self.gains, config, max_points=most, seed=self.config.seed)
+            return still_trainer(seeds["points"], seeds["colors"], layout, self.cameras, self.gains, self.config)
         points = TrainablePoints.from_gaussians(scene.dynamic, default_rates(layout.unit), self.device)
         return KeyframeTrainer(
             points,
             self.gains,
-            config,
+            self.config.keyframe,
             backdrop=scene.static[scene.alive],
             max_points=len(points) + max(1000, len(points) // 3),
             seed=self.config.seed,
@@ -291,16 +284,9 @@ class Reconstruction:
         with self._timed("points"):
             self.progress.stage("initial points", 1, self.plan.points())
             images = self.capture.read(0, 1, self.names)[0]
-            seeds = initial_points(
-                self.cameras,
-                images,
-                self.capture.points,
-                self.capture.point_colors,
-                self.capture.near,
-                self.config.seed,
-            )
-            near = near_plane(self.cameras, seeds.points)
-            layout = measure(self.cameras, seeds.points, near)
+            capture = self.capture
+            known = capture.points, capture.point_colors, capture.near
+            seeds, layout = lay_out(self.cameras, images, *known, self.config.seed)
             self.progress.update(1, points=len(seeds.points))
         self.claim.keep()
         checkpoint.save_arrays(self.work / "points.safetensors", {"points": seeds.points, "colors": seeds.colors})
@@ -322,17 +308,6 @@ class Reconstruction:
         save_header(self.work, header)
         return open_writer(self.work, self.reel, self.config.encode, resume=True)
 
-    def _stage(self, images: np.ndarray, layout: Layout, shrink: int) -> Stage:
-        """The keyframe's images [C, H, W, 3], at full size or shrunk by a whole factor."""
-        tensor = torch.from_numpy(images)
-        cameras = self.cameras
-        if shrink > 1:
-            small = torch.nn.functional.avg_pool2d(tensor.permute(0, 3, 1, 2).float(), shrink, ceil_mode=False)
-            tensor = small.round().to(torch.uint8).permute(0, 2, 3, 1).contiguous()
-            cameras = [shrunk(camera, shrink) for camera in cameras]
-        views = [View.of(camera, self.device) for camera in cameras]
-        return Stage(views, tensor.to(self.device), layout.near, layout.unit)
-
     def _views(self) -> list[View]:
         return [View.of(camera, self.device) for camera in self.cameras]
 
@@ -352,11 +327,3 @@ class Reconstruction:
         yield
         self.seconds[stage] = round(self.seconds.get(stage, 0.0) + time.monotonic() - start, 3)
         checkpoint.save_json(self.work / "seconds.json", self.seconds)
-
-
-def shrunk(camera, factor: int):
-    """The camera of an image averaged over factor x factor blocks; rows and columns that do not fill a block are cut off."""
-    width, height = camera.width // factor, camera.height // factor
-    K = camera.K.copy()
-    K[:2] /= factor
-    return type(camera)(camera.name, camera.viewmat, K, width, height)

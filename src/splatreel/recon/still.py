@@ -1,0 +1,111 @@
+"""One frame as a scene of its own: standard 3DGS from its images alone. The first keyframe of a run is one, and the yardstick."""
+
+from __future__ import annotations
+
+import numpy as np
+import torch
+
+from splatreel.config import Config
+from splatreel.progress import Progress, Silent
+from splatreel.recon.colors import CameraGains
+from splatreel.recon.drawing import View
+from splatreel.recon.initialise import InitialPoints, initial_points, near_plane
+from splatreel.recon.keyframe import KeyframeTrainer, Stage, starting_points
+from splatreel.recon.layout import Layout, measure
+from splatreel.scene.camera import Camera
+from splatreel.scene.gaussians import Gaussians
+
+
+def reconstruct_still(
+    cameras: list[Camera],
+    images: np.ndarray,
+    config: Config,
+    *,
+    points: np.ndarray | None = None,
+    point_colors: np.ndarray | None = None,
+    near: float | None = None,
+    device: torch.device | None = None,
+    progress: Progress | None = None,
+) -> tuple[Gaussians, Layout]:
+    """Reconstruct one frame as a static scene, as the first keyframe of a run is (paper section 5.1); not encoded.
+
+    images: [C, H, W, 3] uint8 of the training cameras. points: [P, 3] and point_colors: [P, 3] 0..1, sparse points of this very
+    frame, if any. near: nothing is closer to a camera than this, world units. device: the CPU by default. progress: its stage
+    has `first_iterations` steps. Raises `ReconstructionError` if images and cameras do not fit, `GaussiansError` if training
+    ends in numbers that are not finite.
+    """
+    keyframe = config.keyframe
+    seeds, layout = lay_out(cameras, images, points, point_colors, near, config.seed)
+    gains = CameraGains(len(cameras), device or torch.device("cpu"), config.correct_colors)
+    trainer = still_trainer(seeds.points, seeds.colors, layout, cameras, gains, config)
+    progress = progress or Silent()
+    train_frame(trainer, cameras, images, layout, keyframe.first_iterations, keyframe.coarse_share, progress)
+    gaussians = trainer.points.gaussians()
+    gaussians.check_finite("The static reconstruction")
+    return gaussians, layout
+
+
+def lay_out(
+    cameras: list[Camera],
+    images: np.ndarray,
+    points: np.ndarray | None = None,
+    point_colors: np.ndarray | None = None,
+    near: float | None = None,
+    seed: int = 0,
+) -> tuple[InitialPoints, Layout]:
+    """Initial points of a frame and the measures of the scene. Arguments and errors are those of `initial_points`."""
+    seeds = initial_points(cameras, images, points, point_colors, near, seed)
+    return seeds, measure(cameras, seeds.points, near_plane(cameras, seeds.points))
+
+
+def still_trainer(
+    positions: np.ndarray,
+    colors: np.ndarray,
+    layout: Layout,
+    cameras: list[Camera],
+    gains: CameraGains,
+    config: Config,
+) -> KeyframeTrainer:
+    """A trainer of all points of a frame, on the device of the gains. positions: [P, 3] world. colors: [P, 3] 0..1."""
+    keyframe = config.keyframe
+    points = starting_points(positions, colors, keyframe, layout.unit, gains.values.device)
+    pixels = cameras[0].width * cameras[0].height
+    most = min(keyframe.max_points, round(keyframe.points_per_pixel * pixels))
+    return KeyframeTrainer(points, gains, keyframe, max_points=most, seed=config.seed)
+
+
+def train_frame(
+    trainer: KeyframeTrainer,
+    cameras: list[Camera],
+    images: np.ndarray,
+    layout: Layout,
+    iterations: int,
+    coarse_share: float,
+    progress: Progress,
+) -> None:
+    """Train on one frame, the first `coarse_share` of the iterations at half size. images: [C, H, W, 3] uint8."""
+    device = trainer.points.means.device
+    coarse = round(iterations * coarse_share)
+    if coarse:
+        trainer.train(_stage(cameras, images, layout, 2, device), coarse, iterations, progress)
+    trainer.train(_stage(cameras, images, layout, 1, device), iterations - coarse, iterations, progress)
+    progress.update(iterations, points=len(trainer.points))
+
+
+def _stage(cameras: list[Camera], images: np.ndarray, layout: Layout, shrink: int, device: torch.device) -> Stage:
+    """Images [C, H, W, 3] and their cameras, at full size or shrunk by a whole factor."""
+    tensor = torch.from_numpy(images)
+    if shrink > 1:
+        small = torch.nn.functional.avg_pool2d(tensor.permute(0, 3, 1, 2).float(), shrink, ceil_mode=False)
+        tensor = small.round().to(torch.uint8).permute(0, 2, 3, 1).contiguous()
+        cameras = [_shrunk(camera, shrink) for camera in cameras]
+    views = [View.of(camera, device) for camera in cameras]
+    return Stage(views, tensor.to(device), layout.near, layout.unit)
+
+
+def _shrunk(camera: Camera, factor: int) -> Camera:
+    """The camera of an image averaged over factor x factor blocks; rows and columns that do not fill a block are cut off."""
+    width, height = camera.width // factor, camera.height // factor
+    K = camera.K.copy()
+    K[:2] /= factor
+    return Camera(camera.name, camera.viewmat, K, width, height)

@@ -1,0 +1,36 @@
+from pathlib import Path
+
+import numpy as np
+
+from splatreel.config import Config, KeyframeConfig
+from splatreel.progress import Silent
+from splatreel.recon import checkpoint
+from splatreel.recon.sequence import reconstruct
+from splatreel.recon.still import reconstruct_still
+from tests.recon.captures import WallCapture
+
+CONFIG = Config(keyframe=KeyframeConfig(first_iterations=40, coarse_share=0.5, densify_every=5, sh_degree=1))
+
+
+class Trace(Silent):
+    """Remembers the last step."""
+
+    done = 0
+
+    def update(self, done: int, **numbers: float) -> None:
+        self.done = done
+
+
+def images(capture: WallCapture, frame: int) -> np.ndarray:
+    return capture.read(frame, 1, [camera.name for camera in capture.cameras])[0]
+
+
+def test_a_frame_alone_is_the_first_keyframe_of_a_run(tmp_path: Path) -> None:
+    capture, trace = WallCapture(1), Trace()
+    gaussians, layout = reconstruct_still(capture.cameras, images(capture, 0), CONFIG, progress=trace)
+    work = reconstruct(capture, tmp_path, CONFIG, device="cpu").work
+    keyframe = checkpoint.load_arrays(work / "group0000" / "keyframe.safetensors")
+    for name, value in checkpoint.pack(gaussians).items():
+        np.testing.assert_array_equal(value, keyframe[name])
+    assert layout.to_dict() == checkpoint.load_json(work / "layout.json")
+    assert trace.done == 40
