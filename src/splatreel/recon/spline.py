@@ -6,7 +6,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
-SMOOTHING = 0.3
+SMOOTHING = 0.05
 """Weight of a spline's second differences against the tracks it follows."""
 
 FRAMES_PER_KNOT = 2.0

@@ -1,7 +1,7 @@
 """`trajectory`: an explicit temporal basis on shared nodes and per point, our deformation model.
 
-Every offset is a uniform cubic B-spline in time. Its control values are the sum of a few levels: coarse nodes, finer nodes (both
-shared by the points around them) and the point itself. Coarse levels move whole limbs at once, the last one only what is left.
+Every offset is a uniform cubic B-spline in time. Its control values are the sum of levels: nodes shared by the points around them,
+which move whole limbs at once, and the point itself, for what is left.
 """
 
 from __future__ import annotations
@@ -19,8 +19,9 @@ DIMENSIONS = 7
 class Trajectory:
     """See `Deformation`. Control values are stored as [knots, rows, 7] in units of `unit`, the typical viewing distance."""
 
-    NODE_COUNTS = (64, 512)
-    RATES = (1e-3, 5e-4, 1.5e-4)
+    NODE_COUNTS = (64,)
+    RATES = (5e-4, 1.5e-4)
+    """Learning rates of the levels, the points' own last."""
     EXTRAPOLATION = 0.8
 
     def __init__(self, means: Tensor, frames: int, unit: float, seed: int = 0) -> None:
