@@ -18,7 +18,9 @@ ROWS = {
     "basketball 320": "Panoptic basketball, 320 wide",
     "basketball 640": "Panoptic basketball, 640 wide",
 }
-"""Benchmarks that always have a row, measured or not. `static NAME WIDTH` gets one when it has been recorded."""
+"""Benchmarks that always have a row, measured or not. Those of single frames get one when they have been recorded."""
+SINGLE = {"static": "one frame", "oracle": "each frame on its own"}
+"""Benchmarks of single frames by the first word of their name, which is followed by a capture's and a width."""
 
 COLUMNS = ("held-out cameras of", "frames", "PSNR dB", "per channel", "SSIM", "before encoding", "reel", "of float32")
 COLUMNS += ("time", "memory", "commit")
@@ -33,8 +35,8 @@ def latest(results: Path = RESULTS) -> dict[str, dict]:
 
 def table(records: dict[str, dict]) -> str:
     """The Markdown table, and on which machines it was measured."""
-    static = {name: f"{name.split()[1]}, one frame" for name in sorted(records) if name.startswith("static ")}
-    rows = ROWS | static
+    single = {name: name.split() for name in sorted(records) if name.split()[0] in SINGLE}
+    rows = ROWS | {name: f"{words[1]}, {SINGLE[words[0]]}" for name, words in single.items()}
     lines = [_row(COLUMNS), _row(["---"] * len(COLUMNS))]
     lines += [_row(_cells(label, records.get(name))) for name, label in rows.items()]
     measured = [records[name] for name in rows if name in records]

@@ -2,7 +2,7 @@ from pathlib import Path
 
 import pytest
 
-from splatreel.cli.options import parse_frames, parse_names, reel_folder
+from splatreel.cli.options import parse_frames, parse_names, parse_numbers, reel_folder
 from splatreel.errors import UsageError
 
 
@@ -23,6 +23,19 @@ def test_names() -> None:
     assert parse_names("0, 10,cam03", "--cameras") == ["0", "10", "cam03"]
     with pytest.raises(UsageError, match="--cameras '' holds an empty name"):
         parse_names("", "--cameras")
+
+
+def test_numbers() -> None:
+    assert parse_numbers(None, "--at") is None
+    assert parse_numbers("28, 0", "--at") == [28, 0]
+    for text, fault in (
+        ("0,x", "'x' is no frame"),
+        ("0:3", "'0:3' is no frame"),
+        ("3,3", "names '3' twice"),
+        ("-1", "no frame"),
+    ):
+        with pytest.raises(UsageError, match=fault):
+            parse_numbers(text, "--at")
 
 
 def test_the_reel_is_found_inside_the_output_of_a_run(tmp_path: Path) -> None:

@@ -34,6 +34,31 @@ def test_equal_images() -> None:
     assert ssim(noise(0), noise(0)) == pytest.approx(1.0, abs=1e-6)
 
 
+def half() -> np.ndarray:
+    """A mask of the upper ten rows."""
+    return np.arange(20)[:, None].repeat(30, 1) < 10
+
+
+def test_only_the_chosen_pixels_count() -> None:
+    image = gray(0.5)
+    image[half()] += 0.1
+    for metric in (psnr, psnr_per_channel):
+        assert metric(image, gray(0.5), half()) == pytest.approx(20, abs=1e-4)
+        assert metric(image, gray(0.5), ~half()) == PSNR_MAX
+    image = noise(1)
+    image[half()] = noise(2)[half()]
+    both = [ssim(image, noise(1), mask) for mask in (half(), ~half())]
+    assert both[0] < 0.3 < 0.8 < both[1] < 1  # windows reach across
+    assert np.mean(both) == pytest.approx(ssim(image, noise(1)), abs=1e-6)
+
+
+@pytest.mark.parametrize("mask", [np.zeros((20, 30), bool), np.ones((20, 31), bool), np.ones((20, 30))])
+def test_masks_that_choose_nothing_are_refused(mask: np.ndarray) -> None:
+    for metric in (psnr, psnr_per_channel, ssim):
+        with pytest.raises(UsageError, match="does not choose pixels"):
+            metric(noise(1), noise(2), mask)
+
+
 def slow_ssim(x: np.ndarray, y: np.ndarray) -> float:
     """The definition with the 121 weights written out, zero padded."""
     line = np.exp(-((np.arange(11) - 5.0) ** 2) / (2 * 1.5**2))

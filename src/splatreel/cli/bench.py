@@ -1,10 +1,18 @@
-"""`splatreel bench`: how fast the parts are on this machine."""
+"""`splatreel bench`: how fast the parts are on this machine, and how good single frames can become."""
 
 from __future__ import annotations
 
+import dataclasses
 import json as json_format
+from pathlib import Path
 
+from tyro.conf import Positional
 from tyro.extras import SubcommandApp
+
+from splatreel.cli.options import parse_frames, parse_names, parse_numbers, reel_folder
+from splatreel.cli.reconstruct import Device, configure
+from splatreel.config import Quality
+from splatreel.errors import UsageError
 
 
 def kernels(points: int = 20_000, width: int = 320, height: int = 240, repeats: int = 20, json: bool = False) -> None:
@@ -36,6 +44,64 @@ def codec(points: int = 10_000, frames: int = 35, repeats: int = 3, json: bool =
     show(bench_codec(points, frames, repeats), json)
 
 
+def oracle(
+    capture: Positional[Path],
+    /,
+    out: Path,
+    at: str | None = None,
+    every: int = 15,
+    width: int | None = None,
+    scale: float | None = None,
+    frames: str | None = None,
+    hold_out: str | None = None,
+    quality: Quality = "standard",
+    iterations: int | None = None,
+    reel: Path | None = None,
+    device: Device = "auto",
+    seed: int = 0,
+) -> None:
+    """Reconstruct single frames, each on its own: what geometry and cameras allow. The same command continues.
+
+    Args:
+        capture: Folder of the videos or images and their cameras.
+        out: OUT/oracle.json gets each frame as it is finished, OUT/oracle.md the tables.
+        at: Which frames to reconstruct, as 0,14,28, counted from the first of --frames.
+        every: Where --at is not given: every how many frames one is reconstructed.
+        width: Width of the images, in pixels; by default that of the reel's cameras, else their own.
+        scale: Size of the images, as a share of their own, instead of the width.
+        frames: Frames of the capture to choose from, as A:B (B is left out), the same as the reel was made of; all by default.
+        hold_out: Names of cameras to compare with, as NAME,NAME; what the format says by default.
+        quality: How long to train.
+        iterations: Iterations of each frame; by default the quality's for its first keyframe.
+        reel: Reel of the same frames, or the output folder of its run, to compare with.
+        device: Where to train; auto takes a CUDA GPU if there is one.
+        seed: Seed of everything random.
+    """
+    span, held_out, chosen = parse_frames(frames), parse_names(hold_out, "--hold-out"), parse_numbers(at, "--at")
+    if every < 1:
+        raise UsageError(f"--every {every} is out of range. Choose 1 or more.")
+    config = configure(quality, None, None, seed)
+    if iterations is not None:
+        config = dataclasses.replace(config, keyframe=dataclasses.replace(config.keyframe, first_iterations=iterations))
+    from splatreel.capture.opening import open_capture
+    from splatreel.evaluation.evaluate import reel_width
+    from splatreel.evaluation.oracle import oracle as measure
+    from splatreel.progress import console
+
+    reel = None if reel is None else reel_folder(reel)
+    if reel is not None and width is None and scale is None:
+        width = reel_width(reel)
+    source = open_capture(capture, width=width, scale=scale, frames=span, held_out=held_out)
+    chosen = list(range(0, source.frames, every)) if chosen is None else chosen
+    progress = console()
+    try:
+        result = measure(source, out, config, chosen, reel=reel, device=device, progress=progress)
+    finally:
+        progress.close()
+        source.close()
+    print(result.to_markdown(), end="")
+
+
 def show(rows: list[dict[str, float | int | str]], json: bool) -> None:
     """Print measurements, one a line."""
     for row in rows:
@@ -49,7 +115,8 @@ def show(rows: list[dict[str, float | int | str]], json: bool) -> None:
 def build() -> SubcommandApp:
     """The kinds of measurement."""
     app = SubcommandApp()
-    app.__doc__ = "Measure how fast the parts are on this machine."
+    app.__doc__ = "Measure how fast the parts are on this machine, and how good single frames can become."
     app.command(kernels)
     app.command(codec)
+    app.command(oracle)
     return app

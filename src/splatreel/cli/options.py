@@ -35,6 +35,17 @@ def parse_names(text: str | None, option: str) -> list[str] | None:
     return names
 
 
+def parse_numbers(text: str | None, option: str) -> list[int] | None:
+    """`0,14,28` as a list of frames; None stays None. Raises `UsageError` for anything else, or a number given twice."""
+    names = parse_names(text, option)
+    bad = [name for name in names or [] if re.fullmatch(r"\d+", name) is None]
+    if bad:
+        raise UsageError(
+            f"{option} {text!r}: {bad[0]!r} is no frame. Write numbers with commas between them, such as 0,14."
+        )
+    return None if names is None else [int(name) for name in names]
+
+
 def reel_folder(path: Path) -> Path:
     """The reel itself, where the output folder of `reconstruct` or `demo` is given instead of its `reel` folder."""
     inside = path / "reel"

@@ -77,10 +77,16 @@ def evaluate(
     return report
 
 
-def measure(image: np.ndarray, truth: np.ndarray, lpips: perceptual.Distance | None) -> Quality:
-    """All metrics of one image against its truth, both float32 [H, W, 3] 0..1."""
-    distance = lpips(image, truth) if lpips is not None else None
-    return Quality(psnr(image, truth), psnr_per_channel(image, truth), ssim(image, truth), distance)
+def measure(
+    image: np.ndarray, truth: np.ndarray, lpips: perceptual.Distance | None, where: np.ndarray | None = None
+) -> Quality:
+    """All metrics of one image against its truth, both float32 [H, W, 3] 0..1.
+
+    where: [H, W] bool, only these pixels count; LPIPS, which is of whole images, is left out then.
+    """
+    distance = lpips(image, truth) if lpips is not None and where is None else None
+    pair = image, truth, where
+    return Quality(psnr(*pair), psnr_per_channel(*pair), ssim(*pair), distance)
 
 
 def summarise(

@@ -1,4 +1,4 @@
-"""Image metrics, on float images [H, W, 3], sRGB 0..1."""
+"""Image metrics, on float images [H, W, 3], sRGB 0..1; of the pixels `where` [H, W] bool only, if it is given."""
 
 from __future__ import annotations
 
@@ -16,24 +16,24 @@ SSIM_WINDOW = 11
 SSIM_SIGMA = 1.5
 
 
-def psnr(image: np.ndarray, truth: np.ndarray) -> float:
+def psnr(image: np.ndarray, truth: np.ndarray, where: np.ndarray | None = None) -> float:
     """Peak signal-to-noise ratio in dB over all pixels and channels pooled. `UsageError` if the shapes differ."""
-    return _decibel(float(np.mean(_squared_error(image, truth))))
+    return _decibel(float(np.mean(_squared_error(image, truth, where))))
 
 
-def psnr_per_channel(image: np.ndarray, truth: np.ndarray) -> float:
+def psnr_per_channel(image: np.ndarray, truth: np.ndarray, where: np.ndarray | None = None) -> float:
     """The mean of the three channels' own PSNR, in dB, as Dynamic 3D Gaussians has it; never below the pooled one."""
-    means = np.mean(_squared_error(image, truth), axis=(0, 1))
+    means = np.mean(_squared_error(image, truth, where).reshape(-1, 3), axis=0)
     return float(np.mean([_decibel(float(m)) for m in means]))
 
 
-def ssim(image: np.ndarray, truth: np.ndarray) -> float:
+def ssim(image: np.ndarray, truth: np.ndarray, where: np.ndarray | None = None) -> float:
     """Structural similarity with an 11x11 Gaussian window of sigma 1.5, averaged over pixels and channels.
 
-    Zero padding at the border, as in the 3DGS code, so that figures compare with the field's.
-    Raises `UsageError` if the shapes differ.
+    Zero padding at the border, as in the 3DGS code, so that figures compare with the field's. The windows of the pixels
+    `where` reach beyond them. Raises `UsageError` if the shapes differ.
     """
-    _check(image, truth)
+    _check(image, truth, where)
     x, y = image.astype(np.float32), truth.astype(np.float32)
     mean_x, mean_y = _blur(x), _blur(y)
     var_x = _blur(x * x) - mean_x**2
@@ -42,7 +42,8 @@ def ssim(image: np.ndarray, truth: np.ndarray) -> float:
     c1, c2 = 0.01**2, 0.03**2
     above = (2 * mean_x * mean_y + c1) * (2 * covariance + c2)
     below = (mean_x**2 + mean_y**2 + c1) * (var_x + var_y + c2)
-    return float(np.mean(above / below))
+    similarity = above / below
+    return float(np.mean(similarity if where is None else similarity[where]))
 
 
 def _blur(image: np.ndarray) -> np.ndarray:
@@ -53,18 +54,25 @@ def _blur(image: np.ndarray) -> np.ndarray:
     return correlate1d(rows, window, axis=1, mode="constant")
 
 
-def _squared_error(image: np.ndarray, truth: np.ndarray) -> np.ndarray:
-    _check(image, truth)
-    return (image.astype(np.float64) - truth.astype(np.float64)) ** 2
+def _squared_error(image: np.ndarray, truth: np.ndarray, where: np.ndarray | None) -> np.ndarray:
+    """[H, W, 3], or [P, 3] of the pixels `where`."""
+    _check(image, truth, where)
+    error = (image.astype(np.float64) - truth.astype(np.float64)) ** 2
+    return error if where is None else error[where]
 
 
-def _check(image: np.ndarray, truth: np.ndarray) -> None:
+def _check(image: np.ndarray, truth: np.ndarray, where: np.ndarray | None) -> None:
     if image.shape != truth.shape or image.ndim != 3 or image.shape[-1] != 3:
         raise UsageError(
             f"An image of shape {image.shape} cannot be compared with one of {truth.shape}; give [H, W, 3]."
         )
     if image.dtype.kind != "f" or truth.dtype.kind != "f":
         raise UsageError(f"Images of {image.dtype} and {truth.dtype} cannot be compared; divide by 255 to floats 0..1.")
+    if where is not None and (where.shape != image.shape[:2] or where.dtype != bool or not where.any()):
+        raise UsageError(
+            f"A mask of {where.dtype} and shape {where.shape} with {int(where.sum())} pixels does not choose pixels of an "
+            f"image of shape {image.shape}; give bool {image.shape[:2]} with one pixel at least."
+        )
 
 
 def _decibel(mean_squared_error: float) -> float:

@@ -1,0 +1,82 @@
+"""Single frames of a capture, each reconstructed on its own: the limit that a dynamic reconstruction of them can reach.
+
+python benchmarks/oracle.py CAPTURE --width 320 --frames 0:60 --reel OUT
+"""
+
+import dataclasses
+import time
+from pathlib import Path
+
+import tyro
+
+from record import machine, record
+from splatreel.capture.opening import open_capture
+from splatreel.cli.options import parse_frames, parse_names, parse_numbers, reel_folder
+from splatreel.config import Quality, preset
+from splatreel.evaluation.memory import peak_memory_bytes
+from splatreel.evaluation.oracle import oracle
+from splatreel.evaluation.yardstick import Yardstick
+from splatreel.progress import console
+
+
+def main(
+    capture: tyro.conf.Positional[Path],
+    /,
+    width: int,
+    frames: str | None = None,
+    at: str | None = None,
+    every: int = 15,
+    hold_out: str | None = None,
+    quality: Quality = "standard",
+    reel: Path | None = None,
+    seed: int = 0,
+    out: Path | None = None,
+    note: str = "",
+) -> None:
+    """Reconstruct frames on their own, evaluate on the held-out cameras, record. Options as in `splatreel bench oracle`."""
+    before, started = machine(), time.monotonic()
+    held_out, chosen = parse_names(hold_out, "--hold-out"), parse_numbers(at, "--at")
+    source = open_capture(capture, width=width, frames=parse_frames(frames), held_out=held_out)
+    out = out or Path(f"out/oracle-{source.name}-{width}-{quality}")
+    config = dataclasses.replace(preset(quality), seed=seed)
+    chosen = list(range(0, source.frames, every)) if chosen is None else chosen
+    progress = console()
+    try:
+        result = oracle(source, out, config, chosen, reel=reel and reel_folder(reel), progress=progress)
+    finally:
+        progress.close()
+        source.close()
+    shape = {
+        "width": source.width,
+        "height": source.height,
+        "first_frame": source.first_frame,
+        "machine_before": before,
+    }
+    wall = {"seconds_wall": round(time.monotonic() - started, 1)}
+    values = summary(result, config.keyframe.sh_degree) | {"quality": quality, "seed": seed} | shape | wall
+    record(f"oracle {source.name} {width}", values, note)
+    print(result.to_markdown())
+
+
+def summary(result: Yardstick, sh_degree: int) -> dict:
+    """Means over the frames, and sums of bytes and seconds. As in the other records, psnr is after encoding."""
+    decoded, raw = result.decoded(), result.mean()
+    size, points = (sum(getattr(frame, name) for frame in result.frames) for name in ("bytes", "points"))
+    numbers = 3 + 4 + 3 + 1 + 3 * (sh_degree + 1) ** 2
+    values = dataclasses.asdict(decoded) | {
+        "psnr_undecoded": raw.whole.psnr,
+        "psnr_moving_undecoded": raw.moving.psnr if raw.moving else None,
+        "reel_bytes": size,
+        "share_of_float32": round(size / (4 * numbers * points), 4),
+        "points": points / len(result.frames),
+        "seconds_total": round(sum(frame.seconds for frame in result.frames), 1),
+        "peak_memory_bytes": peak_memory_bytes(),
+        "device": result.frames[0].device,
+        "frames": len(result.frames),
+        "at": [frame.frame for frame in result.frames],
+    }
+    return values | ({"distance": result.distance()} if result.reel else {})
+
+
+if __name__ == "__main__":
+    tyro.cli(main)

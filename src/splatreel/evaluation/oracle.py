@@ -1,0 +1,155 @@
+"""What geometry and cameras allow: single frames reconstructed each on its own, on cameras that training has not seen.
+
+No motion, no layers and no cross-fade can go wrong there, so every dynamic result is judged by its distance to this. It is also the
+baseline "3DGS per frame", with its bytes and its seconds.
+"""
+
+from __future__ import annotations
+
+import time
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import torch
+
+from splatreel.capture.base import Capture
+from splatreel.codec.group_file import decode_layer, encode_layer
+from splatreel.config import Config
+from splatreel.errors import UsageError
+from splatreel.evaluation import perceptual
+from splatreel.evaluation.evaluate import check_same_capture, measure
+from splatreel.evaluation.ledger import Ledger
+from splatreel.evaluation.moving import median_pictures, moving_pixels
+from splatreel.evaluation.report import Quality, write_text
+from splatreel.evaluation.yardstick import Score, StillFrame, Yardstick
+from splatreel.kernels.image import render_image
+from splatreel.play.timeline import Timeline, open_reel
+from splatreel.progress import Progress, Silent
+from splatreel.recon.sequence import check_capture, pick_device
+from splatreel.recon.still import reconstruct_still
+from splatreel.scene.camera import Camera
+from splatreel.scene.gaussians import Gaussians
+
+
+def oracle(
+    capture: Capture,
+    out: Path,
+    config: Config,
+    frames: list[int],
+    *,
+    reel: Path | None = None,
+    device: str = "auto",
+    progress: Progress | None = None,
+) -> Yardstick:
+    """Reconstruct frames each on its own and measure them, and the same frames of a reel, on the held-out cameras.
+
+    frames: counted within the capture's range, as the reel counts them. OUT/oracle.json gets each frame as it is finished, so that
+    the same call continues an interrupted one, and OUT/oracle.md the tables. Raises `UsageError` where no camera is held out, a
+    frame is not there, OUT holds frames of another capture or configuration, or the reel was made from other cameras, and what
+    reading and reconstruction raise.
+    """
+    check_capture(capture)
+    chosen, views = pick_device(device), held_out_views(capture)
+    timeline = open_reel(reel) if reel is not None else None
+    if timeline is not None:
+        check_reel(timeline, capture, str(reel))
+    frames = check_frames(frames, capture, timeline)
+    ledger = Ledger(Path(out) / "oracle.json", capture, config)
+    progress, names, lpips = progress or Silent(), [view.name for view in views], perceptual.load()
+    medians = median_pictures(capture, names)
+    todo = [frame for frame in frames if frame not in ledger.frames]
+    scores: list[Score] = []
+    for frame in frames:
+        truths = capture.read(frame, 1, names)[0].astype(np.float32) / 255
+        masks = [moving_pixels(truth, median) for truth, median in zip(truths, medians, strict=True)]
+        gallery = Gallery(views, truths, masks, lpips)
+        if frame in todo:
+            done = todo.index(frame)
+            title, span = f"frame {frame}, {done + 1}/{len(todo)}", (done / len(todo), (done + 1) / len(todo))
+            progress.stage(title, config.keyframe.first_iterations, span)
+            ledger.add(reconstruct_frame(capture, frame, config, gallery, chosen, progress))
+        if timeline is not None:
+            scores.append(gallery.score(timeline.at(frame / timeline.fps), timeline.manifest.near))
+    yardstick = Yardstick([ledger.frames[frame] for frame in frames], scores)
+    ledger.save(yardstick.reel_dict(str(reel)) if reel is not None else None)
+    write_text(Path(out) / "oracle.md", yardstick.to_markdown())
+    return yardstick
+
+
+def reconstruct_frame(
+    capture: Capture, frame: int, config: Config, gallery: Gallery, device: torch.device, progress: Progress
+) -> StillFrame:
+    """Reconstruct one frame from its own images alone, encode and measure it."""
+    cameras = capture.training_cameras
+    images = capture.read(frame, 1, [camera.name for camera in cameras])[0]
+    first = capture.first_frame + frame == 0  # sparse points that a capture brings are of its first frame
+    start = time.monotonic()
+    gaussians, layout = reconstruct_still(
+        cameras,
+        images,
+        config,
+        points=capture.points if first else None,
+        point_colors=capture.point_colors if first else None,
+        near=capture.near,
+        device=device,
+        progress=progress,
+    )
+    seconds = round(time.monotonic() - start, 3)
+    data, _ = encode_layer(0, frame, gaussians, config.encode)
+    _, decoded = decode_layer(data, f"frame {frame}")
+    score, after = gallery.score(gaussians, layout.near), gallery.score(decoded, layout.near)
+    return StillFrame(frame, score, after.whole, len(gaussians), len(data), seconds, device.type)
+
+
+@dataclass(frozen=True)
+class Gallery:
+    """The held-out pictures of one frame. truths: float32 [C, H, W, 3] 0..1. masks: C of [H, W] bool, where something moves."""
+
+    views: list[Camera]
+    truths: np.ndarray
+    masks: list[np.ndarray]
+    lpips: perceptual.Distance | None
+
+    def score(self, gaussians: Gaussians, near: float) -> Score:
+        """Render Gaussians from every view and compare; the mean over the views, inside the masks over those that have any."""
+        whole: list[Quality] = []
+        moving: list[Quality] = []
+        for view, truth, mask in zip(self.views, self.truths, self.masks, strict=True):
+            image = np.clip(render_image(gaussians, view, near=near), 0, 1)
+            whole.append(measure(image, truth, self.lpips))
+            if mask.any():
+                moving.append(measure(image, truth, None, mask))
+        return Score(Quality.mean(whole), Quality.mean(moving) if moving else None)
+
+
+def held_out_views(capture: Capture) -> list[Camera]:
+    """The held-out cameras. Raises `UsageError` if there are none."""
+    if not capture.held_out:
+        raise UsageError(
+            f"{capture.path}: no camera is held out, so there is nothing to compare with. Name some: --hold-out NAME,NAME."
+        )
+    return [capture.camera(name) for name in capture.held_out]
+
+
+def check_frames(frames: list[int], capture: Capture, timeline: Timeline | None) -> list[int]:
+    """Frames in order, each once. Raises `UsageError` for none, or one that the capture or the reel does not have."""
+    available = capture.frames if timeline is None else min(capture.frames, timeline.frames)
+    bad = [frame for frame in frames if not 0 <= frame < available]
+    if bad or not frames:
+        whose = f"{capture.path} has" if timeline is None else f"{capture.path} and the reel share"
+        raise UsageError(
+            f"Frames {bad or 'none'} were asked for; {whose} frames 0 to {available - 1}. Choose among these."
+        )
+    return sorted(set(frames))
+
+
+def check_reel(timeline: Timeline, capture: Capture, reel: str) -> None:
+    """Raises `UsageError` for a reel of another capture, or one that has seen what is held out."""
+    check_same_capture(timeline.manifest, capture, reel)
+    seen = sorted({camera.name for camera in timeline.manifest.cameras} & set(capture.held_out))
+    if seen:
+        raise UsageError(
+            f"{reel}: was trained on {', '.join(seen)}, which {capture.path} holds out. Hold out what the reel has not seen: "
+            "--hold-out NAME,NAME."
+        )

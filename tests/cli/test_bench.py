@@ -1,0 +1,56 @@
+"""`splatreel bench oracle`, on a capture that is rendered on demand."""
+
+import json
+from pathlib import Path
+
+import pytest
+
+from splatreel.capture import opening
+from splatreel.cli.main import main
+from tests.evaluation import scenes
+
+
+@pytest.fixture
+def requests(monkeypatch: pytest.MonkeyPatch) -> list[dict]:
+    """What captures were opened with."""
+    asked: list[dict] = []
+
+    def open_capture(path: Path, **request: object) -> scenes.FilmedCapture:
+        asked.append(request)
+        return scenes.capture(path, ["cam03"])
+
+    monkeypatch.setattr(opening, "open_capture", open_capture)
+    return asked
+
+
+def test_the_oracle_and_the_distance_of_a_reel(
+    requests: list[dict], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    scenes.write_reel(tmp_path / "run" / "reel")
+    arguments = ["bench", "oracle", "capture", "--out", str(tmp_path / "out"), "--every", "3", "--iterations", "6"]
+    assert main([*arguments, "--reel", str(tmp_path / "run"), "--device", "cpu", "--hold-out", "cam03"]) == 0
+    printed = capsys.readouterr().out
+    assert printed == (tmp_path / "out" / "oracle.md").read_text()
+    assert requests == [{"width": scenes.WIDTH, "scale": None, "frames": None, "held_out": ["cam03"]}]
+    record = json.loads((tmp_path / "out" / "oracle.json").read_text())
+    assert [frame["frame"] for frame in record["frames"]] == [0, 3]
+    assert record["config"]["keyframe"]["first_iterations"] == 6
+    assert record["reel"]["distance"]["whole"] < 0  # the reel is the truth, the oracle had six iterations
+
+
+@pytest.mark.parametrize(
+    ("options", "fault"),
+    [
+        (["--at", "0,99"], "Frames [99] were asked for; capture has frames 0 to 4. Choose among these."),
+        (["--every", "0"], "--every 0 is out of range. Choose 1 or more."),
+        (["--iterations", "0"], "keyframe.first_iterations 0 is out of range. Choose 1 or more."),
+        (["--at", "0:3"], "--at '0:3': '0:3' is no frame. Write numbers with commas between them, such as 0,14."),
+    ],
+)
+def test_values_that_make_no_sense(
+    requests: list[dict], options: list[str], fault: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(["bench", "oracle", "capture", "--out", str(tmp_path / "out"), *options]) == 2
+    captured = capsys.readouterr()
+    assert (captured.out, captured.err) == ("", f"Error: {fault}\n")
+    assert not (tmp_path / "out").exists()

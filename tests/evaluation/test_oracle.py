@@ -1,0 +1,165 @@
+"""The yardstick on a wall that a cluster passes: measured, continued, refused, and compared with a reel."""
+
+import json
+import shutil
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from splatreel.codec.writer import ReelWriter
+from splatreel.config import Config, EncodeConfig, KeyframeConfig
+from splatreel.errors import UsageError
+from splatreel.evaluation.oracle import oracle
+from splatreel.progress import Silent, Span
+from splatreel.recon.still import reconstruct_still
+from splatreel.scene.group import Group
+from tests.recon.captures import WallCapture
+
+CONFIG = Config(keyframe=KeyframeConfig(first_iterations=20, densify_every=5, sh_degree=1))
+FRAMES = 7
+
+
+class HeldOutWall(WallCapture):
+    """The second camera is held out."""
+
+    def __init__(self, held_out: str | None = "cam01") -> None:
+        super().__init__(FRAMES, cameras=5)
+        self.held_out = [] if held_out is None else [held_out]
+
+
+class Trace(Silent):
+    """Remembers the stages; stops a run before the one that is named."""
+
+    def __init__(self, stop: str | None = None) -> None:
+        self.stop, self.stages = stop, []
+
+    def stage(self, name: str, total: int, span: Span | None = None) -> None:
+        if name == self.stop:
+            raise KeyboardInterrupt
+        self.stages.append((name, total, span))
+
+
+def without_seconds(file: Path) -> dict:
+    record = json.loads(file.read_text())
+    for frame in record["frames"]:
+        assert frame.pop("seconds") > 0
+    return record
+
+
+@pytest.fixture(scope="module")
+def out(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The folder of a run that nothing disturbs."""
+    folder = tmp_path_factory.mktemp("oracle")
+    oracle(HeldOutWall(), folder, CONFIG, [0, 6], device="cpu")
+    return folder
+
+
+def test_each_frame_is_measured_on_its_own(out: Path) -> None:
+    record = json.loads((out / "oracle.json").read_text())
+    assert [frame["frame"] for frame in record["frames"]] == [0, 6]
+    assert record["reel"] is None
+    for frame in record["frames"]:
+        whole, moving = frame["score"]["whole"], frame["score"]["moving"]
+        assert 10 < whole["psnr"] <= whole["psnr_per_channel"]
+        assert whole["psnr"] != moving["psnr"]
+        assert abs(frame["decoded"]["psnr"] - whole["psnr"]) < 1
+        assert frame["points"] > 100
+        assert frame["bytes"] > frame["points"]
+    assert record["frames"][0]["score"] != record["frames"][1]["score"]
+    assert "| mean |" in (out / "oracle.md").read_text()
+
+
+def test_a_killed_run_continues(out: Path, tmp_path: Path) -> None:
+    with pytest.raises(KeyboardInterrupt):
+        oracle(HeldOutWall(), tmp_path, CONFIG, [0, 6], device="cpu", progress=Trace("frame 6, 2/2"))
+    assert [frame["frame"] for frame in json.loads((tmp_path / "oracle.json").read_text())["frames"]] == [0]
+    trace = Trace()
+    oracle(HeldOutWall(), tmp_path, CONFIG, [0, 6], device="cpu", progress=trace)
+    assert trace.stages == [("frame 6, 1/1", 20, (0, 1))]
+    assert without_seconds(tmp_path / "oracle.json") == without_seconds(out / "oracle.json")
+
+
+@pytest.mark.parametrize(
+    ("capture", "config", "difference"),
+    [
+        (HeldOutWall(), Config(keyframe=CONFIG.keyframe, seed=1), "config.seed is 0 there, 1 now"),
+        (HeldOutWall("cam02"), CONFIG, r'capture.held_out is \["cam01"\] there, \["cam02"\] now'),
+    ],
+)
+def test_the_folder_of_another_configuration_is_refused(
+    out: Path, capture: HeldOutWall, config: Config, difference: str
+) -> None:
+    before = (out / "oracle.json").read_bytes()
+    with pytest.raises(UsageError, match=f"oracle.json: .*{difference}.*Choose another --out"):
+        oracle(capture, out, config, [0], device="cpu")
+    assert (out / "oracle.json").read_bytes() == before
+
+
+def test_a_damaged_record_is_named(tmp_path: Path, out: Path) -> None:
+    record = json.loads((out / "oracle.json").read_text())
+    del record["frames"][0]["points"]
+    (tmp_path / "oracle.json").write_text(json.dumps(record))
+    with pytest.raises(UsageError, match=r"oracle\.json: is damaged .*Delete it"):
+        oracle(HeldOutWall(), tmp_path, CONFIG, [0], device="cpu")
+
+
+def test_no_camera_is_held_out(tmp_path: Path) -> None:
+    with pytest.raises(UsageError, match=r"wall: no camera is held out.*--hold-out NAME,NAME"):
+        oracle(HeldOutWall(None), tmp_path, CONFIG, [0], device="cpu")
+
+
+@pytest.mark.parametrize("frames", [[], [0, FRAMES], [-1]])
+def test_frames_that_are_not_there(frames: list[int], tmp_path: Path) -> None:
+    with pytest.raises(UsageError, match=r"wall has frames 0 to 6\. Choose among these"):
+        oracle(HeldOutWall(), tmp_path, CONFIG, frames, device="cpu")
+
+
+def still_reel(path: Path, capture: HeldOutWall, cameras: str = "training") -> Path:
+    """A reel in which nothing moves: frame 0 all the time."""
+    views = capture.training_cameras if cameras == "training" else capture.cameras
+    images = capture.read(0, 1, [c.name for c in capture.training_cameras])[0]
+    gaussians, layout = reconstruct_still(capture.training_cameras, images, CONFIG)
+    writer = ReelWriter(
+        path,
+        fps=capture.fps,
+        group_length=FRAMES,
+        overlap=0,
+        sh_degree=1,
+        bounds=np.array(layout.bounds),
+        up=np.array(layout.up),
+        near=layout.near,
+        camera=views[0],
+        cameras=views,
+        config=EncodeConfig(),
+    )
+    writer.add_layer(0, 0, gaussians)
+    nothing = gaussians[:0]
+    offsets = np.zeros((FRAMES, 0, 3), np.float32), np.zeros((FRAMES, 0, 4), np.float32)
+    writer.add_group(Group(0, 0, nothing, *offsets, np.ones(len(gaussians), bool)))
+    writer.finish()
+    return path
+
+
+def test_a_reel_that_is_the_oracle_of_its_first_frame(out: Path, tmp_path: Path) -> None:
+    """Encoding is all that lies between them there, so the reel scores what the decoded oracle does; later it is not right."""
+    capture, trace = HeldOutWall(), Trace()
+    reel, copy = still_reel(tmp_path / "reel", capture), shutil.copytree(out, tmp_path / "copy")
+    before = json.loads((out / "oracle.json").read_text())["frames"]
+    result = oracle(capture, copy, CONFIG, [0, 6], reel=reel, device="cpu", progress=trace)
+    assert trace.stages == []  # measured already
+    assert result.reel[0].whole == result.frames[0].decoded
+    assert result.reel[1].whole != result.frames[1].decoded
+    record = json.loads((copy / "oracle.json").read_text())
+    assert record["frames"] == before
+    assert record["reel"]["distance"] == result.distance()
+    first = record["reel"]["frames"][0]
+    assert first["distance"]["whole"] == pytest.approx(before[0]["score"]["whole"]["psnr"] - first["whole"]["psnr"])
+    assert "how far it is below" in (copy / "oracle.md").read_text()
+
+
+def test_a_reel_that_has_seen_what_is_held_out_is_refused(tmp_path: Path) -> None:
+    reel = still_reel(tmp_path / "reel", HeldOutWall(), "all")
+    with pytest.raises(UsageError, match="was trained on cam01, which wall holds out"):
+        oracle(HeldOutWall(), tmp_path / "out", CONFIG, [0], reel=reel, device="cpu")
+    assert not (tmp_path / "out").exists()
