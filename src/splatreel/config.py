@@ -51,6 +51,8 @@ class KeyframeConfig:
     refine_iterations: int = 5_000
     coarse_share: float = 0.0
     """Share of the iterations of the first keyframe trained at half size."""
+    pace: float = 1.0
+    """Learning rates in multiples of those of 3DGS, which are for 30,000 iterations; the higher SH bands keep theirs."""
     sh_degree: int = 3
     max_points: int = 1_000_000
     points_per_pixel: float = 10.0
@@ -102,6 +104,7 @@ LEAST = {
     "keyframe.first_iterations": 1,
     "keyframe.refine_iterations": 1,
     "keyframe.densify_every": 1,
+    "keyframe.pace": 1e-3,
     "keyframe.max_points": 1,
     "layering.lift_iterations": 1,
     "layering.adapt_every": 0,
@@ -109,7 +112,7 @@ LEAST = {
     "group.length": 1,
     "group.overlap": 0,
 }
-"""The least value of what counts something."""
+"""The least value of what counts or multiplies something."""
 
 
 @dataclass(frozen=True)
@@ -147,14 +150,24 @@ def preset(quality: Quality) -> Config:
     if quality == "standard":
         return Config(
             keyframe=KeyframeConfig(
-                first_iterations=2000, refine_iterations=400, max_points=60_000, points_per_pixel=0.6, coarse_share=0.5
+                first_iterations=2000,
+                refine_iterations=400,
+                coarse_share=0.5,
+                pace=4.0,
+                max_points=60_000,
+                points_per_pixel=0.6,
             ),
             group=GroupConfig(iterations_per_frame=60, track=True, progressive=0.0),
         )
     if quality == "draft":
         return Config(
             keyframe=KeyframeConfig(
-                first_iterations=1000, refine_iterations=250, max_points=30_000, points_per_pixel=0.6, coarse_share=0.5
+                first_iterations=1000,
+                refine_iterations=250,
+                coarse_share=0.5,
+                pace=4.0,
+                max_points=30_000,
+                points_per_pixel=0.6,
             ),
             group=GroupConfig(iterations_per_frame=15, track=True, progressive=0.0),
         )

@@ -29,7 +29,7 @@ CANONICAL_RATES = {
     "log_scales": 2.4e-2,
     "logit_opacities": 8e-2,
     "sh_base": 1.6e-2,
-    "sh_rest": 8e-4,
+    "sh_rest": 4e-4,
 }
 """Means per viewing distance. Bolder than a keyframe's: what moves is hidden at times, and what appeared was only guessed."""
 

@@ -60,7 +60,7 @@ def starting_points(
         "sh_base": base[:, None],
         "sh_rest": torch.zeros(count, (config.sh_degree + 1) ** 2 - 1, 3, device=device),
     }
-    return TrainablePoints(params, default_rates(unit))
+    return TrainablePoints(params, default_rates(unit, config.pace))
 
 
 class KeyframeTrainer:

@@ -214,7 +214,8 @@ class Reconstruction:
         if first:
             seeds = checkpoint.load_arrays(self.work / "points.safetensors")
             return still_trainer(seeds["points"], seeds["colors"], layout, self.cameras, self.gains, self.config)
-        points = TrainablePoints.from_gaussians(scene.dynamic, default_rates(layout.unit), self.device)
+        rates = default_rates(layout.unit, self.config.keyframe.pace)
+        points = TrainablePoints.from_gaussians(scene.dynamic, rates, self.device)
         return KeyframeTrainer(
             points,
             self.gains,
