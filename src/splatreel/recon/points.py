@@ -140,7 +140,7 @@ def default_rates(unit: float, pace: float = 1.0) -> dict[str, float]:
         "means": pace * 2.2e-4 * unit,
         "quats": pace * 2e-3,
         "log_scales": pace * 7e-3,
-        "logit_opacities": pace * 4e-2,
+        "logit_opacities": pace * 3e-2,
         "sh_base": pace * 4e-3,
         "sh_rest": 2e-4,
     }
