@@ -1,10 +1,13 @@
 /** Mouse, wheel and touch to camera moves: drag orbits, right or shift drag and two fingers pan, wheel and pinch zoom. */
-import type { OrbitCamera } from "./camera";
+import type { Player } from "./player";
 
-/** Radians a pixel of drag, as a part of the surface's shorter side per half turn. */
+/** A drag along the surface's shorter side turns by this many radians. */
 const HALF_TURN = Math.PI;
 /** A pause of this many milliseconds before letting go means no flick. */
 const STILL = 60;
+/** Two taps closer than this, in milliseconds and pixels, are a double one; a drag shorter than this many pixels is a tap. */
+const DOUBLE = 320;
+const NEAR = 12;
 
 interface Finger {
   x: number;
@@ -12,66 +15,73 @@ interface Finger {
   pan: boolean;
 }
 
-/** Steer a camera from a surface. `camera` may be null while nothing is loaded. Returns a function that lets go of it. */
-export function attachControls(surface: HTMLElement, camera: () => OrbitCamera | null, focal: () => number, changed: () => void): () => void {
+/** Steer a player's camera from a surface, until the signal. */
+export function attachControls(surface: HTMLElement, player: Player, signal: AbortSignal): void {
   const fingers = new Map<number, Finger>();
   let velocity: [number, number] = [0, 0];
   let moved = 0;
+  let way = 0;
+  let tap = { x: 0, y: 0, time: -Infinity };
 
   const down = (event: PointerEvent): void => {
     fingers.set(event.pointerId, { x: event.clientX, y: event.clientY, pan: event.button !== 0 || event.shiftKey });
     surface.setPointerCapture(event.pointerId);
-    camera()?.flick(0, 0);
+    if (player.camera) {
+      player.camera.flick(0, 0);
+      player.camera.held = true;
+    }
     velocity = [0, 0];
+    way = 0;
   };
   const move = (event: PointerEvent): void => {
     const finger = fingers.get(event.pointerId);
-    const target = camera();
-    if (!finger || !target) return;
+    const { camera } = player;
+    if (!finger || !camera) return;
     const dx = event.clientX - finger.x;
     const dy = event.clientY - finger.y;
+    way += Math.hypot(dx, dy);
+    if (way === 0) return;
     if (fingers.size === 1 && !finger.pan) {
       const unit = HALF_TURN / Math.max(Math.min(surface.clientWidth, surface.clientHeight), 1);
-      target.orbit(dx * unit, dy * unit);
+      camera.orbit(dx * unit, dy * unit);
       const seconds = Math.max((event.timeStamp - moved) / 1000, 0.004);
-      const blend = (old: number, now: number): number => 0.6 * old + 0.4 * now;
-      velocity = [blend(velocity[0], (dx * unit) / seconds), blend(velocity[1], (dy * unit) / seconds)];
+      velocity = [(dx * unit) / seconds, (dy * unit) / seconds];
     } else {
-      if (fingers.size > 1) target.zoom(spread(fingers) / spread(fingers, event));
-      target.pan(dx / fingers.size, dy / fingers.size, focal());
+      if (fingers.size > 1) camera.zoom(spread(fingers) / spread(fingers, event));
+      camera.pan(dx / fingers.size, dy / fingers.size, camera.view(surface.clientWidth, surface.clientHeight).fx);
     }
     moved = event.timeStamp;
     [finger.x, finger.y] = [event.clientX, event.clientY];
-    changed();
+    player.invalidate();
   };
   const up = (event: PointerEvent): void => {
     const finger = fingers.get(event.pointerId);
     fingers.delete(event.pointerId);
-    if (finger && !finger.pan && fingers.size === 0 && event.timeStamp - moved < STILL) camera()?.flick(...velocity);
-    changed();
+    if (!finger || fingers.size > 0) return;
+    if (player.camera) player.camera.held = false;
+    if (!finger.pan && event.timeStamp - moved < STILL) player.camera?.flick(...velocity);
+    if (way < NEAR && event.type === "pointerup") tapped(event);
+    player.invalidate();
+  };
+  const tapped = (event: PointerEvent): void => {
+    const double = event.timeStamp - tap.time < DOUBLE && Math.hypot(event.clientX - tap.x, event.clientY - tap.y) < 2 * NEAR;
+    tap = { x: event.clientX, y: event.clientY, time: double ? -Infinity : event.timeStamp };
+    const { left, top } = surface.getBoundingClientRect();
+    if (double) player.focusAt(event.clientX - left, event.clientY - top);
   };
   const wheel = (event: WheelEvent): void => {
     event.preventDefault();
     const lines = event.deltaMode === WheelEvent.DOM_DELTA_LINE ? 16 : 1;
-    camera()?.zoom(Math.exp(Math.min(Math.max(event.deltaY * lines, -200), 200) * 0.0015));
-    changed();
+    player.camera?.zoom(Math.exp(Math.min(Math.max(event.deltaY * lines, -200), 200) * 0.0015));
+    player.invalidate();
   };
-  const menu = (event: Event): void => event.preventDefault();
 
-  surface.addEventListener("pointerdown", down);
-  surface.addEventListener("pointermove", move);
-  surface.addEventListener("pointerup", up);
-  surface.addEventListener("pointercancel", up);
-  surface.addEventListener("wheel", wheel, { passive: false });
-  surface.addEventListener("contextmenu", menu);
-  return () => {
-    surface.removeEventListener("pointerdown", down);
-    surface.removeEventListener("pointermove", move);
-    surface.removeEventListener("pointerup", up);
-    surface.removeEventListener("pointercancel", up);
-    surface.removeEventListener("wheel", wheel);
-    surface.removeEventListener("contextmenu", menu);
-  };
+  surface.addEventListener("pointerdown", down, { signal });
+  surface.addEventListener("pointermove", move, { signal });
+  surface.addEventListener("pointerup", up, { signal });
+  surface.addEventListener("pointercancel", up, { signal });
+  surface.addEventListener("wheel", wheel, { passive: false, signal });
+  surface.addEventListener("contextmenu", (event) => event.preventDefault(), { signal });
 }
 
 /** Mean distance of the fingers from their middle, with one of them where an event says. */

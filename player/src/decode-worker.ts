@@ -1,54 +1,44 @@
 /** Fetches and decodes the files of a reel, one message a file; each video track gets a worker of its own. */
-import { buffersOf, decodeFile } from "./decode";
+import { buffersOf, decodeFile, type DecodedFile } from "./decode";
+import { download, type Source } from "./download";
 import { decodeDraco } from "./draco";
 import { ReelError, messageOf } from "./errors";
 import type { Track } from "./mp4";
 
-export interface DecodeRequest {
-  id: number;
-  url: string;
-  /** What the manifest says the file has. */
-  bytes: number;
-}
+/** Get and decode a file, or stop doing so. */
+export type DecodeRequest = { id: number; source: Source } | { id: number; cancel: true };
 
-const scope = self as unknown as { onmessage: (event: MessageEvent<DecodeRequest>) => void; postMessage(message: object, transfer?: Transferable[]): void };
+/** Bytes as they come, trouble that is being worked on, and in the end a file, or why there is none. */
+export type DecodeReply = { id: number } & (
+  | { received: number }
+  | { trouble: string }
+  | { file: DecodedFile; milliseconds: number }
+  | { error: string }
+);
 
-scope.onmessage = async ({ data: { id, url, bytes } }) => {
+const scope = self as unknown as { onmessage: (event: MessageEvent<DecodeRequest>) => void; postMessage(message: DecodeReply, transfer?: Transferable[]): void };
+const running = new Map<number, AbortController>();
+
+scope.onmessage = async ({ data }) => {
+  const { id } = data;
+  if ("cancel" in data) return running.get(id)?.abort();
+  const controller = new AbortController();
+  running.set(id, controller);
   try {
-    const file = await decodeFile(await download(url, bytes), url, decodeDraco, decodeInWorker);
-    scope.postMessage({ id, file }, buffersOf(file));
+    const watcher = {
+      received: (bytes: number) => scope.postMessage({ id, received: bytes }),
+      trouble: (why: string) => scope.postMessage({ id, trouble: why }),
+    };
+    const { source } = data;
+    const bytes = await download(source, watcher, controller.signal);
+    const began = performance.now();
+    const file = await decodeFile(bytes, source.url, decodeDraco, decodeInWorker);
+    scope.postMessage({ id, file, milliseconds: performance.now() - began }, buffersOf(file));
   } catch (error) {
     scope.postMessage({ id, error: messageOf(error) });
   }
+  running.delete(id);
 };
-
-/** Waits before trying again, milliseconds: a busy host or a lost network is often back by then. */
-const PAUSES = [300, 1200];
-
-async function download(url: string, bytes: number): Promise<Uint8Array> {
-  for (let attempt = 0; ; attempt++) {
-    const result = await tryDownload(url, bytes, attempt === 0 ? "default" : "reload");
-    if (result instanceof Uint8Array) return result;
-    if (!result.passing || attempt === PAUSES.length) throw new ReelError(`${url} cannot be downloaded: ${result.why}.`);
-    await new Promise((resolve) => setTimeout(resolve, PAUSES[attempt]));
-  }
-}
-
-/** The file, or why not and whether that may pass. */
-async function tryDownload(url: string, bytes: number, cache: RequestCache): Promise<Uint8Array | { why: string; passing: boolean }> {
-  try {
-    const response = await fetch(url, { cache });
-    if (!response.ok) {
-      const passing = response.status >= 500 || response.status === 429;
-      return { why: `it answered ${response.status} ${response.statusText}`.trim(), passing };
-    }
-    const data = new Uint8Array(await response.arrayBuffer());
-    if (data.byteLength === bytes) return data;
-    return { why: `it has ${data.byteLength} bytes, the manifest says ${bytes}`, passing: true };
-  } catch (error) {
-    return { why: messageOf(error), passing: true };
-  }
-}
 
 const idle: Worker[] = [];
 

@@ -1,59 +1,248 @@
-/** <splat-reel src="…/manifest.json" autoplay loop controls>: a reel in a page. */
+/** <splat-reel src="…/manifest.json" poster autoplay loop controls>: a reel in a page, in the manner of <video>. */
 import { attachControls } from "./controls";
-import { Player } from "./player";
+import { linkTo, startOf } from "./link";
+import type { Camera } from "./manifest";
+import { Player, type Picture, type Pose } from "./player";
+import type { Stats } from "./stats";
 import styles from "./ui.css";
 import { Controls } from "./ui";
 
+/** Events of the player that the element passes on. */
+const EVENTS = ["loadstart", "durationchange", "loadedmetadata", "canplay", "play", "playing", "pause", "waiting", "timeupdate", "progress"];
+EVENTS.push("seeking", "seeked", "ratechange", "ended", "error");
+
 export class SplatReelElement extends HTMLElement {
-  static readonly observedAttributes = ["src", "loop"];
+  static readonly observedAttributes = ["src", "poster", "loop", "controls"];
 
-  private current: Player | null = null;
-  private detach: (() => void) | null = null;
-  private resize: ResizeObserver | null = null;
+  /** The player behind the element. */
+  readonly player: Player;
+  private readonly canvas = document.createElement("canvas");
+  private readonly picture = document.createElement("img");
+  private controlsShown: Controls | null = null;
+  private connection = new AbortController();
 
-  /** The player behind the element: time, events, camera, `renderAt`. Null while the element is not in a document. */
-  get player(): Player | null {
-    return this.current;
+  constructor() {
+    super();
+    const style = document.createElement("style");
+    style.textContent = styles;
+    this.canvas.tabIndex = 0;
+    this.canvas.setAttribute("role", "img");
+    this.picture.className = "poster";
+    this.picture.alt = "";
+    this.picture.hidden = true;
+    this.attachShadow({ mode: "open" }).append(style, this.canvas, this.picture);
+    this.player = new Player(this.canvas);
+    for (const name of EVENTS) this.player.addEventListener(name, () => this.dispatchEvent(new Event(name)));
+    this.player.addEventListener("canplay", () => (this.picture.hidden = true));
   }
 
   connectedCallback(): void {
-    const root = this.shadowRoot ?? this.attachShadow({ mode: "open" });
-    const style = document.createElement("style");
-    style.textContent = styles;
-    const canvas = document.createElement("canvas");
-    canvas.tabIndex = 0;
-    canvas.setAttribute("role", "img");
-    canvas.setAttribute("aria-label", "Volumetric video. Drag to look around, scroll to zoom.");
-    root.replaceChildren(style, canvas);
-    const player = new Player(canvas);
-    this.current = player;
-    player.loop = this.hasAttribute("loop");
-    if (this.hasAttribute("controls")) new Controls(this, root, player);
-    const focal = (): number => player.camera?.view(canvas.clientWidth, canvas.clientHeight).fx ?? 1;
-    this.detach = attachControls(canvas, () => player.camera, focal, () => player.invalidate());
-    this.resize = new ResizeObserver(() => player.invalidate());
-    this.resize.observe(canvas);
-    this.open();
+    const { canvas, player } = this;
+    const label = this.getAttribute("aria-label") ?? "Volumetric video";
+    canvas.setAttribute("aria-label", `${label}. Drag to look around, scroll to zoom, double-click to choose the middle.`);
+    this.connection = new AbortController();
+    const { signal } = this.connection;
+    attachControls(canvas, player, signal);
+    const resize = new ResizeObserver(() => player.invalidate());
+    resize.observe(canvas);
+    signal.addEventListener("abort", () => resize.disconnect());
+    addEventListener("hashchange", () => this.hasAttribute("share") && this.follow(location.href), { signal });
+    player.connect();
+    this.showControls();
+    this.load();
   }
 
   disconnectedCallback(): void {
-    this.detach?.();
-    this.resize?.disconnect();
-    this.current?.destroy();
-    this.current = null;
+    this.connection.abort();
+    this.controlsShown?.remove();
+    this.controlsShown = null;
+    this.player.disconnect();
   }
 
-  attributeChangedCallback(name: string): void {
-    if (!this.current) return;
-    if (name === "loop") this.current.loop = this.hasAttribute("loop");
-    if (name === "src") this.open();
+  attributeChangedCallback(name: string, before: string | null, now: string | null): void {
+    if (name === "loop") this.player.loop = now !== null;
+    if (!this.isConnected || before === now) return;
+    if (name === "src") this.load();
+    if (name === "poster") this.showPoster();
+    if (name === "controls") this.showControls();
   }
 
-  private open(): void {
-    const source = this.getAttribute("src");
-    if (!source || !this.current) return;
-    void this.current.load(source);
+  /** Open `src` from the start. Done by itself when the element enters a page or `src` changes. */
+  load(): void {
+    const { player } = this;
+    this.showPoster();
+    if (!this.src) return player.close();
+    void player.load(this.currentSrc, this.hasAttribute("share") ? startOf(location.href) : null);
     const calm = matchMedia("(prefers-reduced-motion: reduce)").matches;
-    if (this.hasAttribute("autoplay") && !calm) this.current.play();
+    if (this.autoplay && !calm) player.play();
+  }
+
+  /** Resolves once time moves. Rejects where there is no reel to play. */
+  async play(): Promise<void> {
+    this.player.play();
+    await this.player.whenReady();
+  }
+
+  pause(): void {
+    this.player.pause();
+  }
+
+  /** Pause, go to a time, and take a picture of exactly this pose and size. */
+  renderAt(seconds: number, pose: Pose, width: number, height: number): Promise<Picture> {
+    return this.player.renderAt(seconds, pose, width, height);
+  }
+
+  get src(): string {
+    return this.getAttribute("src") ?? "";
+  }
+
+  set src(value: string) {
+    this.setAttribute("src", value);
+  }
+
+  get currentSrc(): string {
+    return this.src && new URL(this.src, document.baseURI).href;
+  }
+
+  get poster(): string {
+    return this.getAttribute("poster") ?? "";
+  }
+
+  set poster(value: string) {
+    this.setAttribute("poster", value);
+  }
+
+  get autoplay(): boolean {
+    return this.hasAttribute("autoplay");
+  }
+
+  set autoplay(on: boolean) {
+    this.toggleAttribute("autoplay", on);
+  }
+
+  get loop(): boolean {
+    return this.hasAttribute("loop");
+  }
+
+  set loop(on: boolean) {
+    this.toggleAttribute("loop", on);
+  }
+
+  get controls(): boolean {
+    return this.hasAttribute("controls");
+  }
+
+  set controls(on: boolean) {
+    this.toggleAttribute("controls", on);
+  }
+
+  /** Seconds. */
+  get currentTime(): number {
+    return this.player.currentTime;
+  }
+
+  set currentTime(seconds: number) {
+    this.player.currentTime = seconds;
+  }
+
+  /** Seconds, NaN until the manifest is here; of a live reel, what there is so far. */
+  get duration(): number {
+    return this.player.manifest ? this.player.duration : NaN;
+  }
+
+  get paused(): boolean {
+    return this.player.paused;
+  }
+
+  get ended(): boolean {
+    return this.player.ended;
+  }
+
+  get seeking(): boolean {
+    return this.player.seeking;
+  }
+
+  /** Whether groups are still being added to the reel. */
+  get live(): boolean {
+    return this.player.live;
+  }
+
+  get playbackRate(): number {
+    return this.player.playbackRate;
+  }
+
+  set playbackRate(rate: number) {
+    this.player.playbackRate = rate;
+  }
+
+  get buffered(): TimeRanges {
+    const ranges = this.player.buffered;
+    return { length: ranges.length, start: (i: number) => ranges[i][0], end: (i: number) => ranges[i][1] };
+  }
+
+  /** As of HTMLMediaElement: 0 nothing, 1 metadata, 2 the present picture, 3 a little more, 4 enough. */
+  get readyState(): number {
+    const { player } = this;
+    if (!player.manifest) return 0;
+    if (!player.canPlay || player.waiting) return 1;
+    const left = player.duration - player.currentTime;
+    return player.ahead >= Math.min(left, 1) ? 4 : player.ahead > 0.1 ? 3 : 2;
+  }
+
+  get error(): Error | null {
+    return this.player.error;
+  }
+
+  /** The view as the manifest writes cameras; set `viewmat` [16] (world to camera, OpenCV) to move. Null until there is a manifest. */
+  get camera(): Camera | null {
+    const { camera } = this.player;
+    if (!camera) return null;
+    const { clientWidth: width, clientHeight: height } = this.canvas;
+    const { viewmat, fx, fy, cx, cy } = camera.view(width, height);
+    return { name: "", width, height, K: [fx, 0, cx, 0, fy, cy, 0, 0, 1], viewmat };
+  }
+
+  set camera(pose: Pick<Camera, "viewmat"> | null) {
+    if (!this.player.camera || !pose) return;
+    this.player.camera.viewmat = [...pose.viewmat];
+    this.player.invalidate();
+  }
+
+  /** Back to the reel's own camera. */
+  resetCamera(): void {
+    this.player.camera?.reset();
+  }
+
+  get stats(): Stats | null {
+    return this.player.stats;
+  }
+
+  /** This page's address with the present time and view; an element with the attribute `share` opens where such a link says. */
+  get link(): string {
+    const { camera, currentTime } = this.player;
+    return linkTo(location.href, { seconds: currentTime, view: camera?.state ?? null });
+  }
+
+  private follow(link: string): void {
+    const { seconds, view } = startOf(link);
+    if (seconds !== null) this.currentTime = seconds;
+    if (view && this.player.camera) this.player.camera.state = view;
+    this.player.invalidate();
+  }
+
+  private showPoster(): void {
+    this.picture.hidden = !this.poster || this.player.canPlay;
+    if (this.poster) this.picture.src = this.poster;
+  }
+
+  private showControls(): void {
+    this.controlsShown?.remove();
+    this.controlsShown = this.controls ? new Controls(this, this.shadowRoot!, this.player) : null;
+  }
+}
+
+declare global {
+  interface HTMLElementTagNameMap {
+    "splat-reel": SplatReelElement;
   }
 }

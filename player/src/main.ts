@@ -1,7 +1,9 @@
-/** The page: opens the reel that ?src= names, by default the one beside it. As a module: defines <splat-reel>. */
+/** As a module: defines <splat-reel>. As the bundled page: opens the reel that ?src= names, by default the one beside it. */
 import { SplatReelElement } from "./element";
 
-export { Player } from "./player";
+export type { Camera, Manifest } from "./manifest";
+export { Player, type Picture, type Pose } from "./player";
+export type { Stats } from "./stats";
 export { SplatReelElement };
 
 if (!customElements.get("splat-reel")) customElements.define("splat-reel", SplatReelElement);
@@ -11,7 +13,8 @@ const stage = document.querySelector("main[data-splatreel-page]");
 if (stage) {
   const parameters = new URLSearchParams(location.search);
   const reel = document.createElement("splat-reel");
-  for (const name of ["autoplay", "loop", "controls"]) if (parameters.get(name) !== "0") reel.setAttribute(name, "");
-  reel.setAttribute("src", parameters.get("src") ?? "reel/manifest.json");
+  for (const name of ["autoplay", "loop", "controls", "share"]) reel.toggleAttribute(name, parameters.get(name) !== "0");
+  for (const name of ["src", "poster"]) if (parameters.has(name)) reel.setAttribute(name, parameters.get(name)!);
+  if (!parameters.has("src")) reel.setAttribute("src", "reel/manifest.json");
   stage.append(reel);
 }

@@ -1,5 +1,6 @@
 /** manifest.json of a reel (docs/format.md): reading and checking. */
-import { ReelError, messageOf } from "./errors";
+import { downloadText, type Watcher } from "./download";
+import { ReelError } from "./errors";
 import type { Vec3 } from "./matrix";
 
 /** A pinhole camera, OpenCV: K [9] in pixels and viewmat [16] world to camera, both row by row. */
@@ -14,6 +15,7 @@ export interface Camera {
 export interface ReelFile {
   uri: string;
   bytes: number;
+  sha256: string | null;
   firstFrame: number;
   /** Frames the file holds; 0 for a layer. */
   frames: number;
@@ -25,6 +27,7 @@ export interface ReelFile {
 export interface Manifest {
   /** Absolute; the files' uris are relative to it. */
   url: string;
+  /** Groups are still being added; there may be none yet. */
   live: boolean;
   fps: number;
   frames: number;
@@ -43,15 +46,8 @@ export interface Manifest {
 type Json = Record<string, unknown>;
 
 /** Download and check a manifest. Throws `ReelError` with the url in its message. */
-export async function loadManifest(url: string): Promise<Manifest> {
-  let response: Response;
-  try {
-    response = await fetch(url, { cache: "no-cache" });
-  } catch (error) {
-    throw new ReelError(`Cannot reach ${url} (${messageOf(error)}). Check the address, the network and the host's CORS headers.`);
-  }
-  if (!response.ok) throw new ReelError(`${url} answered ${response.status} ${response.statusText}`.trim() + ".");
-  const text = await response.text();
+export async function loadManifest(url: string, watcher: Watcher, signal: AbortSignal): Promise<Manifest> {
+  const text = await downloadText(url, watcher, signal);
   let value: unknown;
   try {
     value = JSON.parse(text);
@@ -71,12 +67,13 @@ export function parseManifest(value: unknown, url: string): Manifest {
   const bounds = list(json.bounds, "bounds").map((corner) => numbers(corner, 3, "bounds") as Vec3);
   if (bounds.length !== 2) throw new ReelError(`${url}: bounds needs two corners.`);
   const groups = list(json.groups, "groups").map((item, index) => parseFile(item, index));
-  if (groups.length === 0) throw new ReelError(`${url} holds no group yet.`);
+  const live = json.live === true;
+  if (groups.length === 0 && !live) throw new ReelError(`${url} holds no group yet.`);
   return {
     url,
-    live: json.live === true,
+    live,
     fps: positive(json.fps, "fps"),
-    frames: positive(json.frames, "frames"),
+    frames: groups.length > 0 ? positive(json.frames, "frames") : 0,
     overlap: number(json.overlap, "overlap"),
     shDegree: number(json.sh_degree, "sh_degree"),
     near: json.near === undefined ? 0.01 : positive(json.near, "near"),
@@ -95,6 +92,7 @@ function parseFile(value: unknown, index: number): ReelFile {
   return {
     uri: json.uri,
     bytes: number(json.bytes, "bytes"),
+    sha256: typeof json.sha256 === "string" ? json.sha256 : null,
     firstFrame: number(json.first_frame ?? 0, "first_frame"),
     frames: number(json.frames ?? 0, "frames"),
     points: number(json.points, "points"),

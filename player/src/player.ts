@@ -1,12 +1,17 @@
 /** Plays a reel on a canvas: the clock, what shows at its time, and one picture a display frame. */
 import { OrbitCamera } from "./camera";
 import { messageOf } from "./errors";
+import { follow, followToTheEnd } from "./live";
 import { loadManifest, type Manifest } from "./manifest";
-import { Renderer, SLOTS, type View } from "./renderer";
+import type { CameraState } from "./pose";
+import type { View } from "./renderer";
+import { Resolution } from "./resolution";
 import type { Scene } from "./sort-worker";
-import { Sorter } from "./sorter";
-import { Stream } from "./stream";
-import { clampFrame, momentAt, momentOf, type Moment } from "./timeline";
+import { Stage } from "./stage";
+import { measure, type Stats } from "./stats";
+import { memoryBudget, Stream } from "./stream";
+import { momentAt, type Moment } from "./timeline";
+import { until } from "./until";
 
 /** A picture taken by `renderAt`: RGBA bytes, top row first. */
 export interface Picture {
@@ -21,12 +26,18 @@ export interface Pose {
   viewmat: number[];
 }
 
+/** Where to begin; null: where the reel does. */
+export interface Start {
+  seconds: number | null;
+  view: CameraState | null;
+}
+
 /** Longest step of the clock: after a background tab, playback goes on where it was. */
 const LONGEST_STEP = 0.25;
 
 /**
- * Events, named as those of HTMLMediaElement: loadedmetadata, canplay (the first whole picture), play, pause, timeupdate, progress,
- * waiting, playing, seeking, seeked, ended, error.
+ * Events, named as those of HTMLMediaElement: loadstart, loadedmetadata, durationchange, canplay (the first whole picture), play,
+ * playing, pause, timeupdate, progress, waiting, seeking, seeked, ratechange, ended, error.
  */
 export class Player extends EventTarget {
   /** The camera people steer; null until the manifest is here. */
@@ -34,35 +45,40 @@ export class Player extends EventTarget {
   manifest: Manifest | null = null;
   error: Error | null = null;
   loop = false;
-  playbackRate = 1;
-  /** Duration of the last sort, milliseconds. */
-  sortMilliseconds = 0;
+  readonly resolution = new Resolution();
+  stage: Stage | null = null;
+  stream: Stream | null = null;
 
-  private renderer: Renderer | null = null;
-  private stream: Stream | null = null;
-  private sorter: Sorter | null = null;
   private source = "";
+  private start: Start | null = null;
   private seconds = 0;
+  private rate = 1;
   private playing = false;
   private stalled = true;
-  private seeking = false;
+  private isSeeking = false;
   private ready = false;
-  /** The scene of the order on the GPU; what is drawn always fits it. */
-  private scene: Scene | null = null;
-  private drawnSeconds = 0;
-  private dirty = false;
-  private sortAgain = false;
+  private trouble: string | null = null;
   private held = false;
   private lastTick = 0;
   private tickRequest = 0;
-  private generation = 0;
+  /** Ends what belongs to the reel that is open. */
+  private session = new AbortController();
+  private readonly online = (): void => {
+    if (this.error) this.retry();
+  };
 
   constructor(readonly canvas: HTMLCanvasElement) {
     super();
     canvas.addEventListener("webglcontextlost", (event) => {
       event.preventDefault();
-      this.fail(new Error("The graphics device was lost. Try again in a moment."));
+      this.fail(new Error("The graphics device was lost. The player goes on when it is back."));
     });
+    canvas.addEventListener("webglcontextrestored", () => this.retry());
+  }
+
+  /** Begin to draw. */
+  connect(): void {
+    addEventListener("online", this.online);
     const tick = (now: number): void => {
       this.tickRequest = requestAnimationFrame(tick);
       this.tick(now);
@@ -70,36 +86,66 @@ export class Player extends EventTarget {
     this.tickRequest = requestAnimationFrame(tick);
   }
 
-  /** Open a reel by its manifest's address. Errors come as the `error` event. */
-  async load(source: string): Promise<void> {
-    this.unload();
+  /** Close the reel and stop drawing. */
+  disconnect(): void {
+    removeEventListener("online", this.online);
+    cancelAnimationFrame(this.tickRequest);
+    this.close();
+  }
+
+  /** Open a reel by its manifest's address; a live one at its edge. Errors come as the `error` event. */
+  load(source: string, start: Start | null = null): Promise<void> {
     this.source = source;
-    const generation = ++this.generation;
+    this.start = start;
+    return this.begin();
+  }
+
+  /** Try again after an error, where it happened. */
+  retry(): void {
+    if (this.camera) this.start = { seconds: this.seconds, view: this.camera.state };
+    void this.begin();
+  }
+
+  private async begin(): Promise<void> {
+    this.close();
+    this.emit("loadstart");
+    const { source, session: { signal } } = this;
+    const watcher = { received: () => undefined, trouble: (why: string) => this.troubled(why) };
     try {
-      const manifest = await loadManifest(source);
-      if (generation !== this.generation) return;
-      this.open(manifest);
+      let manifest = await loadManifest(source, watcher, signal);
+      while (manifest.groups.length === 0) {
+        this.troubled("Live. The first group is not here yet.");
+        manifest = await follow(manifest, signal);
+      }
+      if (!signal.aborted) this.open(manifest);
     } catch (error) {
-      if (generation === this.generation) this.fail(error);
+      if (!signal.aborted) this.fail(error);
     }
   }
 
-  /** Try again after an error. */
-  retry(): void {
-    this.error = null;
-    const lost = this.canvas.getContext("webgl2")?.isContextLost() === true;
-    if (this.stream && !lost) this.stream.retry();
-    else void this.load(this.source);
+  /** Close the reel. */
+  close(): void {
+    this.session.abort();
+    this.session = new AbortController();
+    this.stream?.destroy();
+    this.stage?.destroy();
+    [this.stream, this.stage, this.manifest, this.camera] = [null, null, null, null];
+    [this.error, this.trouble, this.ready, this.stalled, this.isSeeking] = [null, null, false, true, false];
   }
 
-  destroy(): void {
-    this.generation++;
-    cancelAnimationFrame(this.tickRequest);
-    this.unload();
-  }
-
+  /** Seconds; of a live reel, what there is so far. */
   get duration(): number {
     return this.manifest ? this.manifest.frames / this.manifest.fps : 0;
+  }
+
+  get live(): boolean {
+    return this.manifest?.live === true;
+  }
+
+  /** Where a live reel is joined: the beginning of its last group. */
+  get edge(): number {
+    const { manifest } = this;
+    return manifest ? manifest.groups.at(-1)!.firstFrame / manifest.fps : 0;
   }
 
   get currentTime(): number {
@@ -108,23 +154,42 @@ export class Player extends EventTarget {
 
   set currentTime(seconds: number) {
     this.seconds = Math.min(Math.max(seconds, 0), this.duration);
-    this.seeking = true;
+    this.isSeeking = true;
     this.emit("seeking");
     this.emit("timeupdate");
     this.update();
+    this.invalidate();
+  }
+
+  get playbackRate(): number {
+    return this.rate;
+  }
+
+  set playbackRate(rate: number) {
+    this.rate = Math.min(Math.max(rate, 0), 16);
+    this.emit("ratechange");
   }
 
   get paused(): boolean {
     return !this.playing;
   }
 
+  get seeking(): boolean {
+    return this.isSeeking;
+  }
+
   get ended(): boolean {
-    return this.duration > 0 && this.seconds >= this.duration;
+    return this.duration > 0 && !this.live && this.seconds >= this.duration;
   }
 
   /** Time moves on only when this is false: data is missing. */
   get waiting(): boolean {
     return this.stalled;
+  }
+
+  /** Why it takes so long, for people; null while there is nothing to say. */
+  get notice(): string | null {
+    return this.trouble ?? this.stream?.trouble ?? null;
   }
 
   /** True once a whole picture has been shown. */
@@ -134,17 +199,18 @@ export class Player extends EventTarget {
 
   /** Time ranges whose groups are here, [start, end] seconds. */
   get buffered(): [number, number][] {
-    const { manifest, stream } = this;
-    if (!manifest || !stream) return [];
-    const ranges: [number, number][] = [];
-    for (const index of stream.held.filter((group) => stream.has(group))) {
-      const start = manifest.groups[index].firstFrame / manifest.fps;
-      const end = (manifest.groups[index + 1]?.firstFrame ?? manifest.frames) / manifest.fps;
-      const last = ranges.at(-1);
-      if (last && Math.abs(last[1] - start) < 1e-6) last[1] = end;
-      else ranges.push([start, end]);
-    }
-    return ranges;
+    return this.stream?.buffered ?? [];
+  }
+
+  /** Seconds that are here beyond the present time. */
+  get ahead(): number {
+    const range = this.buffered.find(([start, end]) => start <= this.seconds && this.seconds <= end);
+    return range ? range[1] - this.seconds : 0;
+  }
+
+  /** How the player is doing. */
+  get stats(): Stats | null {
+    return this.stage && this.stream && this.manifest ? measure(this) : null;
   }
 
   play(): void {
@@ -160,15 +226,33 @@ export class Player extends EventTarget {
     this.emit("pause");
   }
 
+  /** Pause, and go some frames on or back. */
+  step(frames: number): void {
+    if (!this.manifest) return;
+    const { fps, frames: total } = this.manifest;
+    this.pause();
+    const frame = Math.round(Math.min(this.seconds * fps, total - 1)) + frames;
+    this.currentTime = Math.min(Math.max(frame, 0), total - 1) / fps;
+  }
+
   /** The camera or the size changed: draw again. */
   invalidate(): void {
-    this.dirty = true;
-    this.sortAgain = true;
+    this.stage?.invalidate();
+  }
+
+  /** Turn to what is seen at a point of the canvas, CSS pixels, and orbit about it from now on. */
+  focusAt(x: number, y: number): void {
+    const { camera, stage, canvas } = this;
+    const view = this.viewNow();
+    if (!camera || !stage || !view) return;
+    const ratio = view.width / canvas.clientWidth;
+    const depth = stage.depthAt(x * ratio, y * ratio);
+    if (depth !== null) camera.focus([((x * ratio - view.cx) / view.fx) * depth, ((y * ratio - view.cy) / view.fy) * depth, depth]);
   }
 
   /** Resolves when a whole picture has been shown; rejects on an error. */
   whenReady(): Promise<void> {
-    return this.until("canplay", () => this.ready);
+    return until(this, "canplay", () => this.ready);
   }
 
   /**
@@ -179,19 +263,14 @@ export class Player extends EventTarget {
     await this.whenReady();
     this.pause();
     this.currentTime = seconds;
-    await this.until("seeked", () => !this.seeking);
-    const { sorter, renderer } = this;
-    if (!sorter || !renderer) throw new Error("The reel was closed.");
+    await until(this, "seeked", () => !this.isSeeking);
+    if (!this.stage) throw new Error("The reel was closed.");
     this.held = true;
     try {
-      while (sorter.busy) await new Promise((resolve) => setTimeout(resolve, 1));
       const moment = this.momentNow();
-      const scene = this.sceneOf(moment);
       const { K, viewmat } = pose;
       const view: View = { viewmat, fx: K[0], fy: K[4], cx: K[2], cy: K[5], width, height, near: this.manifest!.near };
-      await this.sort(scene, view);
-      renderer.draw(scene, moment.weight, view);
-      return { width, height, data: renderer.readPixels() };
+      return { width, height, data: await this.stage.snapshot(this.sceneOf(moment), moment.weight, view) };
     } finally {
       this.held = false;
       this.invalidate();
@@ -199,43 +278,38 @@ export class Player extends EventTarget {
   }
 
   private open(manifest: Manifest): void {
+    this.trouble = null;
     this.manifest = manifest;
     this.camera = new OrbitCamera(manifest);
-    this.renderer = new Renderer(this.canvas, manifest.layers.map((layer) => layer.points), Math.max(...manifest.groups.map((group) => group.points)));
-    this.sorter = new Sorter((message) => this.fail(new Error(message)));
-    this.stream = new Stream(manifest, SLOTS, {
-      layer: (index, file) => {
-        this.sorter!.addLayer(index, this.renderer!.addLayer(index, file), file);
-        this.arrived();
-      },
-      group: (index, file) => {
-        this.sorter!.addGroup(index, this.renderer!.addGroup(index, file), file);
-        this.arrived();
-      },
-      dropped: (index) => {
-        this.renderer!.dropGroup(index);
-        this.sorter!.dropGroup(index);
-        this.emit("progress");
-      },
+    this.camera.calm = matchMedia("(prefers-reduced-motion: reduce)").matches;
+    const stage = new Stage(this.canvas, manifest, (error) => this.fail(error));
+    this.stage = stage;
+    const arrived = (): void => {
+      this.emit("progress");
+      this.update();
+    };
+    this.stream = new Stream(manifest, memoryBudget(), {
+      layer: (index, file) => (stage.addLayer(index, file), arrived()),
+      group: (index, file) => (stage.addGroup(index, file), arrived()),
+      dropped: (index) => (stage.dropGroup(index), this.emit("progress")),
+      progress: () => this.emit("progress"),
       failed: (error) => this.fail(error),
     });
-    this.seconds = Math.min(this.seconds, this.duration);
+    if (this.start?.view) this.camera.state = this.start.view;
+    this.seconds = Math.min(this.start?.seconds ?? (manifest.live ? this.edge : 0), this.duration);
     this.emit("loadedmetadata");
+    this.emit("durationchange");
     this.update();
+    const grown = (): void => {
+      this.emit("durationchange");
+      this.update();
+    };
+    void followToTheEnd(manifest, grown, this.session.signal);
   }
 
-  private unload(): void {
-    this.stream?.destroy();
-    this.sorter?.destroy();
-    this.renderer?.destroy();
-    [this.stream, this.sorter, this.renderer, this.manifest, this.camera, this.scene] = [null, null, null, null, null, null];
-    [this.error, this.ready, this.stalled] = [null, false, true];
-  }
-
-  private arrived(): void {
+  private troubled(why: string): void {
+    this.trouble = why;
     this.emit("progress");
-    this.update();
-    this.invalidate();
   }
 
   private fail(error: unknown): void {
@@ -248,25 +322,15 @@ export class Player extends EventTarget {
     this.dispatchEvent(new Event(name));
   }
 
-  private until(event: string, reached: () => boolean): Promise<void> {
-    return new Promise((resolve, reject) => {
-      const check = (): void => {
-        if (this.error) reject(this.error);
-        else if (reached()) resolve();
-        else return;
-        this.removeEventListener(event, check);
-        this.removeEventListener("error", check);
-      };
-      this.addEventListener(event, check);
-      this.addEventListener("error", check);
-      check();
-    });
+  private momentNow(): Moment {
+    const { groups, overlap, fps } = this.manifest!;
+    return momentAt(groups, overlap, fps, this.frameNow() / fps);
   }
 
-  private momentNow(): Moment {
-    const { groups, overlap, fps, frames } = this.manifest!;
-    // The last frame stays on until the end of its own duration.
-    return momentAt(groups, overlap, fps, Math.min(this.seconds, Math.max(frames - 1, 0) / fps));
+  /** The frame of the video at the present time; the last one stays on until the end of its own duration. */
+  private frameNow(): number {
+    const { fps, frames } = this.manifest!;
+    return Math.min(this.seconds * fps, Math.max(frames - 1, 0));
   }
 
   private sceneOf({ current, previous }: Moment): Scene {
@@ -275,11 +339,11 @@ export class Player extends EventTarget {
 
   /** Tell the stream what is needed now, and see whether it is here. */
   private update(): void {
-    const { stream } = this;
-    if (!stream) return;
+    const { stream, stage } = this;
+    if (!stream || !stage || this.error) return;
     const { current, previous } = this.momentNow();
-    const shown = [this.scene?.current?.group, this.scene?.previous?.group].filter((group) => group !== undefined);
-    stream.want(current.group, previous?.group ?? null, shown);
+    const inUse = [stage.scene?.current?.group, stage.scene?.previous?.group].filter((group) => group !== undefined);
+    stream.want({ current: current.group, previous: previous?.group ?? null, inUse, loop: this.loop && !this.live });
     const here = stream.has(current.group) && (previous === null || stream.has(previous.group));
     if (here !== this.stalled) return;
     this.stalled = !here;
@@ -289,21 +353,27 @@ export class Player extends EventTarget {
   private tick(now: number): void {
     const step = Math.min((now - this.lastTick) / 1000, LONGEST_STEP);
     this.lastTick = now;
-    if (!this.stream || !this.camera || this.held) return;
+    const { stage, camera } = this;
+    if (!stage || !camera || this.held) return;
     this.advance(step);
-    if (this.camera.step(step)) this.invalidate();
+    if (camera.step(step)) this.invalidate();
     const view = this.viewNow();
     if (!view) return;
-    if (!this.sorter!.busy) this.startSort(view);
-    if (this.dirty && this.scene) this.drawNow(view);
+    if (stage.wantsSort) this.startSort(stage, view);
+    const before = stage.pictures;
+    stage.draw(this.isSeeking || this.stalled ? null : this.frameNow(), view);
+    this.resolution.drawn(stage.pictures > before, now);
   }
 
   private advance(step: number): void {
-    if (!this.playing || this.stalled || this.seeking) return;
-    this.seconds += step * this.playbackRate;
-    if (this.seconds >= this.duration) {
-      if (this.loop) this.seconds %= this.duration;
-      else this.seconds = this.duration;
+    if (!this.playing || this.stalled || this.isSeeking || this.error) return;
+    const { duration, live } = this;
+    if (live && !this.loop && this.seconds >= duration) return; // wait at the edge
+    this.seconds += step * this.rate;
+    if (this.seconds >= duration) {
+      // Until more of a live reel is there, its last group goes round.
+      if (this.loop) this.seconds = live ? this.edge : this.seconds % duration;
+      else this.seconds = duration;
     }
     this.emit("timeupdate");
     this.update();
@@ -315,64 +385,28 @@ export class Player extends EventTarget {
   }
 
   private viewNow(): View | null {
-    const ratio = Math.min(globalThis.devicePixelRatio || 1, 2);
+    const ratio = this.resolution.ratio;
     const width = Math.round(this.canvas.clientWidth * ratio);
     const height = Math.round(this.canvas.clientHeight * ratio);
     return width > 0 && height > 0 ? this.camera!.view(width, height) : null;
   }
 
-  /** Sort what should show; without a group, the layers that are here. */
-  private startSort(view: View): void {
-    if (!this.sortAgain && !this.seeking) return;
+  /** Sort what should show; before the first group, the layers that are here. */
+  private startSort(stage: Stage, view: View): void {
     const layers = this.stream!.layersReady;
-    const scene = !this.stalled ? this.sceneOf(this.momentNow()) : this.scene?.current ? null : { layers, current: null, previous: null };
-    if (!scene || (scene.current === null && layers === 0)) return;
-    this.sortAgain = false;
-    void this.sort(scene, view);
+    if (!this.stalled) void this.show(stage, this.sceneOf(this.momentNow()), view);
+    else if (!stage.scene?.current && layers > 0) void this.show(stage, { layers, current: null, previous: null }, view);
   }
 
-  private async sort(scene: Scene, view: View): Promise<void> {
-    const { sorter, renderer } = this;
-    const reply = await sorter!.sort(scene, view);
-    // The reel may have been closed, or one of the groups dropped, while the worker was at it.
-    if (renderer !== this.renderer || !renderer!.holds(scene)) return;
-    this.sortMilliseconds = reply.milliseconds;
-    renderer!.setOrder(reply.order, reply.count);
-    sorter!.recycle(reply.order);
-    this.scene = scene;
-    this.dirty = true;
-    this.settle(scene);
-  }
-
-  /** The scene of a sort has arrived: a seek may be over, the first picture may be whole. */
-  private settle(scene: Scene): void {
-    if (this.stalled || scene.current === null) return;
-    if (this.seeking && scene.current.group === this.momentNow().current.group) {
-      this.seeking = false;
+  /** Show a scene: then a seek may be over, and the first picture may be whole. */
+  private async show(stage: Stage, scene: Scene, view: View): Promise<void> {
+    if (!(await stage.sort(scene, view)) || this.stalled || scene.current === null) return;
+    if (this.isSeeking && scene.current.group === this.momentNow().current.group) {
+      this.isSeeking = false;
       this.emit("seeked");
     }
-    if (!this.ready) {
-      this.ready = true;
-      this.emit("canplay");
-    }
-  }
-
-  /** Draw the sorted scene at the present time, or, while what belongs to it is not here, at the last one drawn. */
-  private drawNow(view: View): void {
-    const scene = this.scene!;
-    const { groups, overlap, fps } = this.manifest!;
-    this.dirty = false;
-    if (scene.current === null) {
-      this.renderer!.draw(scene, 1, view);
-      return;
-    }
-    const present = Math.min(this.seconds, (this.manifest!.frames - 1) / fps);
-    const { firstFrame, frames } = groups[scene.current.group];
-    const holds = present * fps >= firstFrame && present * fps <= firstFrame + frames - 1;
-    const same = this.momentNow().current.group === scene.current.group;
-    if ((holds || same) && !this.seeking && !this.stalled) this.drawnSeconds = present;
-    const moment = momentOf(groups, overlap, this.drawnSeconds * fps, scene.current.group);
-    const previous = scene.previous && { group: scene.previous.group, frame: clampFrame(groups[scene.previous.group], this.drawnSeconds * fps) };
-    this.renderer!.draw({ ...scene, current: moment.current, previous }, previous ? moment.weight : 1, view);
+    if (this.ready) return;
+    this.ready = true;
+    this.emit("canplay");
   }
 }

@@ -1,7 +1,9 @@
 /** Draws a reel's points in WebGL2. Knows nothing about time or downloads: it is told what to show. */
+import type { DecodedFile } from "./decode";
 import { ReelError } from "./errors";
 import { eyeOf } from "./matrix";
-import type { DecodedFile } from "./decode";
+import { hitsAt, middleDepth, type Hit } from "./pick";
+import { Rows } from "./rows";
 import { projectFragment, projectVertex, splatFragment, splatVertex, TEXTURE_WIDTH } from "./shaders";
 import type { Scene } from "./sort-worker";
 import { PointTextures, rowsOf } from "./textures";
@@ -20,47 +22,31 @@ export interface View {
   near: number;
 }
 
-/** Groups that fit into memory at a time: the shown one, its neighbours, and one to load into after a seek. */
-export const SLOTS = 4;
-
 export class Renderer {
   private readonly gl: WebGL2RenderingContext;
   private readonly project: Program;
   private readonly splat: Program;
   private readonly target: WebGLFramebuffer;
-  private readonly shape: WebGLTexture;
-  private readonly color: WebGLTexture;
+  private shape: WebGLTexture | null = null;
+  private color: WebGLTexture | null = null;
   private readonly quads: WebGLVertexArrayObject;
   private readonly empty: WebGLVertexArrayObject;
   private readonly order: WebGLBuffer;
-  private readonly layerRows: number[];
-  private readonly slotRows: number;
-  private readonly slots: (number | null)[] = Array(SLOTS).fill(null);
+  private readonly rows = new Rows();
+  private capacity = 0;
   private readonly layers: PointTextures[] = [];
   private readonly groups = new Map<number, { textures: PointTextures; alive: Uint8Array }>();
   private flagsKey = "";
-  private drawn = 0;
+  /** Points in the order. */
+  drawn = 0;
 
-  /** layerPoints: points of each layer, in order. groupPoints: most dynamic points of any group. */
-  constructor(readonly canvas: HTMLCanvasElement, layerPoints: number[], groupPoints: number) {
+  constructor(readonly canvas: HTMLCanvasElement) {
     const gl = canvas.getContext("webgl2", { alpha: false, antialias: false, depth: false, powerPreference: "high-performance" });
     if (!gl) throw new ReelError("This browser or device offers no WebGL 2, which the player draws with.");
     this.gl = gl;
     this.project = new Program(gl, projectVertex, projectFragment);
     this.splat = new Program(gl, splatVertex, splatFragment);
-    this.slotRows = rowsOf(groupPoints);
-    this.layerRows = [0];
-    for (const count of layerPoints) this.layerRows.push(this.layerRows.at(-1)! + rowsOf(count));
-    const rows = Math.max(this.layerRows.at(-1)! + SLOTS * this.slotRows, 1);
-    const most = gl.getParameter(gl.MAX_TEXTURE_SIZE) as number;
-    if (rows > most) throw new ReelError(`The reel has more points than this device draws (${rows * TEXTURE_WIDTH} of ${most * TEXTURE_WIDTH}).`);
-    this.shape = this.integerTexture(rows);
-    this.color = this.integerTexture(rows);
     this.target = gl.createFramebuffer();
-    gl.bindFramebuffer(gl.FRAMEBUFFER, this.target);
-    gl.framebufferTexture2D(gl.FRAMEBUFFER, gl.COLOR_ATTACHMENT0, gl.TEXTURE_2D, this.shape, 0);
-    gl.framebufferTexture2D(gl.FRAMEBUFFER, gl.COLOR_ATTACHMENT1, gl.TEXTURE_2D, this.color, 0);
-    gl.drawBuffers([gl.COLOR_ATTACHMENT0, gl.COLOR_ATTACHMENT1]);
     this.empty = gl.createVertexArray();
     this.quads = gl.createVertexArray();
     this.order = gl.createBuffer();
@@ -73,27 +59,25 @@ export class Renderer {
 
   /** Upload a layer; returns the index of its first point in the draw order. */
   addLayer(index: number, file: DecodedFile): number {
-    this.layers[index] = new PointTextures(this.gl, this.layerRows[index], file.points, null);
+    const textures = this.upload(file);
+    this.layers[index] = textures;
     this.flagsKey = "";
-    return this.layerRows[index] * TEXTURE_WIDTH;
+    return textures.firstRow * TEXTURE_WIDTH;
   }
 
-  /** Upload a group into a free slot; returns the index of its first point in the draw order. */
+  /** Upload a group; returns the index of its first point in the draw order. */
   addGroup(index: number, file: DecodedFile): number {
-    const slot = this.slots.indexOf(null);
-    if (slot < 0) throw new Error("No free slot: drop a group first.");
-    this.slots[slot] = index;
-    const firstRow = this.layerRows.at(-1)! + slot * this.slotRows;
-    const textures = new PointTextures(this.gl, firstRow, file.points, file.offsets);
+    const textures = this.upload(file);
     this.groups.set(index, { textures, alive: file.alive });
-    return firstRow * TEXTURE_WIDTH;
+    return textures.firstRow * TEXTURE_WIDTH;
   }
 
   dropGroup(index: number): void {
-    this.groups.get(index)?.textures.delete();
+    const textures = this.groups.get(index)?.textures;
+    if (!textures) return;
     this.groups.delete(index);
-    const slot = this.slots.indexOf(index);
-    if (slot >= 0) this.slots[slot] = null;
+    this.rows.give(textures.firstRow, rowsOf(textures.count));
+    textures.delete();
   }
 
   /** Whether a scene's groups are in memory. */
@@ -141,6 +125,25 @@ export class Renderer {
     return result;
   }
 
+  /** Depth at a pixel of the last picture of a scene: of the splat at which half of the light is absorbed. */
+  depthAt({ layers, current, previous }: Scene, x: number, y: number): number | null {
+    const { gl } = this;
+    const groups = [current, previous].map((shown) => shown && this.groups.get(shown.group)?.textures);
+    const hits: Hit[] = [];
+    gl.bindFramebuffer(gl.FRAMEBUFFER, this.target);
+    for (const file of [...this.layers.slice(0, layers), ...groups]) {
+      if (!file || file.count === 0) continue;
+      const [shape, color] = [gl.COLOR_ATTACHMENT0, gl.COLOR_ATTACHMENT1].map((attachment) => {
+        const words = new Uint32Array(4 * rowsOf(file.count) * TEXTURE_WIDTH);
+        gl.readBuffer(attachment);
+        gl.readPixels(0, file.firstRow, TEXTURE_WIDTH, rowsOf(file.count), gl.RGBA_INTEGER, gl.UNSIGNED_INT, words);
+        return words;
+      });
+      for (const hit of hitsAt(shape, color, x, y)) hits.push(hit);
+    }
+    return middleDepth(hits);
+  }
+
   /** Free what the GPU holds; the context stays with the canvas. */
   destroy(): void {
     const { gl } = this;
@@ -151,6 +154,28 @@ export class Renderer {
     gl.deleteBuffer(this.order);
     this.project.delete();
     this.splat.delete();
+  }
+
+  private upload(file: DecodedFile): PointTextures {
+    const firstRow = this.rows.take(rowsOf(file.points.count));
+    if (this.rows.end > this.capacity) this.grow();
+    return new PointTextures(this.gl, firstRow, file.points, file.offsets);
+  }
+
+  /** Make room for more splats. Every picture writes them anew, so nothing is copied. */
+  private grow(): void {
+    const { gl } = this;
+    const most = gl.getParameter(gl.MAX_TEXTURE_SIZE) as number;
+    const { end } = this.rows;
+    if (end > most) throw new ReelError(`The reel has more points than this device draws (${end * TEXTURE_WIDTH} of ${most * TEXTURE_WIDTH}).`);
+    this.capacity = Math.min(Math.max(end, Math.ceil(1.5 * this.capacity)), most);
+    for (const texture of [this.shape, this.color]) gl.deleteTexture(texture);
+    this.shape = this.integerTexture(this.capacity);
+    this.color = this.integerTexture(this.capacity);
+    gl.bindFramebuffer(gl.FRAMEBUFFER, this.target);
+    gl.framebufferTexture2D(gl.FRAMEBUFFER, gl.COLOR_ATTACHMENT0, gl.TEXTURE_2D, this.shape, 0);
+    gl.framebufferTexture2D(gl.FRAMEBUFFER, gl.COLOR_ATTACHMENT1, gl.TEXTURE_2D, this.color, 0);
+    gl.drawBuffers([gl.COLOR_ATTACHMENT0, gl.COLOR_ATTACHMENT1]);
   }
 
   private updateFlags(scene: Scene): void {

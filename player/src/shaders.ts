@@ -144,7 +144,7 @@ void main() {
   if (uShDegree > 0) color += viewDependent(int(p0.w), normalize(mean - uEye));
   color = max(color + 0.5, 0.0);
   outShape = uvec4(floatBitsToUint(center), packHalf2x16(axis), packHalf2x16(other));
-  outColor = uvec4(packHalf2x16(color.rg), packHalf2x16(vec2(color.b, opacity)), floatBitsToUint(extent), 0u);
+  outColor = uvec4(packHalf2x16(color.rg), packHalf2x16(vec2(color.b, opacity)), floatBitsToUint(extent), floatBitsToUint(camera.z));
 }`;
 
 export const splatVertex = `#version 300 es

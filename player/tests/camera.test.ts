@@ -6,7 +6,7 @@ import { eyeOf, length, subtract, type Vec3 } from "../src/matrix";
 
 const viewmat = [1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 4, 0, 0, 0, 1];
 const home = { name: "start", width: 160, height: 120, K: [120, 0, 80, 0, 120, 60, 0, 0, 1], viewmat };
-const manifest = { camera: home, up: [0, -1, 0], bounds: [[-1, -1, -1], [1, 1, 1]] } as unknown as Manifest;
+const manifest = { camera: home, cameras: [home], near: 0.1, up: [0, -1, 0], bounds: [[-1, -1, -1], [1, 1, 1]] } as unknown as Manifest;
 
 const close = (a: number[], b: number[]): void => a.forEach((value, i) => assert.ok(Math.abs(value - b[i]) < 1e-6, `${a} is not ${b}`));
 
@@ -34,7 +34,7 @@ test("what is in front follows the drag", () => {
   const camera = new OrbitCamera(manifest);
   camera.orbit(0.1, 0);
   assert.ok(pixel(camera, [0, 0, -1])[0] > 80);
-  camera.reset();
+  camera.viewmat = viewmat;
   camera.orbit(0, 0.1);
   assert.ok(pixel(camera, [0, 0, -1])[1] > 60);
 });
@@ -66,4 +66,58 @@ test("a flick dies away", () => {
   let steps = 0;
   while (camera.step(1 / 60)) steps++;
   assert.ok(steps > 10 && steps < 120, String(steps));
+});
+
+test("reset glides back, and at once for people who want it calm", () => {
+  for (const calm of [false, true]) {
+    const camera = new OrbitCamera(manifest);
+    camera.calm = calm;
+    camera.orbit(0.5, 0.2);
+    camera.reset();
+    let steps = 0;
+    while (camera.step(1 / 60)) steps++;
+    close(camera.viewmat, viewmat);
+    assert.ok(calm ? steps <= 1 : steps > 10, String(steps));
+  }
+});
+
+test("a key moves the camera as long as it is down", () => {
+  const camera = new OrbitCamera(manifest);
+  camera.thrust = { ...camera.thrust, forward: 0.5 };
+  for (let i = 0; i < 30; i++) camera.step(1 / 60);
+  const [, , z] = eyeOf(camera.viewmat);
+  assert.ok(z > -4 && z < -2.5, String(z));
+  camera.thrust = { ...camera.thrust, forward: 0 };
+  let steps = 0;
+  while (camera.step(1 / 60)) steps++;
+  assert.ok(steps < 120);
+});
+
+test("who goes too far is brought back once they let go", () => {
+  const camera = new OrbitCamera(manifest);
+  camera.held = true;
+  camera.zoom(10);
+  camera.step(1 / 60);
+  assert.ok(Math.abs(length(eyeOf(camera.viewmat)) - 40) < 1e-6);
+  camera.held = false;
+  while (camera.step(1 / 60));
+  assert.ok(length(eyeOf(camera.viewmat)) < 6.1);
+  close(pixel(camera, [0, 0, 0]), [80, 60]);
+});
+
+test("a pose that a page sets is not touched by the limits", () => {
+  const camera = new OrbitCamera(manifest);
+  const far = [...viewmat.slice(0, 11), 100, 0, 0, 0, 1];
+  camera.viewmat = far;
+  assert.equal(camera.step(1), false);
+  close(camera.viewmat, far);
+});
+
+test("focus turns to the point and orbits about it", () => {
+  const camera = new OrbitCamera(manifest);
+  camera.focus([1, 0.5, 4]);
+  while (camera.step(1 / 60));
+  close(pixel(camera, [1, 0.5, 0]), [80, 60]);
+  camera.orbit(0.4, 0.1);
+  close(pixel(camera, [1, 0.5, 0]), [80, 60]);
 });

@@ -24,10 +24,12 @@ pytestmark = pytest.mark.browser
 
 PLAYER = "document.querySelector('splat-reel').player"
 
-DECODE = """async ({url, bytes}) => {
+DECODE = """async (source) => {
   const worker = new Worker('/decode-worker.js');
-  const reply = await new Promise((resolve) => { worker.onmessage = (event) => resolve(event.data);
-                                                 worker.postMessage({id: 0, url, bytes}); });
+  const reply = await new Promise((resolve) => {
+    worker.onmessage = ({data}) => { if (data.file || data.error) resolve(data); };
+    worker.postMessage({id: 0, source});
+  });
   if (reply.error) throw new Error(reply.error);
   const {points, alive, offsets} = reply.file;
   const arrays = {means: points.means, quats: points.quats, scales: points.scales, opacities: points.opacities};
@@ -82,6 +84,10 @@ def open_player(page: Page, server: Server, query: str = "?autoplay=0") -> None:
     page.wait_for_function(f"document.querySelector('splat-reel')?.player && {PLAYER}.canPlay", timeout=20_000)
 
 
+def source(server: Server, uri: str, size: int) -> dict:
+    return {"url": f"{server.url}reel/{uri}", "bytes": size, "sha256": None}
+
+
 def picture(page: Page, seconds: float, camera: Camera) -> np.ndarray:
     pose = {"K": camera.K.ravel().tolist(), "viewmat": camera.viewmat.ravel().tolist()}
     data = base64.b64decode(page.evaluate(RENDER, [seconds, pose, camera.width, camera.height]))
@@ -99,7 +105,7 @@ def test_decodes_the_golden_reel_to_the_expected_numbers(page: Page, server: Ser
     compared = 0
     for kind in ("layer", "group"):
         for index, file in enumerate(manifest[f"{kind}s"]):
-            arrays = page.evaluate(DECODE, {"url": f"{server.url}reel/{file['uri']}", "bytes": file["bytes"]})
+            arrays = page.evaluate(DECODE, source(server, file["uri"], file["bytes"]))
             for name, values in arrays.items():
                 prefix = f"{kind}{index}."
                 key = prefix + name if prefix + name in expected else f"{prefix}dynamic.{name}"
@@ -125,7 +131,7 @@ def test_decodes_offsets_in_a_fragmented_mp4(page: Page, server: Server):
     body = save(tensors, metadata)
     page.route("**/fragmented.safetensors", lambda route: route.fulfill(body=body))
     page.goto(server.url + "?autoplay=0")
-    arrays = page.evaluate(DECODE, {"url": f"{server.url}reel/fragmented.safetensors", "bytes": len(body)})
+    arrays = page.evaluate(DECODE, source(server, "fragmented.safetensors", len(body)))
     want = np.load(GOLDEN / "expected.npz")["group1.dx"]
     assert np.allclose(np.array(arrays["dx"]).reshape(want.shape), want, atol=1e-5)
 
@@ -207,6 +213,7 @@ def test_the_mouse_moves_the_camera_and_reset_brings_it_back(page: Page, server:
     assert not np.allclose(start, turned, atol=0.01)
     assert page.evaluate(pose)[11] != pytest.approx(turned[11])
     page.locator("splat-reel").get_by_role("button", name="Reset view").click()
+    page.wait_for_timeout(800)
     assert np.allclose(page.evaluate(pose), start, atol=1e-6)
 
 
@@ -216,7 +223,7 @@ def test_a_missing_reel_says_so_and_can_be_tried_again(page: Page, server: Serve
     page.goto(server.url)
     alert = page.locator("splat-reel").get_by_role("alert")
     alert.wait_for()
-    assert "manifest.json answered 404" in alert.inner_text()
+    assert "manifest.json cannot be downloaded: it answered 404" in alert.inner_text()
     page.unroute("**/reel/manifest.json")
     alert.get_by_role("button", name="Try again").click()
     page.wait_for_function(f"{PLAYER}.canPlay")
@@ -290,7 +297,7 @@ def test_a_reel_elsewhere_opens_by_src(page: Page, server: Server, tmp_path: Pat
 def test_the_controls_fit_a_narrow_screen(page: Page, server: Server):
     page.set_viewport_size({"width": 320, "height": 480})
     open_player(page, server)
-    for name in ("Play", "Reset view", "Fullscreen"):
+    for name in ("Play", "Reset view", "Settings", "Fullscreen"):
         box = page.locator("splat-reel .row").get_by_role("button", name=name).bounding_box()
         assert box is not None
         assert box["x"] >= 0

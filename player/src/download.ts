@@ -1,0 +1,151 @@
+/** Gets a file over networks that fail: tries again after growing pauses, goes on where a transfer broke off, checks what came. */
+import { ReelError, messageOf } from "./errors";
+
+export interface Source {
+  url: string;
+  /** What the manifest says the file has. */
+  bytes: number;
+  /** Hex digest, compared where the page is a secure context; null: not compared. */
+  sha256: string | null;
+}
+
+export interface Watcher {
+  /** Bytes that came since the last call. */
+  received(bytes: number): void;
+  /** Something went wrong and is being tried again; why, for people. */
+  trouble(why: string): void;
+}
+
+/** Waits before trying again, milliseconds; after the last one a file is given up. Up to half as much is added by chance. */
+const PAUSES = [300, 1000, 2000, 4000, 6000];
+/** A transfer without a byte for this long has stalled. */
+const STALL = 8000;
+
+/** A failure that may pass, and how often it is worth trying again. */
+class Passing extends Error {
+  constructor(why: string, readonly tries = PAUSES.length, readonly status = 0) {
+    super(why);
+  }
+}
+
+/** Of a file that came but is not what the manifest says, and of a manifest that a person waits for. */
+const FEW = 2;
+
+/** The whole file. Throws `ReelError` with the url, or the signal's `AbortError`. */
+export async function download(source: Source, watcher: Watcher, signal: AbortSignal): Promise<Uint8Array> {
+  const transfer = { body: new Uint8Array(source.bytes), filled: 0 };
+  return insist(source.url, watcher, signal, async (again) => {
+    await receive(source, transfer, again, watcher, signal);
+    await check(source, transfer);
+    return transfer.body;
+  });
+}
+
+/** Text of a small file, for the manifest. Always asks the host whether it is still the same. */
+export function downloadText(url: string, watcher: Watcher, signal: AbortSignal): Promise<string> {
+  return insist(url, watcher, signal, async () => {
+    const answer = await ask(url, { cache: "no-cache", signal }, FEW);
+    return answer.text().catch((error: unknown) => Promise.reject(new Passing(messageOf(error), FEW)));
+  });
+}
+
+/** Try until it works, is given up, or fails in a way that will not pass. */
+async function insist<T>(url: string, watcher: Watcher, signal: AbortSignal, attempt: (again: boolean) => Promise<T>): Promise<T> {
+  for (let failures = 0; ; ) {
+    try {
+      return await attempt(failures > 0);
+    } catch (error) {
+      if (signal.aborted || !(error instanceof Passing)) throw error;
+      const offline = navigator.onLine === false;
+      if (!offline && failures >= error.tries) throw new ReelError(`${url} cannot be downloaded: ${error.message}.`);
+      watcher.trouble(offline ? "Offline. Waiting for the network." : `Trying again: ${error.message}.`);
+      await pause(PAUSES[failures] * (1 + Math.random() / 2), signal);
+      // Without a network nothing is given up.
+      if (!offline || failures < PAUSES.length - 1) failures++;
+    }
+  }
+}
+
+/** One answer, of which only a good one comes back. */
+async function ask(url: string, options: RequestInit, tries = PAUSES.length): Promise<Response> {
+  let response: Response;
+  try {
+    response = await fetch(url, options);
+  } catch (error) {
+    if (await answersOthers(url)) {
+      throw new ReelError(`${url} is there, but its host does not let pages of ${location.origin} read it. It must send the header Access-Control-Allow-Origin.`);
+    }
+    throw new Passing(`${messageOf(error)}. Check the address and the network`, tries);
+  }
+  if (response.ok) return response;
+  const why = `it answered ${response.status} ${response.statusText}`.trim();
+  if (response.status >= 500 || [408, 416, 425, 429].includes(response.status)) throw new Passing(why, tries, response.status);
+  throw new ReelError(`${url} cannot be downloaded: ${why}.`);
+}
+
+async function receive(source: Source, transfer: { body: Uint8Array; filled: number }, again: boolean, watcher: Watcher, signal: AbortSignal): Promise<void> {
+  const controller = new AbortController();
+  const abort = (): void => controller.abort();
+  signal.addEventListener("abort", abort);
+  let alarm = setTimeout(abort, STALL);
+  try {
+    const headers: HeadersInit = transfer.filled > 0 ? { Range: `bytes=${transfer.filled}-` } : {};
+    const response = await ask(source.url, { headers, cache: again ? "reload" : "default", signal: controller.signal });
+    if (response.status !== 206) transfer.filled = 0; // the host begins anew
+    const reader = response.body!.getReader();
+    for (;;) {
+      const { done, value } = await reader.read().catch((error: unknown) => Promise.reject(new Passing(messageOf(error))));
+      if (done) break;
+      clearTimeout(alarm);
+      alarm = setTimeout(abort, STALL);
+      if (transfer.filled + value.byteLength > source.bytes) {
+        transfer.filled = 0;
+        throw new Passing(`it has more than the ${source.bytes} bytes of the manifest`, FEW);
+      }
+      transfer.body.set(value, transfer.filled);
+      transfer.filled += value.byteLength;
+      watcher.received(value.byteLength);
+    }
+  } catch (error) {
+    if (error instanceof Passing && error.status === 416) transfer.filled = 0;
+    if (controller.signal.aborted && !signal.aborted) throw new Passing("nothing came for some seconds");
+    throw error;
+  } finally {
+    clearTimeout(alarm);
+    signal.removeEventListener("abort", abort);
+    controller.abort();
+  }
+  if (transfer.filled < source.bytes) throw new Passing(`it ended after ${transfer.filled} of ${source.bytes} bytes`);
+}
+
+async function check({ sha256 }: Source, transfer: { body: Uint8Array; filled: number }): Promise<void> {
+  // Browsers offer crypto.subtle in secure contexts only: https, and this machine itself.
+  if (!sha256 || !globalThis.crypto?.subtle) return;
+  const digest = new Uint8Array(await crypto.subtle.digest("SHA-256", transfer.body as BufferSource));
+  const hex = Array.from(digest, (byte) => byte.toString(16).padStart(2, "0")).join("");
+  if (hex === sha256) return;
+  transfer.filled = 0;
+  throw new Passing("its checksum is not the manifest's", FEW);
+}
+
+/** Whether a host that this page may not read from answers at all. */
+function answersOthers(url: string): Promise<boolean> {
+  if (new URL(url, location.href).origin === location.origin) return Promise.resolve(false);
+  return fetch(url, { mode: "no-cors" }).then(() => true, () => false);
+}
+
+/** Wait, but no longer than until the network is back. */
+function pause(milliseconds: number, signal: AbortSignal): Promise<void> {
+  return new Promise((resolve, reject) => {
+    const finish = (): void => {
+      clearTimeout(timer);
+      removeEventListener("online", finish);
+      signal.removeEventListener("abort", finish);
+      if (signal.aborted) reject(signal.reason);
+      else resolve();
+    };
+    const timer = setTimeout(finish, milliseconds);
+    addEventListener("online", finish);
+    signal.addEventListener("abort", finish);
+  });
+}

@@ -1,0 +1,74 @@
+/** The settings over the bar. */
+import { BACK, ON } from "./icons";
+import type { Player } from "./player";
+import type { Quality } from "./resolution";
+
+const RATES = [0.25, 0.5, 0.75, 1, 1.25, 1.5, 2];
+const QUALITIES: [Quality, string][] = [["auto", "Automatic"], ["full", "Full"], ["half", "Half"]];
+
+const option = (value: string | number, text: string): string => `<option value="${value}">${text}</option>`;
+const choice = (name: string, text: string, options: string[]): string => `<label>${text}<select name="${name}">${options.join("")}</select></label>`;
+const toggle = (name: string, text: string): string => `<label>${text}<input type="checkbox" role="switch" name="${name}" /></label>`;
+
+const MARKUP = [
+  choice("rate", "Speed", RATES.map((rate) => option(rate, `${rate} ×`))),
+  choice("quality", "Resolution", QUALITIES.map(([value, text]) => option(value, text))),
+  toggle("loop", "Loop"),
+  toggle("fly", "Fly through the cameras"),
+  toggle("statistics", "Statistics"),
+  `<div class="frames">Frame<span><button type="button" name="back" aria-label="One frame back">${BACK}</button><button type="button" name="on" aria-label="One frame on">${ON}</button></span></div>`,
+  `<button type="button" name="share" class="wide">Copy a link to this view</button>`,
+  `<button type="button" name="help" class="wide">Keys and gestures</button>`,
+].join("");
+
+export interface MenuActions {
+  fly(): void;
+  statistics(): void;
+  help(): void;
+  share(): void;
+  loop(on: boolean): void;
+}
+
+export class Menu {
+  statistics = false;
+
+  constructor(private readonly box: HTMLElement, private readonly player: Player, actions: MenuActions) {
+    box.innerHTML = MARKUP;
+    this.input("rate").onchange = () => void (player.playbackRate = Number(this.input("rate").value));
+    this.input("quality").onchange = () => {
+      player.resolution.quality = this.input("quality").value as Quality;
+      player.invalidate();
+    };
+    this.input("loop").onchange = () => actions.loop(this.input("loop").checked);
+    this.input("fly").onchange = () => actions.fly();
+    this.input("statistics").onchange = () => actions.statistics();
+    this.input("back").onclick = () => player.step(-1);
+    this.input("on").onclick = () => player.step(1);
+    this.input("share").onclick = () => actions.share();
+    this.input("help").onclick = () => actions.help();
+  }
+
+  get open(): boolean {
+    return !this.box.hidden;
+  }
+
+  set open(open: boolean) {
+    this.box.hidden = !open;
+    this.update();
+  }
+
+  /** Show how things are. */
+  update(): void {
+    if (!this.open) return;
+    const { player } = this;
+    this.input("rate").value = String(player.playbackRate);
+    this.input("quality").value = player.resolution.quality;
+    this.input("loop").checked = player.loop;
+    this.input("fly").checked = player.camera?.flying === true;
+    this.input("statistics").checked = this.statistics;
+  }
+
+  private input(name: string): HTMLInputElement {
+    return this.box.querySelector<HTMLInputElement>(`[name=${name}]`)!;
+  }
+}

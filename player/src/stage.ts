@@ -1,0 +1,114 @@
+/** What is on screen: one scene, sorted by the worker and drawn by the GPU. The picture always belongs to the order it is drawn in. */
+import type { DecodedFile } from "./decode";
+import type { Manifest } from "./manifest";
+import { Renderer, type View } from "./renderer";
+import type { Scene } from "./sort-worker";
+import { Sorter } from "./sorter";
+import { clampFrame, groupAt, momentOf } from "./timeline";
+
+export class Stage {
+  /** The scene of the order on the GPU. */
+  scene: Scene | null = null;
+  /** Duration of the last sort, milliseconds. */
+  sortMilliseconds = 0;
+  /** Pictures drawn so far. */
+  pictures = 0;
+
+  private readonly renderer: Renderer;
+  private readonly sorter: Sorter;
+  private drawnFrame = 0;
+  private unsorted = true;
+  private dirty = false;
+  private closed = false;
+
+  constructor(canvas: HTMLCanvasElement, private readonly manifest: Manifest, onError: (error: Error) => void) {
+    this.renderer = new Renderer(canvas);
+    this.sorter = new Sorter((message) => onError(new Error(message)));
+  }
+
+  addLayer(index: number, file: DecodedFile): void {
+    this.sorter.addLayer(index, this.renderer.addLayer(index, file), file);
+    this.invalidate();
+  }
+
+  addGroup(index: number, file: DecodedFile): void {
+    this.sorter.addGroup(index, this.renderer.addGroup(index, file), file);
+    this.invalidate();
+  }
+
+  dropGroup(index: number): void {
+    this.renderer.dropGroup(index);
+    this.sorter.dropGroup(index);
+  }
+
+  /** Points in the order that is drawn. */
+  get points(): number {
+    return this.renderer.drawn;
+  }
+
+  /** The time, the camera or the size changed: sort and draw again. */
+  invalidate(): void {
+    this.dirty = true;
+    this.unsorted = true;
+  }
+
+  /** A sort would bring something new, and the worker has time for it. */
+  get wantsSort(): boolean {
+    return this.unsorted && !this.sorter.busy;
+  }
+
+  /** Resolves when the worker is idle. */
+  async settled(): Promise<void> {
+    while (this.sorter.busy) await new Promise((resolve) => setTimeout(resolve, 1));
+  }
+
+  /** Sort a scene, which then is what is drawn. False if the reel was closed or a group dropped while the worker was at it. */
+  async sort(scene: Scene, view: View): Promise<boolean> {
+    this.unsorted = false;
+    const reply = await this.sorter.sort(scene, view);
+    if (this.closed || !this.renderer.holds(scene)) return false;
+    this.sortMilliseconds = reply.milliseconds;
+    this.renderer.setOrder(reply.order, reply.count);
+    this.sorter.recycle(reply.order);
+    this.scene = scene;
+    this.dirty = true;
+    return true;
+  }
+
+  /** Draw, if anything changed. `frame` of the video: the present one, or null while what belongs to it is not here. */
+  draw(frame: number | null, view: View): void {
+    const { scene, manifest } = this;
+    if (!this.dirty || !scene) return;
+    this.dirty = false;
+    this.pictures++;
+    if (scene.current === null) return this.renderer.draw(scene, 1, view);
+    const { groups, overlap } = manifest;
+    const { group } = scene.current;
+    const { firstFrame, frames } = groups[group];
+    // A moment that the sorted groups do not hold waits for its own sort; until then the last one stays.
+    const holds = frame !== null && frame >= firstFrame && frame <= firstFrame + frames - 1;
+    if (frame !== null && (holds || groupAt(groups, frame) === group)) this.drawnFrame = frame;
+    const moment = momentOf(groups, overlap, this.drawnFrame, group);
+    const previous = scene.previous && { group: scene.previous.group, frame: clampFrame(groups[scene.previous.group], this.drawnFrame) };
+    this.renderer.draw({ ...scene, current: moment.current, previous }, previous ? moment.weight : 1, view);
+  }
+
+  /** Sort and draw a scene at once, and read the picture back: RGBA bytes, top row first. */
+  async snapshot(scene: Scene, weight: number, view: View): Promise<Uint8Array> {
+    await this.settled();
+    if (!(await this.sort(scene, view))) throw new Error("The reel was closed.");
+    this.renderer.draw(scene, weight, view);
+    return this.renderer.readPixels();
+  }
+
+  /** Depth of what is seen at a pixel of the last picture, world units; null where there is nothing. */
+  depthAt(x: number, y: number): number | null {
+    return this.scene ? this.renderer.depthAt(this.scene, x, y) : null;
+  }
+
+  destroy(): void {
+    this.closed = true;
+    this.sorter.destroy();
+    this.renderer.destroy();
+  }
+}

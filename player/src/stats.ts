@@ -1,0 +1,51 @@
+/** Numbers on how the player is doing. */
+import type { Player } from "./player";
+
+export interface Stats {
+  /** Pictures a second, while it plays or the view moves. */
+  fps: number;
+  /** Points that are sorted and drawn. */
+  points: number;
+  width: number;
+  height: number;
+  /** Bits a second that the reel takes now, and that the network gave last. */
+  bitrate: number;
+  throughput: number;
+  /** Seconds that are here beyond the present time. */
+  ahead: number;
+  /** The last file's decoding, and the last sort. */
+  decodeMilliseconds: number;
+  sortMilliseconds: number;
+}
+
+export function measure({ stage, stream, manifest, canvas, resolution, ahead, currentTime }: Player): Stats {
+  const { groups, fps, frames } = manifest!;
+  const index = Math.max(groups.findLastIndex((group) => group.firstFrame <= currentTime * fps), 0);
+  const seconds = ((groups[index + 1]?.firstFrame ?? frames) - groups[index].firstFrame) / fps;
+  return {
+    fps: 1000 / resolution.interval,
+    points: stage!.points,
+    width: canvas.width,
+    height: canvas.height,
+    bitrate: (8 * groups[index].bytes) / seconds,
+    throughput: stream!.throughput,
+    ahead,
+    decodeMilliseconds: stream!.decodeMilliseconds,
+    sortMilliseconds: stage!.sortMilliseconds,
+  };
+}
+
+/** A line each for the overlay. */
+export function describe(stats: Stats): [string, string][] {
+  const megabits = (bits: number): string => `${(bits / 1e6).toFixed(1)} Mbit/s`;
+  const milliseconds = (value: number): string => `${value.toFixed(value < 10 ? 1 : 0)} ms`;
+  return [
+    ["Pictures", `${stats.fps.toFixed(0)} fps, ${stats.width} × ${stats.height}`],
+    ["Points", stats.points.toLocaleString("en")],
+    ["Bitrate", megabits(stats.bitrate)],
+    ["Network", stats.throughput > 0 ? megabits(stats.throughput) : "–"],
+    ["Buffer", `${stats.ahead.toFixed(1)} s`],
+    ["Decode", milliseconds(stats.decodeMilliseconds)],
+    ["Sort", milliseconds(stats.sortMilliseconds)],
+  ];
+}

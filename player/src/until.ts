@@ -1,0 +1,15 @@
+/** Resolves when a condition holds, looked at whenever an event comes; rejects when the player has an error. */
+export function until(player: EventTarget & { error: Error | null }, event: string, reached: () => boolean): Promise<void> {
+  return new Promise((resolve, reject) => {
+    const check = (): void => {
+      if (player.error) reject(player.error);
+      else if (reached()) resolve();
+      else return;
+      player.removeEventListener(event, check);
+      player.removeEventListener("error", check);
+    };
+    player.addEventListener(event, check);
+    player.addEventListener("error", check);
+    check();
+  });
+}
