@@ -2,7 +2,9 @@
 import { attachControls } from "./controls";
 import { linkTo, startOf } from "./link";
 import type { Camera } from "./manifest";
-import { Player, type Picture, type Pose } from "./player";
+import { Player } from "./player";
+import type { Pose } from "./pose";
+import type { Picture } from "./stage";
 import type { Stats } from "./stats";
 import styles from "./ui.css";
 import { Controls } from "./ui";

@@ -1,5 +1,5 @@
 /** Links that hold a time and a pose: `#t=1.25&view=` eye, turn wxyz and distance of the pivot, separated by commas. */
-import type { Start } from "./player";
+import type { Start } from "./pose";
 import { normalized } from "./quaternion";
 
 /** An address with a time and a pose. */

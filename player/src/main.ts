@@ -2,7 +2,9 @@
 import { SplatReelElement } from "./element";
 
 export type { Camera, Manifest } from "./manifest";
-export { Player, type Picture, type Pose } from "./player";
+export { Player } from "./player";
+export type { Pose } from "./pose";
+export type { Picture } from "./stage";
 export type { Stats } from "./stats";
 export { SplatReelElement };
 

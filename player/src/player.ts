@@ -3,34 +3,15 @@ import { OrbitCamera } from "./camera";
 import { messageOf } from "./errors";
 import { follow, followToTheEnd } from "./live";
 import { loadManifest, type Manifest } from "./manifest";
-import type { CameraState } from "./pose";
+import type { Pose, Start } from "./pose";
 import type { View } from "./renderer";
 import { Resolution } from "./resolution";
 import type { Scene } from "./sort-worker";
-import { Stage } from "./stage";
+import { Stage, type Picture } from "./stage";
 import { measure, type Stats } from "./stats";
 import { memoryBudget, Stream } from "./stream";
 import { momentAt, type Moment } from "./timeline";
 import { until } from "./until";
-
-/** A picture taken by `renderAt`: RGBA bytes, top row first. */
-export interface Picture {
-  width: number;
-  height: number;
-  data: Uint8Array;
-}
-
-/** A pose as the manifest writes cameras: K [9] and viewmat [16], row by row, OpenCV. */
-export interface Pose {
-  K: number[];
-  viewmat: number[];
-}
-
-/** Where to begin; null: where the reel does. */
-export interface Start {
-  seconds: number | null;
-  view: CameraState | null;
-}
 
 /** Longest step of the clock: after a background tab, playback goes on where it was. */
 const LONGEST_STEP = 0.25;
@@ -270,7 +251,7 @@ export class Player extends EventTarget {
       const moment = this.momentNow();
       const { K, viewmat } = pose;
       const view: View = { viewmat, fx: K[0], fy: K[4], cx: K[2], cy: K[5], width, height, near: this.manifest!.near };
-      return { width, height, data: await this.stage.snapshot(this.sceneOf(moment), moment.weight, view) };
+      return await this.stage.snapshot(this.sceneOf(moment), moment.weight, view);
     } finally {
       this.held = false;
       this.invalidate();

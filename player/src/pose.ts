@@ -9,6 +9,18 @@ export interface CameraState {
   distance: number;
 }
 
+/** A camera as the manifest writes it: K [9] and viewmat [16], row by row, OpenCV. */
+export interface Pose {
+  K: number[];
+  viewmat: number[];
+}
+
+/** Where to begin; null: where the reel does. */
+export interface Start {
+  seconds: number | null;
+  view: CameraState | null;
+}
+
 /** A state a part of the way from one to another. */
 export function between(from: CameraState, to: CameraState, t: number): CameraState {
   return {

@@ -6,6 +6,13 @@ import type { Scene } from "./sort-worker";
 import { Sorter } from "./sorter";
 import { clampFrame, groupAt, momentOf } from "./timeline";
 
+/** A picture taken: RGBA bytes, top row first. */
+export interface Picture {
+  width: number;
+  height: number;
+  data: Uint8Array;
+}
+
 export class Stage {
   /** The scene of the order on the GPU. */
   scene: Scene | null = null;
@@ -93,12 +100,12 @@ export class Stage {
     this.renderer.draw({ ...scene, current: moment.current, previous }, previous ? moment.weight : 1, view);
   }
 
-  /** Sort and draw a scene at once, and read the picture back: RGBA bytes, top row first. */
-  async snapshot(scene: Scene, weight: number, view: View): Promise<Uint8Array> {
+  /** Sort and draw a scene at once, and read the picture back. */
+  async snapshot(scene: Scene, weight: number, view: View): Promise<Picture> {
     await this.settled();
     if (!(await this.sort(scene, view))) throw new Error("The reel was closed.");
     this.renderer.draw(scene, weight, view);
-    return this.renderer.readPixels();
+    return { width: view.width, height: view.height, data: this.renderer.readPixels() };
   }
 
   /** Depth of what is seen at a pixel of the last picture, world units; null where there is nothing. */
