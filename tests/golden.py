@@ -1,6 +1,6 @@
-"""The golden reel: a tiny reel that the Python and the TypeScript decoder both turn into the same numbers.
+"""The golden reels: tiny reels, one a codec, that the Python and the TypeScript decoder both turn into the same numbers.
 
-`python -m tests.golden` makes tests/data/golden anew: do it only when the format changes.
+`python -m tests.golden` makes tests/data/golden (h265) and tests/data/golden-predictive anew: do it only when the format changes.
 
     manifest.json, layers/, groups/     the reel: 2 groups of 6 frames, overlap 2, static points born at both
     expected.npz                        every decoded array
@@ -15,6 +15,7 @@ import json
 import shutil
 from dataclasses import fields
 from pathlib import Path
+from typing import Literal
 
 import numpy as np
 
@@ -28,6 +29,7 @@ from splatreel.scene.gaussians import Gaussians
 from splatreel.scene.group import Group
 
 GOLDEN = Path(__file__).parent / "data" / "golden"
+PREDICTIVE = Path(__file__).parent / "data" / "golden-predictive"
 TIMES = (0.0, 0.05, 0.1, 0.2, 0.225, 0.25, 0.3, 0.43, 9.0)
 TOLERANCE = 1e-5
 FPS = 30
@@ -61,14 +63,19 @@ def random_motion(rng: np.random.Generator, points: Gaussians, frames: int) -> t
     return turned - points.means + time * rng.normal(size=3) * 0.3, dq
 
 
+def weights(count: int) -> np.ndarray:
+    """Importance [count, 3] over four octaves."""
+    return 2.0 ** -(np.arange(3 * count).reshape(count, 3) % 5)
+
+
 def camera(name: str, x: float) -> Camera:
     viewmat = np.eye(4)
     viewmat[:3, 3] = (-x, 0, 4)
     return Camera(name, viewmat, np.array([[120, 0, 80], [0, 120, 60], [0, 0, 1]]), 160, 120)
 
 
-def write_golden(path: Path) -> None:
-    """Write the golden reel into a directory: layers of degree 3 and 2, dynamic points of degree 1."""
+def write_golden(path: Path, codec: Literal["predictive", "h265"] = "h265") -> None:
+    """Write a golden reel into a directory: layers of degree 3 and 2, dynamic points of degree 1."""
     rng = np.random.default_rng(4)
     if path.exists():
         shutil.rmtree(path)
@@ -82,15 +89,15 @@ def write_golden(path: Path) -> None:
         up=np.array([0.0, -1.0, 0.0]),
         camera=camera("start", 0.0),
         cameras=[camera("cam00", -0.5), camera("cam01", 0.5)],
-        config=EncodeConfig(),
+        config=EncodeConfig(codec=codec),
     )
     alive = np.ones(0, bool)
     for index, (born, moving, frames) in enumerate(((150, 100, 8), (50, 90, 8))):
-        layer, _ = writer.add_layer(index, index * 6, random_gaussians(rng, born, 3 - index, (0, 0, 0)))
+        layer, _ = writer.add_layer(index, index * 6, random_gaussians(rng, born, 3 - index, (0, 0, 0)), weights(born))
         alive = np.concatenate([alive & (rng.random(len(alive)) > 0.3), np.ones(len(layer), bool)])
         dynamic = random_gaussians(rng, moving, 1, (0.5, 0.2, 0))
         dx, dq = random_motion(rng, dynamic, frames)
-        writer.add_group(Group(index, index * 6, dynamic, dx, dq, alive))
+        writer.add_group(Group(index, index * 6, dynamic, dx, dq, alive), weights(moving))
     writer.finish()
 
 
@@ -127,11 +134,12 @@ def _flat(prefix: str, gaussians: Gaussians) -> dict[str, np.ndarray]:
 
 
 def main() -> None:
-    write_golden(GOLDEN)
-    arrays = decoded(GOLDEN)
-    stored = {name: array for name, array in arrays.items() if not name.startswith("at")}
-    np.savez_compressed(GOLDEN / "expected.npz", **stored)
-    (GOLDEN / "expected.json").write_text(json.dumps(sampled(arrays), indent=None, separators=(",", ":")) + "\n")
+    for path, codec in ((GOLDEN, "h265"), (PREDICTIVE, "predictive")):
+        write_golden(path, codec)
+        arrays = decoded(path)
+        stored = {name: array for name, array in arrays.items() if not name.startswith("at")}
+        np.savez_compressed(path / "expected.npz", **stored)
+        (path / "expected.json").write_text(json.dumps(sampled(arrays), indent=None, separators=(",", ":")) + "\n")
 
 
 if __name__ == "__main__":

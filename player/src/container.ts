@@ -16,6 +16,8 @@ export interface Container {
   kind: "layer" | "group";
   index: number;
   points: number;
+  /** Groups: how many frames it holds. */
+  frames: number;
   sections: Record<string, Section>;
   tensors: Record<string, Tensor>;
 }
@@ -31,20 +33,25 @@ export function parseContainer(file: Uint8Array, name: string): Container {
   const view = new DataView(file.buffer, file.byteOffset, file.byteLength);
   const headerBytes = view.getUint32(0, true) + view.getUint32(4, true) * 2 ** 32;
   if (headerBytes > file.byteLength - 8) fail("its header is cut off");
-  let header: Record<string, unknown> = {};
-  let meta: Record<string, unknown> = {};
+  let header: unknown;
+  let meta: unknown;
   try {
     header = JSON.parse(new TextDecoder().decode(file.subarray(8, 8 + headerBytes)));
-    meta = JSON.parse((header.__metadata__ as Record<string, string>).splatreel);
+    meta = JSON.parse((header as { __metadata__: { splatreel: string } }).__metadata__.splatreel);
   } catch {
     fail("its header cannot be read");
   }
+  if (!isObject(header) || !isObject(meta)) return fail("its header cannot be read");
   if (meta.version !== 1) throw new ReelError(`${name} has version ${JSON.stringify(meta.version)}; this player knows version 1.`);
+  const sections = meta.sections;
+  if (!isObject(sections) || !Object.values(sections).every(isObject)) return fail("it has no table of sections");
+  if (!isCount(meta.points) || (meta.kind === "group" && !isCount(meta.frames))) fail("it does not say how much it holds");
   const body = file.subarray(8 + headerBytes);
   const tensors: Record<string, Tensor> = {};
   for (const [key, value] of Object.entries(header)) {
     if (key === "__metadata__") continue;
-    const { dtype, shape, data_offsets: offsets } = value as { dtype: string; shape: number[]; data_offsets: [number, number] };
+    const { dtype, shape, data_offsets: offsets } = (isObject(value) ? value : {}) as { dtype?: unknown; shape?: unknown; data_offsets?: unknown };
+    if (typeof dtype !== "string" || !Array.isArray(shape) || !Array.isArray(offsets)) return fail(`section ${key} has no place`);
     const [begin, end] = offsets;
     const size = shape.reduce((product, side) => product * side, ITEM_BYTES[dtype] ?? NaN);
     if (!(begin >= 0 && end <= body.byteLength && end - begin === size)) fail(`section ${key} does not fit the file`);
@@ -54,7 +61,18 @@ export function parseContainer(file: Uint8Array, name: string): Container {
     kind: meta.kind as "layer" | "group",
     index: meta.index as number,
     points: meta.points as number,
-    sections: (meta.sections ?? {}) as Record<string, Section>,
+    frames: (meta.frames ?? 0) as number,
+    sections: sections as Record<string, Section>,
     tensors,
   };
+}
+
+const MAX_POINTS = 2 ** 23;
+
+function isCount(value: unknown): boolean {
+  return Number.isInteger(value) && (value as number) >= 0 && (value as number) <= MAX_POINTS;
+}
+
+function isObject(value: unknown): value is Record<string, unknown> {
+  return typeof value === "object" && value !== null && !Array.isArray(value);
 }

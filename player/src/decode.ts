@@ -1,9 +1,10 @@
 /** One file of a reel, decoded. */
-import { parseContainer } from "./container";
+import { parseContainer, type Container } from "./container";
 import { flags, tensor } from "./dequantize";
 import { ReelError, messageOf } from "./errors";
 import { decodeGaussians, type DecodePoints, type Gaussians } from "./gaussians";
 import { decodeOffsets, type DecodeTrack, type Offsets } from "./offsets";
+import { decodeMotion, decodePredictive } from "./predictive";
 
 export interface DecodedFile {
   points: Gaussians;
@@ -17,16 +18,28 @@ export interface DecodedFile {
 export async function decodeFile(bytes: Uint8Array, name: string, decodePoints: DecodePoints, decodeTrack: DecodeTrack): Promise<DecodedFile> {
   const file = parseContainer(bytes, name);
   try {
-    const section = file.sections.offsets;
-    const [points, offsets, alive] = await Promise.all([
-      decodeGaussians(file, decodePoints),
-      section && file.points > 0 ? decodeOffsets(tensor(file, "offsets"), section, file.points, decodeTrack) : null,
+    const [{ points, offsets }, alive] = await Promise.all([
+      file.sections.means?.codec === "lattice" ? decodePredicted(file) : decodePaper(file, decodePoints, decodeTrack),
       file.sections.alive ? flags(file, "alive") : new Uint8Array(),
     ]);
     return { points, alive, offsets };
   } catch (error) {
     throw new ReelError(`${name} cannot be played: ${messageOf(error)}.`);
   }
+}
+
+async function decodePredicted(file: Container): Promise<Omit<DecodedFile, "alive">> {
+  const { points, here } = await decodePredictive(file);
+  return { points, offsets: file.kind === "group" ? await decodeMotion(file, here) : null };
+}
+
+async function decodePaper(file: Container, decodePoints: DecodePoints, decodeTrack: DecodeTrack): Promise<Omit<DecodedFile, "alive">> {
+  const section = file.sections.offsets;
+  const [points, offsets] = await Promise.all([
+    decodeGaussians(file, decodePoints),
+    section && file.points > 0 ? decodeOffsets(tensor(file, "offsets"), section, file.points, decodeTrack) : null,
+  ]);
+  return { points, offsets };
 }
 
 /** The buffers of a decoded file, to be handed to another thread without copying. */

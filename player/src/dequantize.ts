@@ -26,14 +26,32 @@ export function unpack(data: Uint8Array, bits: number, count: number): Uint16Arr
   return result;
 }
 
-/** Undo zlib where the section says so; the result must have exactly `size` bytes. */
-export async function inflate(data: Uint8Array, deflated: boolean, size: number): Promise<Uint8Array> {
-  if (deflated) {
-    const stream = new Blob([data as BlobPart]).stream().pipeThrough(new DecompressionStream("deflate"));
-    data = new Uint8Array(await new Response(stream).arrayBuffer());
-  }
-  if (data.byteLength !== size) throw new ReelError(`a section holds ${data.byteLength} bytes, expected ${size}`);
+/** Undo zlib where the section says so, to exactly `size` bytes, or at most that many if not `exact`. */
+export async function inflate(data: Uint8Array, deflated: boolean, size: number, exact = true): Promise<Uint8Array> {
+  if (deflated) data = await inflateUpTo(data, size);
+  if (data.byteLength > size || (exact && data.byteLength < size)) throw new ReelError(`a section holds ${data.byteLength} bytes, expected ${size}`);
   return data;
+}
+
+/** Stops soon after `size` bytes: a small stream may claim gigabytes. */
+async function inflateUpTo(data: Uint8Array, size: number): Promise<Uint8Array> {
+  const reader = new Blob([data as BlobPart]).stream().pipeThrough(new DecompressionStream("deflate")).getReader();
+  const parts: Uint8Array[] = [];
+  let length = 0;
+  while (length <= size) {
+    const { done, value } = await reader.read();
+    if (done) break;
+    parts.push(value);
+    length += value.byteLength;
+  }
+  if (length > size) await reader.cancel();
+  const result = new Uint8Array(length);
+  let at = 0;
+  for (const part of parts) {
+    result.set(part, at);
+    at += part.byteLength;
+  }
+  return result;
 }
 
 /** Integers [columns * rows] of a section, column by column. */

@@ -17,7 +17,7 @@ export interface Gaussians {
   /** [N, 3], the DC term */
   shBase: Float32Array;
   /** [N] rows of the codebook */
-  shRest: Uint16Array;
+  shRest: Uint16Array | Uint32Array;
   /** [entries, (degree + 1)^2 - 1, 3] */
   codebook: Float32Array;
   shDegree: number;

@@ -84,7 +84,10 @@ class GroupConfig:
 class EncodeConfig:
     """Compression, paper section 4.3 and Tables 9 and 10."""
 
-    codec: Literal["h265"] = "h265"
+    codec: Literal["predictive", "h265"] = "predictive"
+    """`h265` is the paper's, with all values below but the first; `predictive` is ours and looks at `coarseness` only."""
+    coarseness: float = 1.0
+    """Of the predictive codec: what all of its steps are multiplied by."""
     position_bits: int = 20
     """QP_DRC."""
     quat_bits: int = 8
@@ -146,7 +149,8 @@ def preset(quality: Quality) -> Config:
     """The configuration of one `--quality`. Raises `UsageError` for an unknown name."""
     if quality == "paper":
         layering = LayeringConfig(flow_frames=1, lift="optimise", segment="grabcut")
-        return Config(layering=layering, group=GroupConfig(deformation="hashgrid"), correct_colors=False)
+        group, encode = GroupConfig(deformation="hashgrid"), EncodeConfig(codec="h265")
+        return Config(layering=layering, group=group, encode=encode, correct_colors=False)
     if quality == "standard":
         return Config(
             keyframe=KeyframeConfig(

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
 import hashlib
 import json
 from pathlib import Path
@@ -14,7 +13,7 @@ from splatreel.config import EncodeConfig
 from splatreel.scene.group import Group
 from tests.golden import camera, random_gaussians, random_motion
 
-CONFIG = dataclasses.replace(EncodeConfig(), sh_entries=16)
+CONFIG = EncodeConfig(codec="h265", sh_entries=16)
 
 
 def new_writer(path: Path, **changes) -> ReelWriter:

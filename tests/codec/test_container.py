@@ -12,6 +12,7 @@ from safetensors.numpy import load
 from splatreel.codec.container import FileHeader, pack_file, unpack_file, write_atomically
 from splatreel.codec.group_file import decode_group, decode_layer, encode_group, encode_layer
 from splatreel.codec.sections import Section
+from splatreel.config import EncodeConfig
 from splatreel.errors import ReelError
 from tests.codec.reels import CONFIG, new_group, points
 
@@ -89,17 +90,22 @@ def test_a_layer_is_no_group():
         decode_group(layer, "here")
 
 
-FILES = {
-    decode_layer: encode_layer(0, 0, points(40), CONFIG)[0],
-    decode_group: encode_group(new_group(0, 20, 9), CONFIG)[0],
-}
+FILES = [
+    (decode, data)
+    for config in (CONFIG, EncodeConfig(codec="predictive"))
+    for decode, data in (
+        (decode_layer, encode_layer(0, 0, points(40), config)[0]),
+        (decode_group, encode_group(new_group(0, 20, 9), config)[0]),
+    )
+]
 
 
-@settings(max_examples=150, deadline=None)
-@given(st.sampled_from(list(FILES)), st.data())
-def test_any_damage_is_a_reel_error_or_decodes(decode, data):
+@settings(max_examples=300, deadline=None)
+@given(st.sampled_from(FILES), st.data())
+def test_any_damage_is_a_reel_error_or_decodes(file, data):
     """Truncated or with changed bytes: never another exception, a crash or endless work."""
-    damaged = bytearray(FILES[decode])
+    decode, whole = file
+    damaged = bytearray(whole)
     for at in data.draw(st.lists(st.integers(0, len(damaged) - 1), max_size=4)):
         damaged[at] = data.draw(st.integers(0, 255))
     del damaged[data.draw(st.integers(0, 2 * len(damaged))) :]

@@ -14,7 +14,7 @@ from splatreel.errors import ReelError
 from splatreel.scene import rotations
 from tests.golden import random_gaussians, random_motion
 
-CONFIG = EncodeConfig()
+CONFIG = EncodeConfig(codec="h265")
 
 
 def motion(count, frames, seed=0):

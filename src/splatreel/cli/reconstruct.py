@@ -13,7 +13,7 @@ from splatreel.config import Config, Quality, preset
 from splatreel.errors import UsageError
 
 Device = Literal["auto", "cpu", "cuda"]
-Codec = Literal["h265"]
+Codec = Literal["predictive", "h265"]
 Deformation = Literal["trajectory", "hashgrid"]
 
 

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from splatreel.codec import offsets, quantize
+from splatreel.codec import offsets, predictive, quantize
 from splatreel.codec.container import FileHeader, pack_file, unpack_file
-from splatreel.codec.sections import Section, decode_gaussians, encode_gaussians
+from splatreel.codec.sections import MAX_POINTS, Section, Sections, decode_gaussians, encode_gaussians
 from splatreel.config import EncodeConfig
 from splatreel.errors import ReelError
 from splatreel.scene.gaussians import Gaussians
@@ -17,18 +17,38 @@ MAX_STATIC = 1 << 26
 
 
 def encode_layer(
-    group: int, first_frame: int, gaussians: Gaussians, config: EncodeConfig, log_scales: bool = True
+    group: int,
+    first_frame: int,
+    gaussians: Gaussians,
+    config: EncodeConfig,
+    log_scales: bool = True,
+    importance: np.ndarray | None = None,
 ) -> tuple[bytes, np.ndarray]:
-    """The file of the static points born at a group, and order [N]: the input point of each point of the file."""
-    sections, order = encode_gaussians(gaussians, config, log_scales)
+    """The file of the static points born at a group, and order [N]: the input point of each point of the file.
+
+    importance: [N, 3], see `predictive.classes_of`; the paper's codec has no use for it.
+    """
+    if config.codec == "predictive" and len(gaussians):
+        points = predictive.encode_points(gaussians, importance, config, moving=False)
+        sections, order = points.sections, points.order
+    else:
+        sections, order = encode_gaussians(gaussians, config, log_scales)
     return pack_file(FileHeader("layer", group, len(gaussians), first_frame), sections), order
 
 
-def encode_group(group: Group, config: EncodeConfig, log_scales: bool = True) -> tuple[bytes, np.ndarray]:
-    """The file of a group, and order [N]: the input point of each dynamic point of the file."""
-    sections, order = encode_gaussians(group.dynamic, config, log_scales)
-    if len(order):
-        sections["offsets"] = Section(*offsets.encode(group.dx[:, order], group.dq[:, order], config))
+def encode_group(
+    group: Group, config: EncodeConfig, log_scales: bool = True, importance: np.ndarray | None = None
+) -> tuple[bytes, np.ndarray]:
+    """The file of a group, and order [N]: the input point of each dynamic point of the file. importance: as for `encode_layer`."""
+    if config.codec == "predictive" and len(group.dynamic):
+        points = predictive.encode_points(group.dynamic, importance, config)
+        offsets.check(group.dx, group.dq)
+        sections = points.sections | predictive.encode_offsets(group.dx, group.dq, points, config)
+        order = points.order
+    else:
+        sections, order = encode_gaussians(group.dynamic, config, log_scales)
+        if len(order):
+            sections["offsets"] = Section(*offsets.encode(group.dx[:, order], group.dq[:, order], config))
     if len(group.alive):
         sections["alive"] = Section(*quantize.encode_bits(group.alive))
     header = FileHeader("group", group.index, len(order), group.first_frame, group.frames)
@@ -41,7 +61,7 @@ def decode_layer(data: bytes, source: str) -> tuple[FileHeader, Gaussians]:
         header, sections = unpack_file(data)
         if header.kind != "layer":
             raise ReelError(f"is a {header.kind} file, expected a layer.")
-        return header, decode_gaussians(sections, header.points)
+        return header, _decode_points(sections, header.points)[0]
     except ReelError as error:
         raise ReelError(f"{source}: {error}") from error
 
@@ -52,8 +72,8 @@ def decode_group(data: bytes, source: str) -> Group:
         header, sections = unpack_file(data)
         if header.kind != "group":
             raise ReelError(f"is a {header.kind} file, expected a group.")
-        dynamic = decode_gaussians(sections, header.points)
-        dx, dq = _decode_offsets(sections, header)
+        dynamic, here = _decode_points(sections, header.points)
+        dx, dq = _decode_offsets(sections, header, here)
         alive = np.zeros(0, bool)
         if "alive" in sections:
             alive = _decode_alive(sections["alive"])
@@ -62,9 +82,21 @@ def decode_group(data: bytes, source: str) -> Group:
         raise ReelError(f"{source}: {error}") from error
 
 
-def _decode_offsets(sections: dict[str, Section], header: FileHeader) -> tuple[np.ndarray, np.ndarray]:
-    if header.frames > offsets.MAX_FRAMES:
-        raise ReelError(f"claims {header.frames} frames, more than the {offsets.MAX_FRAMES} a group may have.")
+def _decode_points(sections: Sections, count: int) -> tuple[Gaussians, predictive.Neighbourhood | None]:
+    """By the codec that the file's positions name; also what the predictive codec needs for the offsets."""
+    if "means" not in sections or sections["means"].parameters.get("codec") != "lattice":
+        return decode_gaussians(sections, count), None
+    if not 1 <= count <= MAX_POINTS:
+        raise ReelError(f"claims {count} points, a file holds 1 to {MAX_POINTS}.")
+    return predictive.decode_points(sections, count)
+
+
+def _decode_offsets(
+    sections: Sections, header: FileHeader, here: predictive.Neighbourhood | None
+) -> tuple[np.ndarray, np.ndarray]:
+    offsets.check_size(header.frames, header.points)
+    if here is not None:
+        return predictive.decode_offsets(sections, header.frames, here)
     if not header.points:
         return np.zeros((header.frames, 0, 3), np.float32), np.zeros((header.frames, 0, 4), np.float32)
     if "offsets" not in sections:

@@ -64,8 +64,8 @@ def decode_gaussians(sections: Sections, count: int) -> Gaussians:
         raise ReelError(f"claims {count} points, more than the {MAX_POINTS} a file may hold.")
     if not count:
         return Gaussians.empty(0)
-    means_section = _section(sections, "means", "draco")
-    means = _named("means", points.decode_points, means_section.data, means_section.parameters, count)
+    means_section = section_of(sections, "means", "draco")
+    means = named("means", points.decode_points, means_section.data, means_section.parameters, count)
     quats = rotations.normalize(_linear(sections, "quats", count, 4))
     scales = _linear(sections, "scales", count, 3)
     opacities = _linear(sections, "opacities", count, 1)[:, 0]
@@ -93,24 +93,24 @@ def _encode_rest(gaussians: Gaussians, config: EncodeConfig) -> Sections:
 
 def _decode_rest(sections: Sections, count: int) -> np.ndarray:
     """c_rest, [N, (degree + 1)^2 - 1, 3]."""
-    rest, codebook = _section(sections, "sh_rest", "vq"), _section(sections, "sh_codebook", "linear")
-    entries = _named("sh_rest", integer, rest.parameters, "entries", 1, 65536)
-    degree = _named("sh_codebook", integer, codebook.parameters, "degree", 1, 3)
+    rest, codebook = section_of(sections, "sh_rest", "vq"), section_of(sections, "sh_codebook", "linear")
+    entries = named("sh_rest", integer, rest.parameters, "entries", 1, 65536)
+    degree = named("sh_codebook", integer, codebook.parameters, "degree", 1, 3)
     if codebook.parameters.get("entries") != entries:
         raise ReelError(
             f"section 'sh_codebook' has {codebook.parameters.get('entries')!r} entries and 'sh_rest' {entries}."
         )
-    bits = _named("sh_rest", integer, rest.parameters, "bits", 1, 16)
+    bits = named("sh_rest", integer, rest.parameters, "bits", 1, 16)
     size = quantize.packed_size(count, bits)
-    plain = _named("sh_rest", quantize.inflate, rest.data, rest.parameters, size)
-    indices = _named("sh_rest", quantize.unpack, plain, bits, count)
+    plain = named("sh_rest", quantize.inflate, rest.data, rest.parameters, size)
+    indices = named("sh_rest", quantize.unpack, plain, bits, count)
     if (indices >= entries).any():
         raise ReelError(f"section 'sh_rest' names entry {indices.max()} of a codebook of {entries}.")
     values = _linear(sections, "sh_codebook", entries, 3 * ((degree + 1) ** 2 - 1))
     return values[indices].reshape(count, -1, 3)
 
 
-def _section(sections: Sections, name: str, codec: str) -> Section:
+def section_of(sections: Sections, name: str, codec: str) -> Section:
     if name not in sections:
         raise ReelError(f"has no section {name!r}.")
     found = sections[name].parameters.get("codec")
@@ -120,11 +120,11 @@ def _section(sections: Sections, name: str, codec: str) -> Section:
 
 
 def _linear(sections: Sections, name: str, rows: int, columns: int) -> np.ndarray:
-    section = _section(sections, name, "linear")
-    return _named(name, quantize.decode_linear, section.data, section.parameters, rows, columns)
+    section = section_of(sections, name, "linear")
+    return named(name, quantize.decode_linear, section.data, section.parameters, rows, columns)
 
 
-def _named(name, function, *arguments):
+def named(name, function, *arguments):
     """Call function; a `ReelError` of it gets the section's name."""
     try:
         return function(*arguments)

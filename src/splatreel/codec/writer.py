@@ -76,8 +76,12 @@ class ReelWriter:
         """What is published so far."""
         return self._manifest
 
-    def add_layer(self, group: int, first_frame: int, gaussians: Gaussians) -> tuple[Gaussians, np.ndarray]:
+    def add_layer(
+        self, group: int, first_frame: int, gaussians: Gaussians, importance: np.ndarray | None = None
+    ) -> tuple[Gaussians, np.ndarray]:
         """Encode the static points born at `group`; they are published together with that group.
+
+        importance: [N, 3], how much of the pictures hangs on each point's shape, colour and place; None: all alike.
 
         Returns the decoded points in reel order (train on against these: later groups then absorb the error), and
         order [N]: order[i] is the index of the input point that became reel point i.
@@ -87,13 +91,13 @@ class ReelWriter:
         if not len(gaussians):
             return gaussians, np.zeros(0, np.int64)
         uri = f"layers/{group:04d}.safetensors"
-        data, order = encode_layer(group, first_frame, gaussians, self.config, self.log_scales)
+        data, order = encode_layer(group, first_frame, gaussians, self.config, self.log_scales, importance)
         entry = self._write(uri, data, FileEntry(uri, 0, "", first_frame, 0, len(gaussians), group))
         self._pending = entry
         return decode_layer(data, uri)[1], order
 
-    def add_group(self, group: Group) -> Group:
-        """Encode and publish a group; returns it decoded, its dynamic points in reel order.
+    def add_group(self, group: Group, importance: np.ndarray | None = None) -> Group:
+        """Encode and publish a group; returns it decoded, its dynamic points in reel order. importance: see `add_layer`.
 
         Raises `ReelError` if its `alive` does not fit the layers.
         """
@@ -108,7 +112,7 @@ class ReelWriter:
                 f"hold {static}. Add the layer of this group before it."
             )
         uri = f"groups/{group.index:04d}.safetensors"
-        data, _ = encode_group(group, self.config, self.log_scales)
+        data, _ = encode_group(group, self.config, self.log_scales, importance)
         blank = FileEntry(uri, 0, "", group.first_frame, group.frames, len(group.dynamic), group.index)
         entry = self._write(uri, data, blank)
         self._publish(self._manifest.with_files(layers, [*self._manifest.groups, entry]))

@@ -26,6 +26,7 @@ from splatreel.evaluation.yardstick import Score, StillFrame, Yardstick
 from splatreel.kernels.image import render_image
 from splatreel.play.timeline import Timeline, open_reel
 from splatreel.progress import Progress, Silent
+from splatreel.recon.importance import weigh
 from splatreel.recon.sequence import check_capture, pick_device
 from splatreel.recon.still import reconstruct_still
 from splatreel.scene.camera import Camera
@@ -96,7 +97,8 @@ def reconstruct_frame(
         progress=progress,
     )
     seconds = round(time.monotonic() - start, 3)
-    data, _ = encode_layer(0, frame, gaussians, config.encode)
+    shows = weigh([gaussians], cameras, layout.near)
+    data, _ = encode_layer(0, frame, gaussians, config.encode, importance=shows)
     _, decoded = decode_layer(data, f"frame {frame}")
     score, after = gallery.score(gaussians, layout.near), gallery.score(decoded, layout.near)
     return StillFrame(frame, score, after.whole, len(gaussians), len(data), seconds, device.type)

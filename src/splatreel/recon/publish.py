@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import dataclasses
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -10,12 +12,18 @@ from splatreel.codec.manifest import Manifest
 from splatreel.codec.reader import ReelReader
 from splatreel.codec.writer import ReelWriter
 from splatreel.config import EncodeConfig
-from splatreel.errors import ReconstructionError
+from splatreel.errors import ReconstructionError, UsageError
 from splatreel.progress import Progress
 from splatreel.recon import checkpoint
+from splatreel.recon.importance import weigh
 from splatreel.scene.camera import Camera
 from splatreel.scene.gaussians import Gaussians
 from splatreel.scene.group import Group
+
+TRIALS = 12
+"""Encodings that `meet_rate` tries."""
+MOMENTS = 4
+"""Times of a group at which the importance of its points is looked at."""
 
 
 def group_folder(work: Path, index: int) -> Path:
@@ -34,6 +42,12 @@ def load_layer(work: Path, index: int, kind: str) -> Gaussians | None:
     """The static points born at a group, as trained (`raw`) or as the reel holds them (`decoded`); None if none were."""
     path = group_folder(work, index) / "layer.safetensors"
     return checkpoint.unpack(checkpoint.load_arrays(path), kind + "_") if path.exists() else None
+
+
+def load_importance(work: Path, index: int) -> np.ndarray | None:
+    """Of the points of a layer as the run encoded it; None where it did not."""
+    path = group_folder(work, index) / "layer.safetensors"
+    return checkpoint.load_arrays(path).get("importance") if path.exists() else None
 
 
 def load_group(work: Path, index: int) -> Group:
@@ -69,21 +83,49 @@ def open_writer(work: Path, reel: Path, config: EncodeConfig, resume: bool) -> R
     return ReelWriter(reel, config=config, resume=resume, **header)
 
 
-class Publisher:
-    """Encodes finished groups from their checkpoints, in order from the first."""
+Shown = tuple[np.ndarray | None, np.ndarray | None]
+Shows = dict[int, Shown]
+"""By group the importance of its dynamic points and of all static points so far."""
 
-    def __init__(self, writer: ReelWriter, work: Path) -> None:
+
+def importance(writer: ReelWriter, work: Path, group: Group) -> Shown:
+    """What `weigh` says of a group's dynamic points, and of all static points so far in the order that training saw them.
+
+    None where the writer's codec has no use for it; nothing for static points that are not alive.
+    """
+    if writer.config.codec != "predictive":
+        return None, None
+    layers = [load_layer(work, i, "decoded") for i in range(group.index + 1)]
+    static = Gaussians.concatenate([Gaussians.empty(0), *[layer for layer in layers if layer is not None]])
+    times = np.linspace(0, group.frames - 1, MOMENTS)
+    moments = [Gaussians.concatenate([group.at(time), static[group.alive]]) for time in times]
+    found = weigh(moments, list(writer.manifest.cameras), writer.manifest.near)
+    resting = np.zeros((len(static), 3), np.float32)
+    resting[group.alive] = found[len(group.dynamic) :]
+    return found[: len(group.dynamic)], resting
+
+
+class Publisher:
+    """Encodes finished groups from their checkpoints, in order from the first. shows: importance by group, kept from trial to trial."""
+
+    def __init__(self, writer: ReelWriter, work: Path, shows: Shows | None = None) -> None:
         self.writer, self.work = writer, work
+        self._shows = {} if shows is None else shows
         self._order = np.zeros(0, np.int64)
 
     def publish(self, index: int) -> None:
         group, layer = load_group(self.work, index), load_layer(self.work, index, "raw")
+        if index not in self._shows:
+            self._shows[index] = importance(self.writer, self.work, group)
+        moving, resting = self._shows[index]
         if layer is not None:
-            _, order = self.writer.add_layer(index, group.first_frame, layer)
+            born = None if resting is None else resting[-len(layer) :]
+            saved = load_importance(self.work, index)
+            _, order = self.writer.add_layer(index, group.first_frame, layer, born if saved is None else saved)
             self._order = np.concatenate([self._order, len(self._order) + order])
         # The alive bits count in the order that training saw; another encoder may have put the points into another order.
         alive = group.alive[self._order]
-        self.writer.add_group(Group(index, group.first_frame, group.dynamic, group.dx, group.dq, alive))
+        self.writer.add_group(Group(index, group.first_frame, group.dynamic, group.dx, group.dq, alive), moving)
 
     def skip(self, index: int) -> None:
         """A group that the reel holds already, in the order of its checkpoint."""
@@ -91,19 +133,50 @@ class Publisher:
         self._order = np.concatenate([self._order, len(self._order) + np.arange(0 if born is None else len(born))])
 
 
-def encode(work: Path, reel: Path, config: EncodeConfig, progress: Progress) -> Path:
-    """Write a reel from the checkpoints of a reconstruction, without training; returns the reel's folder."""
+def encode(work: Path, reel: Path, config: EncodeConfig, progress: Progress, mbps: float | None = None) -> Path:
+    """Write a reel from the checkpoints of a reconstruction, without training; returns the reel's folder.
+
+    mbps: megabits a second of video that the reel shall have; its coarseness is then found by trying.
+    """
     count = finished_groups(work)
     if count == 0:
         raise ReconstructionError(f"{work}: holds no finished group. Run splatreel reconstruct first.")
-    writer = open_writer(work, reel, config, resume=False)
-    publisher = Publisher(writer, work)
-    progress.stage("encode", count)
-    for index in range(count):
-        publisher.publish(index)
-        progress.update(index + 1)
-    writer.finish()
+    shows: Shows = {}
+
+    def write(coarseness: float) -> float:
+        writer = open_writer(work, reel, dataclasses.replace(config, coarseness=coarseness), resume=False)
+        publisher = Publisher(writer, work, shows)
+        progress.stage("encode", count)
+        for index in range(count):
+            publisher.publish(index)
+            progress.update(index + 1)
+        writer.finish()
+        manifest = writer.manifest
+        size = sum(file.bytes for file in (*manifest.layers, *manifest.groups))
+        return 8e-6 * size / (manifest.frames / manifest.fps)
+
+    if mbps is None:
+        write(config.coarseness)
+    else:
+        meet_rate(write, mbps)
     return reel
+
+
+def meet_rate(write: Callable[[float], float], mbps: float) -> float:
+    """Call `write` with other coarsenesses until the rate it returns is within 5 % of mbps; returns the last coarseness.
+
+    Raises `UsageError` where no coarseness has that rate.
+    """
+    low, high, rate = -6.0, 8.0, 0.0
+    for _ in range(TRIALS):
+        octave = (low + high) / 2
+        rate = write(2.0**octave)
+        if abs(rate / mbps - 1) <= 0.05:
+            return 2.0**octave
+        low, high = (octave, high) if rate > mbps else (low, octave)
+    raise UsageError(
+        f"{mbps:g} Mbit/s cannot be met: the nearest tried has {rate:.3g}. Ask for another rate, or train other points."
+    )
 
 
 class UndecodedReel:

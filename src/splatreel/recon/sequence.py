@@ -23,6 +23,7 @@ from splatreel.recon.colors import CameraGains
 from splatreel.recon.drawing import View
 from splatreel.recon.following import follow
 from splatreel.recon.group import GroupFrames, GroupTrainer
+from splatreel.recon.importance import weigh
 from splatreel.recon.keyframe import KeyframeTrainer
 from splatreel.recon.layering import Layers, label_points, separate
 from splatreel.recon.layout import Layout
@@ -32,6 +33,7 @@ from splatreel.recon.publish import (
     Publisher,
     finished_groups,
     group_folder,
+    importance,
     load_group,
     load_layer,
     open_writer,
@@ -184,7 +186,7 @@ class Reconstruction:
         group = Group(span.index, span.first, result.dynamic, result.dx, result.dq, result.alive)
         save_group(self.work, group)  # before it is published: what is in the reel is never trained again
         with self._timed("encode"):
-            writer.add_group(group)
+            writer.add_group(group, importance(writer, self.work, group)[0])
         return self._hand_over(span, scene.static, group)
 
     def _keyframe(self, span: Span, scene: Scene, images: np.ndarray, layout: Layout) -> Gaussians:
@@ -240,9 +242,11 @@ class Reconstruction:
         if len(layers.settled) == 0:
             return Scene(scene.static, layers.alive, layers.dynamic)
         with self._timed("encode"):
-            decoded, order = writer.add_layer(span.index, span.first, layers.settled)
+            seen = Gaussians.concatenate([layers.settled, layers.dynamic, scene.static[layers.alive]])
+            shows = weigh([seen], self.cameras, writer.manifest.near)[: len(layers.settled)]
+            decoded, order = writer.add_layer(span.index, span.first, layers.settled, shows)
         raw = layers.settled[order]
-        arrays = checkpoint.pack(raw, "raw_") | checkpoint.pack(decoded, "decoded_")
+        arrays = checkpoint.pack(raw, "raw_") | checkpoint.pack(decoded, "decoded_") | {"importance": shows[order]}
         checkpoint.save_arrays(self._folder(span) / "layer.safetensors", arrays)
         alive = np.concatenate([layers.alive, np.ones(len(decoded), bool)])
         return Scene(Gaussians.concatenate([scene.static, decoded]), alive, layers.dynamic)

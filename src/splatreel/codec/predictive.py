@@ -1,0 +1,200 @@
+"""Our own codec: points and offsets as whole numbers predicted from neighbours and entropy coded. No Draco, no video decoder.
+
+Every quantity is a multiple of a step. Points that hardly show get steps that are a power of two larger; which one is their class,
+and is sent (docs/format.md).
+"""
+
+from __future__ import annotations
+
+import struct
+from dataclasses import dataclass
+
+import numpy as np
+
+from splatreel.codec import klt, rotvec
+from splatreel.codec.canonical import canonical, turned
+from splatreel.codec.field import MAX_CLASS, Level, decode_field, encode_field, levels_of
+from splatreel.codec.lattice import decode_positions, encode_positions
+from splatreel.codec.quantize import integer, number
+from splatreel.codec.sections import MAX_POINTS, Section, Sections, named, section_of
+from splatreel.config import EncodeConfig
+from splatreel.errors import ReelError
+from splatreel.scene import rotations
+from splatreel.scene.gaussians import Gaussians
+
+COLORS = np.array([[1, 1, 1], [1, 0, -1], [-1, 2, -1]]) / np.sqrt([[3], [2], [6]])
+"""Orthonormal: brightness, red against blue, green against both."""
+_STREAMS = struct.Struct("<II")
+
+
+@dataclass(frozen=True)
+class Steps:
+    """Steps of the most important points at `EncodeConfig.coarseness` 1.
+
+    position and motion are in multiples of the points' typical size, turn is in radians, scale in octaves.
+    """
+
+    position: float = 0.04
+    motion: float = 0.1
+    turn: float = 0.04
+    quat: float = 0.01
+    scale: float = 0.07
+    opacity: float = 0.01
+    color: float = 0.025
+    rest: float = 0.016
+
+
+STEPS = Steps()
+FOLLOW = np.array([1.0, 1.0, 0.7])
+"""How far the steps of shape, colour and motion follow importance; less than 1 was better for motion on views held out."""
+COARSEST = 4
+"""The largest class an encoder gives: what hardly shows now would show, were it off by too much."""
+SHAPE, COLOR, MOTION = range(3)
+RELATIVE = np.array([0, 1, 1])
+"""Classes of colour and motion are stored less that of shape, since what hardly shows hardly shows in any way."""
+
+
+@dataclass(frozen=True)
+class Neighbourhood:
+    """What decoding the values of points needs to know of them. classes: [N, 3] int64, of shape, colour and motion."""
+
+    levels: list[Level]
+    classes: np.ndarray
+
+    def encode(self, kind: int, values: np.ndarray, step: float) -> Section:
+        """Values [N, C] as a section."""
+        data, _ = encode_field(values / step, self.levels, self.classes[:, kind])
+        return Section(data, {"codec": "field", "step": step})
+
+    def decode(self, kind: int, sections: Sections, name: str, columns: int) -> np.ndarray:
+        """Values [N, C] float64. Raises `ReelError`."""
+        section = section_of(sections, name, "field")
+        step = named(name, number, section.parameters, "step", 1e-12, 1e12)
+        shape = len(self.classes), columns
+        return named(name, decode_field, section.data, shape, self.levels, self.classes[:, kind]) * step
+
+
+def classes_of(importance: np.ndarray | None, count: int) -> np.ndarray:
+    """Classes [N, 3] int64: steps grow as importance [N, 3] falls, from that of the tenth of the points that matters most."""
+    if importance is None:
+        return np.zeros((count, 3), np.int64)
+    top = np.maximum(np.quantile(importance, 0.9, axis=0), 1e-30)
+    octaves = np.log2(top / np.maximum(importance, top * 1e-6))
+    return np.clip(np.rint(octaves * FOLLOW), 0, COARSEST).astype(np.int64)
+
+
+@dataclass(frozen=True)
+class EncodedPoints:
+    """Sections of points; order [N]: the input point of each encoded one. turn [N, 4]: see `canonical`. size: typical, world units."""
+
+    sections: Sections
+    order: np.ndarray
+    turn: np.ndarray
+    size: float
+    neighbourhood: Neighbourhood
+
+
+def encode_points(
+    gaussians: Gaussians, importance: np.ndarray | None, config: EncodeConfig, moving: bool = True
+) -> EncodedPoints:
+    """Encode points, N >= 1, finite. importance: [N, 3] >= 0, see `classes_of`; None: all alike. moving: offsets will follow."""
+    gaussians.check_finite("Gaussians to encode")
+    if len(gaussians) > MAX_POINTS:
+        raise ReelError(f"{len(gaussians)} points are more than a file holds ({MAX_POINTS}).")
+    coarse = config.coarseness
+    size = float(np.exp(np.median(np.log(np.maximum(gaussians.scales, 1e-30)))))
+    data, parameters, order, lattice = encode_positions(gaussians.means, STEPS.position * coarse * size)
+    points, turn = canonical(gaussians[order])
+    classes = classes_of(None if importance is None else importance[order], len(order))
+    if not moving:
+        classes[:, MOTION] = classes[:, SHAPE]
+    levels = levels_of(lattice)
+    here = Neighbourhood(levels, classes)
+    sections = {
+        "means": Section(data, parameters),
+        "classes": Neighbourhood(levels, np.zeros_like(classes)).encode(
+            SHAPE, classes - classes[:, :1] * RELATIVE, 1.0
+        ),
+        "quats": here.encode(SHAPE, points.quats[:, 1:], STEPS.quat * coarse),
+        "scales": here.encode(SHAPE, np.log2(np.maximum(points.scales, 1e-30)), STEPS.scale * coarse),
+        "opacities": here.encode(SHAPE, points.opacities[:, None], STEPS.opacity * coarse),
+        "sh_base": here.encode(COLOR, points.sh[:, 0] @ COLORS.T, STEPS.color * coarse),
+    }
+    if points.sh_degree and config.sh_entries:
+        rest = points.sh[:, 1:].reshape(len(points), -1).astype(np.float64)
+        section = _encode_klt(COLOR, rest[:, :, None], STEPS.rest * coarse, here)
+        sections["sh_rest"] = Section(section.data, section.parameters | {"degree": points.sh_degree})
+    return EncodedPoints(sections, order, turn, size, here)
+
+
+def decode_points(sections: Sections, count: int) -> tuple[Gaussians, Neighbourhood]:
+    """The `count` >= 1 points of a file's sections. Raises `ReelError` that names the section."""
+    section = section_of(sections, "means", "lattice")
+    means, lattice = named("means", decode_positions, section.data, section.parameters, count)
+    levels = levels_of(lattice)
+    flat = Neighbourhood(levels, np.zeros((count, 3), np.int64))
+    classes = flat.decode(SHAPE, sections, "classes", 3).astype(np.int64)
+    classes += classes[:, :1] * RELATIVE
+    if (classes < 0).any() or (classes > MAX_CLASS).any():
+        raise ReelError(f"section 'classes' has classes outside 0..{MAX_CLASS}.")
+    here = Neighbourhood(levels, classes)
+    xyz = here.decode(SHAPE, sections, "quats", 3)
+    quats = np.concatenate([np.sqrt(np.maximum(1 - (xyz**2).sum(1, keepdims=True), 0)), xyz], 1)
+    scales = np.exp2(np.clip(here.decode(SHAPE, sections, "scales", 3), -126, 126))
+    opacities = np.clip(here.decode(SHAPE, sections, "opacities", 1)[:, 0], 0, 1)
+    sh = (here.decode(COLOR, sections, "sh_base", 3) @ COLORS)[:, None]
+    if "sh_rest" in sections:
+        section = section_of(sections, "sh_rest", "klt")
+        degree = named("sh_rest", integer, section.parameters, "degree", 1, 3)
+        rest = named("sh_rest", _decode_klt, COLOR, section, 3 * ((degree + 1) ** 2 - 1), 1, here)
+        sh = np.concatenate([sh, rest.reshape(count, -1, 3)], 1)
+    return Gaussians(means, rotations.normalize(quats), scales, opacities, sh), here
+
+
+def encode_offsets(dx: np.ndarray, dq: np.ndarray, points: EncodedPoints, config: EncodeConfig) -> Sections:
+    """Sections `dx` and `dq` of offsets dx [T, N, 3] and dq [T, N, 4] in the order of the input points.
+
+    Each is decoded again, and its largest error, of a coordinate in world units or of a rotation in radians, is stored.
+    """
+    here = points.neighbourhood
+    moves = np.asarray(dx, np.float64)[:, points.order].transpose(1, 0, 2)
+    turns = turned(rotations.normalize(np.asarray(dq, np.float64))[:, points.order], points.turn)
+    vectors = rotvec.of_quats(turns).transpose(1, 0, 2)
+    sections: Sections = {}
+    steps = {"dx": (moves, STEPS.motion * points.size), "dq": (vectors, STEPS.turn)}
+    for name, (values, step) in steps.items():
+        section = _encode_klt(MOTION, values, step * config.coarseness, here)
+        error = float(np.abs(_decode_klt(MOTION, section, values.shape[1], 3, here) - values).max())
+        sections[name] = Section(section.data, section.parameters | {"error": error})
+    return sections
+
+
+def decode_offsets(sections: Sections, frames: int, here: Neighbourhood) -> tuple[np.ndarray, np.ndarray]:
+    """dx [T, N, 3] and unit dq [T, N, 4], float32. Raises `ReelError`."""
+    dx, vectors = (
+        named(name, _decode_klt, MOTION, section_of(sections, name, "klt"), frames, 3, here).transpose(1, 0, 2)
+        for name in ("dx", "dq")
+    )
+    return np.ascontiguousarray(dx, np.float32), rotvec.to_quats(vectors).astype(np.float32)
+
+
+def _encode_klt(kind: int, values: np.ndarray, step: float, here: Neighbourhood) -> Section:
+    """Values [N, D, C]: D is what the transform is over, the C channels share its basis."""
+    samples = values.transpose(0, 2, 1).reshape(-1, values.shape[1])
+    basis, shifts = klt.analyse(samples, step)
+    found = klt.coefficients(samples, basis, shifts).reshape(len(values), values.shape[2], -1).transpose(0, 2, 1)
+    head, body = klt.encode_basis(basis), here.encode(kind, found.reshape(len(values), -1), step).data
+    data = _STREAMS.pack(len(head), len(body)) + head + body
+    return Section(data, {"codec": "klt", "step": step, "shifts": shifts})
+
+
+def _decode_klt(kind: int, section: Section, dimensions: int, channels: int, here: Neighbourhood) -> np.ndarray:
+    """Values [N, D, C] float64. Raises `ReelError`."""
+    data, parameters = section.data, section.parameters
+    head, body = _STREAMS.unpack_from(data) if len(data) >= _STREAMS.size else (0, 0)
+    if _STREAMS.size + head + body != len(data):
+        raise ReelError(f"holds {len(data)} bytes, its streams {head} and {body}.")
+    basis = klt.decode_basis(data[_STREAMS.size : _STREAMS.size + head], parameters, "shifts", dimensions)
+    body_section = {"body": Section(data[_STREAMS.size + head :], {"codec": "field", "step": parameters.get("step")})}
+    found = here.decode(kind, body_section, "body", basis.shape[1] * channels)
+    return np.einsum("dk,nkc->ndc", basis, found.reshape(len(found), basis.shape[1], channels), optimize=True)

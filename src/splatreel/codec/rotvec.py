@@ -1,0 +1,28 @@
+"""Rotation vectors: the axis of a rotation times its angle, radians. They add up where rotations are small."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from splatreel.scene import rotations
+
+
+def of_quats(quats: np.ndarray) -> np.ndarray:
+    """Vectors [T, N, 3] of unit quaternions [T, N, 4]: of all that mean one rotation, those nearest to the frame before's."""
+    quats = np.where(quats[..., :1] < 0, -quats, quats)
+    sine = np.linalg.norm(quats[..., 1:], axis=-1, keepdims=True)
+    angle = 2 * np.arctan2(sine, quats[..., :1])
+    vectors = np.where(sine > 1e-12, quats[..., 1:] / np.maximum(sine, 1e-12) * angle, 0.0)
+    for frame in range(1, len(vectors)):
+        now, before = vectors[frame], vectors[frame - 1]
+        angle = np.linalg.norm(now, axis=-1, keepdims=True)
+        axis = np.where(angle > 1e-9, now / np.maximum(angle, 1e-9), 0.0)
+        turns = np.rint(((before * axis).sum(-1, keepdims=True) - angle) / (2 * np.pi))
+        vectors[frame] = now + axis * (2 * np.pi * turns)
+    return vectors
+
+
+def to_quats(vectors: np.ndarray) -> np.ndarray:
+    """Unit quaternions [..., 4] of vectors [..., 3]."""
+    half = np.linalg.norm(vectors, axis=-1, keepdims=True) / 2
+    return rotations.normalize(np.concatenate([np.cos(half), vectors * (np.sinc(half / np.pi) / 2)], -1))

@@ -1,0 +1,77 @@
+"""Prediction from neighbours: levels, error bounds, what it saves, damage."""
+
+import contextlib
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from splatreel.codec import field, morton
+from splatreel.errors import ReelError
+
+
+def lattice(count, seed=0, bits=12):
+    q = np.random.default_rng(seed).integers(0, 1 << bits, (count, 3))
+    return q[np.argsort(morton.encode(q), kind="stable")]
+
+
+@pytest.mark.parametrize("count", [1, 2, 63, 64, 127, 128, 129, 1000])
+def test_every_point_is_in_one_level_and_its_neighbours_in_coarser_ones(count):
+    levels = field.levels_of(lattice(count))
+    known = np.zeros(count, bool)
+    known[levels[0].points] = True
+    assert 1 <= len(levels[0].points) < 2 * field.FIRST_LEVEL
+    for level in levels[1:]:
+        used = level.weights > 0
+        assert known[level.neighbours[used]].all()
+        assert (level.weights.sum(1) == 4096).all()
+        assert (level.weights >= 0).all()
+        assert not known[level.points].any()
+        known[level.points] = True
+    assert known.all()
+
+
+def test_neighbours_are_near():
+    q = lattice(2000)
+    last = field.levels_of(q)[-1]
+    near = np.linalg.norm(q[last.neighbours[:, 0]] - q[last.points], axis=1)
+    assert np.median(near) < 0.6 * np.median(np.linalg.norm(q[1::2] - q[::-1][1::2], axis=1))
+    assert (last.weights[:, 0] >= last.weights[:, 3]).all()
+
+
+@settings(deadline=None, max_examples=25)
+@given(st.integers(1, 400), st.integers(1, 5), st.floats(0.1, 1e5), st.integers(0, 2**32 - 1))
+def test_round_trip_within_the_bound(count, columns, size, seed):
+    rng = np.random.default_rng(seed)
+    values, classes = rng.normal(size=(count, columns)) * size, rng.integers(0, field.MAX_CLASS + 1, count)
+    levels = field.levels_of(lattice(count, seed))
+    data, found = field.encode_field(values, levels, classes)
+    assert (np.abs(found - values) <= (1 - field.DEAD_ZONE) * 2.0 ** classes[:, None] + 1e-6).all()
+    np.testing.assert_array_equal(field.decode_field(data, values.shape, levels, classes), found)
+
+
+def test_smooth_values_cost_little():
+    q = lattice(3000)
+    levels, flat = field.levels_of(q), np.zeros(3000, np.int64)
+    smooth = np.sin(q / 2000) * 300
+    shuffled = np.random.default_rng(0).permutation(smooth)
+    sizes = [len(field.encode_field(values, levels, flat)[0]) for values in (smooth, shuffled)]
+    assert sizes[0] < 0.75 * sizes[1]
+
+
+def test_values_that_are_too_large():
+    levels = field.levels_of(lattice(5))
+    with pytest.raises(ReelError, match="coarser step"):
+        field.encode_field(np.full((5, 1), 1e12), levels, np.zeros(5, np.int64))
+
+
+@settings(deadline=None, max_examples=100)
+@given(st.data())
+def test_damage_is_a_reel_error_or_decodes(data):
+    levels, classes = field.levels_of(lattice(150)), np.zeros(150, np.int64)
+    damaged = bytearray(field.encode_field(np.random.default_rng(0).normal(size=(150, 2)) * 40, levels, classes)[0])
+    for at in data.draw(st.lists(st.integers(0, len(damaged) - 1), max_size=4)):
+        damaged[at] = data.draw(st.integers(0, 255))
+    with contextlib.suppress(ReelError):
+        assert field.decode_field(bytes(damaged), (150, 2), levels, classes).shape == (150, 2)

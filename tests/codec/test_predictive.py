@@ -1,0 +1,165 @@
+"""The predictive codec: the same shapes and motion come back, within what its header says."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+
+from splatreel.codec import klt, lattice, predictive, rotvec
+from splatreel.codec.canonical import canonical, turned
+from splatreel.codec.container import unpack_file
+from splatreel.codec.group_file import decode_group, decode_layer, encode_group, encode_layer
+from splatreel.config import EncodeConfig
+from splatreel.errors import ReelError
+from splatreel.scene import rotations
+from splatreel.scene.group import Group
+from tests.golden import random_gaussians, random_motion
+
+CONFIG = EncodeConfig(codec="predictive")
+
+
+def points(count=300, degree=2, seed=0):
+    return random_gaussians(np.random.default_rng(seed), count, degree, (0, 0, 0))
+
+
+def group(count=300, frames=12):
+    moving = points(count)
+    dx, dq = random_motion(np.random.default_rng(1), moving, frames)
+    return Group(0, 0, moving, dx, dq, np.zeros(0, bool))
+
+
+def covariances(gaussians):
+    axes = rotations.to_matrix(gaussians.quats.astype(np.float64)) * gaussians.scales[:, None]
+    return axes @ axes.transpose(0, 2, 1)
+
+
+def angles(a, b):
+    return 2 * np.arccos(np.clip(np.abs((a * b).sum(-1)), 0, 1))
+
+
+def test_canonical_is_the_same_gaussian():
+    before = points()
+    after, turn = canonical(before)
+    np.testing.assert_allclose(covariances(after), covariances(before), atol=1e-6)
+    assert (np.diff(after.scales, axis=1) <= 0).all()
+    assert (after.quats[:, 0] >= np.abs(after.quats[:, 1:]).max(1) - 1e-6).all()
+    dq = rotations.normalize(np.random.default_rng(0).normal(size=(4, 300, 4)))
+    for frame, offset in enumerate(turned(dq, turn)):
+        moved = [covariances(g.moved(np.zeros((300, 3)), q)) for g, q in ((after, offset), (before, dq[frame]))]
+        np.testing.assert_allclose(*moved, atol=1e-6)
+
+
+def test_rotation_vectors_go_on_where_quaternions_turn_round():
+    angle = np.linspace(0, 9, 40)[:, None, None]
+    quats = np.concatenate([np.cos(angle / 2), np.sin(angle / 2) * [0, 0.6, 0.8]], -1)
+    signs = np.where(np.arange(40) % 3 > 0, 1, -1)[:, None, None]
+    np.testing.assert_allclose(rotvec.of_quats(quats * signs), angle * [0, 0.6, 0.8], atol=1e-9)
+    np.testing.assert_allclose(rotvec.to_quats(angle * [0, 0.6, 0.8]), quats, atol=1e-9)
+
+
+def test_klt_keeps_what_few_directions_hold():
+    rng = np.random.default_rng(0)
+    samples = rng.normal(size=(500, 3)) @ rng.normal(size=(3, 30))
+    basis, shifts = klt.analyse(samples, 0.01)
+    assert basis.shape == (30, 3)
+    back = klt.coefficients(samples, basis, shifts) @ klt.real(basis, shifts).T
+    assert np.abs(back - samples).max() < 0.02
+    np.testing.assert_array_equal(
+        klt.decode_basis(klt.encode_basis(basis), {"shifts": shifts}, "shifts", 30), klt.real(basis, shifts)
+    )
+
+
+@pytest.mark.parametrize("count", [1, 2, 500])
+@pytest.mark.parametrize("offset", [0.0, 1000.0])
+def test_positions(count, offset):
+    means = np.random.default_rng(count).normal(size=(count, 3)) + offset
+    data, parameters, order, found = lattice.encode_positions(means, 0.001)
+    decoded, again = lattice.decode_positions(data, parameters, count)
+    np.testing.assert_array_equal(found, again)
+    np.testing.assert_allclose(decoded, means[order], atol=0.00051 + 1e-7 * offset)
+
+
+def test_points_that_coincide_and_a_scene_too_large_for_the_step():
+    means = np.concatenate([np.zeros((5, 3)), np.full((1, 3), 1e6)])
+    data, parameters, order, _ = lattice.encode_positions(means, 1e-3)
+    decoded, _ = lattice.decode_positions(data, parameters, 6)
+    np.testing.assert_allclose(decoded, means[order], atol=parameters["step"])
+
+
+def test_points_come_back():
+    before = points()
+    data, order = encode_layer(0, 0, before, CONFIG)
+    after = decode_layer(data, "a layer")[1]
+    size = np.exp(np.median(np.log(before.scales)))
+    steps = predictive.STEPS
+    before = before[order]
+    assert np.abs(after.means - before.means).max() <= 0.51 * steps.position * size
+    np.testing.assert_allclose(np.sort(np.log2(after.scales)), np.sort(np.log2(before.scales)), atol=0.61 * steps.scale)
+    assert np.abs(after.opacities - before.opacities).max() <= 0.61 * steps.opacity
+    assert np.abs(after.sh[:, 0] - before.sh[:, 0]).max() <= 1.1 * steps.color
+    assert np.sqrt(((after.sh[:, 1:] - before.sh[:, 1:]) ** 2).mean()) <= steps.rest
+    worst = np.abs(covariances(after) - covariances(before)).max((1, 2)) / before.scales.max(1) ** 2
+    assert worst.max() < 0.2
+
+
+def test_motion_is_as_near_as_the_header_says():
+    before = group()
+    data, order = encode_group(before, CONFIG)
+    after = decode_group(data, "a group")
+    sections = unpack_file(data)[1]
+    assert np.abs(after.dx - before.dx[:, order]).max() <= sections["dx"].parameters["error"] + 1e-6
+    steps, size = predictive.STEPS, np.exp(np.median(np.log(before.dynamic.scales)))
+    assert sections["dx"].parameters["error"] < 4 * steps.motion * size
+    # Rotations of the moved points, whichever of the 24 ways they are written in.
+    for frame in range(before.frames):
+        moved = [covariances(g.at(frame)) for g in (after, before)]
+        largest = before.dynamic.scales[order].max(1) ** 2
+        assert (np.abs(moved[0] - moved[1][order]).max((1, 2)) / largest).max() < 0.25
+
+
+def test_between_frames_a_point_is_on_its_decoded_curve():
+    after = decode_group(encode_group(group(), CONFIG)[0], "a group")
+    middle = after.at(3.25).means - after.dynamic.means
+    np.testing.assert_allclose(middle, 0.75 * after.dx[3] + 0.25 * after.dx[4], atol=1e-6)
+
+
+def test_coarser_is_smaller_and_importance_saves():
+    whole = len(encode_group(group(), CONFIG)[0])
+    coarse = len(encode_group(group(), dataclasses.replace(CONFIG, coarseness=4.0))[0])
+    importance = np.full((300, 3), 1e-3)
+    importance[:60] = 1.0
+    unequal = len(encode_group(group(), CONFIG, importance=importance)[0])
+    assert coarse < 0.8 * whole
+    assert unequal < 0.8 * whole
+
+
+def test_important_points_keep_their_precision():
+    importance = np.full((300, 3), 1e-3)
+    importance[:60] = 1.0
+    data, order = encode_layer(0, 0, points(), CONFIG, importance=importance)
+    error = np.abs(decode_layer(data, "a layer")[1].sh[:, 0] - points().sh[order, 0]).max(1)
+    assert error[order < 60].max() <= 1.1 * predictive.STEPS.color < error.max()
+
+
+@pytest.mark.parametrize(
+    ("section", "change", "message"),
+    [
+        ("means", {"step": -1.0}, "'means' has step"),
+        ("means", {"min": [0.0]}, "'means' has min"),
+        ("quats", {"step": float("nan")}, "'quats' has step"),
+        ("quats", {"codec": "linear"}, "'quats' has the unknown codec"),
+        ("dx", {"shifts": []}, "'dx' has shifts"),
+        ("dx", {"shifts": [99]}, "'dx' has shifts"),
+        ("dq", {"step": None}, "'dq' section 'body' has step"),
+        ("sh_rest", {"degree": 7}, "'sh_rest' has degree"),
+    ],
+)
+def test_lies(section, change, message):
+    from splatreel.codec.container import pack_file
+
+    header, sections = unpack_file(encode_group(group(40, 3), CONFIG)[0])
+    found = sections[section]
+    if "nan" not in str(change):
+        sections[section] = dataclasses.replace(found, parameters=found.parameters | change)
+        with pytest.raises(ReelError, match=message):
+            decode_group(pack_file(header, sections), "here")
