@@ -27,10 +27,37 @@ def run(made: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 
 def test_other_settings_make_another_reel(run: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["encode", "run", "--out", "paper", "--codec", "h265"]) == 0
     assert main(["encode", "run", "--out", "small", "--scale-bits", "6", "--sh-entries", "0"]) == 0
     assert verify_reel("small").points == verify_reel(run / "reel").points
-    assert verify_reel("small").bytes < verify_reel(run / "reel").bytes
+    assert verify_reel("small").bytes < verify_reel("paper").bytes
     assert "static points" in capsys.readouterr().out
+
+
+def test_rates(run: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    sizes = []
+    for rate in ("low", "medium", "high"):
+        assert main(["encode", "run", "--out", rate, "--rate", rate]) == 0
+        sizes.append(verify_reel(rate).bytes)
+    assert sizes == sorted(sizes)
+    manifest = json.loads(Path("medium/manifest.json").read_text())
+    wanted = 8e-6 * (sizes[1] + sizes[2]) / 2 * manifest["fps"] / manifest["frames"]
+    assert main(["encode", "run", "--out", "met", "--target-mbps", f"{wanted:.6f}"]) == 0
+    assert verify_reel("met").bytes == pytest.approx((sizes[1] + sizes[2]) / 2, rel=0.05)
+
+
+@pytest.mark.parametrize(
+    "options",
+    [
+        ["--codec", "h265", "--rate", "low"],
+        ["--codec", "predictive", "--crf", "20"],
+        ["--target-mbps", "0"],
+        ["--target-mbps", "1", "--rate", "low"],
+    ],
+)
+def test_options_of_another_codec(run: Path, options: list[str]) -> None:
+    assert main(["encode", "run", "--out", "x", *options]) == 2
+    assert not Path("x").exists()
 
 
 def test_one_that_was_cut_off_is_made_anew(run: Path) -> None:

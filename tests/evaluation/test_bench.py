@@ -15,7 +15,8 @@ def test_rows_state_what_was_measured() -> None:
     assert [row["what"] for row in rows] == ["render_image", "training step"]
     assert all(isinstance(row["ms"], float) and row["ms"] > 0 for row in rows)
     rows = bench_codec(points=40, frames=3, repeats=1)
-    assert [row["what"] for row in rows] == ["encode a group", "decode a group"]
+    assert [row["what"] for row in rows] == ["encode a group", "decode a group"] * 2
+    assert [row["codec"] for row in rows] == ["predictive"] * 2 + ["h265"] * 2
     assert all(isinstance(row["bytes"], int) and row["bytes"] > 40 for row in rows)
 
 

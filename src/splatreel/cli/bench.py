@@ -30,18 +30,50 @@ def kernels(points: int = 20_000, width: int = 320, height: int = 240, repeats: 
     show(bench_kernels(points, width, height, repeats), json)
 
 
-def codec(points: int = 10_000, frames: int = 35, repeats: int = 3, json: bool = False) -> None:
-    """Time encoding and decoding a group.
+def codec(
+    run: Positional[Path | None] = None,
+    capture: Positional[Path | None] = None,
+    /,
+    points: int = 10_000,
+    frames: int = 35,
+    repeats: int = 3,
+    every: int = 4,
+    width: int | None = None,
+    span: str | None = None,
+    json: bool = False,
+) -> None:
+    """Time encoding and decoding a group; or, of a run, how many bytes and how much quality each codec's settings give.
 
     Args:
-        points: Dynamic points of the group.
-        frames: Frames of the group.
+        run: Output folder of `reconstruct` or `demo`, to encode in many ways without training.
+        capture: Folder of the capture that the run was made from.
+        points: Dynamic points of the group that is timed.
+        frames: Frames of that group.
         repeats: How often; the median counts.
+        every: Of a run's frames, every how many are compared with the held-out cameras.
+        width: Width of the capture's images, in pixels; by default that of the reel's cameras.
+        span: Frames of the capture that the run was made of, as A:B.
         json: Print one JSON object a line.
     """
-    from splatreel.evaluation.bench import bench_codec
+    if run is None:
+        from splatreel.evaluation.bench import bench_codec
 
-    show(bench_codec(points, frames, repeats), json)
+        return show(bench_codec(points, frames, repeats), json)
+    if capture is None or every < 1:
+        raise UsageError("bench codec RUN needs the CAPTURE after it, and --every 1 or more.")
+    from splatreel.capture.opening import open_capture
+    from splatreel.evaluation.evaluate import reel_width
+    from splatreel.evaluation.rates import rate_distortion, table
+    from splatreel.progress import console
+
+    source = open_capture(capture, width=width or reel_width(run / "reel"), frames=parse_frames(span))
+    progress = console()
+    try:
+        rows = rate_distortion(run, source, every=every, progress=progress)
+    finally:
+        progress.close()
+        source.close()
+    print("\n".join(json_format.dumps(dataclasses.asdict(row)) for row in rows) if json else table(rows))
 
 
 def oracle(

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 from pathlib import Path
+from typing import Literal
 
 from tyro.conf import Positional
 
@@ -12,6 +13,10 @@ from splatreel.cli.reconstruct import Codec
 from splatreel.config import EncodeConfig
 from splatreel.errors import UsageError
 
+Rate = Literal["low", "medium", "high"]
+COARSENESS = {"low": 2.0, "medium": 1.0, "high": 0.5}
+PAPERS = {"crf", "position_bits", "scale_bits"}
+"""What only the paper's codec looks at; asking for one of them is asking for that codec."""
 LIMITS = {"crf": (0, 51), "position_bits": (4, 21), "scale_bits": (1, 16), "sh_entries": (0, 65536)}
 
 
@@ -20,6 +25,8 @@ def encode(
     /,
     out: Path,
     codec: Codec | None = None,
+    rate: Rate | None = None,
+    target_mbps: float | None = None,
     crf: int | None = None,
     position_bits: int | None = None,
     scale_bits: int | None = None,
@@ -30,7 +37,9 @@ def encode(
     Args:
         run: Output folder of `reconstruct` or `demo`, with its work folder.
         out: Folder of the new reel.
-        codec: How offsets are coded.
+        codec: predictive, or h265 as in the paper, which the options from --crf on are for.
+        rate: Of the predictive codec: low has half the precision of medium, high has twice it.
+        target_mbps: Megabits a second of video that the whole reel shall have, instead of a rate; met within 5 %.
         crf: Quality of the lossy offset tracks; lower is better and larger.
         position_bits: Bits of a coordinate of a point.
         scale_bits: Bits of a scale.
@@ -47,13 +56,28 @@ def encode(
         low, high = LIMITS[name]
         if not low <= value <= high:
             raise UsageError(f"--{name.replace('_', '-')} {value} is out of range. Choose {low} to {high}.")
-    config = dataclasses.replace(EncodeConfig(codec=codec or EncodeConfig.codec), **given)
+    codec = codec or ("h265" if PAPERS & set(given) else "predictive")
+    config = dataclasses.replace(EncodeConfig(codec=codec, coarseness=COARSENESS[rate or "medium"]), **given)
+    _check_rate(config, rate, target_mbps, PAPERS & set(given))
     progress = console()
     try:
-        encode_checkpoints(run / "work", out, config, progress)
+        encode_checkpoints(run / "work", out, config, progress, target_mbps)
     finally:
         progress.close()
     print(describe(str(out), reel_info(out)))
+
+
+def _check_rate(config: EncodeConfig, rate: Rate | None, mbps: float | None, papers: set[str]) -> None:
+    if config.codec == "h265" and (rate or mbps is not None):
+        raise UsageError(
+            "--rate and --target-mbps are of the predictive codec. Leave out --codec h265 and the paper's options."
+        )
+    if config.codec == "predictive" and papers:
+        raise UsageError(
+            f"--{min(papers).replace('_', '-')} is of the paper's codec. Choose --codec h265, or leave it out."
+        )
+    if mbps is not None and (rate is not None or not 0 < mbps < 1e5):
+        raise UsageError(f"--target-mbps {mbps:g}: give a positive rate, and no --rate beside it.")
 
 
 def _check_folder(run: Path, out: Path) -> None:

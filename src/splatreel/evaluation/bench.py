@@ -2,15 +2,12 @@
 
 from __future__ import annotations
 
-import tempfile
 import time
 from collections.abc import Callable
-from pathlib import Path
 
 import numpy as np
 
-from splatreel.codec.reader import ReelReader
-from splatreel.codec.writer import ReelWriter
+from splatreel.codec.group_file import decode_group, encode_group
 from splatreel.config import EncodeConfig
 from splatreel.kernels.image import render_image
 from splatreel.scene.camera import Camera
@@ -45,32 +42,18 @@ def bench_kernels(points: int, width: int, height: int, repeats: int) -> list[Ro
 
 
 def bench_codec(points: int, frames: int, repeats: int) -> list[Row]:
-    """Milliseconds and bytes of encoding and decoding one group whose points swing smoothly."""
+    """Milliseconds and bytes of encoding and decoding one group whose points swing smoothly, by each codec."""
     group = swinging_group(points, frames)
-    camera = front_camera(640, 480)
-    with tempfile.TemporaryDirectory(prefix="splatreel-bench-") as folder:
-
-        def encode() -> None:
-            writer = ReelWriter(
-                Path(folder) / "reel",
-                fps=30,
-                group_length=frames,
-                overlap=0,
-                sh_degree=3,
-                bounds=np.array([[-2.0, -2, -2], [2, 2, 2]]),
-                up=np.array([0.0, -1, 0]),
-                camera=camera,
-                cameras=[camera],
-                config=EncodeConfig(),
-            )
-            writer.add_group(group)
-            writer.finish()
-
-        encoding = median_ms(encode, repeats)
-        decoding = median_ms(lambda: ReelReader(Path(folder) / "reel").group(0), repeats)
-        size = ReelReader(Path(folder) / "reel").manifest.groups[0].bytes
-    shape: Row = {"points": points, "frames": frames, "bytes": size}
-    return [{"what": "encode a group", **shape, "ms": encoding}, {"what": "decode a group", **shape, "ms": decoding}]
+    rows: list[Row] = []
+    for codec in ("predictive", "h265"):
+        config = EncodeConfig(codec=codec)
+        data, _ = encode_group(group, config)
+        shape: Row = {"codec": codec, "points": points, "frames": frames, "bytes": len(data)}
+        encoding = median_ms(lambda config=config: encode_group(group, config), repeats)
+        decoding = median_ms(lambda data=data: decode_group(data, "the group"), repeats)
+        rows.append({"what": "encode a group", **shape, "ms": encoding})
+        rows.append({"what": "decode a group", **shape, "ms": decoding})
+    return rows
 
 
 def median_ms(work: Callable[[], object], repeats: int) -> float:
