@@ -13,7 +13,7 @@ import numpy as np
 
 from splatreel.scene.camera import Camera
 
-WRONG = 0.12
+WRONG = 0.08
 """Mean absolute colour error, 0..1, of a pixel's surroundings that counts as something missing."""
 AGREE = 0.8
 """Share of the views a place falls into that must call it wrong."""
