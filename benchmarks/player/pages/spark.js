@@ -1,4 +1,4 @@
-import { SplatMesh } from "@sparkjsdev/spark";
+import { SparkRenderer, SplatMesh } from "@sparkjsdev/spark";
 import * as THREE from "three";
 import { fov, height, measure, settle, width, worldOf } from "./orbit.js";
 
@@ -7,6 +7,7 @@ renderer.setSize(width, height);
 document.body.append(renderer.domElement);
 const world = new THREE.Scene();
 const camera = new THREE.PerspectiveCamera(fov, width / height, 0.05, 1000);
+world.add(new SparkRenderer({ renderer }));
 const splats = new SplatMesh({ url: "scene.ply" });
 await splats.initialized;
 world.add(splats);
