@@ -26,7 +26,8 @@ def run(
 ) -> dict:
     """One line of results.jsonl: the report, the share of the float32 model, and the wall time of this very run.
 
-    filming: seconds it took to make the capture, where that is part of it. seconds_total counts every stage once, also those that an interrupted earlier run had finished.
+    filming: seconds it took to make the capture, where that is part of it. seconds_total counts every stage once, also those that an
+    interrupted earlier run had finished.
     """
     before = machine()
     started = time.monotonic() - (filming or 0.0)
