@@ -42,6 +42,8 @@ layout(location = 0) out uvec4 outShape;
 layout(location = 1) out uvec4 outColor;
 
 const float BLUR = 0.3;
+/** Splats end where their alpha is less than this. Training draws to 1/255: a quarter more pixels for two decibels above 48. */
+const float LEAST_ALPHA = 0.01;
 
 mat3 rotationOf(vec4 q) {
   float w = q.x, x = q.y, y = q.z, z = q.w;
@@ -110,7 +112,7 @@ void main() {
   }
   // Faded in optical depth: two coinciding points of weights w and 1 - w absorb what one does.
   float opacity = 1.0 - pow(1.0 - min(opacityAndRed.x, 0.9999), weight);
-  if (opacity < 1.0 / 255.0) return;
+  if (opacity <= LEAST_ALPHA) return;
 
   vec3 camera = (uView * vec4(mean, 1.0)).xyz;
   if (camera.z < uNear) return;
@@ -125,13 +127,13 @@ void main() {
   float yy = dot(b, b) + BLUR;
   float xy = dot(a, b);
 
-  // Axes of the ellipse where alpha falls to 1/255.
+  // Axes of the ellipse where alpha falls to the least.
   float middle = 0.5 * (xx + yy);
   float spread = length(vec2(0.5 * (xx - yy), xy));
   float major = middle + spread;
   float minor = max(middle - spread, 0.0);
   vec2 direction = abs(xy) < 1e-6 * major ? (xx >= yy ? vec2(1, 0) : vec2(0, 1)) : normalize(vec2(xy, major - xx));
-  float extent = sqrt(2.0 * log(255.0 * opacity));
+  float extent = sqrt(2.0 * log(opacity / LEAST_ALPHA));
   vec2 axis = direction * sqrt(major) * extent;
   vec2 other = vec2(-direction.y, direction.x) * sqrt(minor) * extent;
 
@@ -181,7 +183,7 @@ flat in float vFall;
 out vec4 outColor;
 void main() {
   float square = dot(vAt, vAt);
-  if (square > 1.0) discard; // less than 1/255 is left
+  if (square > 1.0) discard;
   float alpha = min(0.999, vColor.a * exp2(vFall * square));
   outColor = vec4(vColor.rgb * alpha, alpha);
 }`;
