@@ -75,7 +75,7 @@ def quiet_threads() -> None:
 def keep_freed_memory() -> None:
     """Have glibc keep freed buffers of up to 32 MB for the next iteration, which needs the same ones.
 
-    Given back to the kernel, their pages are faulted in again on one core: a seventh of an iteration.
+    Given back to the kernel, their pages are faulted in again on one core: a twentieth of an iteration.
     """
     libc = ctypes.CDLL(None) if os.name == "posix" else None
     if hasattr(libc, "mallopt"):  # not in musl, nor on macOS
