@@ -7,6 +7,7 @@ from pathlib import Path
 
 from record import machine, record, summary
 from splatreel.capture.base import Capture
+from splatreel.cli.main import keep_freed_memory
 from splatreel.codec.info import reel_info
 from splatreel.config import Config
 from splatreel.evaluation.evaluate import evaluate
@@ -29,6 +30,7 @@ def run(
     filming: seconds it took to make the capture, where that is part of it. seconds_total counts every stage once, also those that an
     interrupted earlier run had finished.
     """
+    keep_freed_memory()  # as the command line does
     before = machine()
     started = time.monotonic() - (filming or 0.0)
     progress = console()
