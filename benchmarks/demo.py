@@ -4,6 +4,7 @@ python benchmarks/demo.py
 """
 
 import dataclasses
+import time
 from pathlib import Path
 
 import tyro
@@ -25,10 +26,12 @@ def main(
 ) -> None:
     """Film, reconstruct, evaluate, record."""
     out = out or Path(f"out/benchmark-demo-{quality}-{deformation}-{frames}-{seed}")
+    started = time.monotonic()
     capture = open_capture(make_capture(out / "capture", frames=frames, seed=seed))
+    filming = time.monotonic() - started
     config = dataclasses.replace(preset(quality), seed=seed)
     config = dataclasses.replace(config, group=dataclasses.replace(config.group, deformation=deformation))
-    run(f"demo {deformation}", capture, out, config, None, note)
+    run(f"demo {deformation}", capture, out, config, None, note, filming)
 
 
 if __name__ == "__main__":

@@ -7,6 +7,7 @@ from pathlib import Path
 
 from record import machine, record, summary
 from splatreel.capture.base import Capture
+from splatreel.cli.main import keep_freed_memory
 from splatreel.codec.info import reel_info
 from splatreel.config import Config
 from splatreel.evaluation.evaluate import evaluate
@@ -15,30 +16,41 @@ from splatreel.progress import console
 from splatreel.recon.sequence import reconstruct
 
 
-def run(benchmark: str, capture: Capture, out: Path, config: Config, cameras: Sequence[str] | None, note: str) -> dict:
+def run(
+    benchmark: str,
+    capture: Capture,
+    out: Path,
+    config: Config,
+    cameras: Sequence[str] | None,
+    note: str,
+    filming: float | None = None,
+) -> dict:
     """One line of results.jsonl: the report, the share of the float32 model, and the wall time of this very run.
 
-    seconds_total counts every stage once, also those that an interrupted earlier run had finished.
+    filming: seconds it took to make the capture, where that is part of it. seconds_total counts every stage once, also those that an
+    interrupted earlier run had finished.
     """
+    keep_freed_memory()  # as the command line does
     before = machine()
-    started = time.monotonic()
+    started = time.monotonic() - (filming or 0.0)
     progress = console()
     try:
         result = reconstruct(capture, out, config, progress=progress)
+        seconds = result.seconds if filming is None else {"capture": round(filming, 3), **result.seconds}
         report = evaluate(
             result.reel,
             capture,
             cameras=cameras,
             out=out,
             undecoded=undecoded_frames(result.work, result.reel),
-            seconds=result.seconds,
+            seconds=seconds,
             device=result.device,
             progress=progress,
         )
     finally:
         progress.close()
     values = summary(dataclasses.asdict(report))
-    values["seconds_total"] = round(sum(result.seconds.values()), 1)
+    values["seconds_total"] = round(sum(seconds.values()), 1)
     values["seconds_wall"] = round(time.monotonic() - started, 1)
     values["share_of_float32"] = round(report.reel_bytes / reel_info(result.reel).float32_bytes, 4)
     values["machine_before"] = before

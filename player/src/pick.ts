@@ -15,7 +15,7 @@ export function hitsAt(shape: Uint32Array, color: Uint32Array, x: number, y: num
     if (!(extent > 0)) continue;
     const dx = x - shapes[at];
     const dy = y - shapes[at + 1];
-    // The axes reach to where alpha falls to 1/255, at `extent` standard deviations.
+    // The axes reach to where the splat ends, at `extent` standard deviations.
     const u = along(shape[at + 2], dx, dy);
     const v = along(shape[at + 3], dx, dy);
     const square = (u * u + v * v) * extent * extent;

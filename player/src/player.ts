@@ -347,7 +347,7 @@ export class Player extends EventTarget {
   }
 
   private advance(step: number): void {
-    if (!this.playing || this.stalled || this.isSeeking || this.error) return;
+    if (!this.playing || !this.ready || this.stalled || this.isSeeking || this.error) return;
     const { duration, live } = this;
     if (live && !this.loop && this.seconds >= duration) return; // wait at the edge
     this.seconds += step * this.rate;

@@ -1,10 +1,11 @@
 /** Draws a reel's points in WebGL2. Knows nothing about time or downloads: it is told what to show. */
 import type { DecodedFile } from "./decode";
 import { ReelError } from "./errors";
+import { TEXTURE_WIDTH } from "./layout";
 import { eyeOf } from "./matrix";
 import { hitsAt, middleDepth, type Hit } from "./pick";
 import { Rows } from "./rows";
-import { projectFragment, projectVertex, splatFragment, splatVertex, TEXTURE_WIDTH } from "./shaders";
+import { projectFragment, projectVertex, splatFragment, splatVertex } from "./shaders";
 import type { Scene } from "./sort-worker";
 import { PointTextures, rowsOf } from "./textures";
 import { staticFlags, staticWeights, type Shown } from "./timeline";
@@ -31,7 +32,9 @@ export class Renderer {
   private color: WebGLTexture | null = null;
   private readonly quads: WebGLVertexArrayObject;
   private readonly empty: WebGLVertexArrayObject;
-  private readonly order: WebGLBuffer;
+  private readonly corners: WebGLBuffer;
+  private order: WebGLTexture | null = null;
+  private orderRows = 0;
   private readonly rows = new Rows();
   private capacity = 0;
   private readonly layers: PointTextures[] = [];
@@ -49,12 +52,11 @@ export class Renderer {
     this.target = gl.createFramebuffer();
     this.empty = gl.createVertexArray();
     this.quads = gl.createVertexArray();
-    this.order = gl.createBuffer();
+    this.corners = gl.createBuffer();
     gl.bindVertexArray(this.quads);
-    gl.bindBuffer(gl.ARRAY_BUFFER, this.order);
-    gl.enableVertexAttribArray(0);
-    gl.vertexAttribIPointer(0, 1, gl.UNSIGNED_INT, 0, 0);
-    gl.vertexAttribDivisor(0, 1);
+    gl.bindBuffer(gl.ELEMENT_ARRAY_BUFFER, this.corners);
+    gl.bufferData(gl.ELEMENT_ARRAY_BUFFER, rowOfQuads(), gl.STATIC_DRAW);
+    gl.bindVertexArray(null);
   }
 
   /** Upload a layer; returns the index of its first point in the draw order. */
@@ -85,11 +87,17 @@ export class Renderer {
     return [scene.current, scene.previous].every((shown) => shown === null || this.groups.has(shown.group));
   }
 
-  /** Far-to-near order of points, as the sort worker gave it. */
+  /** Far-to-near order of points, as the sort worker gave it: whole rows, of which `count` entries are points. */
   setOrder(order: Uint32Array, count: number): void {
     const { gl } = this;
-    gl.bindBuffer(gl.ARRAY_BUFFER, this.order);
-    gl.bufferData(gl.ARRAY_BUFFER, order, gl.DYNAMIC_DRAW, 0, count);
+    const rows = rowsOf(count);
+    if (rows > this.orderRows) {
+      gl.deleteTexture(this.order);
+      this.orderRows = Math.max(rows, Math.ceil(1.25 * this.orderRows));
+      this.order = this.integerTexture(gl.R32UI, this.orderRows);
+    }
+    gl.bindTexture(gl.TEXTURE_2D, this.order);
+    gl.texSubImage2D(gl.TEXTURE_2D, 0, 0, 0, TEXTURE_WIDTH, rows, gl.RED_INTEGER, gl.UNSIGNED_INT, order);
     this.drawn = count;
   }
 
@@ -106,11 +114,13 @@ export class Renderer {
     this.splat.use();
     this.splat.texture("uShape", 0, gl.TEXTURE_2D, this.shape);
     this.splat.texture("uColor", 1, gl.TEXTURE_2D, this.color);
+    this.splat.texture("uOrder", 2, gl.TEXTURE_2D, this.order);
     gl.uniform2f(this.splat.at("uSize"), view.width, view.height);
     gl.bindVertexArray(this.quads);
     gl.enable(gl.BLEND);
     gl.blendFunc(gl.ONE, gl.ONE_MINUS_SRC_ALPHA);
-    gl.drawArraysInstanced(gl.TRIANGLE_STRIP, 0, 4, this.drawn);
+    // A row of the order an instance: instances of a single quad are slow on many devices.
+    gl.drawElementsInstanced(gl.TRIANGLES, 6 * TEXTURE_WIDTH, gl.UNSIGNED_SHORT, 0, rowsOf(this.drawn));
     gl.disable(gl.BLEND);
   }
 
@@ -148,10 +158,10 @@ export class Renderer {
   destroy(): void {
     const { gl } = this;
     for (const file of [...this.layers, ...[...this.groups.values()].map((group) => group.textures)]) file?.delete();
-    for (const texture of [this.shape, this.color]) gl.deleteTexture(texture);
+    for (const texture of [this.shape, this.color, this.order]) gl.deleteTexture(texture);
     for (const array of [this.quads, this.empty]) gl.deleteVertexArray(array);
     gl.deleteFramebuffer(this.target);
-    gl.deleteBuffer(this.order);
+    gl.deleteBuffer(this.corners);
     this.project.delete();
     this.splat.delete();
   }
@@ -170,8 +180,8 @@ export class Renderer {
     if (end > most) throw new ReelError(`The reel has more points than this device draws (${end * TEXTURE_WIDTH} of ${most * TEXTURE_WIDTH}).`);
     this.capacity = Math.min(Math.max(end, Math.ceil(1.5 * this.capacity)), most);
     for (const texture of [this.shape, this.color]) gl.deleteTexture(texture);
-    this.shape = this.integerTexture(this.capacity);
-    this.color = this.integerTexture(this.capacity);
+    this.shape = this.integerTexture(gl.RGBA32UI, this.capacity);
+    this.color = this.integerTexture(gl.RGBA32UI, this.capacity);
     gl.bindFramebuffer(gl.FRAMEBUFFER, this.target);
     gl.framebufferTexture2D(gl.FRAMEBUFFER, gl.COLOR_ATTACHMENT0, gl.TEXTURE_2D, this.shape, 0);
     gl.framebufferTexture2D(gl.FRAMEBUFFER, gl.COLOR_ATTACHMENT1, gl.TEXTURE_2D, this.color, 0);
@@ -239,11 +249,11 @@ export class Renderer {
     gl.drawArrays(gl.TRIANGLES, 0, 3);
   }
 
-  private integerTexture(rows: number): WebGLTexture {
+  private integerTexture(format: number, rows: number): WebGLTexture {
     const { gl } = this;
     const texture = gl.createTexture();
     gl.bindTexture(gl.TEXTURE_2D, texture);
-    gl.texStorage2D(gl.TEXTURE_2D, 1, gl.RGBA32UI, TEXTURE_WIDTH, rows);
+    gl.texStorage2D(gl.TEXTURE_2D, 1, format, TEXTURE_WIDTH, rows);
     gl.texParameteri(gl.TEXTURE_2D, gl.TEXTURE_MIN_FILTER, gl.NEAREST);
     gl.texParameteri(gl.TEXTURE_2D, gl.TEXTURE_MAG_FILTER, gl.NEAREST);
     return texture;
@@ -261,6 +271,13 @@ function setView(gl: WebGL2RenderingContext, program: Program, view: View): void
   gl.uniform4f(program.at("uRange"), -cx / fx - marginX, (width - cx) / fx + marginX, -cy / fy - marginY, (height - cy) / fy + marginY);
   gl.uniform2f(program.at("uSize"), width, height);
   gl.uniform1f(program.at("uNear"), view.near);
+}
+
+/** Indices of two triangles a splat, for as many splats as a row of the order holds. */
+function rowOfQuads(): Uint16Array {
+  const indices = new Uint16Array(6 * TEXTURE_WIDTH);
+  for (let i = 0; i < TEXTURE_WIDTH; i++) indices.set([0, 1, 2, 2, 1, 3].map((corner) => 4 * i + corner), 6 * i);
+  return indices;
 }
 
 class Program {

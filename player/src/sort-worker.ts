@@ -1,5 +1,5 @@
 /** Keeps the positions of every loaded file and answers with the far-to-near order of what shows. */
-import { DepthSorter, type DepthAxis, type SortableGroup, type SortableLayer } from "./sort";
+import { DepthRun, merge, type DepthAxis, type SortableGroup, type SortableLayer } from "./sort";
 import { staticFlags, type Shown } from "./timeline";
 
 /** What is drawn: how many layers, and which groups. Without a group, every point of the layers. */
@@ -24,7 +24,10 @@ export interface SortReply {
 const scope = self as unknown as { onmessage: (event: MessageEvent<SortMessage>) => void; postMessage(message: SortReply, transfer: Transferable[]): void };
 const layers: SortableLayer[] = [];
 const groups = new Map<number, SortableGroup>();
-const sorter = new DepthSorter();
+const still = new DepthRun();
+const moving = new DepthRun();
+/** What the static points were sorted for: while only time goes on, their order stays. */
+let stillKey = "";
 /** The flags of the last scene: they change with the pair of groups only. */
 let cached: { key: string; flags: Uint8Array } = { key: "", flags: new Uint8Array() };
 
@@ -34,30 +37,43 @@ scope.onmessage = ({ data }) => {
   else if (data.type === "drop") groups.delete(data.index);
   else {
     const began = performance.now();
-    collect(data.scene, data.axis, data.near);
-    const { order, count } = sorter.sort(data.buffer);
+    sortStill(data.scene, data.axis, data.near);
+    sortMoving(data.scene, data.axis, data.near);
+    const { order, count } = merge(still, moving, data.buffer);
     scope.postMessage({ order, count, milliseconds: performance.now() - began }, [order.buffer]);
   }
 };
 
-function collect(scene: Scene, axis: DepthAxis, near: number): void {
-  const shown = [scene.current, scene.previous].filter((item) => item !== null);
+function sortStill(scene: Scene, axis: DepthAxis, near: number): void {
+  const key = `${sceneKey(scene)} ${axis} ${near}`;
+  if (key === stillKey) return;
+  stillKey = key;
   const statics = layers.slice(0, scene.layers);
   const total = statics.reduce((sum, layer) => sum + layer.means.length / 3, 0);
-  const moving = shown.reduce((sum, item) => sum + groups.get(item.group)!.means.length / 3, 0);
-  sorter.reset(total + moving);
   const flags = scene.current ? flagsOf(scene, total) : null;
+  still.reset(total);
   let first = 0;
   for (const layer of statics) {
     const count = layer.means.length / 3;
-    sorter.addLayer(layer, flags?.subarray(first, first + count) ?? null, axis, near);
+    still.addLayer(layer, flags?.subarray(first, first + count) ?? null, axis, near);
     first += count;
   }
-  for (const item of shown) sorter.addGroup(groups.get(item.group)!, item.frame, axis, near);
+  still.sort();
+}
+
+function sortMoving(scene: Scene, axis: DepthAxis, near: number): void {
+  const shown = [scene.current, scene.previous].filter((item) => item !== null);
+  moving.reset(shown.reduce((sum, item) => sum + groups.get(item.group)!.means.length / 3, 0));
+  for (const item of shown) moving.addGroup(groups.get(item.group)!, item.frame, axis, near);
+  moving.sort();
+}
+
+function sceneKey(scene: Scene): string {
+  return `${scene.layers} ${scene.current?.group} ${scene.previous?.group}`;
 }
 
 function flagsOf(scene: Scene, total: number): Uint8Array {
-  const key = `${scene.layers} ${scene.current?.group} ${scene.previous?.group}`;
+  const key = sceneKey(scene);
   if (cached.key !== key) {
     const before = scene.previous ? groups.get(scene.previous.group)!.alive : null;
     cached = { key, flags: staticFlags(total, groups.get(scene.current!.group)!.alive, before) };

@@ -1,7 +1,8 @@
 /** The points of one file in GPU memory. */
 import type { Gaussians } from "./gaussians";
+import { TEXTURE_WIDTH } from "./layout";
 import type { Offsets } from "./offsets";
-import { ENTRIES_PER_ROW, ENTRY_TEXELS, POINT_TEXELS, TEXTURE_WIDTH } from "./shaders";
+import { ENTRIES_PER_ROW, ENTRY_TEXELS, POINT_TEXELS } from "./shaders";
 
 export function rowsOf(count: number): number {
   return Math.ceil(count / TEXTURE_WIDTH);

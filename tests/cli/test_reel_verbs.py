@@ -49,3 +49,16 @@ def test_export(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["export", str(GOLDEN), "--frame", "999", "--out", str(target)]) == 2
     frames = json.loads((GOLDEN / "manifest.json").read_text())["frames"]
     assert capsys.readouterr().err == f"Error: {GOLDEN}: there is no frame 999; choose 0 to {frames - 1}.\n"
+
+
+def test_export_of_many_frames_and_of_a_film(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["export", str(GOLDEN), "--frames", "2:4", "--out", str(tmp_path / "frames")]) == 0
+    assert sorted(p.name for p in (tmp_path / "frames").iterdir()) == ["000002.ply", "000003.ply"]
+    film = tmp_path / "film.mp4"
+    assert main(["export", str(GOLDEN), "--frames", "0:2", "--width", "64", "--out", str(film)]) == 0
+    assert film.stat().st_size > 1000
+    capsys.readouterr()
+    assert main(["export", str(GOLDEN), "--frames", "0:999", "--out", str(film)]) == 2
+    assert "there is no frame 998" in capsys.readouterr().err
+    assert main(["export", str(GOLDEN), "--out", str(tmp_path / "one.ply")]) == 2
+    assert "--frame N" in capsys.readouterr().err

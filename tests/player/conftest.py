@@ -1,9 +1,12 @@
-"""A headless Chromium with WebGL 2 by software, shared by the browser tests."""
+"""A headless Chromium with WebGL 2 by software, shared by the browser tests; a page that must not complain; a server."""
 
 import shutil
 from collections.abc import Iterator
 
 import pytest
+
+from splatreel.play.server import Server, serve
+from tests.golden import GOLDEN
 
 playwright = pytest.importorskip("playwright.sync_api", reason="the browser tests need the playwright package")
 
@@ -21,3 +24,27 @@ def browser() -> Iterator[playwright.Browser]:
         running = driver.chromium.launch(executable_path=path, args=FLAGS)
         yield running
         running.close()
+
+
+@pytest.fixture(scope="session")
+def server() -> Iterator[Server]:
+    with serve(GOLDEN, port=0) as running:
+        yield running
+
+
+@pytest.fixture
+def page(browser: playwright.Browser) -> Iterator[playwright.Page]:
+    """Fails the test if anything but `expected_problems` is complained about."""
+    page = browser.new_page(viewport={"width": 480, "height": 320})
+    problems: list[str] = []
+
+    def listen(message: playwright.ConsoleMessage) -> None:
+        if message.type == "error":
+            problems.append(message.text)
+
+    page.on("console", listen)
+    page.on("pageerror", lambda error: problems.append(str(error)))
+    yield page
+    expected = getattr(page, "expected_problems", ())
+    page.close()
+    assert [text for text in problems if not any(part in text for part in expected)] == []

@@ -3,26 +3,22 @@
 import base64
 import io
 import json
-import shutil
-from collections.abc import Iterator
-from pathlib import Path
 
 import av
 import numpy as np
 import pytest
-from playwright.sync_api import Browser, ConsoleMessage, Page, Route
+from playwright.sync_api import Page
 from safetensors import safe_open
 from safetensors.numpy import save
 
 from splatreel.kernels.image import render_image
-from splatreel.play.server import Server, serve
+from splatreel.play.server import Server
 from splatreel.play.timeline import open_reel
 from splatreel.scene.camera import Camera
 from tests.golden import GOLDEN
+from tests.player.pages import PLAYER, open_player
 
 pytestmark = pytest.mark.browser
-
-PLAYER = "document.querySelector('splat-reel').player"
 
 DECODE = """async (source) => {
   const worker = new Worker('/decode-worker.js');
@@ -54,34 +50,6 @@ RENDER = (
     f"const picture = await {PLAYER}.renderAt(seconds, pose, width, height);"
     "let text = ''; for (const byte of picture.data) text += String.fromCharCode(byte); return btoa(text); }"
 )
-
-
-@pytest.fixture(scope="module")
-def server() -> Iterator[Server]:
-    with serve(GOLDEN, port=0) as running:
-        yield running
-
-
-@pytest.fixture
-def page(browser: Browser) -> Iterator[Page]:
-    page = browser.new_page(viewport={"width": 480, "height": 320})
-    problems: list[str] = []
-
-    def listen(message: ConsoleMessage) -> None:
-        if message.type == "error":
-            problems.append(message.text)
-
-    page.on("console", listen)
-    page.on("pageerror", lambda error: problems.append(str(error)))
-    yield page
-    expected = getattr(page, "expected_problem", None)
-    page.close()
-    assert [text for text in problems if expected is None or expected not in text] == []
-
-
-def open_player(page: Page, server: Server, query: str = "?autoplay=0") -> None:
-    page.goto(server.url + query)
-    page.wait_for_function(f"document.querySelector('splat-reel')?.player && {PLAYER}.canPlay", timeout=20_000)
 
 
 def source(server: Server, uri: str, size: int) -> dict:
@@ -186,120 +154,3 @@ def test_ends_without_loop(page: Page, server: Server):
     page.wait_for_function(f"{PLAYER}.ended && {PLAYER}.paused")
     page.evaluate(f"{PLAYER}.play()")
     assert page.evaluate(f"{PLAYER}.currentTime") < 0.3  # it began again
-
-
-def test_keys_move_time_and_play(page: Page, server: Server):
-    open_player(page, server)
-    page.locator("splat-reel canvas").focus()
-    page.keyboard.press("End")
-    assert page.evaluate(f"{PLAYER}.currentTime") == pytest.approx(open_reel(GOLDEN).duration)
-    page.keyboard.press("Home")
-    assert page.evaluate(f"{PLAYER}.currentTime") == 0
-    page.keyboard.press("Space")
-    assert page.evaluate(f"{PLAYER}.paused") is False
-
-
-def test_the_mouse_moves_the_camera_and_reset_brings_it_back(page: Page, server: Server):
-    open_player(page, server)
-    pose = f"{PLAYER}.camera.viewmat"
-    start = page.evaluate(pose)
-    page.mouse.move(200, 100)
-    page.mouse.down()
-    page.mouse.move(260, 120, steps=4)
-    page.mouse.up()
-    turned = page.evaluate(pose)
-    page.mouse.wheel(0, 200)
-    page.wait_for_timeout(50)
-    assert not np.allclose(start, turned, atol=0.01)
-    assert page.evaluate(pose)[11] != pytest.approx(turned[11])
-    page.locator("splat-reel").get_by_role("button", name="Reset view").click()
-    page.wait_for_timeout(800)
-    assert np.allclose(page.evaluate(pose), start, atol=1e-6)
-
-
-def test_a_missing_reel_says_so_and_can_be_tried_again(page: Page, server: Server):
-    page.expected_problem = "404"
-    page.route("**/reel/manifest.json", lambda route: route.fulfill(status=404, body="not here"))
-    page.goto(server.url)
-    alert = page.locator("splat-reel").get_by_role("alert")
-    alert.wait_for()
-    assert "manifest.json cannot be downloaded: it answered 404" in alert.inner_text()
-    page.unroute("**/reel/manifest.json")
-    alert.get_by_role("button", name="Try again").click()
-    page.wait_for_function(f"{PLAYER}.canPlay")
-    assert alert.is_hidden()
-
-
-@pytest.mark.parametrize(
-    ("change", "message"),
-    [
-        ({"version": 9}, "version 9"),
-        ({"format": "mp4"}, "not a reel"),
-        ({"groups": []}, "no group yet"),
-        ({"fps": "fast"}, "fps"),
-    ],
-)
-def test_a_bad_manifest_is_explained(page: Page, server: Server, change: dict, message: str):
-    manifest = json.loads((GOLDEN / "manifest.json").read_text()) | change
-    page.route("**/reel/manifest.json", lambda route: route.fulfill(json=manifest))
-    page.goto(server.url)
-    alert = page.locator("splat-reel").get_by_role("alert")
-    alert.wait_for()
-    assert message in alert.inner_text()
-
-
-def test_a_damaged_group_is_named_and_recovers(page: Page, server: Server):
-    whole = (GOLDEN / "groups" / "0001.safetensors").read_bytes()
-    damaged = whole[:2000] + bytes(len(whole) - 2000)
-    page.route("**/groups/0001.safetensors", lambda route: route.fulfill(body=damaged))
-    page.goto(server.url)
-    alert = page.locator("splat-reel").get_by_role("alert")
-    alert.wait_for()
-    assert "0001.safetensors" in alert.inner_text()
-    page.unroute("**/groups/0001.safetensors")
-    alert.get_by_role("button", name="Try again").click()
-    page.wait_for_function(f"{PLAYER}.canPlay && {PLAYER}.currentTime > 0.25 && !{PLAYER}.waiting")
-
-
-def test_a_host_that_stumbles_is_asked_again(page: Page, server: Server):
-    page.expected_problem = "500"
-    asked: list[str] = []
-
-    def stumble(route: Route) -> None:
-        asked.append(route.request.url)
-        if len(asked) == 1:
-            route.fulfill(status=500)
-        else:
-            route.continue_()
-
-    page.route("**/groups/0000.safetensors", stumble)
-    open_player(page, server)
-    assert len(asked) == 2
-
-
-def test_layers_show_before_the_first_group(page: Page, server: Server):
-    page.route("**/groups/*", lambda route: None)  # never answered
-    page.goto(server.url)
-    page.wait_for_function(f"document.querySelector('splat-reel')?.player?.manifest && {PLAYER}.waiting")
-    page.wait_for_timeout(700)
-    shown = page.locator("splat-reel canvas").screenshot()
-    assert page.evaluate(f"{PLAYER}.canPlay") is False
-    assert len(shown) > 10_000, "the canvas is blank"
-
-
-def test_a_reel_elsewhere_opens_by_src(page: Page, server: Server, tmp_path: Path):
-    shutil.copytree(GOLDEN, tmp_path / "other")
-    with serve(tmp_path / "other", port=0) as other:
-        open_player(page, server, f"?autoplay=0&src={other.url}reel/manifest.json")
-        assert page.evaluate(f"{PLAYER}.manifest.url").startswith(other.url)
-
-
-def test_the_controls_fit_a_narrow_screen(page: Page, server: Server):
-    page.set_viewport_size({"width": 320, "height": 480})
-    open_player(page, server)
-    for name in ("Play", "Reset view", "Settings", "Fullscreen"):
-        box = page.locator("splat-reel .row").get_by_role("button", name=name).bounding_box()
-        assert box is not None
-        assert box["x"] >= 0
-        assert box["x"] + box["width"] <= 320
-    assert page.evaluate("document.documentElement.scrollWidth") <= 320

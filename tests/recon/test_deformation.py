@@ -54,8 +54,7 @@ def tracks_of(means, frames):
 @pytest.mark.parametrize(("model", "tolerance"), [(Trajectory, 2e-3), (HashGrid, 0.02)])
 def test_a_model_follows_smooth_tracks(model, tolerance):
     means, frames = cloud(), 12
-    net = model(means, frames, 1.0)
-    net.follow(means, tracks_of(means, frames))
+    net = model(means, frames, 1.0, tracks=tracks_of(means, frames))
     for frame in range(frames):
         dx, dq = net.offsets(means, frame)
         assert (dx - true_motion(means, frame, frames)).abs().mean() < tolerance
@@ -66,8 +65,7 @@ def test_a_model_follows_smooth_tracks(model, tolerance):
 def test_a_trajectory_smooths_the_jitter_of_tracks():
     means, frames = cloud(), 12
     jitter = 0.02 * torch.randn(frames, len(means), 3, generator=torch.Generator().manual_seed(2))
-    net = Trajectory(means, frames, 1.0)
-    net.follow(means, tracks_of(means, frames) + jitter)
+    net = Trajectory(means, frames, 1.0, tracks=tracks_of(means, frames) + jitter)
     errors = [(net.offsets(means, f)[0] - true_motion(means, f, frames)).abs().mean().item() for f in range(frames)]
     assert sum(errors) / frames < 0.8 * jitter.abs().mean()
 
@@ -75,8 +73,7 @@ def test_a_trajectory_smooths_the_jitter_of_tracks():
 def test_tracks_that_were_followed_stay_when_training_goes_on():
     """All knots are in use from then on: the next frames to be let in are not extrapolated anew."""
     means, frames = cloud(), 12
-    net = Trajectory(means, frames, 1.0)
-    net.follow(means, tracks_of(means, frames))
+    net = Trajectory(means, frames, 1.0, tracks=tracks_of(means, frames))
     before = net.offsets(means, 11)[0].detach()
     net.reach(3)
     net.reach(11)
@@ -88,8 +85,7 @@ def test_tracks_that_were_followed_stay_when_training_goes_on():
 @pytest.mark.parametrize("model", MODELS)
 def test_newcomers_of_followed_tracks_rest_or_go_with_their_parents(model):
     means, frames = cloud(), 12
-    net = model(means, frames, 1.0)
-    net.follow(means, tracks_of(means, frames))
+    net = model(means, frames, 1.0, tracks=tracks_of(means, frames))
     net.append(means[:3], torch.tensor([0, 1, 2]))
     dx = net.offsets(torch.cat([means, means[:3]]), 8)[0]
     torch.testing.assert_close(dx[200:], dx[:3])

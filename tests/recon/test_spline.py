@@ -3,7 +3,7 @@
 import pytest
 import torch
 
-from splatreel.recon.spline import Spline, basis
+from splatreel.recon.spline import Spline
 
 
 def value(spline, controls, frame):
@@ -11,10 +11,13 @@ def value(spline, controls, frame):
     return torch.einsum("k,knd->nd", torch.from_numpy(weights), controls[knot : knot + 4])
 
 
-def test_weights_sum_to_one_and_are_continuous():
-    for u in (0.0, 0.3, 1.0, 4.999, 5.0):
-        assert abs(basis(u, 5)[1].sum() - 1) < 1e-6
-    left, right = basis(2 - 1e-6, 5), basis(2, 5)
+@pytest.mark.parametrize("bends", [(), (3, 8)])
+def test_weights_sum_to_one_and_are_continuous(bends):
+    spline = Spline(12, bends)
+    for frame in (0, 0.3, 1.0, 7.999, 8.0, 11.0):
+        assert abs(spline.at(frame)[1].sum() - 1) < 1e-6
+    border = float(spline.breaks[2])
+    left, right = spline.at(border - 1e-6), spline.at(border)
     assert right[0] == left[0] + 1
     assert abs(left[1][1:] - right[1][:3]).max() < 1e-5
 
@@ -29,11 +32,25 @@ def test_a_line_is_followed_exactly(frames):
         torch.testing.assert_close(value(spline, controls, frame), line[frame], atol=2e-3, rtol=0)
 
 
+def bounce(frames, at):
+    return (torch.arange(frames, dtype=torch.float32) - at).abs()[:, None, None] * torch.tensor([[0.0, 0.0, 1.0]])
+
+
 def test_a_bounce_is_not_cut_off():
-    frames = 31
-    height = (torch.arange(frames, dtype=torch.float32) - 15).abs()[:, None, None] * torch.tensor([[0.0, 0.0, 1.0]])
-    spline = Spline(frames)
-    controls = spline.fit(height)
-    errors = [float((value(spline, controls, f) - height[f]).abs().max()) for f in range(frames)]
-    assert max(errors) < 1, "of a frame's way, where the ball turns"
-    assert sum(errors) / frames < 0.1
+    paths = bounce(31, 15)
+    even, close = Spline(31), Spline.along(paths)
+    errors = [(s.values(s.fit(paths)) - paths).abs().amax((1, 2)) for s in (even, close)]
+    assert errors[0].max() < 1, "of a frame's way, where the ball turns"
+    assert errors[1].max() < 0.5 * errors[0].max()
+
+
+def test_knots_are_close_only_where_paths_turn():
+    spline = Spline.along(bounce(31, 15))
+    assert {14, 15, 16} <= set(spline.breaks)
+    assert 5 not in spline.breaks
+    assert len(spline.breaks) <= len(Spline(31).breaks) + 3
+
+
+@pytest.mark.parametrize("paths", [torch.zeros(20, 4, 3), torch.zeros(20, 0, 3), torch.zeros(1, 2, 3)])
+def test_what_rests_needs_no_closer_knots(paths):
+    assert Spline.along(paths).knots == Spline(len(paths)).knots

@@ -3,29 +3,80 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from tyro.conf import Positional
 
-from splatreel.cli.options import reel_folder
+from splatreel.cli.options import parse_frames, reel_folder
 from splatreel.errors import UsageError
 
+if TYPE_CHECKING:
+    from splatreel.play.timeline import Timeline
 
-def export(reel: Positional[Path], /, frame: int, out: Path) -> None:
-    """Write one frame of a reel as a standard 3DGS PLY file.
+
+def export(
+    reel: Positional[Path],
+    /,
+    out: Path,
+    frame: int | None = None,
+    frames: str | None = None,
+    width: int | None = None,
+) -> None:
+    """Write a reel for other programs: a frame or every frame as a standard 3DGS PLY file, or a film.
 
     Args:
         reel: Folder of the reel.
-        frame: Which frame, counted from 0.
-        out: The PLY file to write.
+        out: F.ply for one frame, a folder for a PLY file a frame, F.mp4 for a film that flies through the capture's cameras.
+        frame: Which frame, counted from 0; for one PLY file.
+        frames: A:B, frames A to B - 1; by default all. For a folder or a film.
+        width: Width of the film in pixels; by default that of the reel's own camera.
     """
     from splatreel.play.timeline import open_reel
-    from splatreel.scene.ply import write_ply
 
     source = open_reel(reel_folder(reel))
-    manifest = source.manifest
-    if not 0 <= frame < manifest.frames:
-        raise UsageError(f"{reel}: there is no frame {frame}; choose 0 to {manifest.frames - 1}.")
-    gaussians = source.at(frame / manifest.fps)
-    out.parent.mkdir(parents=True, exist_ok=True)
-    write_ply(out, gaussians)
-    print(f"{out}: {len(gaussians):,} Gaussians of frame {frame}")
+    total = source.manifest.frames
+    if (out.suffix == ".ply") != (frame is not None):
+        raise UsageError(
+            "One PLY file takes --frame N; a folder of them, or a film (.mp4), takes --frames A:B or nothing."
+        )
+    first, end = (frame, frame + 1) if frame is not None else parse_frames(frames) or (0, total)
+    if not 0 <= first < end <= total:
+        wrong = f"frame {frame}" if frame is not None else f"frame {end - 1}"
+        raise UsageError(f"{reel}: there is no {wrong}; choose 0 to {total - 1}.")
+    (out if not out.suffix else out.parent).mkdir(parents=True, exist_ok=True)
+    if out.suffix == ".ply":
+        count = _write_frame(source, first, out)
+        print(f"{out}: {count:,} Gaussians of frame {first}")
+    elif out.suffix == ".mp4":
+        _write_film(source, first, end, out, width)
+    elif out.suffix == "":
+        for index in range(first, end):
+            _write_frame(source, index, out / f"{index:06}.ply")
+        print(f"{out}: {end - first} PLY files, frames {first} to {end - 1}")
+    else:
+        raise UsageError(f"{out}: --out takes a .ply file, an .mp4 film or a folder.")
+
+
+def _write_frame(source: Timeline, frame: int, path: Path) -> int:
+    from splatreel.scene.ply import write_ply
+
+    gaussians = source.at(frame / source.fps)
+    write_ply(path, gaussians)
+    return len(gaussians)
+
+
+def _write_film(source: Timeline, first: int, end: int, out: Path, width: int | None) -> None:
+    from splatreel.play.film import camera_path, write_film
+    from splatreel.progress import console
+
+    start = source.manifest.camera
+    if width is not None:
+        start = start.resized(width, round(start.height * width / start.width))
+    progress = console()
+    try:
+        progress.stage("film", end - first)
+        path = camera_path(start, source.manifest.cameras, end - first)
+        write_film(out, source, path, first, progress.update)
+    finally:
+        progress.close()
+    print(f"{out}: {end - first} frames, {start.width} x {start.height}")

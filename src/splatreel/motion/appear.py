@@ -11,9 +11,10 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
+from splatreel.kernels.cpu import carve
 from splatreel.scene.camera import Camera
 
-WRONG = 0.12
+WRONG = 0.08
 """Mean absolute colour error, 0..1, of a pixel's surroundings that counts as something missing."""
 AGREE = 0.8
 """Share of the views a place falls into that must call it wrong."""
@@ -56,7 +57,8 @@ def find(
         return Found(np.zeros((0, 3), np.float32), np.zeros((0, 3), np.float32), np.zeros(0, np.float32))
     places, footprint, stride = _places(cameras, rays, wrong, depths, near)
     own = images[rays[:, 0], rays[:, 1], rays[:, 2]].astype(np.float32) / 255
-    score = _score(places, own, cameras, images, wrong, near)
+    poses, lenses = np.stack([c.viewmat for c in cameras]), np.stack([c.K for c in cameras])
+    score = carve.disagreement(places, own, poses, lenses, images, wrong, near, max(3, VIEWS * len(cameras)), AGREE)
     best = score.argmin(1)
     index = np.arange(len(rays))
     good = score[index, best] < COLOR
@@ -91,28 +93,6 @@ def _places(
     places = np.einsum("rdi,rij->rdj", local, poses[:, :3, :3])
     stride = float(np.sqrt(max(wrong.sum() / len(rays), 1.0)))
     return places.astype(np.float32), (z / K[:, 0, 0][:, None]).astype(np.float32), stride
-
-
-def _score(
-    places: np.ndarray, own: np.ndarray, cameras: list[Camera], images: np.ndarray, wrong: np.ndarray, near: float
-) -> np.ndarray:
-    """[R, D] mean colour difference to the ray's own colour over the views that call a place wrong; infinite if too few do."""
-    shape = places.shape[:2]
-    flat = places.reshape(-1, 3)
-    inside, agree, difference = (np.zeros(len(flat), np.float32) for _ in range(3))
-    for camera, image, mask in zip(cameras, images, wrong, strict=True):
-        local = flat @ camera.viewmat[:3, :3].T + camera.viewmat[:3, 3]
-        z = np.maximum(local[:, 2], 1e-9)
-        u = (camera.K[0, 0] * local[:, 0] / z + camera.K[0, 2]).astype(np.int64)
-        v = (camera.K[1, 1] * local[:, 1] / z + camera.K[1, 2]).astype(np.int64)
-        seen = np.flatnonzero((local[:, 2] > near) & (u >= 0) & (v >= 0) & (u < camera.width) & (v < camera.height))
-        inside[seen] += 1
-        hit = seen[mask[v[seen], u[seen]]]
-        agree[hit] += 1
-        color = image[v[hit], u[hit]].astype(np.float32) / 255
-        difference[hit] += np.abs(color - own[hit // shape[1]]).mean(1)
-    held = (agree >= max(3, VIEWS * len(cameras))) & (agree >= AGREE * inside)
-    return np.where(held, difference / np.maximum(agree, 1), np.inf).reshape(shape)
 
 
 def _thinned(points: np.ndarray, colors: np.ndarray, sizes: np.ndarray) -> Found:

@@ -12,15 +12,11 @@ from splatreel.kernels import splat
 class Deformation(Protocol):
     """Offsets of a group's dynamic points over its frames; trained together with the points.
 
-    A frame is a real number from 0 (the keyframe) to frames - 1.
+    A frame is a real number from 0 (the keyframe) to frames - 1. Where tracks are known, a model is made with them and starts there.
     """
 
     def offsets(self, means: Tensor, frame: float) -> tuple[Tensor, Tensor]:
         """dx [N, 3] in world units and dq [N, 4], wxyz about (1, 0, 0, 0), not normalised, for canonical means [N, 3]."""
-        ...
-
-    def follow(self, means: Tensor, positions: Tensor) -> None:
-        """Start from tracks: positions [T, N, 3] of the points with canonical means [N, 3] at every frame."""
         ...
 
     def reach(self, frame: float) -> None:

@@ -88,9 +88,8 @@ class GroupTrainer:
         self.points = TrainablePoints.from_gaussians(dynamic, rates, device)
         self.backdrop = Backdrop(static, frames.views, frames.near, device)
         self.backdrop.set_alive(torch.from_numpy(alive).to(device))
-        self.model = make_deformation(config.group.deformation, self.points.means.detach(), frames, seed)
-        if tracks is not None:
-            self.model.follow(self.points.means.detach(), torch.from_numpy(tracks).to(device))
+        start = None if tracks is None else torch.from_numpy(tracks).to(device)
+        self.model = make_deformation(config.group.deformation, self.points.means.detach(), frames, seed, start)
         self.iterations = config.group.iterations_per_frame * frames.count
         self.schedule = FrameSchedule(frames.count, self.iterations, config.group.progressive, seed)
         self.rng = np.random.default_rng(seed)
@@ -258,7 +257,9 @@ class GroupTrainer:
         return GroupResult(self.points.gaussians(), dx, dq, self.backdrop.alive.cpu().numpy())
 
 
-def make_deformation(name: str, means: Tensor, frames: GroupFrames, seed: int) -> Deformation:
-    """The deformation model of a name: `trajectory` or `hashgrid`."""
+def make_deformation(
+    name: str, means: Tensor, frames: GroupFrames, seed: int, tracks: Tensor | None = None
+) -> Deformation:
+    """The deformation model of a name, `trajectory` or `hashgrid`. tracks: [T, N, 3] positions to start from."""
     model = HashGrid if name == "hashgrid" and len(means) else Trajectory
-    return model(means, frames.count, frames.unit, seed)
+    return model(means, frames.count, frames.unit, seed, tracks)

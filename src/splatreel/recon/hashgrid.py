@@ -19,7 +19,11 @@ TIME_SPAN = 0.9
 
 
 class HashGrid(nn.Module):
-    """See `Deformation`. unit: typical viewing distance; offsets leave the network in a tenth of it."""
+    """See `Deformation`. unit: typical viewing distance; offsets leave the network in a tenth of it.
+
+    Tracks are kept as splines of the points, [knots, N, 3], and the grid learns what they lack: two things that pass close to each
+    other share cells, and a grid fitted to the tracks would tie them together.
+    """
 
     LEVELS = 12
     FEATURES = 2
@@ -32,11 +36,12 @@ class HashGrid(nn.Module):
     low: Tensor
     extent: Tensor
 
-    def __init__(self, means: Tensor, frames: int, unit: float, seed: int = 0) -> None:
+    def __init__(self, means: Tensor, frames: int, unit: float, seed: int = 0, tracks: Tensor | None = None) -> None:
         super().__init__()
         generator = torch.Generator().manual_seed(seed)
-        self.spline = Spline(frames)
-        self.tracks: Tensor | None = None
+        paths = None if tracks is None else tracks - means
+        self.spline = Spline(frames) if paths is None else Spline.along(paths)
+        self.tracks = None if paths is None else self.spline.fit(paths)
         self.unit = unit
         low, high = means.amin(0), means.amax(0)
         margin = 0.1 * unit
@@ -89,13 +94,6 @@ class HashGrid(nn.Module):
             known = torch.from_numpy(weights).to(dx.device) @ self.tracks[knot : knot + 4].flatten(1)
             dx = dx + known.view(-1, 3)
         return dx, dq * 0.1 + identity
-
-    def follow(self, means: Tensor, positions: Tensor) -> None:
-        """Take the tracks as splines of the points, [knots, N, 3]; the grid learns what they lack.
-
-        Two things that pass close to each other share cells: fitted to the tracks, the grid would tie them together.
-        """
-        self.tracks = self.spline.fit(positions - means)
 
     def reach(self, frame: float) -> None:
         """Nothing to prepare: the grid is defined at all times."""

@@ -1,46 +1,96 @@
-"""Uniform cubic B-splines over the frames of a group: what both deformation models start from when tracks are known."""
+"""Cubic B-splines over the frames of a group: what both deformation models start from when tracks are known."""
 
 from __future__ import annotations
+
+from collections.abc import Iterable
 
 import numpy as np
 import torch
 from torch import Tensor
 
 SMOOTHING = 0.05
-"""Weight of a spline's second differences against the tracks it follows."""
+"""Weight of a spline's second differences against the paths it follows."""
 
 FRAMES_PER_KNOT = 2.0
-"""What bounces turns within two frames; knots farther apart cut the corner."""
+"""Even spacing of the knots."""
+
+SHARP, RINGING = 1.5, 0.3
+"""Paths turn too sharply for the even spline where they leave it SHARP times as far as in the median frame, and RINGING times as
+far as in the worst: a spline that misses a turn swings around the path before and after."""
 
 
 class Spline:
-    """Where the knots of `frames` frames lie. intervals: pieces of the spline; knots: control values it has, intervals + 3."""
+    """Control values decide four at a time: those of knot i to i + 3 between breaks[i] and breaks[i + 1].
 
-    def __init__(self, frames: int) -> None:
+    breaks: frames where its pieces meet; knots: control values it has. bends: frames with a knot each, and at their neighbours:
+    what bounces off something turns within one.
+    """
+
+    def __init__(self, frames: int, bends: Iterable[int] = ()) -> None:
+        self.frames = frames
         self.last = max(frames - 1, 1)
-        self.intervals = max(1, round(self.last / FRAMES_PER_KNOT))
-        self.knots = self.intervals + 3
+        self.breaks = _breaks(self.last, bends)
+        self.knots = len(self.breaks) + 2
+        first, final = self.breaks[1] - self.breaks[0], self.breaks[-1] - self.breaks[-2]
+        before, after = first * np.arange(-3, 0), self.last + final * np.arange(1, 4)
+        self._extended = np.concatenate([before, self.breaks, after])
+
+    @classmethod
+    def along(cls, paths: Tensor) -> Spline:
+        """The spline with knots to follow paths [T, N, D], one value a frame: closer ones where many turn at once."""
+        even = cls(len(paths))
+        if paths.shape[1] == 0:
+            return even
+        errors = (even.values(even.fit(paths)) - paths).square().mean((1, 2)).sqrt().cpu().numpy()
+        peaks = (errors >= np.append(errors[1:], 0)) & (errors >= np.append(0, errors[:-1]))
+        least = max(SHARP * np.median(errors), RINGING * errors.max(), 1e-9)
+        return cls(len(paths), np.nonzero(peaks & (errors > least))[0].tolist())
 
     def at(self, frame: float) -> tuple[int, np.ndarray]:
         """First of the four knots that decide a frame (a real number from 0), and their weights [4] float32."""
-        return basis(frame / self.last * self.intervals, self.intervals)
+        knot = int(np.clip(np.searchsorted(self.breaks, frame, side="right") - 1, 0, len(self.breaks) - 2))
+        return knot, _basis(frame, self._extended[knot + 1 : knot + 7])
 
-    def fit(self, values: Tensor) -> Tensor:
-        """Control values [knots, N, D] of the smoothest spline close to values [T, N, D], one a frame."""
-        frames = len(values)
-        rows = np.zeros((frames, self.knots), np.float32)
-        for frame in range(frames):
-            knot, weights = self.at(frame)
-            rows[frame, knot : knot + 4] = weights
+    def values(self, controls: Tensor) -> Tensor:
+        """[T, N, D] the spline at every frame, for control values [knots, N, D]."""
+        rows = torch.from_numpy(self._rows()).to(controls)
+        return (rows @ controls.flatten(1)).view(-1, *controls.shape[1:])
+
+    def fit(self, paths: Tensor) -> Tensor:
+        """Control values [knots, N, D] of the smoothest spline close to paths [T, N, D], one value a frame."""
+        rows = self._rows()
         bend = np.diff(np.eye(self.knots, dtype=np.float32), 2, axis=0)
         system = rows.T @ rows + SMOOTHING * bend.T @ bend + 1e-4 * np.eye(self.knots, dtype=np.float32)
-        solve = torch.from_numpy(np.linalg.solve(system, rows.T).astype(np.float32)).to(values.device)
-        return (solve @ values.reshape(frames, -1)).view(self.knots, *values.shape[1:])
+        solve = torch.from_numpy(np.linalg.solve(system, rows.T).astype(np.float32)).to(paths.device)
+        return (solve @ paths.flatten(1)).view(self.knots, *paths.shape[1:])
+
+    def _rows(self) -> np.ndarray:
+        """[T, knots] float32 weights of the control values at every frame."""
+        rows = np.zeros((self.frames, self.knots), np.float32)
+        for frame in range(self.frames):
+            knot, weights = self.at(frame)
+            rows[frame, knot : knot + 4] = weights
+        return rows
 
 
-def basis(u: float, intervals: int) -> tuple[int, np.ndarray]:
-    """First knot and the four weights [4] float32 of the uniform cubic B-spline at u in 0..intervals."""
-    knot = min(max(int(u), 0), intervals - 1)
-    f = u - knot
-    weights = [(1 - f) ** 3, 3 * f**3 - 6 * f**2 + 4, -3 * f**3 + 3 * f**2 + 3 * f + 1, f**3]
-    return knot, np.array(weights, np.float32) / np.float32(6)
+def _breaks(last: int, bends: Iterable[int]) -> np.ndarray:
+    even = np.linspace(0, last, max(1, round(last / FRAMES_PER_KNOT)) + 1)
+    close = np.array([f for bend in bends for f in (bend - 1, bend, bend + 1) if 0 < f < last], np.float64)
+    close = np.unique(close)
+    apart = [f for f in close if np.abs(even - f).min() > 0.3]
+    return np.sort(np.concatenate([even, apart]))
+
+
+def _basis(x: float, knots: np.ndarray) -> np.ndarray:
+    """Weights [4] float32 at x of the cubic B-splines over six knots, x between the middle two (Cox-de Boor)."""
+    weights = np.zeros(4)
+    weights[0] = 1
+    for degree in range(1, 4):
+        carried = 0.0
+        for r in range(degree):
+            right, left = knots[3 + r], knots[3 + r - degree]
+            part = weights[r] / (right - left)
+            weights[r] = carried + (right - x) * part
+            carried = (x - left) * part
+        weights[degree] = carried
+    return weights.astype(np.float32)

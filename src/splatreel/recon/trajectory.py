@@ -1,6 +1,6 @@
 """`trajectory`: an explicit temporal basis on shared nodes and per point, our deformation model.
 
-Every offset is a uniform cubic B-spline in time. Its control values are the sum of levels: nodes shared by the points around them,
+Every offset is a cubic B-spline in time. Its control values are the sum of levels: nodes shared by the points around them,
 which move whole limbs at once, and the point itself, for what is left.
 """
 
@@ -24,18 +24,21 @@ class Trajectory:
     """Learning rates of the levels, the points' own last."""
     EXTRAPOLATION = 0.8
 
-    def __init__(self, means: Tensor, frames: int, unit: float, seed: int = 0) -> None:
+    def __init__(self, means: Tensor, frames: int, unit: float, seed: int = 0, tracks: Tensor | None = None) -> None:
         device = means.device
-        self.spline = Spline(frames)
+        paths = None if tracks is None else (tracks - means) / unit
+        self.spline = Spline(frames) if paths is None else Spline.along(paths)
         self.knots = self.spline.knots
-        self.reached = 3
-        self.unit = unit
+        self.reached = 3 if paths is None else self.knots - 1
         self.scale = torch.tensor([unit] * 3 + [1.0] * 4, device=device)
         self.identity = torch.tensor([1.0, 0, 0, 0], device=device)
         self.nodes = [means[farthest_points(means, count, seed)] for count in self.NODE_COUNTS if count < len(means)]
         self.skins = [skin(means, nodes) for nodes in self.nodes]
         rows = [len(nodes) for nodes in self.nodes] + [len(means)]
         self.controls = [torch.zeros(self.knots, n, DIMENSIONS, device=device, requires_grad=True) for n in rows]
+        if paths is not None:  # the points' own level takes the tracks, as the smoothest spline close to them
+            with torch.no_grad():
+                self.controls[-1][..., :3] = self.spline.fit(paths)
         rates = self.RATES[-len(rows) :]
         self.optimizer = torch.optim.Adam(
             [{"params": [c], "lr": r, "base": r} for c, r in zip(self.controls, rates, strict=True)],
@@ -57,13 +60,6 @@ class Trajectory:
                 k = self.reached
                 for controls in self.controls:
                     controls[k] = controls[k - 1] + self.EXTRAPOLATION * (controls[k - 1] - controls[k - 2])
-
-    def follow(self, means: Tensor, positions: Tensor) -> None:
-        """The point level takes the tracks, as the smoothest spline close to them; all knots are then in use."""
-        offsets = (positions - means) / self.unit
-        with torch.no_grad():
-            self.controls[-1][..., :3] = self.spline.fit(offsets)
-        self.reached = self.knots - 1
 
     def step(self, share: float) -> None:
         for group in self.optimizer.param_groups:

@@ -1,0 +1,14 @@
+import { height, measure, settle, width } from "./orbit.js";
+
+const reel = document.createElement("splat-reel");
+reel.style.cssText = `display: block; width: ${width}px; height: ${height}px`;
+reel.setAttribute("src", "reel/manifest.json");
+document.body.append(reel);
+reel.player.resolution.quality = "full";
+await reel.player.whenReady();
+const sorts = [];
+const pose = (viewmat) => {
+  reel.camera = { viewmat };
+  sorts.push(reel.stats.sortMilliseconds);
+};
+window.bench = { measure: () => measure(pose), settle: (viewmat) => settle(pose, viewmat), sorts: () => sorts, canvas: reel.player.canvas };

@@ -1,0 +1,101 @@
+"""Draws one scene of points with this player and with others, in one browser: python benchmarks/player/run.py --help."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import shutil
+import statistics
+import subprocess
+import tempfile
+from pathlib import Path
+
+from http_folder import serve_folder
+from playwright.sync_api import Browser, sync_playwright
+
+from scene import read_points, write_scene
+
+HERE = Path(__file__).parent
+STATIC = HERE.parents[1] / "src" / "splatreel" / "play" / "static"
+PLAYERS = ("splatreel", "playcanvas", "gaussian-splats-3d", "spark")
+FLAGS = [
+    "--no-sandbox",
+    "--no-first-run",
+    "--disable-background-networking",
+    "--disable-component-update",
+    "--disable-sync",
+]
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("points", type=Path, help="npz with means3d [N, 3] and colors [N, 3] of 0..255, or a 3DGS PLY")
+    parser.add_argument("--counts", type=int, nargs="+", default=[30_000, 138_000])
+    parser.add_argument("--size", type=int, nargs=2, default=[640, 360], metavar=("WIDTH", "HEIGHT"))
+    parser.add_argument("--pictures", type=int, default=30, help="poses of the orbit")
+    parser.add_argument("--players", nargs="+", choices=PLAYERS, default=PLAYERS)
+    parser.add_argument(
+        "--gpu", action="store_true", help="let the browser use the graphics device; else it draws by software"
+    )
+    arguments = parser.parse_args()
+    chromium = next((p for n in ("chromium", "chromium-browser", "google-chrome") if (p := shutil.which(n))), None)
+    with tempfile.TemporaryDirectory() as name, sync_playwright() as driver:
+        folder = Path(name)
+        shutil.copytree(STATIC, folder, dirs_exist_ok=True)
+        bundle(folder, arguments.players)
+        flags = FLAGS if arguments.gpu else [*FLAGS, "--disable-gpu"]
+        browser = driver.chromium.launch(executable_path=chromium, args=flags)
+        for count in arguments.counts:
+            truth = write_scene(read_points(arguments.points), count, folder, arguments.size, arguments.pictures)
+            with serve_folder(folder) as url:
+                for player in arguments.players:
+                    print(
+                        json.dumps(
+                            {"points": count, "player": player} | measure(browser, url, player, arguments.size, truth)
+                        ),
+                        flush=True,
+                    )
+
+
+def bundle(folder: Path, players: list[str]) -> None:
+    """One script a player, as its users would ship it."""
+    for player in players:
+        command = [
+            HERE / "node_modules/.bin/esbuild",
+            HERE / f"pages/{player}.js",
+            "--bundle",
+            "--minify",
+            "--format=esm",
+        ]
+        subprocess.run([*command, "--log-level=error", f"--outfile={folder / player}.page.js"], check=True)
+        module = '<script type="module" src="player.js"></script>' if player == "splatreel" else ""
+        page = f'<!doctype html><body style="margin: 0">{module}<script type="module" src="{player}.page.js"></script>'
+        (folder / f"{player}.html").write_text(page)
+
+
+def measure(browser: Browser, url: str, player: str, size: list[int], truth: Path) -> dict:
+    """Milliseconds of a picture (median and least) and of a sort, and how near the picture is to the CPU's, dB."""
+    import numpy as np
+    from PIL import Image
+
+    page = browser.new_page(viewport={"width": size[0], "height": size[1]})
+    page.goto(f"{url}{player}.html?width={size[0]}&height={size[1]}")
+    page.wait_for_function("window.bench", timeout=120_000)
+    poses = json.loads((truth.parent / "scene.json").read_text())["poses"]
+    page.evaluate("pose => window.bench.settle(pose)", poses[0])
+    shot = truth.parent / f"{player}.png"
+    page.screenshot(path=shot, timeout=180_000)
+    difference = np.asarray(Image.open(shot).convert("RGB"), np.float32) / 255 - np.load(truth)
+    times = page.evaluate("window.bench.measure()")
+    sorts = page.evaluate("window.bench.sorts()")
+    page.close()
+    return {
+        "frame_ms": round(statistics.median(times), 1),
+        "fastest_frame_ms": round(min(times), 1),
+        "sort_ms": round(statistics.median(sorts), 2) if sorts else None,
+        "psnr": round(float(-10 * np.log10(np.mean(difference**2))), 2),
+    }
+
+
+if __name__ == "__main__":
+    main()

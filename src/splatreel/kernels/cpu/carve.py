@@ -1,0 +1,56 @@
+"""Space carving: which views call a place wrong, and how well they agree on its colour. One task a place."""
+
+from __future__ import annotations
+
+import numpy as np
+from numba import njit, prange
+
+from splatreel.kernels.cpu.jit import ONE, PARALLEL, ZERO, F
+
+
+def disagreement(
+    places: np.ndarray,
+    own: np.ndarray,
+    viewmats: np.ndarray,
+    Ks: np.ndarray,
+    images: np.ndarray,
+    wrong: np.ndarray,
+    near: float,
+    least: float,
+    share: float,
+) -> np.ndarray:
+    """[R, D] mean colour difference, 0..1, of places to their ray's own colour, over the views that call them wrong.
+
+    Infinite where fewer than `least` views do, or less than `share` of the views that a place falls into.
+    places: [R, D, 3] world. own: [R, 3] 0..1. viewmats: [C, 4, 4]; Ks: [C, 3, 3]. images: [C, H, W, 3] uint8; wrong: [C, H, W] bool.
+    """
+    out = np.full(places.shape[:2], np.inf, np.float32)
+    arrays = [np.ascontiguousarray(array, np.float32) for array in (places, own, viewmats, Ks)]
+    _disagreement(*arrays, images, wrong, F(near), F(least), F(share), out)
+    return out
+
+
+@njit(**PARALLEL)
+def _disagreement(places, own, viewmats, Ks, images, wrong, near, least, share, out):
+    height, width = wrong.shape[1:]
+    for ray in prange(places.shape[0]):
+        for d in range(places.shape[1]):
+            x, y, z = places[ray, d, 0], places[ray, d, 1], places[ray, d, 2]
+            inside = agree = difference = ZERO
+            for c in range(viewmats.shape[0]):
+                V, K = viewmats[c], Ks[c]
+                depth = V[2, 0] * x + V[2, 1] * y + V[2, 2] * z + V[2, 3]
+                if depth <= near:
+                    continue
+                across = K[0, 0] * (V[0, 0] * x + V[0, 1] * y + V[0, 2] * z + V[0, 3]) / depth + K[0, 2]
+                down = K[1, 1] * (V[1, 0] * x + V[1, 1] * y + V[1, 2] * z + V[1, 3]) / depth + K[1, 2]
+                if not (-ONE < across < width and -ONE < down < height):
+                    continue
+                column, row = int(across), int(down)
+                inside += ONE
+                if wrong[c, row, column]:
+                    agree += ONE
+                    for k in range(3):
+                        difference += abs(F(images[c, row, column, k]) / F(255) - own[ray, k]) / F(3)
+            if agree >= least and agree >= share * inside:
+                out[ray, d] = difference / agree

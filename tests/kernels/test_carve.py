@@ -1,0 +1,43 @@
+"""Carving against the same in numpy, and where too few views agree."""
+
+import numpy as np
+
+from splatreel.kernels.cpu import carve
+from tests.recon.scenes import ring
+
+CAMERAS = ring(7, width=40, height=30)
+NEAR, LEAST, SHARE = 0.8, 3.0, 0.6
+
+
+def scene(seed: int = 0) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """places [R, D, 3], some beside or behind cameras, own colours, images and masks."""
+    rng = np.random.default_rng(seed)
+    places = rng.normal(0, 1.5, (60, 9, 3)).astype(np.float32)
+    images = rng.integers(0, 256, (7, 30, 40, 3)).astype(np.uint8)
+    return places, rng.uniform(size=(60, 3)).astype(np.float32), images, rng.uniform(size=(7, 30, 40)) < 0.7
+
+
+def expected(places: np.ndarray, own: np.ndarray, images: np.ndarray, wrong: np.ndarray) -> np.ndarray:
+    flat, colors = places.reshape(-1, 3), np.repeat(own, places.shape[1], 0)
+    inside, agree, difference = np.zeros((3, len(flat)))
+    for camera, image, mask in zip(CAMERAS, images, wrong, strict=True):
+        local = flat @ camera.viewmat[:3, :3].T + camera.viewmat[:3, 3]
+        pixels = local @ camera.K.T
+        u, v = (pixels[:, :2] / pixels[:, 2:]).astype(np.int64).T
+        seen = np.flatnonzero((local[:, 2] > NEAR) & (u >= 0) & (v >= 0) & (u < camera.width) & (v < camera.height))
+        inside[seen] += 1
+        hit = seen[mask[v[seen], u[seen]]]
+        agree[hit] += 1
+        difference[hit] += np.abs(image[v[hit], u[hit]] / 255 - colors[hit]).mean(1)
+    held = (agree >= LEAST) & (agree >= SHARE * inside)
+    return np.where(held, difference / np.maximum(agree, 1), np.inf).reshape(places.shape[:2])
+
+
+def test_parity() -> None:
+    places, own, images, wrong = scene()
+    poses, lenses = np.stack([c.viewmat for c in CAMERAS]), np.stack([c.K for c in CAMERAS])
+    found = carve.disagreement(places, own, poses, lenses, images, wrong, NEAR, LEAST, SHARE)
+    truth = expected(places, own, images, wrong)
+    assert 0.1 < np.isfinite(truth).mean() < 0.9
+    np.testing.assert_array_equal(np.isfinite(found), np.isfinite(truth))
+    np.testing.assert_allclose(found, truth, rtol=1e-5)

@@ -1,0 +1,55 @@
+"""Paths through the cameras, and the film itself."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import av
+import numpy as np
+
+from splatreel.kernels.image import render_image
+from splatreel.play.film import camera_path, write_film
+from splatreel.play.timeline import open_reel
+from splatreel.scene.camera import Camera
+from tests.golden import GOLDEN
+
+
+def camera(x: float) -> Camera:
+    viewmat = np.eye(4)
+    viewmat[0, 3] = -x
+    return Camera(f"at {x}", viewmat, np.array([[100, 0, 32], [0, 100, 24], [0, 0, 1]]), 64, 48)
+
+
+def test_a_path_passes_the_nearest_camera_first_without_a_jump():
+    path = camera_path(camera(0), [camera(3), camera(0), camera(1), camera(2)], 31)
+    places = np.array([c.center[0] for c in path])
+    assert np.allclose(places[[0, 10, 20, 30]], [0, 1, 2, 3], atol=1e-4)
+    assert np.abs(np.diff(places)).max() < 0.15
+
+
+def test_a_path_keeps_the_lens_and_turns_smoothly():
+    turned = camera(1).viewmat.copy()
+    turned[:3, :3] = [[0, 0, 1], [0, 1, 0], [-1, 0, 0]]
+    path = camera_path(camera(0), [replace(camera(1), viewmat=turned)], 5)
+    assert all(np.allclose(c.K, camera(0).K) for c in path)
+    angles = [np.degrees(np.arccos(c.viewmat[2, 2])) for c in path]
+    assert np.allclose(angles, [0, 22.5, 45, 67.5, 90], atol=1)
+
+
+def test_without_other_cameras_it_stays():
+    for cameras in ([], [camera(0)]):
+        assert [c.center[0] for c in camera_path(camera(0), cameras, 3)] == [0, 0, 0]
+
+
+def test_the_film_shows_the_reel(tmp_path: Path):
+    reel = open_reel(GOLDEN)
+    start = reel.manifest.camera.resized(81, 60)
+    done = []
+    write_film(tmp_path / "film.mp4", reel, [start] * 3, first=4, report=done.append)
+    assert done == [1, 2, 3]
+    with av.open(str(tmp_path / "film.mp4")) as film:
+        pictures = [frame.to_ndarray(format="rgb24") for frame in film.decode(video=0)]
+        assert film.streams.video[0].average_rate == reel.fps
+    assert len(pictures) == 3
+    assert pictures[0].shape == (60, 80, 3)
+    want = np.clip(render_image(reel.at(6 / reel.fps), start), 0, 1)[:, :80]
+    assert -10 * np.log10(np.mean((pictures[2] / 255 - want) ** 2)) > 25

@@ -1,0 +1,17 @@
+"""What the browser tests share: opening the player, and asking it things."""
+
+from playwright.sync_api import Page
+
+from splatreel.play.server import Server
+
+PLAYER = "document.querySelector('splat-reel').player"
+
+
+def open_player(page: Page, server: Server, query: str = "?autoplay=0") -> None:
+    """Open the page and wait for the first whole picture."""
+    page.goto(server.url + query)
+    wait_for_picture(page)
+
+
+def wait_for_picture(page: Page) -> None:
+    page.wait_for_function(f"document.querySelector('splat-reel')?.player && {PLAYER}.canPlay", timeout=20_000)
