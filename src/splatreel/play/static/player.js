@@ -184,6 +184,8 @@ void main() {
   font: 500 13px/1.4 system-ui, -apple-system, "Segoe UI", Roboto, sans-serif;
   text-align: start;
   -webkit-tap-highlight-color: transparent;
+  -webkit-user-select: none;
+  user-select: none;
   aspect-ratio: 16 / 9;
   container-type: size;
 }
