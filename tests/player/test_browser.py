@@ -171,3 +171,20 @@ def test_a_hundred_loops_hold_no_more_than_one(page: Page, server: Server):
     after = page.evaluate(held)
     assert after[0] < before[0] + 5e6
     assert after[1] == before[1] == 2
+
+
+def test_a_lost_graphics_device_is_said_and_comes_back(page: Page, server: Server):
+    open_player(page, server)
+    page.evaluate(f"{PLAYER}.currentTime = 0.3")
+    page.evaluate(f"window.device = {PLAYER}.canvas.getContext('webgl2').getExtension('WEBGL_lose_context')")
+    page.evaluate("device.loseContext()")
+    alert = page.locator("splat-reel").get_by_role("alert")
+    alert.wait_for()
+    assert "graphics device was lost" in alert.inner_text()
+    page.evaluate("device.restoreContext()")
+    page.wait_for_function(f"{PLAYER}.canPlay && !{PLAYER}.error")
+    assert alert.is_hidden()
+    assert page.evaluate(f"{PLAYER}.currentTime") == pytest.approx(0.3)
+    reel = open_reel(GOLDEN)
+    want = np.clip(render_image(reel.at(0.3), reel.manifest.camera), 0, 1)
+    assert psnr(picture(page, 0.3, reel.manifest.camera), want) >= 45
