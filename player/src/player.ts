@@ -265,13 +265,19 @@ export class Player extends EventTarget {
     this.camera.calm = matchMedia("(prefers-reduced-motion: reduce)").matches;
     const stage = new Stage(this.canvas, manifest, (error) => this.fail(error));
     this.stage = stage;
-    const arrived = (): void => {
+    const take = (add: () => void): void => {
+      if (this.error) return; // it begins anew
+      try {
+        add();
+      } catch (error) {
+        return this.fail(error);
+      }
       this.emit("progress");
       this.update();
     };
     this.stream = new Stream(manifest, memoryBudget(), {
-      layer: (index, file) => (stage.addLayer(index, file), arrived()),
-      group: (index, file) => (stage.addGroup(index, file), arrived()),
+      layer: (index, file) => take(() => stage.addLayer(index, file)),
+      group: (index, file) => take(() => stage.addGroup(index, file)),
       dropped: (index) => (stage.dropGroup(index), this.emit("progress")),
       progress: () => this.emit("progress"),
       failed: (error) => this.fail(error),

@@ -6,7 +6,7 @@ export type Quality = "auto" | "full" | "half";
 const SLOW = 27;
 const FAST = 17.5;
 /** Pictures to judge by. */
-const WINDOW = 24;
+const WINDOW = 12;
 const COARSEST = 0.5;
 /** Pauses longer than this, milliseconds, say nothing about the device. */
 const PAUSE = 2000;

@@ -34,6 +34,16 @@ def test_coefficients_alone_get_the_same_gradient():
     torch.testing.assert_close(*gradients)
 
 
+@pytest.mark.parametrize("bands", [1, 4, 9, 16])
+def test_colors_of_a_view_are_those_of_the_twin(bands):
+    generator = torch.Generator().manual_seed(bands)
+    means, base = torch.randn(200, 3, generator=generator), 3 * torch.randn(200, 1, 3, generator=generator)
+    center, rest = torch.tensor([0.3, -2.0, 4.0]), 0.3 * torch.randn(200, bands - 1, 3, generator=generator)
+    fast, slow = (lambda *a, m=m: m.view_colors(means.to(a[0].dtype), center.to(a[0].dtype), *a) for m in (splat, twin))
+    assert 0.1 < (fast(base, rest) == 0).float().mean() < 0.5
+    assert_parity(fast, slow, [base, rest])
+
+
 def test_bands_are_orthonormal():
     """Over the sphere the squared basis functions integrate to 1 and the products of two to 0."""
     directions = torch.randn(400_000, 3, generator=torch.Generator().manual_seed(0))

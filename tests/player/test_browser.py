@@ -154,3 +154,37 @@ def test_ends_without_loop(page: Page, server: Server):
     page.wait_for_function(f"{PLAYER}.ended && {PLAYER}.paused")
     page.evaluate(f"{PLAYER}.play()")
     assert page.evaluate(f"{PLAYER}.currentTime") < 0.3  # it began again
+
+
+def test_a_hundred_loops_hold_no_more_than_one(page: Page, server: Server):
+    page.set_viewport_size({"width": 160, "height": 120})
+    open_player(page, server, "")
+    page.evaluate(
+        f"(() => {{ window.loops = 0; let last = 0; {PLAYER}.playbackRate = 16;"
+        f"{PLAYER}.addEventListener('timeupdate', () => {{"
+        f"const now = {PLAYER}.currentTime; if (now < last) window.loops++; last = now; }}); }})()"
+    )
+    held = "[performance.memory.usedJSHeapSize, " + PLAYER + ".stream.held.length]"
+    page.wait_for_function("window.loops >= 10")
+    before = page.evaluate(held)
+    page.wait_for_function("window.loops >= 110")
+    after = page.evaluate(held)
+    assert after[0] < before[0] + 5e6
+    assert after[1] == before[1] == 2
+
+
+def test_a_lost_graphics_device_is_said_and_comes_back(page: Page, server: Server):
+    open_player(page, server)
+    page.evaluate(f"{PLAYER}.currentTime = 0.3")
+    page.evaluate(f"window.device = {PLAYER}.canvas.getContext('webgl2').getExtension('WEBGL_lose_context')")
+    page.evaluate("device.loseContext()")
+    alert = page.locator("splat-reel").get_by_role("alert")
+    alert.wait_for()
+    assert "graphics device was lost" in alert.inner_text()
+    page.evaluate("device.restoreContext()")
+    page.wait_for_function(f"{PLAYER}.canPlay && !{PLAYER}.error")
+    assert alert.is_hidden()
+    assert page.evaluate(f"{PLAYER}.currentTime") == pytest.approx(0.3)
+    reel = open_reel(GOLDEN)
+    want = np.clip(render_image(reel.at(0.3), reel.manifest.camera), 0, 1)
+    assert psnr(picture(page, 0.3, reel.manifest.camera), want) >= 45

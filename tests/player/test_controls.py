@@ -162,6 +162,12 @@ def test_the_element_has_the_manners_of_a_video(page: Page, server: Server):
     assert page.evaluate("r.play().then(() => r.paused)") is False
     page.evaluate("r.remove()")
     assert page.evaluate("[r.player.manifest, r.readyState]") == [None, 0]
+    page.evaluate(
+        "r.poster = 'data:image/gif;base64,R0lGODlhAQABAAAAACwAAAAAAQABAAACAkQBADs='; document.body.append(r)"
+    )
+    assert page.locator("splat-reel .poster").is_visible()
+    page.wait_for_function("r.readyState >= 2")
+    assert page.locator("splat-reel .poster").is_hidden()
 
 
 EMBED = """<!doctype html><body><script type="module">

@@ -3,6 +3,7 @@
 import json
 import shutil
 import threading
+import time
 from functools import partial
 from http.server import SimpleHTTPRequestHandler, ThreadingHTTPServer
 from pathlib import Path
@@ -207,3 +208,30 @@ def test_a_live_reel_is_joined_at_its_edge_and_followed(page: Page, server: Serv
     states.pop(0)
     page.wait_for_function(f"!{PLAYER}.live && {PLAYER}.ended")
     assert page.evaluate(f"{PLAYER}.duration") == pytest.approx(whole["frames"] / whole["fps"])
+
+
+class _Slow(SimpleHTTPRequestHandler):
+    """One Mbit a second a transfer, after 300 ms."""
+
+    def copyfile(self, source, outputfile) -> None:  # pyright: ignore
+        time.sleep(0.3)
+        while chunk := source.read(8192):
+            outputfile.write(chunk)
+            time.sleep(len(chunk) * 8 / 1e6)
+
+    def end_headers(self) -> None:
+        self.send_header("Access-Control-Allow-Origin", "*")
+        super().end_headers()
+
+    def log_message(self, format: str, *args: object) -> None: ...
+
+
+def test_a_slow_network_shows_that_it_waits_and_loses_no_time(page: Page, server: Server):
+    with ThreadingHTTPServer(("127.0.0.1", 0), partial(_Slow, directory=str(GOLDEN))) as slow:
+        threading.Thread(target=slow.serve_forever, daemon=True).start()
+        page.goto(f"{server.url}?loop=0&src=http://127.0.0.1:{slow.server_address[1]}/manifest.json")
+        page.locator("splat-reel .wait").wait_for()
+        page.wait_for_function(f"{PLAYER}.ended")
+        assert page.locator("splat-reel .wait").is_hidden()
+        assert 0.2e6 < page.evaluate(f"{PLAYER}.stats.throughput") < 2e6
+        slow.shutdown()

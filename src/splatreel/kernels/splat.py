@@ -93,6 +93,17 @@ def spherical_harmonics(degree: int, directions: Tensor, coefficients: Tensor) -
     return cpu.SphericalHarmonics.apply(degree, directions, coefficients)  # pyright: ignore[reportReturnType]
 
 
+def view_colors(means: Tensor, center: Tensor, base: Tensor, rest: Tensor) -> Tensor:
+    """Colours [N, 3] of points seen from center [3]: 0.5 and the harmonics, at least 0.
+
+    means: [N, 3]. base: [N, 1, 3] and rest: [N, K - 1, 3], K 1, 4, 9 or 16, in the 3DGS order; only they get gradients.
+    """
+    if means.is_cuda:
+        degree = round((1 + rest.shape[1]) ** 0.5) - 1
+        return (spherical_harmonics(degree, means.detach() - center, torch.cat([base, rest], 1)) + 0.5).clamp_min(0)
+    return cpu.ViewColors.apply(means.detach(), center, base, rest)  # pyright: ignore[reportReturnType]
+
+
 def rasterize(
     means2d: Tensor,
     conics: Tensor,

@@ -77,6 +77,12 @@ def spherical_harmonics(degree: int, directions: Tensor, coefficients: Tensor) -
     return (basis[..., None] * coefficients[:, :bands]).sum(1)
 
 
+def view_colors(means: Tensor, center: Tensor, base: Tensor, rest: Tensor) -> Tensor:
+    """As `splat.view_colors`."""
+    degree = round((1 + rest.shape[1]) ** 0.5) - 1
+    return (spherical_harmonics(degree, means.detach() - center, torch.cat([base, rest], 1)) + 0.5).clamp_min(0)
+
+
 def rasterize(
     means2d: Tensor,
     conics: Tensor,

@@ -6,7 +6,6 @@ does not mind, and many views agree on one motion in space. The tracks are a sta
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
@@ -14,26 +13,14 @@ import torch
 from torch import Tensor
 
 from splatreel.kernels import splat
+from splatreel.kernels.cpu import sceneflow
 from splatreel.motion.flow import Flow
 from splatreel.scene.camera import Camera
 from splatreel.scene.gaussians import Gaussians
 
-HIDDEN = 1.03
-"""A point farther than this times the depth the view sees is behind something."""
 ROUNDS = 3
-TOLERANCE = 1.0
-"""Pixels of disagreement at which a view's flow begins to count for less."""
+"""Of reweighting, when neighbours settle on one motion."""
 NEIGHBOURS = 16
-
-
-@dataclass(frozen=True)
-class _Pinhole:
-    rotation: Tensor
-    translation: Tensor
-    fx: float
-    fy: float
-    cx: float
-    cy: float
 
 
 class Tracker:
@@ -41,11 +28,11 @@ class Tracker:
 
     def __init__(self, static: Gaussians, cameras: list[Camera], frames: np.ndarray, flow: Flow, near: float) -> None:
         self.cameras, self.frames, self.flow, self.near = cameras, frames, flow, near
-        self.pinholes = [_pinhole(camera) for camera in cameras]
+        self.poses, self.lenses = np.stack([c.viewmat for c in cameras]), np.stack([c.K for c in cameras])
         # What hides what is told well enough at half size.
         self.lookouts = [camera.resized((camera.width + 1) // 2, (camera.height + 1) // 2) for camera in cameras]
         self.walls = [_depth(_tensors(static), camera, near) for camera in self.lookouts]
-        self._fields: dict[tuple[int, int, int], Tensor] = {}
+        self._fields: dict[tuple[int, int, int], np.ndarray] = {}
 
     def track(self, points: Gaussians, start: int = 0) -> np.ndarray:
         """Positions [T, N, 3] at every frame of points that are in place at frame `start`.
@@ -69,31 +56,27 @@ class Tracker:
         neighbours = _neighbours(means)
         path, motion = [means], torch.zeros_like(means)
         for here, there in pairwise(order):
-            views = []
-            for c, (camera, pinhole, wall) in enumerate(zip(self.lookouts, self.pinholes, self.walls, strict=True)):
-                depth = torch.minimum(wall, _depth((path[-1], shape[0], shape[1], shape[2]), camera, self.near))
-                views.append(_observe(path[-1], pinhole, self._field(c, here, there), depth, self.near))
-            motion = _smooth(*_solve(views, motion), neighbours)
+            moving = [_depth((path[-1], shape[0], shape[1], shape[2]), camera, self.near) for camera in self.lookouts]
+            depths = torch.stack([torch.minimum(wall, depth) for wall, depth in zip(self.walls, moving, strict=True)])
+            fields = np.stack([self._field(c, here, there) for c in range(len(self.cameras))])
+            known = path[-1].numpy(), motion.numpy(), self.poses, self.lenses, fields, depths.numpy()
+            agreed, certainty = sceneflow.solve(*known, self.near)
+            motion = _smooth(torch.from_numpy(agreed), torch.from_numpy(certainty), neighbours)
             path.append(path[-1] + motion)
         return path
 
-    def _field(self, camera: int, here: int, there: int) -> Tensor:
+    def _field(self, camera: int, here: int, there: int) -> np.ndarray:
         key = camera, here, there
         if key not in self._fields:
             field = self.flow(self.frames[here, camera], self.frames[there, camera])
-            self._fields[key] = torch.from_numpy(field.astype(np.float16))
-        return self._fields[key].float()
+            self._fields[key] = field.astype(np.float16)
+        return self._fields[key]
 
 
 def _tensors(gaussians: Gaussians) -> tuple[Tensor, Tensor, Tensor, Tensor]:
     names = ("means", "quats", "scales", "opacities")
     arrays = [torch.from_numpy(getattr(gaussians, name)) for name in names]
     return arrays[0], arrays[1], arrays[2], arrays[3]
-
-
-def _pinhole(camera: Camera) -> _Pinhole:
-    K, pose = camera.K, torch.from_numpy(camera.viewmat)
-    return _Pinhole(pose[:3, :3], pose[:3, 3], float(K[0, 0]), float(K[1, 1]), float(K[0, 2]), float(K[1, 2]))
 
 
 def _neighbours(means: Tensor) -> Tensor | None:
@@ -109,62 +92,6 @@ def _depth(points: tuple[Tensor, Tensor, Tensor, Tensor], camera: Camera, near: 
     p = splat.project(means, quats, scales, camera.viewmat, camera.K, *size, near)
     sums, alpha = splat.rasterize(p.means2d, p.conics, p.depths[:, None], opacities, p.depths, p.radii, *size)
     return torch.where(alpha > 0.5, sums[..., 0] / alpha.clamp_min(0.5), torch.inf)
-
-
-@dataclass(frozen=True)
-class _View:
-    """What one view says of every point's motion: jacobian [N, 2, 3] pixels per world unit, flow [N, 2], weight [N] 0 or 1."""
-
-    jacobian: Tensor
-    flow: Tensor
-    weight: Tensor
-
-
-def _observe(means: Tensor, pinhole: _Pinhole, field: Tensor, depth: Tensor, near: float) -> _View:
-    local = means @ pinhole.rotation.T + pinhole.translation
-    x, y, z = local.unbind(1)
-    ahead = z > near
-    z = torch.where(ahead, z, torch.ones_like(z))
-    u, v = pinhole.fx * x / z + pinhole.cx, pinhole.fy * y / z + pinhole.cy
-    height, width = field.shape[:2]
-    inside = ahead & (u >= 0) & (v >= 0) & (u < width) & (v < height)
-    column, row = u.long().clamp(0, width - 1), v.long().clamp(0, height - 1)
-    seen = inside & (z <= HIDDEN * depth[row // 2, column // 2])
-    zero = torch.zeros_like(z)
-    lens = torch.stack(
-        [
-            torch.stack([pinhole.fx / z, zero, -pinhole.fx * x / z**2], 1),
-            torch.stack([zero, pinhole.fy / z, -pinhole.fy * y / z**2], 1),
-        ],
-        1,
-    )
-    return _View(lens @ pinhole.rotation, field[row, column], seen.float())
-
-
-def _solve(views: list[_View], last: Tensor) -> tuple[Tensor, Tensor]:
-    """Motion [N, 3] that the views agree on, by reweighted least squares, and how well it is held [N] (0: not at all).
-
-    last: [N, 3] the motion before, which fills in what the views do not say.
-    """
-    count = len(last)
-    motion = last
-    certainty = torch.zeros(count)
-    for turn in range(ROUNDS):
-        A, b, total = torch.zeros(count, 3, 3), torch.zeros(count, 3), torch.zeros(count)
-        for view in views:
-            weight = view.weight
-            if turn:
-                error = ((view.jacobian @ motion[..., None])[..., 0] - view.flow).norm(dim=1)
-                weight = weight / (1 + (error / TOLERANCE) ** 2)
-            weighted = view.jacobian * weight[:, None, None]
-            A += weighted.transpose(1, 2) @ view.jacobian
-            b += (weighted.transpose(1, 2) @ view.flow[..., None])[..., 0]
-            total += weight
-        scale = A.diagonal(dim1=1, dim2=2).sum(1).clamp_min(1e-9)
-        damping = (1e-3 * scale)[:, None]
-        motion = torch.linalg.solve(A + damping[..., None] * torch.eye(3), b + damping * last)
-        certainty = (total - 1).clamp_min(0)
-    return motion, certainty
 
 
 def _smooth(motion: Tensor, certainty: Tensor, neighbours: Tensor | None) -> Tensor:

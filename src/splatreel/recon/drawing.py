@@ -81,12 +81,17 @@ class Drawing:
 
 
 def splats(
-    means: Tensor, quats: Tensor, scales: Tensor, opacities: Tensor, sh: Tensor, view: View, near: float
+    means: Tensor,
+    quats: Tensor,
+    scales: Tensor,
+    opacities: Tensor,
+    sh: tuple[Tensor, Tensor],
+    view: View,
+    near: float,
 ) -> Splats:
-    """Project points and evaluate their colours for a view. Shapes as in `Gaussians`."""
+    """Project points and evaluate their colours for a view. sh: [N, 1, 3] and [N, K - 1, 3]; other shapes as in `Gaussians`."""
     projected = splat.project(means, quats, scales, view.viewmat, view.K, view.width, view.height, near)
-    degree = round(sh.shape[1] ** 0.5) - 1
-    colors = (splat.spherical_harmonics(degree, means.detach() - view.center, sh) + 0.5).clamp_min(0)
+    colors = splat.view_colors(means, view.center, *sh)
     return Splats(projected.means2d, projected.conics, colors, opacities, projected.depths, projected.radii)
 
 
@@ -133,9 +138,9 @@ class Backdrop:
         return Scenery(seen, index, seen.spans(view), image, alpha)
 
 
-def activate(params: dict[str, Tensor]) -> tuple[Tensor, Tensor, Tensor, Tensor, Tensor]:
-    """means, quats, scales, opacities and sh of unconstrained tensors."""
-    sh = torch.cat([params["sh_base"], params["sh_rest"]], 1)
+def activate(params: dict[str, Tensor]) -> tuple[Tensor, Tensor, Tensor, Tensor, tuple[Tensor, Tensor]]:
+    """means, quats, scales, opacities and sh of unconstrained tensors, as `splats` takes them."""
+    sh = params["sh_base"], params["sh_rest"]
     return params["means"], params["quats"], params["log_scales"].exp(), params["logit_opacities"].sigmoid(), sh
 
 

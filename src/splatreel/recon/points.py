@@ -54,10 +54,9 @@ class TrainablePoints:
         return self.params["logit_opacities"].sigmoid()
 
     @property
-    def sh(self) -> Tensor:
-        if self.params["sh_rest"].shape[1] == 0:
-            return self.params["sh_base"]
-        return torch.cat([self.params["sh_base"], self.params["sh_rest"]], 1)
+    def sh(self) -> tuple[Tensor, Tensor]:
+        """The colour's constant part [N, 1, 3] and its higher bands [N, K - 1, 3]."""
+        return self.params["sh_base"], self.params["sh_rest"]
 
     def scale_rates(self, factors: Mapping[str, float], default: float = 1.0) -> None:
         """Set every learning rate to its base rate times a factor."""

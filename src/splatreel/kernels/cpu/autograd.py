@@ -62,6 +62,19 @@ class SphericalHarmonics(Function):
         return None, None if d_directions is None else torch.from_numpy(d_directions), torch.from_numpy(d_coefficients)
 
 
+class ViewColors(Function):
+    @staticmethod
+    def forward(ctx: Any, means: Tensor, center: Tensor, base: Tensor, rest: Tensor):
+        colors = torch.from_numpy(harmonics.colors(*_arrays(means, center, base, rest)))
+        ctx.save_for_backward(means, center, colors, rest)
+        return colors
+
+    @staticmethod
+    @once_differentiable
+    def backward(ctx: Any, d_colors: Tensor):
+        return None, None, *_tensors(*harmonics.colors_backward(*_arrays(*ctx.saved_tensors, d_colors)))
+
+
 class Rasterize(Function):
     @staticmethod
     def forward(ctx: Any, means2d, conics, colors, opacities, depths, radii, width: int, height: int, still, learning):

@@ -25,8 +25,8 @@ def disagreement(
     places: [R, D, 3] world. own: [R, 3] 0..1. viewmats: [C, 4, 4]; Ks: [C, 3, 3]. images: [C, H, W, 3] uint8; wrong: [C, H, W] bool.
     """
     out = np.full(places.shape[:2], np.inf, np.float32)
-    arrays = [np.ascontiguousarray(array, np.float32) for array in (places, own, viewmats, Ks)]
-    _disagreement(*arrays, images, wrong, F(near), F(least), F(share), out)
+    places, own, viewmats, Ks = (np.ascontiguousarray(array, np.float32) for array in (places, own, viewmats, Ks))
+    _disagreement(places, own, viewmats, Ks, images, wrong, F(near), F(least), F(share), out)
     return out
 
 

@@ -7,7 +7,7 @@ import math
 import numpy as np
 from numba import njit, prange
 
-from splatreel.kernels.cpu.jit import ONE, PARALLEL, ZERO, F
+from splatreel.kernels.cpu.jit import HALF, ONE, PARALLEL, ZERO, F
 
 C0 = F(0.28209479177387814)
 C1 = F(0.4886025119029199)
@@ -44,6 +44,22 @@ def backward(
     bands = (degree + 1) ** 2
     _backward(bands, directions, coefficients, d_colors, to_directions and bands > 1, d_directions, d_coefficients)
     return d_directions if to_directions else None, d_coefficients
+
+
+def colors(means: np.ndarray, center: np.ndarray, base: np.ndarray, rest: np.ndarray) -> np.ndarray:
+    """[N, 3] colours of points seen from center [3]: 0.5 and the harmonics, at least 0. base: [N, 1, 3], rest: [N, K - 1, 3]."""
+    out = np.empty((len(means), 3), np.float32)
+    _colors(means, center, base, rest, out)
+    return out
+
+
+def colors_backward(
+    means: np.ndarray, center: np.ndarray, seen: np.ndarray, rest: np.ndarray, d_colors: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Gradients to base and rest. seen: what `colors` returned."""
+    d_base, d_rest = np.empty((len(means), 1, 3), np.float32), np.empty_like(rest)
+    _colors_backward(means, center, seen, d_colors, d_base, d_rest)
+    return d_base, d_rest
 
 
 @njit(inline="always")
@@ -129,3 +145,39 @@ def _backward(bands, directions, coefficients, d_colors, to_directions, d_direct
             d_directions[i, 0] = (dx - along * x) * inverse
             d_directions[i, 1] = (dy - along * y) * inverse
             d_directions[i, 2] = (dz - along * z) * inverse
+
+
+@njit(inline="always")
+def _toward(means, center, i):
+    """Unit direction from the camera to point i."""
+    x, y, z = means[i, 0] - center[0], means[i, 1] - center[1], means[i, 2] - center[2]
+    inverse = ONE / max(math.sqrt(x * x + y * y + z * z), F(1e-12))
+    return x * inverse, y * inverse, z * inverse
+
+
+@njit(**PARALLEL)
+def _colors(means, center, base, rest, colors):
+    for i in prange(means.shape[0]):
+        x, y, z = _toward(means, center, i)
+        basis = np.empty(16, np.float32)
+        _basis(rest.shape[1] + 1, x, y, z, basis)
+        for c in range(3):
+            value = HALF + C0 * base[i, 0, c]
+            for k in range(rest.shape[1]):
+                value += basis[k + 1] * rest[i, k, c]
+            colors[i, c] = max(value, ZERO)
+
+
+@njit(**PARALLEL)
+def _colors_backward(means, center, colors, d_colors, d_base, d_rest):
+    for i in prange(means.shape[0]):
+        x, y, z = _toward(means, center, i)
+        basis = np.empty(16, np.float32)
+        _basis(d_rest.shape[1] + 1, x, y, z, basis)
+        r = d_colors[i, 0] if colors[i, 0] > ZERO else ZERO
+        g = d_colors[i, 1] if colors[i, 1] > ZERO else ZERO
+        b = d_colors[i, 2] if colors[i, 2] > ZERO else ZERO
+        d_base[i, 0, 0], d_base[i, 0, 1], d_base[i, 0, 2] = C0 * r, C0 * g, C0 * b
+        for k in range(d_rest.shape[1]):
+            weight = basis[k + 1]
+            d_rest[i, k, 0], d_rest[i, k, 1], d_rest[i, k, 2] = weight * r, weight * g, weight * b

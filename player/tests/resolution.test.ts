@@ -1,0 +1,43 @@
+import assert from "node:assert/strict";
+import { test } from "node:test";
+import { Resolution } from "../src/resolution";
+
+function draw(resolution: Resolution, pictures: number, interval: number, from = 1): number {
+  for (let i = 0; i < pictures; i++) resolution.drawn(true, (from += interval));
+  return from;
+}
+
+test("a device that keeps up draws every pixel, one that does not fewer, and no fewer than half a side", () => {
+  const fast = new Resolution();
+  draw(fast, 200, 16.7);
+  assert.equal(fast.ratio, 1);
+  const slow = new Resolution();
+  draw(slow, 24, 90);
+  assert.ok(slow.ratio < 1);
+  draw(slow, 200, 90);
+  assert.equal(slow.ratio, 0.5);
+  slow.quality = "full";
+  assert.equal(slow.ratio, 1);
+});
+
+test("it tries finer pictures again, ever more rarely where they are too much", () => {
+  const resolution = new Resolution();
+  let now = 1;
+  let changes = 0;
+  for (let i = 0; i < 60 * 60; i++) {
+    const before = resolution.ratio;
+    now += before > 0.9 ? 40 : 16.7;
+    resolution.drawn(true, now);
+    if (resolution.ratio !== before) changes++;
+  }
+  assert.ok(changes >= 2 && changes < 30, String(changes));
+});
+
+test("pauses say nothing", () => {
+  const resolution = new Resolution();
+  for (let i = 0; i < 100; i++) {
+    resolution.drawn(true, 5000 * i);
+    resolution.drawn(false, 5000 * i + 16);
+  }
+  assert.equal(resolution.ratio, 1);
+});

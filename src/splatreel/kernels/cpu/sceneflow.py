@@ -1,0 +1,113 @@
+"""Motion of points in space that the optical flow of all views agrees on: robust least squares, one task a point."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numba import njit, prange
+
+from splatreel.kernels.cpu.jit import PARALLEL
+
+ROUNDS = 3
+TOLERANCE = 1.0
+"""Pixels of disagreement at which a view's flow begins to count for less."""
+HIDDEN = 1.03
+"""A point farther than this times the depth the view sees is behind something."""
+DAMPING = 1e-3
+"""Weight of the motion before, as a share of the trace of the normal matrix: it fills in what the views do not say."""
+
+FLOATS = np.arange(1 << 16, dtype=np.uint16).view(np.float16).astype(np.float32)
+"""The value of every half-precision number, which numba cannot read."""
+
+
+def solve(
+    means: np.ndarray,
+    last: np.ndarray,
+    viewmats: np.ndarray,
+    Ks: np.ndarray,
+    fields: np.ndarray,
+    depths: np.ndarray,
+    near: float,
+) -> tuple[np.ndarray, np.ndarray]:
+    """Motion [N, 3] of points to the next frame, and how well it is held [N]: views that agree, less one; 0 for not at all.
+
+    means, last: [N, 3] float32, places and the motion before. viewmats: [C, 4, 4]; Ks: [C, 3, 3]. fields: [C, H, W, 2] float16,
+    where each view's pixels go. depths: [C, ceil(H / 2), ceil(W / 2)] what each view sees, infinite for nothing.
+    """
+    motion, certainty = np.empty_like(last), np.empty(len(last), np.float32)
+    seen = np.minimum(depths, np.float32(1e30))  # fast mathematics knows no infinity
+    _solve(means, last, viewmats, Ks, fields.view(np.uint16), FLOATS, seen, near, motion, certainty)
+    return motion, certainty
+
+
+@njit(inline="always")
+def _observe(means, i, V, K, field, floats, depth, near, row):
+    """Writes what one view says of point i: pixels per world unit [2, 3] and its flow [2]. Returns whether it sees the point."""
+    x, y, z = means[i, 0], means[i, 1], means[i, 2]
+    Z = V[2, 0] * x + V[2, 1] * y + V[2, 2] * z + V[2, 3]
+    if near >= Z:
+        return False
+    X, Y = V[0, 0] * x + V[0, 1] * y + V[0, 2] * z + V[0, 3], V[1, 0] * x + V[1, 1] * y + V[1, 2] * z + V[1, 3]
+    gx, gy = K[0, 0] / Z, K[1, 1] / Z
+    u, v = gx * X + K[0, 2], gy * Y + K[1, 2]
+    if not (0 <= u < field.shape[1] and 0 <= v < field.shape[0]):
+        return False
+    p, q = int(v), int(u)
+    if depth[p // 2, q // 2] * HIDDEN < Z:
+        return False
+    for k in range(3):
+        row[k], row[3 + k] = gx * (V[0, k] - X / Z * V[2, k]), gy * (V[1, k] - Y / Z * V[2, k])
+    row[6], row[7] = floats[field[p, q, 0]], floats[field[p, q, 1]]
+    return True
+
+
+@njit(inline="always")
+def _cholesky(A, b):
+    """x of A x = b for a positive definite matrix: A holds xx, xy, xz, yy, yz, zz."""
+    l00 = math.sqrt(A[0])
+    l10, l20 = A[1] / l00, A[2] / l00
+    l11 = math.sqrt(A[3] - l10 * l10)
+    l21 = (A[4] - l20 * l10) / l11
+    l22 = math.sqrt(A[5] - l20 * l20 - l21 * l21)
+    y0 = b[0] / l00
+    y1 = (b[1] - l10 * y0) / l11
+    z = (b[2] - l20 * y0 - l21 * y1) / (l22 * l22)
+    y = (y1 - l21 * z) / l11
+    return (y0 - l10 * y - l20 * z) / l00, y, z
+
+
+@njit(**PARALLEL)
+def _solve(means, last, viewmats, Ks, fields, floats, depths, near, motion, certainty):
+    for i in prange(means.shape[0]):
+        rows, count = np.empty((viewmats.shape[0], 8)), 0
+        for c in range(viewmats.shape[0]):
+            if _observe(means, i, viewmats[c], Ks[c], fields[c], floats, depths[c], near, rows[count]):
+                count += 1
+        x, y, z = float(last[i, 0]), float(last[i, 1]), float(last[i, 2])
+        total = 0.0
+        for turn in range(ROUNDS):
+            A, b, total = np.zeros(6), np.zeros(3), 0.0
+            for c in range(count):
+                j = rows[c]
+                across = j[0] * x + j[1] * y + j[2] * z - j[6]
+                down = j[3] * x + j[4] * y + j[5] * z - j[7]
+                weight = 1.0
+                if turn > 0:
+                    weight = 1 / (1 + (across * across + down * down) / (TOLERANCE * TOLERANCE))
+                total += weight
+                A[0] += weight * (j[0] * j[0] + j[3] * j[3])
+                A[1] += weight * (j[0] * j[1] + j[3] * j[4])
+                A[2] += weight * (j[0] * j[2] + j[3] * j[5])
+                A[3] += weight * (j[1] * j[1] + j[4] * j[4])
+                A[4] += weight * (j[1] * j[2] + j[4] * j[5])
+                A[5] += weight * (j[2] * j[2] + j[5] * j[5])
+                for k in range(3):
+                    b[k] += weight * (j[k] * j[6] + j[3 + k] * j[7])
+            damping = DAMPING * max(A[0] + A[3] + A[5], 1e-9)
+            A[0], A[3], A[5] = A[0] + damping, A[3] + damping, A[5] + damping
+            for k in range(3):
+                b[k] += damping * last[i, k]
+            x, y, z = _cholesky(A, b)
+        motion[i, 0], motion[i, 1], motion[i, 2] = x, y, z
+        certainty[i] = max(total - 1, 0.0)
