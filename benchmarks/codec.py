@@ -22,12 +22,13 @@ def main(
     every: int = 4,
     first: int = 0,
     end: int | None = None,
+    only: tuple[str, ...] = (),
     note: str = "",
 ) -> None:
-    """name: what the reconstruction is of. first, end: the capture's frames that it was made from."""
+    """name: what the reconstruction is of. first, end: the capture's frames that it was made from. only: names of configurations, all by default."""
     span = None if end is None else (first, end)
     source = open_capture(capture, width=reel_width(run / "reel"), frames=span)
-    rows = rate_distortion(run, source, every=every)
+    rows = rate_distortion(run, source, every=every, names=list(only) or None)
     record(f"codec {name}", {"every": every, "rows": [dataclasses.asdict(row) for row in rows]}, note)
     print(table(rows))
 

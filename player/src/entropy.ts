@@ -89,6 +89,7 @@ export class EntropyDecoder {
 
 /** 0, 1, 2, 3 become 0, -1, 1, -2. */
 export function unzigzag(value: number): number {
+  if (value < 2 ** 31) return (value >>> 1) ^ -(value & 1);
   return value % 2 === 0 ? value / 2 : -(value + 1) / 2;
 }
 

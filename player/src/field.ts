@@ -102,7 +102,7 @@ export async function decodeField(data: Uint8Array, columns: number, levels: Lev
           sizeSum += size[neighbours[i]] * weights[i];
         }
         const shift = shifts[point];
-        const around = Math.min(Math.floor(sizeSum / (512 << shift)), LARGEST);
+        const around = sizeSum === 0 ? 0 : Math.min(Math.floor(sizeSum / (512 << shift)), LARGEST);
         const before = column === 0 ? around : recent[point];
         const residual = unzigzag(decoder.next(CONTEXT_OF[(around + before) >> 1]));
         const steps = Math.abs(residual);

@@ -60,11 +60,16 @@ export async function decodeMotion(file: Container, here: Neighbourhood): Promis
   const turns = await transformed(file, "dq", MOTION, frames, 3, here);
   const dq = new Float32Array(4 * frames * file.points);
   for (let i = 0; i < frames * file.points; i++) {
-    const [x, y, z] = [turns[3 * i], turns[3 * i + 1], turns[3 * i + 2]];
-    const angle = Math.hypot(x, y, z);
+    const x = turns[3 * i];
+    const y = turns[3 * i + 1];
+    const z = turns[3 * i + 2];
+    const angle = Math.sqrt(x * x + y * y + z * z);
     const share = angle > 1e-12 ? Math.sin(angle / 2) / angle : 0.5;
     // q and -q turn alike, and of neighbouring frames the nearer ones are to be blended: the sign follows the vector.
-    dq.set([Math.cos(angle / 2), x * share, y * share, z * share], 4 * i);
+    dq[4 * i] = Math.cos(angle / 2);
+    dq[4 * i + 1] = x * share;
+    dq[4 * i + 2] = y * share;
+    dq[4 * i + 3] = z * share;
   }
   const x = wholes(dx, 3, new Uint16Array(4 * frames * file.points), 65535);
   const q = wholes(dq, 4, new Uint8Array(4 * frames * file.points), 255);
@@ -139,7 +144,7 @@ async function transformed(file: Container, name: string, kind: number, dimensio
       basis.forEach((column, k) => {
         const weight = column[d] * step;
         const coefficients = whole[k * channels + c];
-        for (let i = 0; i < sums.length; i++) sums[i] += weight * coefficients[i];
+        if (weight !== 0) for (let i = 0; i < sums.length; i++) sums[i] += weight * coefficients[i];
       });
       for (let i = 0; i < sums.length; i++) result[(d * file.points + i) * channels + c] = sums[i];
     }

@@ -54,7 +54,10 @@ def describe(name: str, found: ReelInfo) -> str:
             f"  group {group.group}: frames {group.first_frame} to {last}, "
             f"{group.points:,} dynamic points ({group.bytes:,} bytes), {new}"
         )
+    points = {"layer": manifest.layers, "group": manifest.groups}
     for kind, sections in found.section_bytes.items():
-        if sections:
-            lines.append(f"  {kind}s: " + ", ".join(f"{section} {size:,}" for section, size in sections.items()))
+        count = max(sum(file.points for file in points[kind]), 1)
+        parts = [f"{section} {size:,} ({8 * size / count:.1f})" for section, size in sections.items()]
+        if parts:
+            lines.append(f"  {kind}s, bytes and bits a point: {', '.join(parts)}")
     return "\n".join(lines)

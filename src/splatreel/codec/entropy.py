@@ -23,7 +23,7 @@ _DIRECT = 32
 """Numbers below it are their own token; larger ones are a token of their length and next bit, and plain bits."""
 _HEADER = struct.Struct("<BBHII")
 _MAX_LANES = 10
-_SYMBOLS_PER_LANE = 4096
+_SYMBOLS_PER_LANE = 1024
 
 
 class Encoder:
@@ -85,7 +85,7 @@ class Decoder:
             entry = self._lookup[part | (state & (_SCALE - 1))]
             entries[begin : begin + lanes] = entry
             state = (entry >> 12 & 0x1FFF) * (state >> _SCALE_BITS) + (entry & 0xFFF)
-            low = np.flatnonzero(state < _LOW)
+            low = (state < _LOW).nonzero()[0]
             if len(low):
                 if self._word + len(low) > self._word_count:
                     raise ReelError("ends before all of its numbers are read.")
