@@ -391,6 +391,7 @@ export class Player extends EventTarget {
     if (this.isSeeking && scene.current.group === this.momentNow().current.group) {
       this.isSeeking = false;
       this.emit("seeked");
+      this.update(); // what was on screen before may go now
     }
     if (this.ready) return;
     this.ready = true;

@@ -130,7 +130,7 @@ export class Stream {
         if (urgent && leastUrgent) this.cancel(leastUrgent);
         return;
       }
-      if (item.kind === "group" && !this.makeRoom(item, keys) && !urgent) return;
+      if (item.kind === "group" && !this.makeRoom(item, queue) && !urgent) return;
       this.load(item);
     }
   }
@@ -165,20 +165,25 @@ export class Stream {
   }
 
   /** Drop groups that nobody needs, those longest ago first, until one more fits; false if it does not. */
-  private makeRoom(item: Wanted, keys: Set<string>): boolean {
+  private makeRoom(item: Wanted, queue: Wanted[]): boolean {
     const { groups } = this.manifest;
-    const loading = [...this.jobs.values()].filter((job) => job.wanted.kind === "group").map((job) => job.wanted.index);
-    let total = [...this.groups, ...loading, item.index].reduce((sum, index) => sum + costOf(groups[index]), 0);
+    const sum = (indices: number[]): number => indices.reduce((total, index) => total + costOf(groups[index]), 0);
+    const groupsOf = (items: Wanted[]): number[] => items.filter(({ kind }) => kind === "group").map(({ index }) => index);
+    const wanted = groupsOf(queue);
+    // What is wanted may be more than the budget: the queue says when.
+    const budget = Math.max(this.budget, sum(wanted));
+    const loading = groupsOf([...this.jobs.values()].map((job) => job.wanted));
+    let total = sum([...this.groups, ...loading, item.index]);
     const { current, inUse } = this.demand;
     const behind = (index: number): number => (current - index + groups.length) % groups.length;
-    const victims = this.held.filter((index) => !keys.has(`group ${index}`) && !inUse.includes(index)).sort((a, b) => behind(a) - behind(b));
-    while (total > this.budget && victims.length > 0) {
+    const victims = this.held.filter((index) => !wanted.includes(index) && !inUse.includes(index)).sort((a, b) => behind(a) - behind(b));
+    while (total > budget && victims.length > 0) {
       const victim = victims.pop()!;
       total -= costOf(groups[victim]);
       this.groups.delete(victim);
       this.events.dropped(victim);
     }
-    return total <= this.budget;
+    return total <= budget;
   }
 
   private load(wanted: Wanted): void {

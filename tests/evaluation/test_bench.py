@@ -12,7 +12,8 @@ def test_the_cloud_fills_the_picture() -> None:
 
 def test_rows_state_what_was_measured() -> None:
     rows = bench_kernels(points=50, width=32, height=24, repeats=1)
-    assert [row["what"] for row in rows] == ["render_image", "training step"]
+    assert [row["what"] for row in rows] == ["render_image", "keyframe step", "group step"]
+    assert all(float(rows[k][ratio]) > 0 for k, ratio in ((1, "one_thread"), (2, "undivided")))
     assert all(isinstance(row["ms"], float) and row["ms"] > 0 for row in rows)
     rows = bench_codec(points=40, frames=3, repeats=1)
     assert [row["what"] for row in rows] == ["encode a group", "decode a group"] * 2

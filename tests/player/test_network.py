@@ -210,6 +210,34 @@ def test_a_live_reel_is_joined_at_its_edge_and_followed(page: Page, server: Serv
     assert page.evaluate(f"{PLAYER}.duration") == pytest.approx(whole["frames"] / whole["fps"])
 
 
+def test_groups_that_memory_does_not_hold_are_dropped_and_fetched_again(page: Page, server: Server):
+    manifest = json.loads((GOLDEN / "manifest.json").read_text())
+    first, second = manifest["groups"]
+    step = second["first_frame"]
+    # Claims of their size are all that the player knows before it has them.
+    claims = {"points": 3_000_000}
+    groups = [(second if i % 2 else first) | claims | {"first_frame": i * step} for i in range(6)]
+    manifest |= {"groups": groups, "frames": 5 * step + first["frames"]}
+    page.route("**/reel/manifest.json", lambda route: route.fulfill(json=manifest))
+    open_player(page, server, "?autoplay=0&loop=0")
+    page.evaluate(
+        f"(() => {{ window.taken = []; const {{stage}} = {PLAYER}; const add = stage.addGroup.bind(stage);"
+        "stage.addGroup = (index, file) => { taken.push(index); add(index, file); }; })()"
+    )
+    middle = 0.5 * step / manifest["fps"]
+    for group in (0, 2, 5, 1, 3, 0):
+        page.evaluate(f"{PLAYER}.currentTime = {middle + group * step / manifest['fps']}")
+        ahead = min(group + 1, 5)  # though not even two fit
+        settled = f"!{PLAYER}.seeking && !{PLAYER}.waiting && {PLAYER}.stream.held.includes({ahead})"
+        page.wait_for_function(settled)
+        held = page.evaluate(f"{PLAYER}.stream.held")
+        assert group in held
+        assert len(held) <= 3
+    assert page.evaluate("taken.includes(0)"), "the first group is fetched again"
+    page.evaluate(f"{PLAYER}.currentTime = 0; {PLAYER}.play()")
+    page.wait_for_function(f"{PLAYER}.ended")
+
+
 class _Slow(SimpleHTTPRequestHandler):
     """One Mbit a second a transfer, after 300 ms."""
 

@@ -16,7 +16,7 @@ from splatreel.errors import UsageError
 
 
 def kernels(points: int = 20_000, width: int = 320, height: int = 240, repeats: int = 20, json: bool = False) -> None:
-    """Time rendering and one training step.
+    """Time rendering and training steps, and what threads and motion layering gain.
 
     Args:
         points: Gaussians in the picture.

@@ -18,27 +18,15 @@ Row = dict[str, float | int | str]
 
 
 def bench_kernels(points: int, width: int, height: int, repeats: int) -> list[Row]:
-    """Milliseconds a picture: rendering to numpy, and, if torch is installed, one training step (forward and backward)."""
+    """Milliseconds a picture: rendering to numpy, and, if torch is installed, training steps of a keyframe and a group."""
     gaussians, camera = cloud(points), front_camera(width, height)
     shape: Row = {"points": points, "width": width, "height": height}
     rows = [{"what": "render_image", **shape, "ms": median_ms(lambda: render_image(gaussians, camera), repeats)}]
     try:
-        import torch
-
-        from splatreel.kernels import splat
+        from splatreel.evaluation.steps import step_rows
     except ImportError:
         return rows
-    names = ("means", "quats", "scales", "opacities", "sh")
-    means, quats, scales, opacities, sh = [
-        torch.from_numpy(getattr(gaussians, name)).requires_grad_() for name in names
-    ]
-    target = torch.zeros((height, width, 3), dtype=torch.uint8)
-
-    def step() -> None:
-        image = splat.render(means, quats, scales, opacities, sh, camera.viewmat, camera.K, width, height).image
-        splat.photometric_loss(image, target).backward()
-
-    return [*rows, {"what": "training step", **shape, "ms": median_ms(step, repeats)}]
+    return [*rows, *step_rows(gaussians, camera, repeats)]
 
 
 def bench_codec(points: int, frames: int, repeats: int) -> list[Row]:

@@ -3,13 +3,18 @@
 from __future__ import annotations
 
 import os
+import threading
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any, Protocol, TypeVar
 
 import cv2
 import numpy as np
 
 from splatreel.errors import MissingDependencyError, UsageError
+
+T = TypeVar("T")
 
 RAFT_FILE = "raft_large_C_T_SKHT_V2-ff5fadd5.pth"
 RAFT_URL = f"https://download.pytorch.org/models/{RAFT_FILE}"
@@ -33,19 +38,35 @@ def make_flow(name: str) -> Flow:
     raise UsageError(f"Unknown optical flow {name!r}. Choose dis or raft.")
 
 
+def each_view(work: Callable[[int], T], views: int, flow: Flow) -> list[T]:
+    """What `work`, which computes flow, returns for the views 0, 1 and so on.
+
+    DIS hardly gains from a second core within a pair of frames, so its views run side by side, on as many cores as OpenCV may use.
+    """
+    with ThreadPoolExecutor(max(cv2.getNumThreads(), 1) if isinstance(flow, DisFlow) else 1) as pool:
+        return list(pool.map(work, range(views)))
+
+
 class DisFlow:
-    """Dense inverse search (Kroeger et al. 2016) by OpenCV: classical, fast, needs no weights."""
+    """Dense inverse search (Kroeger et al. 2016) by OpenCV: classical, fast, needs no weights. Threads may share it."""
 
     def __init__(self) -> None:
-        self._dis = cv2.DISOpticalFlow.create(cv2.DISOPTICAL_FLOW_PRESET_MEDIUM)
-        self._dis.setFinestScale(0)
+        self._own = threading.local()
+
+    @property
+    def _dis(self) -> Any:
+        """OpenCV's object of this thread: it keeps its buffers."""
+        if not hasattr(self._own, "dis"):
+            self._own.dis = cv2.DISOpticalFlow.create(cv2.DISOPTICAL_FLOW_PRESET_MEDIUM)
+            self._own.dis.setFinestScale(0)
+        return self._own.dis
 
     def __call__(self, a: np.ndarray, b: np.ndarray) -> np.ndarray:
         grays = [cv2.cvtColor(np.ascontiguousarray(x), cv2.COLOR_RGB2GRAY) for x in (a, b)]
         least = min(a.shape[:2])
         if least < 16:  # below DIS's patch pyramid
             grays = [cv2.resize(g, None, fx=16 / least, fy=16 / least) for g in grays]
-        flow = self._dis.calc(*grays, None)  # pyright: ignore[reportCallIssue, reportArgumentType]
+        flow = self._dis.calc(*grays, None)
         if least < 16:
             flow = cv2.resize(flow, (a.shape[1], a.shape[0]), interpolation=cv2.INTER_AREA) * (least / 16)
         return np.ascontiguousarray(flow, np.float32)

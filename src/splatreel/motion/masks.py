@@ -10,7 +10,7 @@ import numpy as np
 
 from splatreel.config import LayeringConfig
 from splatreel.errors import UsageError
-from splatreel.motion.flow import Flow
+from splatreel.motion.flow import Flow, each_view
 from splatreel.motion.sam2 import Sam2Segmenter
 
 PAPER_WIDTH = 1352
@@ -50,11 +50,11 @@ def motion_masks(frames: np.ndarray, flow: Flow, config: LayeringConfig) -> np.n
     appears only later has no pixel at the keyframe and is left to the adaptive conversion of static points.
     """
     count, cameras, height, width = frames.shape[:4]
-    masks = np.zeros((cameras, height, width), bool)
     threshold = max(config.flow_threshold * width / PAPER_WIDTH, LEAST_FLOW)
     later = later_frames(count, config.flow_frames)
     enough = math.ceil(ENOUGH_FRAMES * len(later))
-    for c in range(cameras):
+
+    def moving(c: int) -> np.ndarray:
         evidence = np.zeros((height, width), int)
         for t in later:
             vectors = flow(frames[0, c], frames[t, c])
@@ -63,8 +63,9 @@ def motion_masks(frames: np.ndarray, flow: Flow, config: LayeringConfig) -> np.n
             evidence += moves
             if enough > 1:
                 evidence[moves & _returns(vectors, flow(frames[t, c], frames[0, c]))] = enough
-        masks[c] = _clean((evidence >= enough) & (evidence > 0))
-    return masks
+        return _clean((evidence >= enough) & (evidence > 0))
+
+    return np.stack(each_view(moving, cameras, flow))
 
 
 def _returns(forth: np.ndarray, back: np.ndarray) -> np.ndarray:

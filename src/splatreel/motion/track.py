@@ -6,6 +6,7 @@ does not mind, and many views agree on one motion in space. The tracks are a sta
 
 from __future__ import annotations
 
+from functools import partial
 from itertools import pairwise
 
 import numpy as np
@@ -14,7 +15,7 @@ from torch import Tensor
 
 from splatreel.kernels import splat
 from splatreel.kernels.cpu import sceneflow
-from splatreel.motion.flow import Flow
+from splatreel.motion.flow import Flow, each_view
 from splatreel.scene.camera import Camera
 from splatreel.scene.gaussians import Gaussians
 
@@ -58,15 +59,15 @@ class Tracker:
         for here, there in pairwise(order):
             moving = [_depth((path[-1], shape[0], shape[1], shape[2]), camera, self.near) for camera in self.lookouts]
             depths = torch.stack([torch.minimum(wall, depth) for wall, depth in zip(self.walls, moving, strict=True)])
-            fields = np.stack([self._field(c, here, there) for c in range(len(self.cameras))])
+            fields = np.stack(each_view(partial(self._field, here, there), len(self.cameras), self.flow))
             known = path[-1].numpy(), motion.numpy(), self.poses, self.lenses, fields, depths.numpy()
             agreed, certainty = sceneflow.solve(*known, self.near)
             motion = _smooth(torch.from_numpy(agreed), torch.from_numpy(certainty), neighbours)
             path.append(path[-1] + motion)
         return path
 
-    def _field(self, camera: int, here: int, there: int) -> np.ndarray:
-        key = camera, here, there
+    def _field(self, here: int, there: int, camera: int) -> np.ndarray:
+        key = here, there, camera
         if key not in self._fields:
             field = self.flow(self.frames[here, camera], self.frames[there, camera])
             self._fields[key] = field.astype(np.float16)
