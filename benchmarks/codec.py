@@ -25,7 +25,7 @@ def main(
     only: tuple[str, ...] = (),
     note: str = "",
 ) -> None:
-    """name: what the reconstruction is of. first, end: the capture's frames that it was made from. only: names of configurations, all by default."""
+    """name: what the reconstruction is of. first, end: the frames it was made from. only: configurations, all by default."""
     span = None if end is None else (first, end)
     source = open_capture(capture, width=reel_width(run / "reel"), frames=span)
     rows = rate_distortion(run, source, every=every, names=list(only) or None)
