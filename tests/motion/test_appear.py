@@ -43,7 +43,9 @@ def test_a_missing_ball_is_found_where_it_is() -> None:
     off = np.abs(np.linalg.norm(found.points - CENTER, axis=1) - RADIUS) / PIXEL
     assert np.median(off) < 2
     assert np.percentile(off, 80) < 4
-    assert (found.colors[:, 0] > found.colors[:, 2]).mean() > 0.9, "red over blue, as the ball is, but for its blurred rim"
+    assert (found.colors[:, 0] > found.colors[:, 2]).mean() > 0.9, (
+        "red over blue, as the ball is, but for its blurred rim"
+    )
     assert found.sizes.shape == (len(found.points),)
     assert (found.sizes > 0.2 * PIXEL).all()
     assert (found.sizes < 4 * PIXEL).all()
