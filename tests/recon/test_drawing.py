@@ -94,7 +94,7 @@ def test_what_a_point_fills_is_what_is_seen_of_it() -> None:
     view, scenery = VIEWS[0], backdrop(wall).scenery(0)
     one = THING[:1]
     _, before = moving(view, one)
-    alone = float(draw(before, view).alpha.sum())
+    alone = float(draw(before, view).alpha.sum().detach())
     _, behind = moving(view, Gaussians(one.means + np.array([0, 0, 3]), one.quats, one.scales, one.opacities, one.sh))
     assert alone > 1
     torch.testing.assert_close(filled(before, view, scenery), torch.tensor([alone]), atol=1e-3, rtol=1e-3)
