@@ -76,6 +76,8 @@ class GroupConfig:
     temporal_window: int = 2
     track: bool = False
     """Start from tracks by optical flow, and from new points where several views lack something; goes past the paper."""
+    faint_share: float = 0.0
+    """Twice on the way, the faintest points go that together hold this share of all blending weight; 0 keeps all, as the paper."""
     progressive: float = 0.5
     """Share of the iterations over which frames are let in one after the other; 0 turns progressive sampling off."""
 
@@ -161,7 +163,7 @@ def preset(quality: Quality) -> Config:
                 max_points=60_000,
                 points_per_pixel=0.6,
             ),
-            group=GroupConfig(iterations_per_frame=60, track=True, progressive=0.0),
+            group=GroupConfig(iterations_per_frame=60, track=True, faint_share=0.01, progressive=0.0),
         )
     if quality == "draft":
         return Config(
@@ -173,6 +175,6 @@ def preset(quality: Quality) -> Config:
                 max_points=30_000,
                 points_per_pixel=0.6,
             ),
-            group=GroupConfig(iterations_per_frame=15, track=True, progressive=0.0),
+            group=GroupConfig(iterations_per_frame=15, track=True, faint_share=0.01, progressive=0.0),
         )
     raise UsageError(f"Unknown quality {quality!r}. Choose draft, standard or paper.")

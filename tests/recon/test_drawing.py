@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 import torch
 
-from splatreel.recon.drawing import Backdrop, Splats, View, draw, splats
+from splatreel.recon.drawing import Backdrop, Splats, View, draw, filled, splats
 from splatreel.recon.points import TrainablePoints, default_rates
 from splatreel.scene.gaussians import Gaussians
 from tests.recon.captures import blots
@@ -86,3 +86,18 @@ def test_scenery_is_drawn_once() -> None:
     assert behind.scenery(2) is first
     behind.set_alive(torch.ones(len(WALL), dtype=torch.bool))
     assert behind.scenery(2) is first, "nothing died"
+
+
+def test_what_a_point_fills_is_what_is_seen_of_it() -> None:
+    """One splat in front of a wall and the same behind it: there it fills what it adds to the wall's alpha."""
+    wall = Gaussians(WALL.means, WALL.quats, WALL.scales, np.full(len(WALL), 0.999), WALL.sh)
+    view, scenery = VIEWS[0], backdrop(wall).scenery(0)
+    one = THING[:1]
+    _, before = moving(view, one)
+    alone = float(draw(before, view).alpha.sum().detach())
+    _, behind = moving(view, Gaussians(one.means + np.array([0, 0, 3]), one.quats, one.scales, one.opacities, one.sh))
+    assert alone > 1
+    torch.testing.assert_close(filled(before, view, scenery), torch.tensor([alone]), atol=1e-3, rtol=1e-3)
+    through = (draw(behind, view, scenery).alpha - scenery.alpha).sum().detach()
+    assert through < 0.5 * alone
+    torch.testing.assert_close(filled(behind, view, scenery), through[None], atol=1e-3, rtol=1e-3)

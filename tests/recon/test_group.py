@@ -161,6 +161,25 @@ def test_a_group_keeps_a_point_even_if_all_are_faint(filmed: GroupFrames) -> Non
     group = trainer(filmed, config(), THING.faded(0.001))
     group._prune()
     assert len(group.points) == len(THING)
+    group = trainer(filmed, config(), moved(THING, 1e4))
+    group._drop_faint()
+    assert len(group.points) == len(THING), "out of sight"
+
+
+def test_points_that_fill_nothing_go_and_the_picture_stays(filmed: GroupFrames) -> None:
+    """Some were put behind the wall, where no camera sees them."""
+    hidden = blots(30, [-0.8, -0.6, 1.3], [0.2, 0.6, 1.5], 0.05, 2)
+    tracks = np.stack([moved(Gaussians.concatenate([THING, hidden]), t).means for t in range(FRAMES)])
+    settings = config()
+    settings = replace(settings, group=replace(settings.group, faint_share=0.01))
+    wall = Gaussians(WALL.means, WALL.quats, WALL.scales, np.full(len(WALL), 0.999), WALL.sh)
+    group = trainer(filmed, settings, Gaussians.concatenate([THING, hidden]), wall, tracks)
+    assert quality(filmed, group.result(), wall) > 38
+    group._drop_faint()
+    result = group.result()
+    assert len(result.dynamic) < len(THING) + 0.5 * len(hidden)
+    assert (result.dynamic.means[:, 2] < 1).sum() > 0.8 * len(THING)
+    assert quality(filmed, result, wall) > 38
 
 
 @pytest.mark.parametrize("deformation", ["trajectory", "hashgrid"])

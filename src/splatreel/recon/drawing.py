@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 
 import torch
 from torch import Tensor
@@ -164,6 +164,15 @@ def draw(moving: Splats, view: View, scenery: Scenery | None = None, layered: bo
         parts.means2d.retain_grad()
     image, alpha = _rasterize(parts, view, still, count if layered else None)
     return Drawing(image, alpha, parts.means2d, count, index)
+
+
+def filled(moving: Splats, view: View, scenery: Scenery) -> Tensor:
+    """[N] how much of a view's picture every moving point fills, in pixels: its blending weights, summed."""
+    marks = torch.zeros_like(moving.colors, requires_grad=True)
+    marked = replace(moving, means2d=moving.means2d.detach().requires_grad_(), colors=marks)
+    draw(marked, view, scenery).image[..., 0].sum().backward()
+    assert marks.grad is not None
+    return marks.grad[:, 0]
 
 
 def _rasterize(

@@ -16,7 +16,7 @@ from splatreel.recon import losses
 from splatreel.recon.colors import CameraGains
 from splatreel.recon.deformation import Deformation, deform
 from splatreel.recon.density import GradientMeter
-from splatreel.recon.drawing import Backdrop, Drawing, View, draw, splats
+from splatreel.recon.drawing import Backdrop, Drawing, View, draw, filled, splats
 from splatreel.recon.hashgrid import HashGrid
 from splatreel.recon.points import TrainablePoints
 from splatreel.recon.schedule import FrameSchedule
@@ -39,6 +39,12 @@ ADAPT_FROM, ADAPT_TO = 0.25, 0.8
 
 FULL_WIDTH = 1352
 """Image width that the paper's thresholds are for."""
+
+FAINT_AT = (0.4, 0.7)
+"""Shares of training after which the faintest points go: what guessed the wrong place has faded by then, and the rest can fill in."""
+
+FAINT_PICTURES = 60
+"""Pictures in which that is measured."""
 
 MEASURE_EVERY = 8
 """Iterations between two that draw the whole picture, to measure how much the static points are pulled at."""
@@ -101,6 +107,7 @@ class GroupTrainer:
             progress.note("Nothing moves in this group: it holds static points only.")
             return self.result()
         layering = self.config.layering
+        culls = {round(at * self.iterations) for at in FAINT_AT} if self.config.group.faint_share else set()
         for iteration in range(self.iterations):
             loss = self._step(iteration)
             share = (iteration + 1) / self.iterations
@@ -108,6 +115,9 @@ class GroupTrainer:
                 if ADAPT_FROM <= share <= ADAPT_TO:
                     self._adapt()
                 self._prune()
+                self._watch()
+            if iteration + 1 in culls:
+                self._drop_faint()
                 self._watch()
             if (iteration + 1) % 50 == 0 or share == 1:
                 progress.update(iteration + 1, loss=loss, dynamic=len(self.points))
@@ -230,7 +240,24 @@ class GroupTrainer:
             keep = self.points.opacities >= self.config.keyframe.cull_opacity
             keep &= self.points.scales.amax(1) < 0.5 * self.frames.unit
         if not bool(keep.all()) and bool(keep.any()):
-            index = torch.nonzero(keep)[:, 0]
+            self._keep(torch.nonzero(keep)[:, 0])
+
+    def _drop_faint(self) -> None:
+        """Drop the points that together fill next to nothing of the pictures: often half of all, and each costs bytes and time."""
+        total = torch.zeros(len(self.points), device=self.points.means.device)
+        for k in range(FAINT_PICTURES):
+            frame = k * (self.frames.count - 1) // (FAINT_PICTURES - 1)
+            camera = int(self.rng.integers(len(self.frames.views)))
+            view = self.frames.views[camera]
+            with torch.no_grad():
+                moving = self._deformed(*self.model.offsets(self.points.means, frame), view)
+            total += filled(moving, view, self.backdrop.scenery(camera))
+        order = total.argsort()
+        held = total[order].cumsum(0) / total.sum().clamp_min(1e-9)
+        self._keep(order[held >= self.config.group.faint_share].sort().values)
+
+    def _keep(self, index: Tensor) -> None:
+        if len(index):
             self.points.keep(index)
             self.model.keep(index)
 
