@@ -12,6 +12,7 @@ from splatreel.config import Config, EncodeConfig, KeyframeConfig
 from splatreel.errors import UsageError
 from splatreel.evaluation.oracle import oracle
 from splatreel.progress import Silent, Span
+from splatreel.recon.importance import weigh
 from splatreel.recon.still import reconstruct_still
 from splatreel.scene.group import Group
 from tests.recon.captures import WallCapture
@@ -133,7 +134,7 @@ def still_reel(path: Path, capture: HeldOutWall, cameras: str = "training") -> P
         cameras=views,
         config=EncodeConfig(),
     )
-    writer.add_layer(0, 0, gaussians)
+    writer.add_layer(0, 0, gaussians, weigh([gaussians], capture.training_cameras, layout.near))
     nothing = gaussians[:0]
     offsets = np.zeros((FRAMES, 0, 3), np.float32), np.zeros((FRAMES, 0, 4), np.float32)
     writer.add_group(Group(0, 0, nothing, *offsets, np.ones(len(gaussians), bool)))
