@@ -89,7 +89,7 @@ def write_golden(path: Path, codec: Literal["predictive", "h265"] = "h265") -> N
         up=np.array([0.0, -1.0, 0.0]),
         camera=camera("start", 0.0),
         cameras=[camera("cam00", -0.5), camera("cam01", 0.5)],
-        config=EncodeConfig(codec=codec),
+        config=EncodeConfig(codec=codec, coarseness=1.0),
     )
     alive = np.ones(0, bool)
     for index, (born, moving, frames) in enumerate(((150, 100, 8), (50, 90, 8))):

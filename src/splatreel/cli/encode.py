@@ -14,7 +14,7 @@ from splatreel.config import EncodeConfig
 from splatreel.errors import UsageError
 
 Rate = Literal["low", "medium", "high"]
-COARSENESS = {"low": 2.0, "medium": 1.0, "high": 0.5}
+COARSENESS = {"low": 1.2, "medium": 0.6, "high": 0.3}
 PAPERS = {"crf", "position_bits", "scale_bits"}
 """What only the paper's codec looks at; asking for one of them is asking for that codec."""
 LIMITS = {"crf": (0, 51), "position_bits": (4, 21), "scale_bits": (1, 16), "sh_entries": (0, 65536)}

@@ -31,11 +31,11 @@ CONFIGURATIONS: dict[str, EncodeConfig] = {
     "paper, CRF 14 (Table 10)": dataclasses.replace(PAPER, crf=14),
     "paper, CRF 28 (Table 10)": dataclasses.replace(PAPER, crf=28),
     "paper, QP_DRC 14 (Table 10)": dataclasses.replace(PAPER, position_bits=14),
-    "predictive 0.5 (--rate high)": EncodeConfig(coarseness=0.5),
-    "predictive 0.7": EncodeConfig(coarseness=0.7),
-    "predictive 1 (--rate medium)": EncodeConfig(),
-    "predictive 1.4": EncodeConfig(coarseness=1.4),
-    "predictive 2 (--rate low)": EncodeConfig(coarseness=2.0),
+    "predictive 0.3 (--rate high)": EncodeConfig(coarseness=0.3),
+    "predictive 0.6 (--rate medium)": EncodeConfig(),
+    "predictive 0.8": EncodeConfig(coarseness=0.8),
+    "predictive 1.2 (--rate low)": EncodeConfig(coarseness=1.2),
+    "predictive 2": EncodeConfig(coarseness=2.0),
     "predictive 4": EncodeConfig(coarseness=4.0),
 }
 MOTION = ("offsets", "dx", "dq")
