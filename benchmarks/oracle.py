@@ -31,9 +31,13 @@ def main(
     reel: Path | None = None,
     seed: int = 0,
     out: Path | None = None,
+    name: str | None = None,
     note: str = "",
 ) -> None:
-    """Reconstruct frames on their own, evaluate on the held-out cameras, record. Options as in `splatreel bench oracle`."""
+    """Reconstruct frames on their own, evaluate on the held-out cameras, record. Options as in `splatreel bench oracle`.
+
+    name: of the capture in the record, in one word; its folder's unless given.
+    """
     before, started = machine(), time.monotonic()
     held_out, chosen = parse_names(hold_out, "--hold-out"), parse_numbers(at, "--at")
     source = open_capture(capture, width=width, frames=parse_frames(frames), held_out=held_out)
@@ -54,7 +58,7 @@ def main(
     }
     wall = {"seconds_wall": round(time.monotonic() - started, 1)}
     values = summary(result, config.keyframe.sh_degree) | {"quality": quality, "seed": seed} | shape | wall
-    record(f"oracle {source.name} {width}", values, note)
+    record(f"oracle {name or source.name} {width}", values, note)
     print(result.to_markdown())
 
 

@@ -19,11 +19,11 @@ ROWS = {
     "basketball 640": "Panoptic basketball, 640 wide",
 }
 """Benchmarks that always have a row, measured or not. Those of single frames get one when they have been recorded."""
-SINGLE = {"static": "one frame", "oracle": "each frame on its own"}
-"""Benchmarks of single frames by the first word of their name, which is followed by a capture's and a width."""
+ORACLE, ON_ITS_OWN = "oracle", "each frame on its own"
+"""The benchmark of single frames: first word of its name, which is followed by a capture's and a width."""
 
 COLUMNS = ("held-out cameras of", "frames", "PSNR dB", "per channel", "SSIM", "before encoding", "reel", "of float32")
-COLUMNS += ("time", "memory", "commit")
+COLUMNS += ("time", "load before", "memory", "commit")
 
 
 def latest(results: Path = RESULTS) -> dict[str, dict]:
@@ -35,12 +35,12 @@ def latest(results: Path = RESULTS) -> dict[str, dict]:
 
 def table(records: dict[str, dict]) -> str:
     """The Markdown table, and on which machines it was measured."""
-    single = {name: name.split() for name in sorted(records) if name.split()[0] in SINGLE}
-    rows = ROWS | {name: f"{words[1]}, {SINGLE[words[0]]}" for name, words in single.items()}
+    single = {name: name.split() for name in sorted(records) if name.split()[0] == ORACLE}
+    rows = ROWS | {name: f"{words[1]}, {words[2]} wide, {ON_ITS_OWN}" for name, words in single.items()}
     lines = [_row(COLUMNS), _row(["---"] * len(COLUMNS))]
     lines += [_row(_cells(label, records.get(name))) for name, label in rows.items()]
     measured = [records[name] for name in rows if name in records]
-    machines = sorted({str(record.get("machine_before", record["machine"])) for record in measured})
+    machines = sorted({_machine(record)[0] for record in measured})
     if machines:
         lines += ["", f"Measured on {'; '.join(machines)}."]
     return "\n".join(lines)
@@ -63,9 +63,16 @@ def _cells(label: str, record: dict | None) -> list[str]:
         _number(record, "reel_bytes", ".2f", 1e-6, " MB"),
         _number(record, "share_of_float32", ".1f", 100, " %"),
         _number(record, "seconds_total", ".1f", 1 / 60, " min"),
+        _machine(record)[1] or MISSING,
         _number(record, "peak_memory_bytes", ".1f", 1e-9, " GB"),
         f"`{record['revision']}`",
     ]
+
+
+def _machine(record: dict) -> tuple[str, str]:
+    """What it was measured on, and its load before."""
+    machine, _, load = str(record.get("machine_before", record["machine"])).partition(", load ")
+    return machine, load
 
 
 def _number(record: dict, name: str, style: str, factor: float = 1, unit: str = "") -> str:
