@@ -7,7 +7,7 @@ import { NO_POINT, TEXTURE_WIDTH } from "./layout";
 /** Texels of a point in its file's `points` texture, and of an entry in its codebook: one a coefficient. */
 export const POINT_TEXELS = 3;
 export const ENTRY_TEXELS = 15;
-export const ENTRIES_PER_ROW = 64;
+export const ENTRIES_PER_ROW = 128;
 
 export const projectVertex = `#version 300 es
 void main() {

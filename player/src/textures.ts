@@ -1,4 +1,5 @@
 /** The points of one file in GPU memory. */
+import { ReelError } from "./errors";
 import type { Gaussians } from "./gaussians";
 import { TEXTURE_WIDTH } from "./layout";
 import type { Offsets } from "./offsets";
@@ -84,6 +85,8 @@ export class PointTextures {
     const { gl } = this;
     const entries = codebook.length / numbers;
     const rows = Math.ceil(entries / ENTRIES_PER_ROW);
+    const most = gl.getParameter(gl.MAX_TEXTURE_SIZE) as number;
+    if (rows > most) throw new ReelError(`A file of the reel has more view-dependent colours than this device holds (${entries} of ${most * ENTRIES_PER_ROW}).`);
     const width = ENTRIES_PER_ROW * ENTRY_TEXELS;
     const values = new Float32Array(rows * width * 4);
     for (let e = 0; e < entries; e++) {
