@@ -261,5 +261,6 @@ def test_a_slow_network_shows_that_it_waits_and_loses_no_time(page: Page, server
         page.locator("splat-reel .wait").wait_for()
         page.wait_for_function(f"{PLAYER}.ended")
         assert page.locator("splat-reel .wait").is_hidden()
-        assert 0.2e6 < page.evaluate(f"{PLAYER}.stats.throughput") < 2e6
+        # A busy machine hands over late and then all at once; without the brake it would be hundreds of megabits.
+        assert 0.2e6 < page.evaluate(f"{PLAYER}.stats.throughput") < 2e7
         slow.shutdown()
