@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import dataclasses
 import json
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from operator import attrgetter
 from typing import Literal
 
@@ -153,28 +153,20 @@ def preset(quality: Quality) -> Config:
         layering = LayeringConfig(flow_frames=1, lift="optimise", segment="grabcut")
         group, encode = GroupConfig(deformation="hashgrid"), EncodeConfig(codec="h265")
         return Config(layering=layering, group=group, encode=encode, correct_colors=False)
+    standard = Config(
+        keyframe=KeyframeConfig(
+            first_iterations=2000,
+            refine_iterations=400,
+            coarse_share=0.5,
+            pace=4.0,
+            max_points=60_000,
+            points_per_pixel=0.6,
+        ),
+        group=GroupConfig(iterations_per_frame=75, track=True, faint_share=0.01, progressive=0.0),
+    )
     if quality == "standard":
-        return Config(
-            keyframe=KeyframeConfig(
-                first_iterations=2000,
-                refine_iterations=400,
-                coarse_share=0.5,
-                pace=4.0,
-                max_points=60_000,
-                points_per_pixel=0.6,
-            ),
-            group=GroupConfig(iterations_per_frame=75, track=True, faint_share=0.01, progressive=0.0),
-        )
+        return standard
     if quality == "draft":
-        return Config(
-            keyframe=KeyframeConfig(
-                first_iterations=1000,
-                refine_iterations=250,
-                coarse_share=0.5,
-                pace=4.0,
-                max_points=30_000,
-                points_per_pixel=0.6,
-            ),
-            group=GroupConfig(iterations_per_frame=15, track=True, faint_share=0.01, progressive=0.0),
-        )
+        keyframe = replace(standard.keyframe, first_iterations=1000, refine_iterations=250, max_points=30_000)
+        return replace(standard, keyframe=keyframe, group=replace(standard.group, iterations_per_frame=15))
     raise UsageError(f"Unknown quality {quality!r}. Choose draft, standard or paper.")

@@ -44,6 +44,12 @@ def load_layer(work: Path, index: int, kind: str) -> Gaussians | None:
     return checkpoint.unpack(checkpoint.load_arrays(path), kind + "_") if path.exists() else None
 
 
+def load_static(work: Path, index: int) -> Gaussians:
+    """All static points born up to a group, as the reel holds them, in the order that training saw them."""
+    layers = [load_layer(work, i, "decoded") for i in range(index + 1)]
+    return Gaussians.concatenate([Gaussians.empty(0), *[layer for layer in layers if layer is not None]])
+
+
 def load_importance(work: Path, index: int) -> np.ndarray | None:
     """Of the points of a layer as the run encoded it; None where it did not."""
     path = group_folder(work, index) / "layer.safetensors"
@@ -88,15 +94,13 @@ Shows = dict[int, Shown]
 """By group the importance of its dynamic points and of all static points so far."""
 
 
-def importance(writer: ReelWriter, work: Path, group: Group) -> Shown:
-    """What `weigh` says of a group's dynamic points, and of all static points so far in the order that training saw them.
+def importance(writer: ReelWriter, static: Gaussians, group: Group) -> Shown:
+    """What `weigh` says of a group's dynamic points, and of all static points so far, decoded and in the order of training.
 
     None where the writer's codec has no use for it; nothing for static points that are not alive.
     """
     if writer.config.codec != "predictive":
         return None, None
-    layers = [load_layer(work, i, "decoded") for i in range(group.index + 1)]
-    static = Gaussians.concatenate([Gaussians.empty(0), *[layer for layer in layers if layer is not None]])
     times = np.linspace(0, group.frames - 1, MOMENTS)
     moments = [Gaussians.concatenate([group.at(time), static[group.alive]]) for time in times]
     found = weigh(moments, list(writer.manifest.cameras), writer.manifest.near)
@@ -116,7 +120,7 @@ class Publisher:
     def publish(self, index: int) -> None:
         group, layer = load_group(self.work, index), load_layer(self.work, index, "raw")
         if index not in self._shows:
-            self._shows[index] = importance(self.writer, self.work, group)
+            self._shows[index] = importance(self.writer, load_static(self.work, index), group)
         moving, resting = self._shows[index]
         if layer is not None:
             born = None if resting is None else resting[-len(layer) :]

@@ -186,7 +186,7 @@ class Reconstruction:
         group = Group(span.index, span.first, result.dynamic, result.dx, result.dq, result.alive)
         save_group(self.work, group)  # before it is published: what is in the reel is never trained again
         with self._timed("encode"):
-            writer.add_group(group, importance(writer, self.work, group)[0])
+            writer.add_group(group, importance(writer, scene.static, group)[0])
         return self._hand_over(span, scene.static, group)
 
     def _keyframe(self, span: Span, scene: Scene, images: np.ndarray, layout: Layout) -> Gaussians:
