@@ -6,3 +6,11 @@ export class ReelError extends Error {
 export function messageOf(error: unknown): string {
   return error instanceof Error ? error.message : String(error);
 }
+
+export class DeviceLostError extends Error {
+  override name = "DeviceLostError";
+
+  constructor() {
+    super("The graphics device was lost. The player goes on when it is back.");
+  }
+}

@@ -1,6 +1,6 @@
 /** Plays a reel on a canvas: the clock, what shows at its time, and one picture a display frame. */
 import { OrbitCamera } from "./camera";
-import { messageOf } from "./errors";
+import { DeviceLostError, messageOf } from "./errors";
 import { follow, followToTheEnd } from "./live";
 import { loadManifest, type Manifest } from "./manifest";
 import type { Pose, Start } from "./pose";
@@ -52,7 +52,7 @@ export class Player extends EventTarget {
     super();
     canvas.addEventListener("webglcontextlost", (event) => {
       event.preventDefault();
-      this.fail(new Error("The graphics device was lost. The player goes on when it is back."));
+      this.fail(new DeviceLostError());
     });
     canvas.addEventListener("webglcontextrestored", () => this.retry());
   }
@@ -301,7 +301,9 @@ export class Player extends EventTarget {
 
   private fail(error: unknown): void {
     if (this.error) return;
-    this.error = error instanceof Error ? error : new Error(messageOf(error));
+    // A lost device fails at whatever is asked of it, before the browser tells of the loss.
+    const cause = this.stage?.lost ? new DeviceLostError() : error;
+    this.error = cause instanceof Error ? cause : new Error(messageOf(cause));
     this.emit("error");
   }
 

@@ -59,6 +59,10 @@ export class Renderer {
     gl.bindVertexArray(null);
   }
 
+  get lost(): boolean {
+    return this.gl.isContextLost();
+  }
+
   /** Upload a layer; returns the index of its first point in the draw order. */
   addLayer(index: number, file: DecodedFile): number {
     const textures = this.upload(file);

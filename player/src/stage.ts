@@ -48,6 +48,11 @@ export class Stage {
     this.sorter.dropGroup(index);
   }
 
+  /** The graphics device is gone. */
+  get lost(): boolean {
+    return this.renderer.lost;
+  }
+
   /** Points in the order that is drawn. */
   get points(): number {
     return this.renderer.drawn;
