@@ -1,5 +1,6 @@
 /** Plays a reel on a canvas: the clock, what shows at its time, and one picture a display frame. */
 import { OrbitCamera } from "./camera";
+import { Clock } from "./clock";
 import { DeviceLostError, messageOf } from "./errors";
 import { follow, followToTheEnd } from "./live";
 import { loadManifest, type Manifest } from "./manifest";
@@ -10,7 +11,7 @@ import type { Scene } from "./sort-worker";
 import { Stage, type Picture } from "./stage";
 import { measure, type Stats } from "./stats";
 import { memoryBudget, Stream } from "./stream";
-import { momentAt, type Moment } from "./timeline";
+import type { Moment } from "./timeline";
 import { until } from "./until";
 
 /** Longest step of the clock: after a background tab, playback goes on where it was. */
@@ -23,18 +24,14 @@ const LONGEST_STEP = 0.25;
 export class Player extends EventTarget {
   /** The camera people steer; null until the manifest is here. */
   camera: OrbitCamera | null = null;
-  manifest: Manifest | null = null;
   error: Error | null = null;
-  loop = false;
   readonly resolution = new Resolution();
   stage: Stage | null = null;
   stream: Stream | null = null;
 
   private source = "";
   private start: Start | null = null;
-  private seconds = 0;
-  private rate = 1;
-  private playing = false;
+  private readonly clock = new Clock();
   private stalled = true;
   private isSeeking = false;
   private ready = false;
@@ -83,7 +80,7 @@ export class Player extends EventTarget {
 
   /** Try again after an error, where it happened. */
   retry(): void {
-    if (this.camera) this.start = { seconds: this.seconds, view: this.camera.state };
+    if (this.camera) this.start = { seconds: this.currentTime, view: this.camera.state };
     void this.begin();
   }
 
@@ -110,31 +107,34 @@ export class Player extends EventTarget {
     this.session = new AbortController();
     this.stream?.destroy();
     this.stage?.destroy();
-    [this.stream, this.stage, this.manifest, this.camera] = [null, null, null, null];
+    [this.stream, this.stage, this.clock.manifest, this.camera] = [null, null, null, null];
     [this.error, this.trouble, this.ready, this.stalled, this.isSeeking] = [null, null, false, true, false];
+  }
+
+  get manifest(): Manifest | null {
+    return this.clock.manifest;
   }
 
   /** Seconds; of a live reel, what there is so far. */
   get duration(): number {
-    return this.manifest ? this.manifest.frames / this.manifest.fps : 0;
+    return this.clock.duration;
   }
 
   get live(): boolean {
-    return this.manifest?.live === true;
+    return this.clock.live;
   }
 
   /** Where a live reel is joined: the beginning of its last group. */
   get edge(): number {
-    const { manifest } = this;
-    return manifest ? manifest.groups.at(-1)!.firstFrame / manifest.fps : 0;
+    return this.clock.edge;
   }
 
   get currentTime(): number {
-    return this.seconds;
+    return this.clock.seconds;
   }
 
   set currentTime(seconds: number) {
-    this.seconds = Math.min(Math.max(seconds, 0), this.duration);
+    this.clock.seek(seconds);
     this.isSeeking = true;
     this.emit("seeking");
     this.emit("timeupdate");
@@ -142,17 +142,25 @@ export class Player extends EventTarget {
     this.invalidate();
   }
 
+  get loop(): boolean {
+    return this.clock.loop;
+  }
+
+  set loop(loop: boolean) {
+    this.clock.loop = loop;
+  }
+
   get playbackRate(): number {
-    return this.rate;
+    return this.clock.rate;
   }
 
   set playbackRate(rate: number) {
-    this.rate = Math.min(Math.max(rate, 0), 16);
+    this.clock.rate = rate;
     this.emit("ratechange");
   }
 
   get paused(): boolean {
-    return !this.playing;
+    return !this.clock.playing;
   }
 
   get seeking(): boolean {
@@ -160,7 +168,7 @@ export class Player extends EventTarget {
   }
 
   get ended(): boolean {
-    return this.duration > 0 && !this.live && this.seconds >= this.duration;
+    return this.clock.ended;
   }
 
   /** Time moves on only when this is false: data is missing. */
@@ -185,8 +193,9 @@ export class Player extends EventTarget {
 
   /** Seconds that are here beyond the present time. */
   get ahead(): number {
-    const range = this.buffered.find(([start, end]) => start <= this.seconds && this.seconds <= end);
-    return range ? range[1] - this.seconds : 0;
+    const { seconds } = this.clock;
+    const range = this.buffered.find(([start, end]) => start <= seconds && seconds <= end);
+    return range ? range[1] - seconds : 0;
   }
 
   /** How the player is doing. */
@@ -195,25 +204,23 @@ export class Player extends EventTarget {
   }
 
   play(): void {
-    if (this.playing) return;
+    if (this.clock.playing) return;
     if (this.ended) this.currentTime = 0;
-    this.playing = true;
+    this.clock.playing = true;
     this.emit("play");
   }
 
   pause(): void {
-    if (!this.playing) return;
-    this.playing = false;
+    if (!this.clock.playing) return;
+    this.clock.playing = false;
     this.emit("pause");
   }
 
   /** Pause, and go some frames on or back. */
   step(frames: number): void {
     if (!this.manifest) return;
-    const { fps, frames: total } = this.manifest;
     this.pause();
-    const frame = Math.round(Math.min(this.seconds * fps, total - 1)) + frames;
-    this.currentTime = Math.min(Math.max(frame, 0), total - 1) / fps;
+    this.currentTime = this.clock.framesOn(frames);
   }
 
   /** The camera or the size changed: draw again. */
@@ -248,7 +255,7 @@ export class Player extends EventTarget {
     if (!this.stage) throw new Error("The reel was closed.");
     this.held = true;
     try {
-      const moment = this.momentNow();
+      const moment = this.clock.moment;
       const { K, viewmat } = pose;
       const view: View = { viewmat, fx: K[0], fy: K[4], cx: K[2], cy: K[5], width, height, near: this.manifest!.near };
       return await this.stage.snapshot(this.sceneOf(moment), moment.weight, view);
@@ -260,7 +267,7 @@ export class Player extends EventTarget {
 
   private open(manifest: Manifest): void {
     this.trouble = null;
-    this.manifest = manifest;
+    this.clock.manifest = manifest;
     this.camera = new OrbitCamera(manifest);
     this.camera.calm = matchMedia("(prefers-reduced-motion: reduce)").matches;
     const stage = new Stage(this.canvas, manifest, (error) => this.fail(error));
@@ -283,7 +290,7 @@ export class Player extends EventTarget {
       failed: (error) => this.fail(error),
     });
     if (this.start?.view) this.camera.state = this.start.view;
-    this.seconds = Math.min(this.start?.seconds ?? (manifest.live ? this.edge : 0), this.duration);
+    this.clock.seek(this.start?.seconds ?? (manifest.live ? this.edge : 0));
     this.emit("loadedmetadata");
     this.emit("durationchange");
     this.update();
@@ -311,17 +318,6 @@ export class Player extends EventTarget {
     this.dispatchEvent(new Event(name));
   }
 
-  private momentNow(): Moment {
-    const { groups, overlap, fps } = this.manifest!;
-    return momentAt(groups, overlap, fps, this.frameNow() / fps);
-  }
-
-  /** The frame of the video at the present time; the last one stays on until the end of its own duration. */
-  private frameNow(): number {
-    const { fps, frames } = this.manifest!;
-    return Math.min(this.seconds * fps, Math.max(frames - 1, 0));
-  }
-
   private sceneOf({ current, previous }: Moment): Scene {
     return { layers: this.stream!.layersOf(current.group), current, previous };
   }
@@ -330,7 +326,7 @@ export class Player extends EventTarget {
   private update(): void {
     const { stream, stage } = this;
     if (!stream || !stage || this.error) return;
-    const { current, previous } = this.momentNow();
+    const { current, previous } = this.clock.moment;
     const inUse = [stage.scene?.current?.group, stage.scene?.previous?.group].filter((group) => group !== undefined);
     stream.want({ current: current.group, previous: previous?.group ?? null, inUse, loop: this.loop && !this.live });
     const here = stream.has(current.group) && (previous === null || stream.has(previous.group));
@@ -350,20 +346,13 @@ export class Player extends EventTarget {
     if (!view) return;
     if (stage.wantsSort) this.startSort(stage, view);
     const before = stage.pictures;
-    stage.draw(this.isSeeking || this.stalled ? null : this.frameNow(), view);
+    stage.draw(this.isSeeking || this.stalled ? null : this.clock.frame, view);
     this.resolution.drawn(stage.pictures > before, now);
   }
 
   private advance(step: number): void {
-    if (!this.playing || !this.ready || this.stalled || this.isSeeking || this.error) return;
-    const { duration, live } = this;
-    if (live && !this.loop && this.seconds >= duration) return; // wait at the edge
-    this.seconds += step * this.rate;
-    if (this.seconds >= duration) {
-      // Until more of a live reel is there, its last group goes round.
-      if (this.loop) this.seconds = live ? this.edge : this.seconds % duration;
-      else this.seconds = duration;
-    }
+    if (this.paused || !this.ready || this.stalled || this.isSeeking || this.error) return;
+    if (!this.clock.advance(step)) return;
     this.emit("timeupdate");
     this.update();
     this.invalidate();
@@ -383,14 +372,14 @@ export class Player extends EventTarget {
   /** Sort what should show; before the first group, the layers that are here. */
   private startSort(stage: Stage, view: View): void {
     const layers = this.stream!.layersReady;
-    if (!this.stalled) void this.show(stage, this.sceneOf(this.momentNow()), view);
+    if (!this.stalled) void this.show(stage, this.sceneOf(this.clock.moment), view);
     else if (!stage.scene?.current && layers > 0) void this.show(stage, { layers, current: null, previous: null }, view);
   }
 
   /** Show a scene: then a seek may be over, and the first picture may be whole. */
   private async show(stage: Stage, scene: Scene, view: View): Promise<void> {
     if (!(await stage.sort(scene, view)) || this.stalled || scene.current === null) return;
-    if (this.isSeeking && scene.current.group === this.momentNow().current.group) {
+    if (this.isSeeking && scene.current.group === this.clock.moment.current.group) {
       this.isSeeking = false;
       this.emit("seeked");
       this.update(); // what was on screen before may go now

@@ -36,3 +36,38 @@ def test_serve_answers_until_ctrl_c() -> None:
 def test_serving_what_is_no_reel(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["serve", str(tmp_path)]) == 1
     assert "is not a reel" in capsys.readouterr().err
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="Ctrl-C is sent as a POSIX signal")
+def test_view_without_a_browser_prints_the_address() -> None:
+    command = [sys.executable, "-m", "splatreel", "view", str(GOLDEN), "--no-open"]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as process:
+        assert process.stdout is not None
+        found = re.search(r"http://127.0.0.1:\d+/", process.stdout.readline())
+        assert found
+        with urllib.request.urlopen(found[0], timeout=10) as answer:
+            assert b"player.js" in answer.read()
+        process.send_signal(signal.SIGINT)
+        process.communicate(timeout=20)
+    assert process.returncode == 0
+
+
+def test_view_opens_the_browser(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
+    opened: list[str] = []
+    monkeypatch.setattr("webbrowser.open", opened.append)
+    monkeypatch.setattr("splatreel.play.server.Server.wait", lambda self: None)
+    assert main(["view", str(GOLDEN)]) == 0
+    assert opened[0] in capsys.readouterr().out
+
+
+def test_drawing_here_needs_the_extra(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
+    monkeypatch.setitem(sys.modules, "viser", None)
+    assert main(["view", str(GOLDEN), "--renderer", "cpu", "--no-open"]) == 1
+    assert "pip install 'splatreel[viewer]'" in capsys.readouterr().err
+
+
+def test_drawing_on_cuda_needs_a_device(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
+    torch = pytest.importorskip("torch")
+    monkeypatch.setattr(torch.cuda, "is_available", lambda: False)
+    assert main(["view", str(GOLDEN), "--renderer", "cuda", "--no-open"]) == 2
+    assert "--renderer cpu" in capsys.readouterr().err

@@ -4,10 +4,15 @@ from __future__ import annotations
 
 import webbrowser
 from pathlib import Path
+from typing import TYPE_CHECKING, Literal
 
 from tyro.conf import Positional
 
 from splatreel.cli.options import reel_folder
+
+if TYPE_CHECKING:
+    from splatreel.play.server import Server
+    from splatreel.play.viewer import Viewer
 
 
 def serve(reel: Positional[Path], /, host: str = "127.0.0.1", port: int = 8080) -> None:
@@ -18,28 +23,48 @@ def serve(reel: Positional[Path], /, host: str = "127.0.0.1", port: int = 8080) 
         host: Address to listen on; 0.0.0.0 lets other machines in.
         port: Port to listen on; 0 takes any that is free.
     """
-    run(reel, host, port, browser=False)
+    from splatreel.play.server import Server
+
+    run(Server(reel_folder(reel), host, port), browser=False)
 
 
-def view(reel: Positional[Path], /, port: int = 0) -> None:
+def view(
+    reel: Positional[Path],
+    /,
+    renderer: Literal["webgl", "cpu", "cuda"] = "webgl",
+    port: int = 0,
+    open: bool = True,
+    width: int = 1280,
+) -> None:
     """Open a reel in the web browser; ends with Ctrl-C.
 
     Args:
         reel: Folder of the reel, or of the reconstruction that holds it.
+        renderer: webgl draws in the browser; cpu and cuda draw here and stream the pictures (needs splatreel[viewer]).
         port: Port to listen on; 0 takes any that is free.
+        open: Open the browser, or only print the address.
+        width: Most pixels across that cpu and cuda draw.
     """
-    run(reel, "127.0.0.1", port, browser=True)
+    folder = reel_folder(reel)
+    if renderer == "webgl":
+        from splatreel.play.server import Server
+
+        run(Server(folder, "127.0.0.1", port), browser=open)
+    else:
+        from splatreel.play.renderers import renderer as choose
+        from splatreel.play.timeline import open_reel
+        from splatreel.play.viewer import Viewer
+
+        run(Viewer(open_reel(folder), choose(renderer), port=port, width=width), browser=open)
 
 
-def run(reel: Path, host: str, port: int, browser: bool) -> None:
+def run(player: Server | Viewer, browser: bool) -> None:
     """Serve until Ctrl-C, which here is the normal end."""
-    from splatreel.play.server import Server
-
-    with Server(reel_folder(reel), host, port) as server:
-        print(f"Playing at {server.url} - stop with Ctrl-C", flush=True)
+    with player:
+        print(f"Playing at {player.url} - stop with Ctrl-C", flush=True)
         if browser:
-            webbrowser.open(server.url)
+            webbrowser.open(player.url)
         try:
-            server.wait()
+            player.wait()
         except KeyboardInterrupt:
             print()

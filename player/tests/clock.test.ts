@@ -1,0 +1,48 @@
+import assert from "node:assert/strict";
+import { test } from "node:test";
+import { Clock } from "../src/clock";
+import type { Manifest } from "../src/manifest";
+
+function clockOf(live = false): Clock {
+  const clock = new Clock();
+  const groups = [0, 30, 60].map((firstFrame) => ({ firstFrame, frames: 30 }));
+  clock.manifest = { fps: 30, frames: 90, overlap: 5, groups, live } as Manifest;
+  return clock;
+}
+
+test("time runs at its rate, within 0 and 16", () => {
+  const clock = clockOf();
+  clock.rate = 0.5;
+  assert.equal(clock.advance(1), true);
+  assert.equal(clock.seconds, 0.5);
+  clock.rate = 99;
+  assert.equal(clock.rate, 16);
+});
+
+test("the end stays, or is the beginning", () => {
+  const clock = clockOf();
+  clock.advance(9);
+  assert.deepEqual([clock.seconds, clock.ended, clock.frame], [3, true, 89]);
+  clock.loop = true;
+  clock.advance(0.5);
+  assert.equal(clock.seconds, 0.5);
+});
+
+test("a live reel waits at its edge, or repeats its last group", () => {
+  const clock = clockOf(true);
+  clock.seek(3);
+  assert.equal(clock.advance(1), false);
+  assert.equal(clock.ended, false);
+  clock.loop = true;
+  assert.equal(clock.advance(1), true);
+  assert.equal(clock.seconds, 2);
+});
+
+test("steps are whole frames within the reel", () => {
+  const clock = clockOf();
+  clock.seek(1.01);
+  assert.equal(clock.framesOn(1), 31 / 30);
+  assert.equal(clock.framesOn(-99), 0);
+  assert.equal(clock.framesOn(999), 89 / 30);
+  assert.deepEqual([clock.moment.current.group, clock.moment.previous?.group], [1, 0]);
+});

@@ -1,0 +1,44 @@
+"""Pictures of Gaussians by our kernels, on the processor or on a CUDA device, for programs that only play."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Literal
+
+import numpy as np
+
+from splatreel.errors import UsageError
+from splatreel.kernels.image import render_image
+from splatreel.scene.camera import Camera
+from splatreel.scene.gaussians import Gaussians
+
+Draw = Callable[[Gaussians, Camera, float], np.ndarray]
+"""(Gaussians, camera, near plane in world units) to the picture, [H, W, 3] float32; values may exceed 1."""
+
+
+def renderer(name: Literal["cpu", "cuda"]) -> Draw:
+    """The function that draws. Raises `UsageError` where there is no CUDA device; torch is imported for CUDA only."""
+    return _cuda() if name == "cuda" else _cpu
+
+
+def _cpu(gaussians: Gaussians, camera: Camera, near: float) -> np.ndarray:
+    return render_image(gaussians, camera, near=near)
+
+
+def _cuda() -> Draw:
+    import torch
+
+    from splatreel.kernels import splat
+
+    if not torch.cuda.is_available():
+        raise UsageError("There is no CUDA device for --renderer cuda. Choose --renderer cpu or webgl.")
+
+    def draw(gaussians: Gaussians, camera: Camera, near: float) -> np.ndarray:
+        g, view = gaussians, (camera.viewmat, camera.K, camera.width, camera.height)
+        arrays = (g.means, g.quats, g.scales, g.opacities, g.sh)
+        means, quats, scales, opacities, sh = (torch.from_numpy(array).cuda() for array in arrays)
+        with torch.no_grad():
+            drawn = splat.render(means, quats, scales, opacities, sh, *view, near=near)
+        return drawn.image.cpu().numpy()
+
+    return draw

@@ -1,0 +1,195 @@
+"""A reel in the browser with every picture drawn here, by our kernels, and streamed through viser (extra `viewer`).
+
+For machines whose browsers cannot draw, and to see exactly what the kernels draw. Each browser has a camera of its own; the
+time is everybody's.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import io
+import math
+import threading
+import time
+import warnings
+from typing import Any
+
+import numpy as np
+
+from splatreel.errors import SplatreelError
+from splatreel.play.clock import Clock
+from splatreel.play.renderers import Draw
+from splatreel.play.timeline import Timeline
+from splatreel.scene import rotations
+from splatreel.scene.camera import Camera
+from splatreel.scene.gaussians import Gaussians
+
+RATES = ("0.25", "0.5", "1", "2")
+_PATIENCE = 1 / 12
+"""Seconds that a picture may take while something moves; what stands still is drawn in full."""
+_LEAST = 96
+"""Pixels of the shorter side at least."""
+_POLL = 1 / 60
+
+
+class Viewer:
+    """A viser server that shows a reel, on a thread of its own. Also a context manager: `with Viewer(...) as viewer:`."""
+
+    def __init__(self, reel: Timeline, draw: Draw, host: str = "127.0.0.1", port: int = 0, width: int = 1280) -> None:
+        """port: 0 takes any free one; width: of the largest picture, pixels. Raises ModuleNotFoundError without viser."""
+        import viser
+
+        self.reel = reel
+        self.clock = Clock(reel.duration)
+        self._draw = draw
+        self._width = width
+        self._host = host
+        self._error: SplatreelError | None = None
+        self._shown: dict[int, tuple] = {}
+        self._moment: tuple[float, Gaussians] | None = None
+        self._pace = 1e-7
+        """Seconds a pixel takes, lately."""
+        # A browser that is closed while its picture is drawn is no news.
+        warnings.filterwarnings("ignore", "Queued a .* on a closed connection")
+        with contextlib.redirect_stdout(io.StringIO()):  # it says where it listens, as the command line does
+            self._server: Any = viser.ViserServer(host=host, port=port, label="Splatreel", verbose=False)
+        self._arrange()
+        self._ended = threading.Event()
+        self._thread = threading.Thread(target=self._run, name="splatreel-viewer", daemon=True)
+
+    @property
+    def url(self) -> str:
+        """Address for the browser."""
+        host = "localhost" if self._host == "0.0.0.0" else self._host
+        return f"http://{host}:{self._server.get_port()}/"
+
+    @property
+    def settled(self) -> bool:
+        """Every browser shows the present time and its own view in full."""
+        clients = self._server.get_clients()
+        return bool(clients) and all(self._shown.get(name, ((), False))[1] for name in clients)
+
+    def wait(self) -> None:
+        """Block until `close` is called by another thread, or Ctrl-C. Raises `SplatreelError` if the reel turns out damaged."""
+        while self._thread.is_alive():
+            self._thread.join(0.5)
+        if self._error is not None:
+            raise self._error
+
+    def close(self) -> None:
+        """Stop drawing and free the port."""
+        self._ended.set()
+        self._thread.join()
+        with contextlib.redirect_stdout(io.StringIO()):
+            self._server.stop()
+
+    def __enter__(self) -> Viewer:
+        self._warm_up()
+        self._thread.start()
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+    def _arrange(self) -> None:
+        """The panel, and the view that browsers begin with."""
+        server, clock, manifest = self._server, self.clock, self.reel.manifest
+        server.scene.set_up_direction(tuple(map(float, manifest.up)))
+        server.gui.configure_theme(dark_mode=True, show_logo=False, show_share_button=False)
+        place_camera(server.initial_camera, manifest.camera, np.asarray(manifest.bounds).mean(0))
+        self._play = server.gui.add_button("Pause", hint="Play or pause")
+        last = max(self.reel.duration, 1e-3)
+        self._slider = server.gui.add_slider("Time", min=0.0, max=last, step=1e-3, initial_value=0.0)
+        rate = server.gui.add_dropdown("Speed", RATES, initial_value="1")
+        loop = server.gui.add_checkbox("Loop", initial_value=True)
+        home = server.gui.add_button("Reset view")
+        self._play.on_click(lambda _: clock.toggle())
+        self._slider.on_update(lambda event: clock.seek(event.target.value) if event.client else None)
+        rate.on_update(lambda event: setattr(clock, "rate", float(event.target.value)))
+        loop.on_update(lambda event: setattr(clock, "loop", event.target.value))
+        middle = np.asarray(manifest.bounds).mean(0)
+        home.on_click(
+            lambda event: place_camera(event.client.camera, manifest.camera, middle) if event.client else None
+        )
+
+    def _warm_up(self) -> None:
+        """Let the first picture's costs (compiling, decoding) pass before time begins, and learn how fast this device is."""
+        for _ in range(2):
+            began = time.perf_counter()
+            view = self.reel.manifest.camera
+            self._picture(view, full=True)
+            self._pace = (time.perf_counter() - began) / (view.width * view.height)
+
+    def _run(self) -> None:
+        last = time.perf_counter()
+        try:
+            while not self._ended.is_set():
+                now = time.perf_counter()
+                self.clock.advance(now - last)
+                last = now
+                self._play.label = "Pause" if self.clock.playing else "Play"
+                self._slider.value = round(self.clock.time, 3)
+                if not self._show_all():
+                    self._ended.wait(_POLL)
+        except SplatreelError as error:
+            self._error = error
+
+    def _show_all(self) -> bool:
+        """Draw for every browser that does not show the present time and its own view in full yet; whether there was one."""
+        clients = self._server.get_clients()
+        self._shown = {name: shown for name, shown in self._shown.items() if name in clients}
+        drew = False
+        for name, client in clients.items():
+            camera, view = client.camera, self._view_of(client.camera)
+            if view is None:
+                continue
+            key = (self.clock.time, *camera.position, *camera.wxyz, camera.fov, view.width, view.height)
+            before = self._shown.get(name)
+            if before == (key, True):
+                continue
+            still = before is not None and before[0] == key
+            picture = self._picture(view, full=still)
+            client.scene.set_background_image(picture, format="jpeg", jpeg_quality=90 if still else 75)
+            self._shown[name] = (key, still)
+            drew = True
+        return drew
+
+    def _view_of(self, camera: Any) -> Camera | None:
+        """What a browser looks at, at its own size but no wider than `width`; None while it has no size."""
+        if camera.image_width < 1 or camera.image_height < 1:
+            return None
+        width = min(camera.image_width, self._width)
+        height = max(round(width * camera.image_height / camera.image_width), 1)
+        return camera_of(camera.position, camera.wxyz, camera.fov, width, height)
+
+    def _picture(self, view: Camera, full: bool) -> np.ndarray:
+        """[h, w, 3] bytes: coarser than the view while something moves, as far as the device needs it."""
+        if not full:
+            part = min(math.sqrt(_PATIENCE / (self._pace * view.width * view.height)), 1.0)
+            part = max(part, min(_LEAST / min(view.width, view.height), 1.0))
+            view = view.resized(max(round(view.width * part), 1), max(round(view.height * part), 1))
+        began = time.perf_counter()
+        if self._moment is None or self._moment[0] != self.clock.time:
+            self._moment = (self.clock.time, self.reel.at(self.clock.time))
+        image = self._draw(self._moment[1], view, self.reel.manifest.near)
+        taken = (time.perf_counter() - began) / (view.width * view.height)
+        self._pace += 0.3 * (taken - self._pace)
+        return np.rint(np.clip(image, 0, 1) * 255).astype(np.uint8)
+
+
+def camera_of(position: np.ndarray, wxyz: np.ndarray, fov: float, width: int, height: int) -> Camera:
+    """A camera from its place, its turn to the world (OpenCV) and its vertical field of view, radians."""
+    viewmat = np.eye(4)
+    viewmat[:3, :3] = rotations.to_matrix(np.asarray(wxyz, np.float64)[None])[0].T
+    viewmat[:3, 3] = -viewmat[:3, :3] @ np.asarray(position)
+    focal = height / 2 / math.tan(fov / 2)
+    return Camera("view", viewmat, np.array([[focal, 0, width / 2], [0, focal, height / 2], [0, 0, 1]]), width, height)
+
+
+def place_camera(handle: Any, camera: Camera, middle: np.ndarray) -> None:
+    """Put a camera of viser where one of ours is; it turns about what lies ahead, as far away as `middle` [3]."""
+    ahead = float((middle - camera.center) @ camera.forward)
+    distance = ahead if ahead > 0 else max(float(np.linalg.norm(middle - camera.center)), 1e-3)
+    handle.position = camera.center.astype(np.float64)
+    handle.look_at = (camera.center + distance * camera.forward).astype(np.float64)
+    handle.fov = 2 * math.atan(camera.height / 2 / float(camera.K[1, 1]))
