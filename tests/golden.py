@@ -21,7 +21,7 @@ import numpy as np
 
 from splatreel.codec.reader import ReelReader
 from splatreel.codec.writer import ReelWriter
-from splatreel.config import EncodeConfig
+from splatreel.config import EncodeConfig, Rate
 from splatreel.play.timeline import Timeline
 from splatreel.scene import rotations
 from splatreel.scene.camera import Camera
@@ -74,7 +74,7 @@ def camera(name: str, x: float) -> Camera:
     return Camera(name, viewmat, np.array([[120, 0, 80], [0, 120, 60], [0, 0, 1]]), 160, 120)
 
 
-def write_golden(path: Path, codec: Literal["predictive", "h265"] = "h265") -> None:
+def write_golden(path: Path, codec: Literal["predictive", "h265"] = "h265", renditions: tuple[Rate, ...] = ()) -> None:
     """Write a golden reel into a directory: layers of degree 3 and 2, dynamic points of degree 1."""
     rng = np.random.default_rng(4)
     if path.exists():
@@ -89,7 +89,7 @@ def write_golden(path: Path, codec: Literal["predictive", "h265"] = "h265") -> N
         up=np.array([0.0, -1.0, 0.0]),
         camera=camera("start", 0.0),
         cameras=[camera("cam00", -0.5), camera("cam01", 0.5)],
-        config=EncodeConfig(codec=codec, coarseness=1.0),
+        config=EncodeConfig(codec=codec, coarseness=1.0, renditions=renditions),
     )
     alive = np.ones(0, bool)
     for index, (born, moving, frames) in enumerate(((150, 100, 8), (50, 90, 8))):

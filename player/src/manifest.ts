@@ -22,6 +22,14 @@ export interface ReelFile {
   points: number;
   /** The group at which a layer was born; a group's own index for groups. */
   group: number;
+  /** The same group in the other renditions, by name. */
+  renditions: Map<string, ReelFile>;
+}
+
+/** A rate that the groups are there in. bytes: of all groups in it. */
+export interface Rendition {
+  name: string;
+  bytes: number;
 }
 
 export interface Manifest {
@@ -41,6 +49,8 @@ export interface Manifest {
   cameras: Camera[];
   layers: ReelFile[];
   groups: ReelFile[];
+  /** Best first; the first is that of the groups' own files. Layers are common to all. Empty where there is nothing to choose. */
+  renditions: Rendition[];
 }
 
 type Json = Record<string, unknown>;
@@ -66,7 +76,8 @@ export function parseManifest(value: unknown, url: string): Manifest {
   }
   const bounds = list(json.bounds, "bounds").map((corner) => numbers(corner, 3, "bounds") as Vec3);
   if (bounds.length !== 2) throw new ReelError(`${url}: bounds needs two corners.`);
-  const groups = list(json.groups, "groups").map((item, index) => parseFile(item, index));
+  const names = parseNames(json.renditions);
+  const groups = list(json.groups, "groups").map((item, index) => parseGroup(item, index, names));
   const live = json.live === true;
   if (groups.length === 0 && !live) throw new ReelError(`${url} holds no group yet.`);
   return {
@@ -83,7 +94,33 @@ export function parseManifest(value: unknown, url: string): Manifest {
     cameras: list(json.cameras ?? [], "cameras").map(parseCamera),
     layers: list(json.layers, "layers").map((item, index) => parseFile(item, index)),
     groups,
+    renditions: names.map((name) => ({ name, bytes: groups.reduce((sum, group) => sum + fileOf(group, name).bytes, 0) })),
   };
+}
+
+/** A group's file in a rendition; its own is that of the first. */
+export function fileOf(group: ReelFile, rendition: string): ReelFile {
+  return group.renditions.get(rendition) ?? group;
+}
+
+/** Of the renditions. One alone is none to choose from. */
+function parseNames(value: unknown): string[] {
+  const names = list(value ?? [], "renditions").map((item) => record(item, "a rendition").name);
+  const valid = names.filter((name): name is string => typeof name === "string" && /^[a-z0-9][a-z0-9_-]{0,31}$/.test(name));
+  if (new Set(valid).size < names.length || names.length > 16) throw new ReelError("The manifest is damaged: its renditions have no names of their own.");
+  return valid.length > 1 ? valid : [];
+}
+
+/** A group in all its renditions; `value` itself is the first. */
+function parseGroup(value: unknown, index: number, names: string[]): ReelFile {
+  const group = parseFile(value, index);
+  const others = record((value as Json).renditions ?? {}, "a group's renditions");
+  for (const name of names.slice(1)) {
+    const { firstFrame, frames } = group;
+    const file = parseFile(record(others[name], `rendition ${name} of group ${index}`), index);
+    group.renditions.set(name, { ...file, firstFrame, frames, group: group.group });
+  }
+  return group;
 }
 
 function parseFile(value: unknown, index: number): ReelFile {
@@ -97,6 +134,7 @@ function parseFile(value: unknown, index: number): ReelFile {
     frames: number(json.frames ?? 0, "frames"),
     points: number(json.points, "points"),
     group: number(json.group ?? index, "group"),
+    renditions: new Map(),
   };
 }
 

@@ -15,6 +15,9 @@ from typing import Literal
 from splatreel.errors import UsageError
 
 Quality = Literal["draft", "standard", "paper"]
+Rate = Literal["high", "medium", "low"]
+COARSENESS: dict[Rate, float] = {"high": 0.3, "medium": 0.6, "low": 1.2}
+"""Of the rates of the predictive codec, best first."""
 
 
 @dataclass(frozen=True)
@@ -90,6 +93,8 @@ class EncodeConfig:
     """`h265` is the paper's, with all values below but the first; `predictive` is ours and looks at `coarseness` only."""
     coarseness: float = 0.6
     """Of the predictive codec: what all of its steps are multiplied by. 0.6 loses less than 0.05 dB on the captures measured."""
+    renditions: tuple[Rate, ...] = ()
+    """Of the predictive codec: rates that every group is written in, best first, in place of a coarseness. Layers are the best's."""
     position_bits: int = 20
     """QP_DRC."""
     quat_bits: int = 8
@@ -102,6 +107,10 @@ class EncodeConfig:
     """CRF_265 of the low byte of dx and of dq."""
     fold: bool = True
     """Store the low byte mirrored where the high byte is odd: a triangle wave instead of a sawtooth."""
+
+    def rendition(self, rate: Rate) -> EncodeConfig:
+        """How one of the renditions is encoded."""
+        return replace(self, coarseness=COARSENESS[rate], renditions=())
 
 
 LEAST = {

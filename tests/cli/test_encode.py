@@ -7,6 +7,7 @@ from pathlib import Path
 import pytest
 
 from splatreel.cli.main import main
+from splatreel.codec.reader import ReelReader
 from splatreel.codec.verify import verify_reel
 from splatreel.config import Config, KeyframeConfig
 from splatreel.recon.sequence import reconstruct
@@ -46,6 +47,18 @@ def test_rates(run: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert verify_reel("met").bytes == pytest.approx((sizes[1] + sizes[2]) / 2, rel=0.05)
 
 
+def test_renditions(run: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["encode", "run", "--out", "reel", "--renditions", "low,high"]) == 0
+    assert "groups in renditions: high " in capsys.readouterr().out
+    sizes = ReelReader("reel").manifest.rendition_bytes()
+    assert list(sizes) == ["high", "low"]
+    assert sizes["high"] >= sizes["low"]
+    assert main(["info", "reel", "--rendition", "low", "--json"]) == 0
+    assert sum(json.loads(capsys.readouterr().out)["group_bytes"]) == sizes["low"]
+    assert main(["export", "reel", "--rendition", "low", "--frame", "0", "--out", "low.ply"]) == 0
+    assert main(["export", "reel", "--rendition", "best", "--frame", "0", "--out", "x.ply"]) == 1
+
+
 @pytest.mark.parametrize(
     "options",
     [
@@ -53,6 +66,11 @@ def test_rates(run: Path, capsys: pytest.CaptureFixture[str]) -> None:
         ["--codec", "predictive", "--crf", "20"],
         ["--target-mbps", "0"],
         ["--target-mbps", "1", "--rate", "low"],
+        ["--renditions", "high,best"],
+        ["--renditions", "high"],
+        ["--renditions", "high,low", "--rate", "low"],
+        ["--renditions", "high,low", "--target-mbps", "1"],
+        ["--renditions", "high,low", "--codec", "h265"],
     ],
 )
 def test_options_of_another_codec(run: Path, options: list[str]) -> None:

@@ -96,6 +96,60 @@ def test_hostile_fields(change, message):
         parse_manifest(edited(change), "m")
 
 
+def with_renditions(d):
+    digest = "0" * 64
+    for i, group in enumerate(d["groups"]):
+        low = {"uri": f"groups/{i}.low", "bytes": 100 + i, "sha256": digest, "points": 7}
+        group["renditions"] = {"low": low, "unknown": None}
+    sizes = {"high": sum(g["bytes"] for g in d["groups"]), "low": 201}
+    d["renditions"] = [{"name": name, "bytes": size} for name, size in sizes.items()]
+
+
+def test_renditions():
+    manifest = parse_manifest(edited(with_renditions), "m")
+    assert manifest.renditions == ("high", "low")
+    again = parse_manifest(manifest.to_json().encode(), "m")
+    assert (again.renditions, again.groups) == (manifest.renditions, manifest.groups)
+    assert len(manifest.files) == len(manifest.layers) + 4
+    low = manifest.of_rendition("low")
+    assert [(g.uri, g.bytes, g.points, g.first_frame) for g in low.groups] == [
+        (f"groups/{i}.low", 100 + i, 7, group.first_frame) for i, group in enumerate(manifest.groups)
+    ]
+    assert (low.renditions, low.layers) == ((), manifest.layers)
+    assert [g.uri for g in manifest.of_rendition("high").groups] == [g.uri for g in manifest.groups]
+    with pytest.raises(ReelError, match="no rendition 'medium'; it has high, low"):
+        manifest.of_rendition("medium")
+    with pytest.raises(ReelError, match="has no renditions"):
+        low.of_rendition("high")
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        (lambda d: d["groups"][1].pop("renditions"), r"groups\[1\] is not there in each"),
+        (lambda d: d["groups"][0].update(renditions=[]), r"groups\[0\] is not there in each"),
+        (lambda d: d["groups"][0]["renditions"]["low"].update(uri="../x"), r"groups\[0\] has the uri"),
+        (
+            lambda d: d["groups"][0]["renditions"]["low"].update(bytes=99),
+            "rendition low has 201 bytes; its groups have 200",
+        ),
+        (lambda d: d["renditions"][0].update(bytes=1), "rendition high has 1 bytes"),
+        (lambda d: d["renditions"][1].update(name="high"), "names"),
+        (lambda d: d["renditions"][1].update(name="../x"), "names"),
+        (lambda d: d["renditions"][1].update(name=["low"]), "names"),
+        (lambda d: d.update(renditions=["high", "low"]), "names"),
+        (lambda d: d.update(renditions={}), "renditions that are not a list"),
+    ],
+)
+def test_hostile_renditions(change, message):
+    def both(d):
+        with_renditions(d)
+        change(d)
+
+    with pytest.raises(ReelError, match=message):
+        parse_manifest(edited(both), "m")
+
+
 @pytest.mark.parametrize("data", [b"", b"[]", b"null", b"{", b"\xff\xfe", b"[" * 100_000, b" " * (MAX_BYTES + 1)])
 def test_not_a_manifest(data):
     with pytest.raises(ReelError, match=r"^m: "):

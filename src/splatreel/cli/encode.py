@@ -4,17 +4,15 @@ from __future__ import annotations
 
 import dataclasses
 from pathlib import Path
-from typing import Literal
 
 from tyro.conf import Positional
 
 from splatreel.cli.info import describe
+from splatreel.cli.options import parse_renditions
 from splatreel.cli.reconstruct import Codec
-from splatreel.config import EncodeConfig
+from splatreel.config import COARSENESS, EncodeConfig, Rate
 from splatreel.errors import UsageError
 
-Rate = Literal["low", "medium", "high"]
-COARSENESS = {"low": 1.2, "medium": 0.6, "high": 0.3}
 PAPERS = {"crf", "position_bits", "scale_bits"}
 """What only the paper's codec looks at; asking for one of them is asking for that codec."""
 LIMITS = {"crf": (0, 51), "position_bits": (4, 21), "scale_bits": (1, 16), "sh_entries": (0, 65536)}
@@ -26,6 +24,7 @@ def encode(
     out: Path,
     codec: Codec | None = None,
     rate: Rate | None = None,
+    renditions: str | None = None,
     target_mbps: float | None = None,
     crf: int | None = None,
     position_bits: int | None = None,
@@ -39,6 +38,7 @@ def encode(
         out: Folder of the new reel.
         codec: predictive, or h265 as in the paper, which the options from --crf on are for.
         rate: Of the predictive codec: low has half the precision of medium, high has twice it.
+        renditions: Rates, such as high,medium,low, that all groups are written in for a player to choose from; layers are the best's.
         target_mbps: Megabits a second of video that the whole reel shall have, instead of a rate; met within 5 %.
         crf: Quality of the lossy offset tracks; lower is better and larger.
         position_bits: Bits of a coordinate of a point.
@@ -57,7 +57,8 @@ def encode(
         if not low <= value <= high:
             raise UsageError(f"--{name.replace('_', '-')} {value} is out of range. Choose {low} to {high}.")
     codec = codec or ("h265" if PAPERS & set(given) else "predictive")
-    config = dataclasses.replace(EncodeConfig(codec=codec, coarseness=COARSENESS[rate or "medium"]), **given)
+    config = EncodeConfig(codec=codec, coarseness=COARSENESS[rate or "medium"], renditions=parse_renditions(renditions))
+    config = dataclasses.replace(config, **given)
     _check_rate(config, rate, target_mbps, PAPERS & set(given))
     progress = console()
     try:
@@ -68,10 +69,12 @@ def encode(
 
 
 def _check_rate(config: EncodeConfig, rate: Rate | None, mbps: float | None, papers: set[str]) -> None:
-    if config.codec == "h265" and (rate or mbps is not None):
+    if config.codec == "h265" and (rate or config.renditions or mbps is not None):
         raise UsageError(
-            "--rate and --target-mbps are of the predictive codec. Leave out --codec h265 and the paper's options."
+            "--rate, --renditions and --target-mbps are of the predictive codec. Leave out --codec h265 and the paper's options."
         )
+    if config.renditions and (rate or mbps is not None):
+        raise UsageError("--renditions names all rates. Leave out --rate and --target-mbps.")
     if config.codec == "predictive" and papers:
         raise UsageError(
             f"--{min(papers).replace('_', '-')} is of the paper's codec. Choose --codec h265, or leave it out."

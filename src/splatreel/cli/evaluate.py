@@ -18,6 +18,7 @@ def evaluate(
     width: int | None = None,
     scale: float | None = None,
     frames: str | None = None,
+    rendition: str | None = None,
     json: bool = False,
 ) -> None:
     """Compare a reel with the cameras that it has not seen.
@@ -30,6 +31,7 @@ def evaluate(
         width: Width to compare at, in pixels; by default that of the reel's cameras.
         scale: Size to compare at, as a share of the capture's, instead of the width.
         frames: Frames of the capture that the reel was made of, as A:B, if not all.
+        rendition: Which one, of a reel that has several; by default the best.
         json: Print report.json instead of the summary.
     """
     span, names = parse_frames(frames), parse_names(cameras, "--cameras")
@@ -47,7 +49,9 @@ def evaluate(
     source = open_capture(capture, width=width, scale=scale, frames=span)
     progress = console()
     try:
-        report = compare(reel, source, cameras=names, out=out, undecoded=undecoded, progress=progress)
+        report = compare(
+            reel, source, rendition=rendition, cameras=names, out=out, undecoded=undecoded, progress=progress
+        )
     finally:
         progress.close()
         source.close()

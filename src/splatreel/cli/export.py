@@ -20,6 +20,7 @@ def export(
     out: Path,
     frame: int | None = None,
     frames: str | None = None,
+    rendition: str | None = None,
     width: int | None = None,
 ) -> None:
     """Write a reel for other programs: a frame or every frame as a standard 3DGS PLY file, or a film.
@@ -29,11 +30,12 @@ def export(
         out: F.ply for one frame, a folder for a PLY file a frame, F.mp4 for a film that flies through the capture's cameras.
         frame: Which frame, counted from 0; for one PLY file.
         frames: A:B, frames A to B - 1; by default all. For a folder or a film.
+        rendition: Which one, of a reel that has several; by default the best.
         width: Width of the film in pixels; by default that of the reel's own camera.
     """
     from splatreel.play.timeline import open_reel
 
-    source = open_reel(reel_folder(reel))
+    source = open_reel(reel_folder(reel), rendition)
     total = source.manifest.frames
     if (out.suffix == ".ply") != (frame is not None):
         raise UsageError(

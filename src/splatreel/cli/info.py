@@ -15,17 +15,18 @@ if TYPE_CHECKING:
     from splatreel.codec.info import ReelInfo
 
 
-def info(reel: Positional[Path], /, json: bool = False) -> None:
+def info(reel: Positional[Path], /, rendition: str | None = None, json: bool = False) -> None:
     """Say what a reel holds, and where its bytes are.
 
     Args:
         reel: Folder of the reel.
+        rendition: Which one to look at, of a reel that has several; by default the best.
         json: Print everything as JSON.
     """
     from splatreel.codec.info import reel_info
 
     reel = reel_folder(reel)
-    found = reel_info(reel)
+    found = reel_info(reel, rendition)
     if json:
         values = dataclasses.asdict(found) | {"manifest": json_format.loads(found.manifest.to_json())}
         print(json_format.dumps(values, indent=1))
@@ -46,6 +47,12 @@ def describe(name: str, found: ReelInfo) -> str:
         f"  {found.bytes:,} bytes of {found.float32_bytes:,} as plain float32, {found.bytes_per_second:,.0f} a second; "
         f"{found.first_view_bytes:,} before the first picture",
     ]
+    if found.rendition_bytes:
+        rates = [
+            f"{name} {size:,} bytes ({8e-6 * size / seconds:.2f} Mbit/s)"
+            for name, size in found.rendition_bytes.items()
+        ]
+        lines.append(f"  groups in renditions: {', '.join(rates)}")
     for group in manifest.groups:
         born = next((layer for layer in manifest.layers if layer.group == group.group), None)
         new = f"{born.points:,} new static points ({born.bytes:,} bytes)" if born else "no new static points"

@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 from pathlib import Path
 
+from splatreel.config import COARSENESS, Rate
 from splatreel.errors import UsageError
 
 
@@ -44,6 +45,14 @@ def parse_numbers(text: str | None, option: str) -> list[int] | None:
             f"{option} {text!r}: {bad[0]!r} is no frame. Write numbers with commas between them, such as 0,14."
         )
     return None if names is None else [int(name) for name in names]
+
+
+def parse_renditions(text: str | None) -> tuple[Rate, ...]:
+    """`low,high` as rates, best first; None is none. Raises `UsageError` for what is no rate, or fewer than two."""
+    names = parse_names(text, "--renditions") or []
+    if text is not None and (len(names) < 2 or not set(names) <= set(COARSENESS)):
+        raise UsageError(f"--renditions {text!r}: name two or more of {','.join(COARSENESS)}.")
+    return tuple(rate for rate in COARSENESS if rate in names)
 
 
 def reel_folder(path: Path) -> Path:

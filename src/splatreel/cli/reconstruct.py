@@ -8,8 +8,8 @@ from typing import Literal
 
 from tyro.conf import Positional
 
-from splatreel.cli.options import parse_frames, parse_names
-from splatreel.config import Config, Quality, preset
+from splatreel.cli.options import parse_frames, parse_names, parse_renditions
+from splatreel.config import Config, Quality, Rate, preset
 from splatreel.errors import UsageError
 
 Device = Literal["auto", "cpu", "cuda"]
@@ -28,6 +28,7 @@ def reconstruct(
     quality: Quality = "standard",
     device: Device = "auto",
     codec: Codec | None = None,
+    renditions: str | None = None,
     deformation: Deformation | None = None,
     seed: int = 0,
 ) -> None:
@@ -42,12 +43,13 @@ def reconstruct(
         hold_out: Names of cameras to keep for evaluation, as NAME,NAME; what the format says by default.
         quality: How long to train.
         device: Where to train; auto takes a CUDA GPU if there is one.
-        codec: How offsets are coded; what the quality says by default.
+        codec: How points are coded; what the quality says by default.
+        renditions: Rates, such as high,medium,low, that all groups are written in for a player to choose from.
         deformation: How points move; what the quality says by default.
         seed: Seed of everything random.
     """
     span, held_out = parse_frames(frames), parse_names(hold_out, "--hold-out")
-    config = configure(quality, codec, deformation, seed)
+    config = with_renditions(configure(quality, codec, deformation, seed), parse_renditions(renditions))
     from splatreel.capture.opening import open_capture
     from splatreel.progress import console
     from splatreel.recon import sequence
@@ -60,6 +62,13 @@ def reconstruct(
         progress.close()
         source.close()
     print(f"{result.reel}: play it with\n  splatreel serve {result.reel}")
+
+
+def with_renditions(config: Config, renditions: tuple[Rate, ...]) -> Config:
+    """Raises `UsageError` where the codec has none."""
+    if renditions and config.encode.codec != "predictive":
+        raise UsageError("--renditions are of the predictive codec. Choose --codec predictive.")
+    return dataclasses.replace(config, encode=dataclasses.replace(config.encode, renditions=renditions))
 
 
 def configure(quality: Quality, codec: Codec | None, deformation: Deformation | None, seed: int) -> Config:

@@ -14,7 +14,7 @@ from splatreel.errors import ReelError
 
 @dataclass(frozen=True)
 class ReelInfo:
-    """Sizes in bytes. The manifest counts into `bytes` only."""
+    """Sizes in bytes, of one rendition where there are several. The manifest counts into `bytes` and `first_view_bytes` only."""
 
     manifest: Manifest
     bytes: int
@@ -31,14 +31,20 @@ class ReelInfo:
     """Of a group file, offsets over all its frames included."""
     float32_bytes: int
     """What the same arrays take uncompressed: 4 bytes a number."""
+    rendition_bytes: dict[str, int]
+    """By rendition, best first: bytes of its groups. Empty where there is nothing to choose."""
 
 
-def reel_info(location: str | Path) -> ReelInfo:
-    """Take stock of a reel. Reads all files, decodes none. Raises `ReelError` if one is missing or damaged."""
-    reel = ReelReader(location)
+def reel_info(location: str | Path, rendition: str | None = None) -> ReelInfo:
+    """Take stock of a reel. Reads all files, decodes none. Raises `ReelError` if one is missing or damaged.
+
+    rendition: which one, of those that the manifest names; None: the best.
+    """
+    whole = ReelReader(location).manifest
+    reel = ReelReader(location, rendition)
     manifest = reel.manifest
     layers, groups = manifest.layers, manifest.groups
-    manifest_bytes = len(manifest.to_json().encode())
+    manifest_bytes = len(whole.to_json().encode())
     layer_bytes, group_bytes = [e.bytes for e in layers], [e.bytes for e in groups]
     first = manifest_bytes + sum(e.bytes for e in (*layers, *groups) if e.group == 0)
     growth = sum(e.bytes for e in layers if e.group > 0) + sum(group_bytes)
@@ -53,6 +59,7 @@ def reel_info(location: str | Path) -> ReelInfo:
         bytes_per_static_point=sum(layer_bytes) / max(sum(e.points for e in layers), 1),
         bytes_per_dynamic_point=sum(group_bytes) / max(sum(e.points for e in groups), 1),
         float32_bytes=_float32_bytes(manifest),
+        rendition_bytes=whole.rendition_bytes(),
     )
 
 

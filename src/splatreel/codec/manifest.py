@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import json
 import re
-from dataclasses import dataclass, replace
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
 from itertools import pairwise
 from typing import Any
 
@@ -21,13 +22,18 @@ MAX_BYTES = 16 << 20
 MAX_FILE_BYTES = 1 << 30
 """Size of the largest layer or group file that is read."""
 
+MAX_RENDITIONS = 16
+_NAME = re.compile(r"[a-z0-9][a-z0-9_-]{0,31}")
 _URI = re.compile(r"[A-Za-z0-9_][A-Za-z0-9_.-]*(/[A-Za-z0-9_][A-Za-z0-9_.-]*)*")
 _BIG = 1 << 40
 
 
 @dataclass(frozen=True)
 class FileEntry:
-    """One layer or group file. group: the group a layer was born at, a group's own index. frames: 0 for layers."""
+    """One layer or group file. group: the group a layer was born at, a group's own index. frames: 0 for layers.
+
+    renditions: the same group in the reel's other renditions, by name; without renditions of their own.
+    """
 
     uri: str
     bytes: int
@@ -36,11 +42,16 @@ class FileEntry:
     frames: int
     points: int
     group: int
+    renditions: Mapping[str, FileEntry] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
 class Manifest:
-    """The fields of `manifest.json`; bounds [2, 3], up [3] and near, the least depth to draw, in world units."""
+    """The fields of `manifest.json`; bounds [2, 3], up [3] and near, the least depth to draw, in world units.
+
+    renditions: names of the rates that the groups are there in, best first; the first is that of the groups' own files, and the
+    layers are common to all. Empty where there is nothing to choose.
+    """
 
     generator: str
     live: bool
@@ -56,6 +67,25 @@ class Manifest:
     near: float = 0.01
     layers: tuple[FileEntry, ...] = ()
     groups: tuple[FileEntry, ...] = ()
+    renditions: tuple[str, ...] = ()
+
+    @property
+    def files(self) -> list[FileEntry]:
+        """Every file of the reel but the manifest."""
+        others = (entry for group in self.groups for entry in group.renditions.values())
+        return [*self.layers, *self.groups, *others]
+
+    def of_rendition(self, name: str) -> Manifest:
+        """What the manifest would be with this rendition alone. Raises `ReelError` for one that the reel has not."""
+        if name not in self.renditions:
+            there = f"has {', '.join(self.renditions)}" if self.renditions else "has no renditions to choose from"
+            raise ReelError(f"has no rendition {name!r:.100}; it {there}.")
+        groups = (replace(group.renditions.get(name, group), renditions={}) for group in self.groups)
+        return replace(self, groups=tuple(groups), renditions=())
+
+    def rendition_bytes(self) -> dict[str, int]:
+        """By rendition: bytes of its groups."""
+        return {name: sum(g.renditions.get(name, g).bytes for g in self.groups) for name in self.renditions}
 
     def with_files(self, layers: list[FileEntry], groups: list[FileEntry]) -> Manifest:
         """The same reel with these files, its number of frames counted anew."""
@@ -82,6 +112,10 @@ class Manifest:
             "camera": _camera_to_json(self.camera),
             "cameras": [_camera_to_json(camera) for camera in self.cameras],
             "near": self.near,
+        }
+        if self.renditions:
+            document["renditions"] = [{"name": n, "bytes": b} for n, b in self.rendition_bytes().items()]
+        document |= {
             "layers": [_file_to_json(layer, "layer") for layer in self.layers],
             "groups": [_file_to_json(group, "group") for group in self.groups],
         }
@@ -116,7 +150,8 @@ def _parse(document: dict[str, Any]) -> Manifest:
     if (bounds[0] > bounds[1]).any():
         raise ReelError(f"has bounds whose first corner {bounds[0].tolist()} is above its second.")
     layers = [_parse_file(entry, "layer", i) for i, entry in enumerate(_list(document, "layers", 0, 1 << 20))]
-    groups = [_parse_file(entry, "group", i) for i, entry in enumerate(_list(document, "groups", 0, 1 << 20))]
+    names = _parse_names(document)
+    groups = [_parse_group(entry, i, names) for i, entry in enumerate(_list(document, "groups", 0, 1 << 20))]
     for kind, order in (("groups", [g.first_frame for g in groups]), ("layers", [layer.group for layer in layers])):
         if any(a >= b for a, b in pairwise(order)):
             raise ReelError(f"has {kind} that are not in order of time.")
@@ -125,7 +160,7 @@ def _parse(document: dict[str, Any]) -> Manifest:
     if layers and layers[-1].group >= len(groups):
         raise ReelError(f"has a layer of group {layers[-1].group}, but {len(groups)} groups.")
     generator = document.get("generator", "")
-    return Manifest(
+    manifest = Manifest(
         generator=generator if isinstance(generator, str) else "",
         live=live,
         fps=number(document, "fps", 1e-3, 1e5),
@@ -140,7 +175,32 @@ def _parse(document: dict[str, Any]) -> Manifest:
         near=number(document, "near", 1e-9, 1e9) if "near" in document else 0.01,
         layers=tuple(layers),
         groups=tuple(groups),
+        renditions=names,
     )
+    for entry, (name, size) in zip(document.get("renditions", []), manifest.rendition_bytes().items(), strict=False):
+        if integer(entry, "bytes", 0, _BIG) != size:
+            raise ReelError(f"says that rendition {name} has {entry['bytes']} bytes; its groups have {size}.")
+    return manifest
+
+
+def _parse_names(document: dict[str, Any]) -> tuple[str, ...]:
+    """Of the renditions. One alone is none to choose from."""
+    entries = _list(document, "renditions", 0, MAX_RENDITIONS) if "renditions" in document else []
+    given = [entry.get("name") if isinstance(entry, dict) else None for entry in entries]
+    names = tuple(name for name in given if isinstance(name, str) and _NAME.fullmatch(name))
+    if len(set(names)) < len(given):
+        raise ReelError("has renditions without names of their own, of a to z, 0 to 9, _ and -.")
+    return names if len(names) > 1 else ()
+
+
+def _parse_group(entry: object, index: int, names: tuple[str, ...]) -> FileEntry:
+    """A group in all its renditions; `entry` itself is the first."""
+    group = _parse_file(entry, "group", index)
+    others = entry.get("renditions", {}) if isinstance(entry, dict) else {}
+    if not isinstance(others, dict) or not all(isinstance(others.get(name), dict) for name in names[1:]):
+        raise ReelError(f"groups[{index}] is not there in each of the renditions {', '.join(names)}.")
+    common = {"first_frame": group.first_frame, "frames": group.frames}
+    return replace(group, renditions={name: _parse_file(others[name] | common, "group", index) for name in names[1:]})
 
 
 def _parse_file(entry: object, kind: str, index: int) -> FileEntry:
@@ -168,7 +228,11 @@ def _parse_file(entry: object, kind: str, index: int) -> FileEntry:
 def _file_to_json(entry: FileEntry, kind: str) -> dict[str, Any]:
     common = {"uri": entry.uri, "bytes": entry.bytes, "sha256": entry.sha256, "first_frame": entry.first_frame}
     own = {"frames": entry.frames} if kind == "group" else {"group": entry.group}
-    return common | own | {"points": entry.points}
+    others = {
+        name: {"uri": file.uri, "bytes": file.bytes, "sha256": file.sha256, "points": file.points}
+        for name, file in entry.renditions.items()
+    }
+    return common | own | {"points": entry.points} | ({"renditions": others} if others else {})
 
 
 def _parse_camera(value: object) -> Camera:

@@ -22,12 +22,13 @@ _CACHED_GROUPS = 3
 class ReelReader:
     """An open reel. Files are read when asked for, checked against the manifest, and decoded.
 
-    location: a directory, its manifest.json, or an http(s) URL of either. Raises `ReelError` for anything that
-    is not a reel.
+    location: a directory, its manifest.json, or an http(s) URL of either. rendition: which one, of those that the manifest names;
+    None: the best. `manifest` is then that of this rendition alone. Raises `ReelError` for anything that is not a reel.
     """
 
-    def __init__(self, location: str | Path) -> None:
+    def __init__(self, location: str | Path, rendition: str | None = None) -> None:
         self._source = open_source(location)
+        self._rendition = rendition
         self.manifest = self._read_manifest()
         self._layers: dict[str, Gaussians] = {}
         self._static: tuple[int, Gaussians, np.ndarray] | None = None
@@ -104,7 +105,13 @@ class ReelReader:
         return self._source.name("manifest.json")
 
     def _read_manifest(self) -> Manifest:
-        return parse_manifest(self._source.read("manifest.json", MAX_BYTES), self.name)
+        manifest = parse_manifest(self._source.read("manifest.json", MAX_BYTES), self.name)
+        if self._rendition is None:
+            return manifest
+        try:
+            return manifest.of_rendition(self._rendition)
+        except ReelError as error:
+            raise ReelError(f"{self.name}: {error}") from error
 
     def _load_group(self, entry: FileEntry) -> Group:
         name = self._source.name(entry.uri)

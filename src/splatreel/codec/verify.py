@@ -22,11 +22,11 @@ class Verified:
     layers: int
     groups: int
     points: int
-    """Static and dynamic points of all files."""
+    """Static and dynamic points; of the renditions, the best's."""
 
 
 def verify_reel(location: str | Path) -> Verified:
-    """Check lengths, digests, ranges and that everything decodes.
+    """Check lengths, digests, ranges and that everything decodes, in every rendition.
 
     Raises `ReelError` whose message has one line for each problem, naming the file and the section.
     """
@@ -35,18 +35,19 @@ def verify_reel(location: str | Path) -> Verified:
     problems: list[str] = []
     for index in range(len(manifest.layers)):
         problems += _problems(lambda i=index: _check_layer(reel, i))
-    for index in range(len(manifest.groups)):
-        problems += _problems(lambda i=index: _check_group(reel, i))
+    for rendition in manifest.renditions or (None,):
+        chosen = ReelReader(location, rendition)
+        for index in range(len(manifest.groups)):
+            problems += _problems(lambda r=chosen, i=index: _check_group(r, i))
     problems += _problems(lambda: _check_frames(reel))
     if problems:
         raise ReelError("\n".join(problems))
-    files = (*manifest.layers, *manifest.groups)
     return Verified(
-        files=len(files) + 1,
-        bytes=sum(entry.bytes for entry in files),
+        files=len(manifest.files) + 1,
+        bytes=sum(entry.bytes for entry in manifest.files),
         layers=len(manifest.layers),
         groups=len(manifest.groups),
-        points=sum(entry.points for entry in files),
+        points=sum(entry.points for entry in (*manifest.layers, *manifest.groups)),
     )
 
 

@@ -27,6 +27,7 @@ class ReelWriter:
     (with its layer, if it has one): the group of that index and all later ones are dropped. Without it, a reel that is
     already in `path` is dropped.
 
+    config: with renditions, every group is written in each of them; what comes back decoded is the best.
     fps: frames a second. bounds: [2, 3] box of the content. up: [3] unit. near: least depth to draw. camera: where a player starts.
     log_scales: False stores scales linearly, as the paper. Raises `ReelError` where files cannot be read or written.
     """
@@ -49,7 +50,9 @@ class ReelWriter:
         log_scales: bool = True,
     ) -> None:
         self.path = Path(path)
-        self.config = config
+        first, *others = config.renditions or (None,)
+        self.config = config if first is None else config.rendition(first)
+        self._others = {name: config.rendition(name) for name in others}
         self.log_scales = log_scales
         self._pending: FileEntry | None = None
         self._manifest = Manifest(
@@ -65,11 +68,13 @@ class ReelWriter:
             camera=camera,
             cameras=tuple(cameras),
             near=float(near),
+            renditions=config.renditions if others else (),
         )
         published = self._published()
         if published:
             self._manifest = self._manifest.with_files(list(published.layers), list(published.groups))
-            self._drop_from(self._intact() if resume else 0)
+            same = published.renditions == self._manifest.renditions
+            self._drop_from(self._intact() if resume and same else 0)
 
     @property
     def manifest(self) -> Manifest:
@@ -112,9 +117,12 @@ class ReelWriter:
                 f"hold {static}. Add the layer of this group before it."
             )
         uri = f"groups/{group.index:04d}.safetensors"
-        data, _ = encode_group(group, self.config, self.log_scales, importance)
-        blank = FileEntry(uri, 0, "", group.first_frame, group.frames, len(group.dynamic), group.index)
-        entry = self._write(uri, data, blank)
+        data, entry = self._write_group(uri, group, self.config, importance)
+        renditions = {
+            name: self._write_group(f"groups/{group.index:04d}.{name}.safetensors", group, config, importance)[1]
+            for name, config in self._others.items()
+        }
+        entry = replace(entry, renditions=renditions)
         self._publish(self._manifest.with_files(layers, [*self._manifest.groups, entry]))
         self._pending = None
         return decode_group(data, uri)
@@ -136,8 +144,7 @@ class ReelWriter:
 
     def _intact(self) -> int:
         """How many groups, from the first on, have all their files, in the length that the manifest says."""
-        files = (*self._manifest.layers, *self._manifest.groups)
-        broken = [entry.group for entry in files if self._size(entry.uri) != entry.bytes]
+        broken = [entry.group for entry in self._manifest.files if self._size(entry.uri) != entry.bytes]
         return min(broken, default=len(self._manifest.groups))
 
     def _size(self, uri: str) -> int | None:
@@ -159,7 +166,7 @@ class ReelWriter:
         """Take a group and all that follows out of the manifest first, and only then delete the files."""
         self._pending = None
         manifest = self._manifest
-        dropped = [entry for entry in (*manifest.layers, *manifest.groups) if entry.group >= group]
+        dropped = [entry for entry in manifest.files if entry.group >= group]
         if not dropped:
             return
         layers = [entry for entry in manifest.layers if entry.group < group]
@@ -175,6 +182,13 @@ class ReelWriter:
         else:
             self._delete("manifest.json")
         self._manifest = manifest
+
+    def _write_group(
+        self, uri: str, group: Group, config: EncodeConfig, importance: np.ndarray | None
+    ) -> tuple[bytes, FileEntry]:
+        data, order = encode_group(group, config, self.log_scales, importance)
+        blank = FileEntry(uri, 0, "", group.first_frame, group.frames, len(order), group.index)
+        return data, self._write(uri, data, blank)
 
     def _write(self, uri: str, data: bytes, entry: FileEntry) -> FileEntry:
         write_atomically(self.path / uri, data)

@@ -33,6 +33,7 @@ def evaluate(
     reel: str | Path,
     capture: Capture,
     *,
+    rendition: str | None = None,
     cameras: Sequence[str] | None = None,
     out: Path | None = None,
     undecoded: Callable[[int], Gaussians] | None = None,
@@ -43,14 +44,15 @@ def evaluate(
 ) -> Report:
     """Render the decoded reel from held-out cameras and measure it; `out` gets report.json, report.md and pictures.
 
-    cameras: names, the capture's held-out ones by default. undecoded: frame -> the Gaussians before encoding,
+    rendition: of the reel, the best by default. cameras: names, the capture's held-out ones by default. undecoded: frame
+    -> the Gaussians before encoding,
     for psnr_undecoded. frames: which, all that both have by default. seconds: wall time of earlier stages, and device, where
     they ran: both only go into the report. The picture of each camera, truth | render | error, is of the middle frame.
     Raises `UsageError` for cameras or frames that do not fit, and what reading the reel and the capture raises.
     """
     started = time.monotonic()
     progress = progress or Silent()
-    reader = ReelReader(reel)
+    reader = ReelReader(reel, rendition)
     check_same_capture(reader.manifest, capture, str(reel))
     views = choose_cameras(capture, cameras)
     chosen = choose_frames(min(capture.frames, reader.frames), frames)
@@ -71,7 +73,7 @@ def evaluate(
                 write_png(out / "pictures" / f"{view.name.replace('/', '_')}.png", comparison(truth, image))
         progress.update(done, psnr=float(np.mean([q.psnr for q in scores.values()])))
     spent = {**(seconds or {}), "evaluate": round(time.monotonic() - started, 3)}
-    report = summarise(reader, reel_info(reel), scores, before, views[0], spent, device)
+    report = summarise(reader, reel_info(reel, rendition), scores, before, views[0], spent, device)
     if out is not None:
         report.write(out)
     return report

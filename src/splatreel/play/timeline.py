@@ -70,12 +70,12 @@ class Timeline:
         return _joined([both, *(p.faded(1 - weight) for p in leaving), *(p.faded(weight) for p in coming)])
 
 
-def open_reel(location: str | Path) -> Timeline:
+def open_reel(location: str | Path, rendition: str | None = None) -> Timeline:
     """Open the reel at a directory, a manifest.json or an http(s) URL; `open_reel(path).at(seconds)` are its Gaussians.
 
-    Raises `ReelError` if there is no valid reel.
+    rendition: one of those the manifest names; None: the best. Raises `ReelError` if there is no valid reel, or not that rendition.
     """
-    return Timeline(ReelReader(location))
+    return Timeline(ReelReader(location, rendition))
 
 
 def _joined(parts: list[Gaussians]) -> Gaussians:
