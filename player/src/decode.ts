@@ -35,6 +35,9 @@ async function decodePredicted(file: Container): Promise<Omit<DecodedFile, "aliv
 
 async function decodePaper(file: Container, decodePoints: DecodePoints, decodeTrack: DecodeTrack): Promise<Omit<DecodedFile, "alive">> {
   const section = file.sections.offsets;
+  if (section && section.codec !== "h265") {
+    throw new ReelError(`its motion has the codec ${section.codec}, and this player knows h265: encode it again with --source ofs, or by the predictive codec`);
+  }
   const [points, offsets] = await Promise.all([
     decodeGaussians(file, decodePoints),
     section && file.points > 0 ? decodeOffsets(tensor(file, "offsets"), section, file.points, decodeTrack) : null,

@@ -24,7 +24,6 @@ export type DecodeTrack = (track: Track) => Promise<Uint8Array>;
 const BLOCK = 16;
 
 export async function decodeOffsets(bytes: Uint8Array, section: Section, count: number, decodeTrack: DecodeTrack): Promise<Offsets> {
-  if (section.codec !== "h265") throw new ReelError(`its offsets have the codec ${section.codec}; this player knows h265`);
   const { width, height } = section as unknown as { width: number; height: number };
   const tracks = parseMp4(bytes);
   [3, 3, 4].forEach((channels, i) => {

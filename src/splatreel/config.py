@@ -85,9 +85,26 @@ class GroupConfig:
     """Share of the iterations over which frames are let in one after the other; 0 turns progressive sampling off."""
 
 
+ENCODE_LIMITS = {
+    "position_bits": (4, 21),
+    "quat_bits": (1, 16),
+    "opacity_bits": (1, 16),
+    "scale_bits": (1, 16),
+    "color_bits": (1, 16),
+    "sh_entries": (0, 65536),
+    "crf": (0, 51),
+    "crf_rotation": (0, 51),
+    "crf_attributes": (0, 51),
+}
+"""The least and the largest value of what `EncodeConfig` counts; `None` is allowed where it is said to mean something."""
+
+
 @dataclass(frozen=True)
 class EncodeConfig:
-    """Compression, paper section 4.3 and Tables 9 and 10."""
+    """Compression, paper section 4.3 and Tables 9 and 10. Raises `UsageError` for numbers out of `ENCODE_LIMITS`.
+
+    Bits of `None` do not quantise at all: float32, the dashes of the paper's tables.
+    """
 
     codec: Literal["predictive", "h265"] = "predictive"
     """`h265` is the paper's, with all values below but the first; `predictive` is ours and looks at `coarseness` only."""
@@ -95,18 +112,34 @@ class EncodeConfig:
     """Of the predictive codec: what all of its steps are multiplied by. 0.6 loses less than 0.05 dB on the captures measured."""
     renditions: tuple[Rate, ...] = ()
     """Of the predictive codec: rates that every group is written in, best first, in place of a coarseness. Layers are the best's."""
-    position_bits: int = 20
-    """QP_DRC."""
-    quat_bits: int = 8
-    opacity_bits: int = 8
-    scale_bits: int = 12
-    color_bits: int = 8
-    sh_entries: int = 1024
-    """Size of the codebook of c_rest; 0 drops the higher SH bands."""
+    position_bits: int | None = 20
+    """QP_DRC; `None` is float32 without Draco."""
+    quat_bits: int | None = 8
+    opacity_bits: int | None = 8
+    scale_bits: int | None = 12
+    log_scales: bool = True
+    """Quantise base 2 logarithms of the scales; the paper quantises the scales themselves."""
+    color_bits: int | None = 8
+    """Of c_base, and of the codebook of c_rest."""
+    sh_entries: int | None = 1024
+    """Size of the codebook of c_rest; 0 drops the higher SH bands, `None` quantises each point's own."""
+    source: Literal["ofs", "ori", "dif", "raw"] = "ofs"
+    """What is coded of the motion (Table 10): offsets, positions and rotations themselves, differences from frame to frame, or
+    offsets as float32."""
     crf: int = 20
     """CRF_265 of the low byte of dx and of dq."""
+    crf_rotation: int | None = None
+    """CRF_265 of dq, where it is another."""
+    crf_attributes: int | None = None
+    """Code s, o, c_base and c_rest as pictures of this CRF too, with 8 bits, as V3 does; `None` is the paper's quantisation."""
     fold: bool = True
     """Store the low byte mirrored where the high byte is odd: a triangle wave instead of a sawtooth."""
+
+    def __post_init__(self) -> None:
+        for name, (low, high) in ENCODE_LIMITS.items():
+            value = getattr(self, name)
+            if value is not None and not low <= value <= high:
+                raise UsageError(f"{name} {value} is out of range. Choose {low} to {high}.")
 
     def rendition(self, rate: Rate) -> EncodeConfig:
         """How one of the renditions is encoded."""

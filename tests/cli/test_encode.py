@@ -33,6 +33,8 @@ def test_other_settings_make_another_reel(run: Path, capsys: pytest.CaptureFixtu
     assert verify_reel("small").points == verify_reel(run / "reel").points
     assert verify_reel("small").bytes < verify_reel("paper").bytes
     assert "static points" in capsys.readouterr().out
+    assert main(["encode", "run", "--out", "original", "--source", "ori"]) == 0
+    assert verify_reel("original").points == verify_reel(run / "reel").points
 
 
 def test_rates(run: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -64,6 +66,7 @@ def test_renditions(run: Path, capsys: pytest.CaptureFixture[str]) -> None:
     [
         ["--codec", "h265", "--rate", "low"],
         ["--codec", "predictive", "--crf", "20"],
+        ["--codec", "predictive", "--source", "ori"],
         ["--target-mbps", "0"],
         ["--target-mbps", "1", "--rate", "low"],
         ["--renditions", "high,best"],

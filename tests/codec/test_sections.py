@@ -42,7 +42,7 @@ def test_no_entries_drop_the_higher_bands():
 
 
 def test_linear_scales_are_the_papers():
-    sections, _ = encode_gaussians(points(50), CONFIG, log_scales=False)
+    sections, _ = encode_gaussians(points(50), dataclasses.replace(CONFIG, log_scales=False))
     assert "log" not in sections["scales"].parameters
     step = np.subtract(sections["scales"].parameters["max"], sections["scales"].parameters["min"]).max() / 4095
     sections_log, order = encode_gaussians(points(50), CONFIG)
@@ -97,3 +97,66 @@ def test_huge_count_is_refused_before_anything_is_allocated():
     for count in (101, 1 << 22, 1 << 40):
         with pytest.raises(ReelError):
             decode_gaussians(sections, count)
+
+
+FLOATS = dict.fromkeys(("position_bits", "quat_bits", "opacity_bits", "scale_bits", "color_bits", "sh_entries"))
+
+
+def test_without_bits_nothing_is_lost():
+    """The dashes of the paper's Table 9 are float32, in the order of the reel."""
+    gaussians = points(300, degree=3)
+    sections, order = encode_gaussians(gaussians, dataclasses.replace(CONFIG, **FLOATS))
+    decoded, original = decode_gaussians(sections, 300), gaussians[order]
+    for name in ("means", "scales", "opacities", "sh"):
+        np.testing.assert_array_equal(getattr(decoded, name), getattr(original, name))
+    np.testing.assert_allclose(np.abs((decoded.quats * original.quats).sum(1)), 1, atol=1e-6)
+    assert sum(len(s.data) for s in sections.values()) == 4 * 59 * 300
+
+
+def test_a_codebook_may_hold_floats_and_each_point_may_have_its_own():
+    gaussians = points(300, degree=2)
+    sections, order = encode_gaussians(gaussians, dataclasses.replace(CONFIG, color_bits=None, sh_entries=5000))
+    assert (len(sections["sh_codebook"].data), sections["sh_rest"].parameters["entries"]) == (4 * 24 * 75, 75)
+    np.testing.assert_array_equal(decode_gaussians(sections, 300).sh[:, 0], gaussians.sh[order, 0])
+    sections, order = encode_gaussians(gaussians, dataclasses.replace(CONFIG, sh_entries=None))
+    step = np.ptp(gaussians.sh[:, 1:], axis=0).max() / 255
+    np.testing.assert_allclose(decode_gaussians(sections, 300).sh, gaussians.sh[order], atol=10 * step)
+
+
+def test_attributes_as_pictures():
+    """With 8 bits of video, as V3: within a few steps, and another CRF is coarser and smaller."""
+    gaussians = points(500, degree=1)
+    sizes, errors = [], []
+    for crf in (0, 40):
+        sections, order = encode_gaussians(gaussians, dataclasses.replace(CONFIG, crf_attributes=crf))
+        decoded = decode_gaussians(sections, 500)
+        assert {sections[n].parameters["codec"] for n in ("scales", "opacities", "sh_base", "sh_rest")} == {"picture"}
+        sizes.append(sum(len(s.data) for s in sections.values()))
+        errors.append(np.abs(decoded.sh - gaussians.sh[order]).mean())
+        assert ((decoded.opacities >= 0) & (decoded.opacities <= 1)).all()
+    assert sizes[1] < sizes[0]
+    assert errors[0] < 0.02 < errors[1]
+
+
+@pytest.mark.parametrize(
+    ("name", "change", "message"),
+    [
+        ("means", {"codec": "float32"}, "section 'means' holds .* bytes where float32"),
+        ("sh_rest", {"codec": "float32"}, "section 'sh_rest' has degree"),
+        ("sh_rest", {"codec": "float32", "degree": 1}, "section 'sh_rest' holds"),
+        ("scales", {"codec": "picture"}, "section 'scales' has width"),
+        ("scales", {"codec": "picture", "width": 64, "height": 64}, "section 'scales' is not a video"),
+    ],
+)
+def test_lies_about_the_codec(name, change, message):
+    sections, _ = encode_gaussians(points(100), CONFIG)
+    sections[name] = Section(sections[name].data, sections[name].parameters | change)
+    with pytest.raises(ReelError, match=message):
+        decode_gaussians(sections, 100)
+
+
+def test_float32_that_are_no_numbers():
+    sections, _ = encode_gaussians(points(100), dataclasses.replace(CONFIG, scale_bits=None))
+    sections["scales"] = Section(np.full(300, np.nan, "<f4").tobytes(), sections["scales"].parameters)
+    with pytest.raises(ReelError, match="section 'scales' holds NaN"):
+        decode_gaussians(sections, 100)

@@ -4,18 +4,19 @@ from __future__ import annotations
 
 import dataclasses
 from pathlib import Path
+from typing import Any, Literal
 
 from tyro.conf import Positional
 
 from splatreel.cli.info import describe
 from splatreel.cli.options import parse_renditions
 from splatreel.cli.reconstruct import Codec
-from splatreel.config import COARSENESS, EncodeConfig, Rate
+from splatreel.config import COARSENESS, ENCODE_LIMITS, EncodeConfig, Rate
 from splatreel.errors import UsageError
 
-PAPERS = {"crf", "position_bits", "scale_bits"}
+Source = Literal["ofs", "ori", "dif", "raw"]
+PAPERS = {"crf", "position_bits", "scale_bits", "source"}
 """What only the paper's codec looks at; asking for one of them is asking for that codec."""
-LIMITS = {"crf": (0, 51), "position_bits": (4, 21), "scale_bits": (1, 16), "sh_entries": (0, 65536)}
 
 
 def encode(
@@ -30,6 +31,7 @@ def encode(
     position_bits: int | None = None,
     scale_bits: int | None = None,
     sh_entries: int | None = None,
+    source: Source | None = None,
 ) -> None:
     """Encode a finished reconstruction again with other settings, without training.
 
@@ -44,6 +46,8 @@ def encode(
         position_bits: Bits of a coordinate of a point.
         scale_bits: Bits of a scale.
         sh_entries: Size of the codebook of view-dependent colour; 0 drops it.
+        source: What of the motion becomes video: ofs, the offsets; ori, where points are; dif, differences from frame to frame; or
+            raw, offsets as float32. The web player plays ofs only.
     """
     from splatreel.codec.info import reel_info
     from splatreel.progress import console
@@ -51,11 +55,12 @@ def encode(
 
     _check_folder(run, out)
     asked = {"crf": crf, "position_bits": position_bits, "scale_bits": scale_bits, "sh_entries": sh_entries}
-    given = {name: value for name, value in asked.items() if value is not None}
+    given: dict[str, Any] = {name: value for name, value in asked.items() if value is not None}
     for name, value in given.items():
-        low, high = LIMITS[name]
+        low, high = ENCODE_LIMITS[name]
         if not low <= value <= high:
             raise UsageError(f"--{name.replace('_', '-')} {value} is out of range. Choose {low} to {high}.")
+    given |= {"source": source} if source else {}
     codec = codec or ("h265" if PAPERS & set(given) else "predictive")
     config = EncodeConfig(codec=codec, coarseness=COARSENESS[rate or "medium"], renditions=parse_renditions(renditions))
     config = dataclasses.replace(config, **given)

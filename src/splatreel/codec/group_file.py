@@ -9,6 +9,7 @@ from splatreel.codec.container import FileHeader, pack_file, unpack_file
 from splatreel.codec.sections import MAX_POINTS, Section, Sections, decode_gaussians, encode_gaussians
 from splatreel.config import EncodeConfig
 from splatreel.errors import ReelError
+from splatreel.scene import rotations
 from splatreel.scene.gaussians import Gaussians
 from splatreel.scene.group import Group
 
@@ -21,7 +22,6 @@ def encode_layer(
     first_frame: int,
     gaussians: Gaussians,
     config: EncodeConfig,
-    log_scales: bool = True,
     importance: np.ndarray | None = None,
 ) -> tuple[bytes, np.ndarray]:
     """The file of the static points born at a group, and order [N]: the input point of each point of the file.
@@ -32,13 +32,11 @@ def encode_layer(
         points = predictive.encode_points(gaussians, importance, config, moving=False)
         sections, order = points.sections, points.order
     else:
-        sections, order = encode_gaussians(gaussians, config, log_scales)
+        sections, order = encode_gaussians(gaussians, config)
     return pack_file(FileHeader("layer", group, len(gaussians), first_frame), sections), order
 
 
-def encode_group(
-    group: Group, config: EncodeConfig, log_scales: bool = True, importance: np.ndarray | None = None
-) -> tuple[bytes, np.ndarray]:
+def encode_group(group: Group, config: EncodeConfig, importance: np.ndarray | None = None) -> tuple[bytes, np.ndarray]:
     """The file of a group, and order [N]: the input point of each dynamic point of the file. importance: as for `encode_layer`."""
     if config.codec == "predictive" and len(group.dynamic):
         points = predictive.encode_points(group.dynamic, importance, config)
@@ -46,9 +44,10 @@ def encode_group(
         sections = points.sections | predictive.encode_offsets(group.dx, group.dq, points, config)
         order = points.order
     else:
-        sections, order = encode_gaussians(group.dynamic, config, log_scales)
+        sections, order = encode_gaussians(group.dynamic, config, placed=config.source != "ori")
         if len(order):
-            sections["offsets"] = Section(*offsets.encode(group.dx[:, order], group.dq[:, order], config))
+            moving = group.dx[:, order], group.dq[:, order], group.dynamic[order]
+            sections["offsets"] = Section(*offsets.encode(*moving, config))
     if len(group.alive):
         sections["alive"] = Section(*quantize.encode_bits(group.alive))
     header = FileHeader("group", group.index, len(order), group.first_frame, group.frames)
@@ -72,8 +71,7 @@ def decode_group(data: bytes, source: str) -> Group:
         header, sections = unpack_file(data)
         if header.kind != "group":
             raise ReelError(f"is a {header.kind} file, expected a group.")
-        dynamic, here = _decode_points(sections, header.points)
-        dx, dq = _decode_offsets(sections, header, here)
+        dynamic, dx, dq = _decode_moving(sections, header)
         alive = np.zeros(0, bool)
         if "alive" in sections:
             alive = _decode_alive(sections["alive"])
@@ -91,19 +89,28 @@ def _decode_points(sections: Sections, count: int) -> tuple[Gaussians, predictiv
     return predictive.decode_points(sections, count)
 
 
-def _decode_offsets(
-    sections: Sections, header: FileHeader, here: predictive.Neighbourhood | None
-) -> tuple[np.ndarray, np.ndarray]:
-    offsets.check_size(header.frames, header.points)
+def _decode_moving(sections: Sections, header: FileHeader) -> tuple[Gaussians, np.ndarray, np.ndarray]:
+    """Dynamic points and their offsets dx [T, N, 3] and dq [T, N, 4]."""
+    count, frames = header.points, header.frames
+    offsets.check_size(frames, count)
+    if count and "offsets" in sections and sections["offsets"].parameters.get("codec") == offsets.ORIGINAL:
+        means, quats = _decode_offsets(sections["offsets"], frames, count)
+        dynamic = decode_gaussians(sections, count, (means[0], quats[0]))
+        back = quats[0] * np.array([1, -1, -1, -1], np.float32)
+        return dynamic, means - means[0], rotations.multiply(back, quats)
+    dynamic, here = _decode_points(sections, count)
     if here is not None:
-        return predictive.decode_offsets(sections, header.frames, here)
-    if not header.points:
-        return np.zeros((header.frames, 0, 3), np.float32), np.zeros((header.frames, 0, 4), np.float32)
+        return dynamic, *predictive.decode_offsets(sections, frames, here)
+    if not count:
+        return dynamic, np.zeros((frames, 0, 3), np.float32), np.zeros((frames, 0, 4), np.float32)
     if "offsets" not in sections:
         raise ReelError("has no section 'offsets'.")
-    section = sections["offsets"]
+    return dynamic, *_decode_offsets(sections["offsets"], frames, count)
+
+
+def _decode_offsets(section: Section, frames: int, count: int) -> tuple[np.ndarray, np.ndarray]:
     try:
-        return offsets.decode(section.data, section.parameters, header.frames, header.points)
+        return offsets.decode(section.data, section.parameters, frames, count)
     except ReelError as error:
         raise ReelError(f"section 'offsets' {error}") from error
 

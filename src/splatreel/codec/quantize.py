@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import zlib
 from typing import Any
 
@@ -97,6 +98,22 @@ def decode_linear(data: bytes, parameters: Parameters, rows: int, columns: int) 
             raise ReelError(f"has logarithms {low.tolist()}..{high.tolist()} that no float32 holds.")
         values = np.exp2(values)
     return np.ascontiguousarray(values, np.float32)
+
+
+def encode_float32(values: np.ndarray) -> tuple[bytes, Parameters]:
+    """A `float32` section of values of any shape: as they are, in C order."""
+    return np.ascontiguousarray(values, "<f4").tobytes(), {"codec": "float32"}
+
+
+def decode_float32(data: bytes, shape: tuple[int, ...]) -> np.ndarray:
+    """The finite values of a `float32` section. Raises `ReelError`."""
+    expected = 4 * math.prod(shape)
+    if len(data) != expected:
+        raise ReelError(f"holds {len(data)} bytes where float32 numbers of shape {shape} need {expected}.")
+    values = np.frombuffer(data, "<f4").reshape(shape)
+    if not np.isfinite(values).all():
+        raise ReelError("holds NaN or infinity.")
+    return values.astype(np.float32)
 
 
 def encode_bits(flags: np.ndarray) -> tuple[bytes, Parameters]:

@@ -6,7 +6,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from splatreel.codec import points, quantize, vector
+from splatreel.codec import morton, points, quantize, vector
+from splatreel.codec.attributes import decode_values, encode_values
 from splatreel.codec.quantize import Parameters, integer
 from splatreel.config import EncodeConfig
 from splatreel.errors import ReelError
@@ -27,12 +28,10 @@ class Section:
 Sections = dict[str, Section]
 
 
-def encode_gaussians(
-    gaussians: Gaussians, config: EncodeConfig, log_scales: bool = True
-) -> tuple[Sections, np.ndarray]:
+def encode_gaussians(gaussians: Gaussians, config: EncodeConfig, placed: bool = True) -> tuple[Sections, np.ndarray]:
     """Sections of the points, and order [N]: order[i] is the input point that is decoded as point i.
 
-    `log_scales` quantises log2 of the scales; False is the paper's linear scale. No point, no section.
+    placed: with `means` and `quats`; without them something else says where the points are. No point, no section.
     Raises `GaussiansError` for NaN and infinity.
     """
     gaussians.check_finite("Gaussians to encode")
@@ -40,36 +39,37 @@ def encode_gaussians(
         raise ReelError(f"{len(gaussians)} points are more than a file holds ({MAX_POINTS}).")
     if not len(gaussians):
         return {}, np.zeros(0, np.int64)
-    data, parameters, order = points.encode_points(gaussians.means, config.position_bits)
-    sections = {"means": Section(data, parameters)}
+    sections, order = _encode_means(gaussians.means, config.position_bits if placed else None)
     ordered = gaussians[order]
     quats = rotations.normalize(ordered.quats)
-    quats = np.where(quats[:, :1] < 0, -quats, quats)
-    linear = {
-        "quats": (quats, config.quat_bits, False),
-        "scales": (ordered.scales, config.scale_bits, log_scales),
-        "opacities": (ordered.opacities[:, None], config.opacity_bits, False),
-        "sh_base": (ordered.sh[:, 0], config.color_bits, False),
-    }
-    for name, (values, bits, log) in linear.items():
-        sections[name] = Section(*quantize.encode_linear(values, bits, log))
-    if ordered.sh_degree and config.sh_entries:
+    sections["quats"] = Section(*encode_values(np.where(quats[:, :1] < 0, -quats, quats), config.quat_bits))
+    if not placed:
+        sections = {}
+    crf = config.crf_attributes
+    log = config.log_scales
+    sections["scales"] = Section(*encode_values(ordered.scales, config.scale_bits, log=log, crf=crf))
+    sections["opacities"] = Section(*encode_values(ordered.opacities[:, None], config.opacity_bits, crf=crf))
+    sections["sh_base"] = Section(*encode_values(ordered.sh[:, 0], config.color_bits, crf=crf))
+    if ordered.sh_degree and config.sh_entries != 0:
         sections |= _encode_rest(ordered, config)
     return sections, order
 
 
-def decode_gaussians(sections: Sections, count: int) -> Gaussians:
+Placed = tuple[np.ndarray, np.ndarray]
+"""Positions [N, 3] and unit quaternions [N, 4] of points whose file does not have them in sections of their own."""
+
+
+def decode_gaussians(sections: Sections, count: int, placed: Placed | None = None) -> Gaussians:
     """The `count` points of a file's sections, in reel order. Raises `ReelError` that names the section."""
     if not 0 <= count <= MAX_POINTS:
         raise ReelError(f"claims {count} points, more than the {MAX_POINTS} a file may hold.")
     if not count:
         return Gaussians.empty(0)
-    means_section = section_of(sections, "means", "draco")
-    means = named("means", points.decode_points, means_section.data, means_section.parameters, count)
-    quats = rotations.normalize(_linear(sections, "quats", count, 4))
-    scales = _linear(sections, "scales", count, 3)
-    opacities = _linear(sections, "opacities", count, 1)[:, 0]
-    sh = _linear(sections, "sh_base", count, 3)[:, None]
+    means = _decode_means(sections, count) if placed is None else placed[0]
+    quats = rotations.normalize(_values(sections, "quats", count, 4)) if placed is None else placed[1]
+    scales = _values(sections, "scales", count, 3)
+    opacities = _values(sections, "opacities", count, 1)[:, 0]
+    sh = _values(sections, "sh_base", count, 3)[:, None]
     if "sh_rest" in sections:
         sh = np.concatenate([sh, _decode_rest(sections, count)], 1)
     if (scales < 0).any() or (opacities < 0).any() or (opacities > 1).any():
@@ -77,28 +77,49 @@ def decode_gaussians(sections: Sections, count: int) -> Gaussians:
     return Gaussians(means, quats, scales, opacities, sh)
 
 
+def _encode_means(means: np.ndarray, bits: int | None) -> tuple[Sections, np.ndarray]:
+    """Section `means` and the order of the points; float32 in the order of a lattice that nobody sees, without bits."""
+    data, parameters, order = points.encode_points(means, bits or morton.MAX_BITS)
+    if bits is None:
+        data, parameters = quantize.encode_float32(means[order])
+    return {"means": Section(data, parameters)}, order
+
+
+def _decode_means(sections: Sections, count: int) -> np.ndarray:
+    section = _section(sections, "means")
+    if section.parameters.get("codec") == "float32":
+        return named("means", quantize.decode_float32, section.data, (count, 3))
+    section = section_of(sections, "means", "draco")
+    return named("means", points.decode_points, section.data, section.parameters, count)
+
+
 def _encode_rest(gaussians: Gaussians, config: EncodeConfig) -> Sections:
-    """`sh_rest` and `sh_codebook`; few points get few entries, so that the codebook does not outweigh the indices."""
+    """`sh_rest`, by itself or as indices into `sh_codebook`; few points get few entries, so that it does not outweigh the indices."""
     rest = gaussians.sh[:, 1:].reshape(len(gaussians), -1)
+    degree: Parameters = {"degree": gaussians.sh_degree}
+    if config.sh_entries is None or config.crf_attributes is not None:
+        data, parameters = encode_values(rest, config.color_bits, crf=config.crf_attributes)
+        return {"sh_rest": Section(data, parameters | degree)}
     entries = min(config.sh_entries, max(1, len(gaussians) // 4))
     codebook = vector.kmeans(rest, entries)
     nearest, _ = vector.assign(rest, codebook)
     bits = max(1, (len(codebook) - 1).bit_length())
     data, packed = quantize.deflate(quantize.pack(nearest, bits))
     indices = Section(data, {"codec": "vq", "entries": len(codebook), "bits": bits, "deflate": packed})
-    data, parameters = quantize.encode_linear(codebook, config.color_bits)
-    parameters |= {"entries": len(codebook), "degree": gaussians.sh_degree}
-    return {"sh_rest": indices, "sh_codebook": Section(data, parameters)}
+    data, parameters = encode_values(codebook, config.color_bits)
+    return {"sh_rest": indices, "sh_codebook": Section(data, parameters | {"entries": len(codebook)} | degree)}
 
 
 def _decode_rest(sections: Sections, count: int) -> np.ndarray:
     """c_rest, [N, (degree + 1)^2 - 1, 3]."""
-    rest, codebook = section_of(sections, "sh_rest", "vq"), section_of(sections, "sh_codebook", "linear")
+    rest = sections["sh_rest"]
+    if rest.parameters.get("codec") != "vq":
+        return _values(sections, "sh_rest", count, _coefficients(rest, "sh_rest")).reshape(count, -1, 3)
+    codebook = _section(sections, "sh_codebook")
     entries = named("sh_rest", integer, rest.parameters, "entries", 1, 65536)
-    degree = named("sh_codebook", integer, codebook.parameters, "degree", 1, 3)
     if codebook.parameters.get("entries") != entries:
         raise ReelError(
-            f"section 'sh_codebook' has {codebook.parameters.get('entries')!r} entries and 'sh_rest' {entries}."
+            f"section 'sh_codebook' has {codebook.parameters.get('entries')!r:.60} entries and 'sh_rest' {entries}."
         )
     bits = named("sh_rest", integer, rest.parameters, "bits", 1, 16)
     size = quantize.packed_size(count, bits)
@@ -106,22 +127,33 @@ def _decode_rest(sections: Sections, count: int) -> np.ndarray:
     indices = named("sh_rest", quantize.unpack, plain, bits, count)
     if (indices >= entries).any():
         raise ReelError(f"section 'sh_rest' names entry {indices.max()} of a codebook of {entries}.")
-    values = _linear(sections, "sh_codebook", entries, 3 * ((degree + 1) ** 2 - 1))
+    values = _values(sections, "sh_codebook", entries, _coefficients(codebook, "sh_codebook"))
     return values[indices].reshape(count, -1, 3)
 
 
-def section_of(sections: Sections, name: str, codec: str) -> Section:
+def _coefficients(section: Section, name: str) -> int:
+    degree = named(name, integer, section.parameters, "degree", 1, 3)
+    return 3 * ((degree + 1) ** 2 - 1)
+
+
+def _section(sections: Sections, name: str) -> Section:
     if name not in sections:
         raise ReelError(f"has no section {name!r}.")
-    found = sections[name].parameters.get("codec")
-    if found != codec:
-        raise ReelError(f"section {name!r} has the unknown codec {found!r}, expected {codec!r}.")
     return sections[name]
 
 
-def _linear(sections: Sections, name: str, rows: int, columns: int) -> np.ndarray:
-    section = section_of(sections, name, "linear")
-    return named(name, quantize.decode_linear, section.data, section.parameters, rows, columns)
+def section_of(sections: Sections, name: str, codec: str) -> Section:
+    """The section of that name and codec. Raises `ReelError`."""
+    section = _section(sections, name)
+    found = section.parameters.get("codec")
+    if found != codec:
+        raise ReelError(f"section {name!r} has the unknown codec {found!r:.60}, expected {codec!r}.")
+    return section
+
+
+def _values(sections: Sections, name: str, rows: int, columns: int) -> np.ndarray:
+    section = _section(sections, name)
+    return named(name, decode_values, section.data, section.parameters, rows, columns)
 
 
 def named(name, function, *arguments):

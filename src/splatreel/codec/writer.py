@@ -29,7 +29,7 @@ class ReelWriter:
 
     config: with renditions, every group is written in each of them; what comes back decoded is the best.
     fps: frames a second. bounds: [2, 3] box of the content. up: [3] unit. near: least depth to draw. camera: where a player starts.
-    log_scales: False stores scales linearly, as the paper. Raises `ReelError` where files cannot be read or written.
+    Raises `ReelError` where files cannot be read or written.
     """
 
     def __init__(
@@ -47,13 +47,11 @@ class ReelWriter:
         config: EncodeConfig,
         near: float = 0.01,
         resume: bool = False,
-        log_scales: bool = True,
     ) -> None:
         self.path = Path(path)
         first, *others = config.renditions or (None,)
         self.config = config if first is None else config.rendition(first)
         self._others = {name: config.rendition(name) for name in others}
-        self.log_scales = log_scales
         self._pending: FileEntry | None = None
         self._manifest = Manifest(
             generator=f"splatreel {metadata.version('splatreel')}",
@@ -96,7 +94,7 @@ class ReelWriter:
         if not len(gaussians):
             return gaussians, np.zeros(0, np.int64)
         uri = f"layers/{group:04d}.safetensors"
-        data, order = encode_layer(group, first_frame, gaussians, self.config, self.log_scales, importance)
+        data, order = encode_layer(group, first_frame, gaussians, self.config, importance)
         entry = self._write(uri, data, FileEntry(uri, 0, "", first_frame, 0, len(gaussians), group))
         self._pending = entry
         return decode_layer(data, uri)[1], order
@@ -186,7 +184,7 @@ class ReelWriter:
     def _write_group(
         self, uri: str, group: Group, config: EncodeConfig, importance: np.ndarray | None
     ) -> tuple[bytes, FileEntry]:
-        data, order = encode_group(group, config, self.log_scales, importance)
+        data, order = encode_group(group, config, importance)
         blank = FileEntry(uri, 0, "", group.first_frame, group.frames, len(order), group.index)
         return data, self._write(uri, data, blank)
 
