@@ -107,7 +107,7 @@ class EncodeConfig:
     """
 
     codec: Literal["predictive", "h265"] = "predictive"
-    """`h265` is the paper's, with all values below but the first; `predictive` is ours and looks at `coarseness` only."""
+    """`predictive` is ours and looks at the two values below only; `h265` is the paper's, which the others are of."""
     coarseness: float = 0.6
     """Of the predictive codec: what all of its steps are multiplied by. 0.6 loses less than 0.05 dB on the captures measured."""
     renditions: tuple[Rate, ...] = ()
