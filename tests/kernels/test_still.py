@@ -1,9 +1,11 @@
-"""Drawing only the tiles that something moves in gives the picture and the gradients of drawing everything."""
+"""Drawing moving splats among frozen ones gives the picture and the gradients of drawing everything."""
 
+import numpy as np
 import pytest
 import torch
 
-from splatreel.kernels import splat, twin
+from splatreel.errors import GaussiansError
+from splatreel.kernels import cuda, splat, twin
 
 WIDTH, HEIGHT = 100, 70
 
@@ -19,72 +21,106 @@ def splats(count, seed, spread=None):
     colors = torch.rand(count, 3, generator=generator)
     opacities = torch.rand(count, generator=generator)
     depths = torch.rand(count, generator=generator) + 1
-    return [means, conics, colors, opacities, depths, torch.full((count,), 12, dtype=torch.int32)]
+    return [means, conics, colors, opacities, depths, torch.full((count,), 24, dtype=torch.int32)]
 
 
-def join(a, b):
-    return [torch.cat(pair) for pair in zip(a, b, strict=True)]
+def whole(moving, static):
+    return splat.rasterize(*[torch.cat(pair) for pair in zip(moving, static, strict=True)], WIDTH, HEIGHT)
 
 
-def layered(moving, static):
-    spans = splat.tile_spans(*[static[i] for i in (0, 1, 3, 5)], WIDTH, HEIGHT)
-    image, alpha = splat.rasterize(*static, WIDTH, HEIGHT)
-    tiles = splat.touched_tiles(splat.tile_spans(*[moving[i] for i in (0, 1, 3, 5)], WIDTH, HEIGHT), WIDTH, HEIGHT)
-    near = splat.touching(spans, tiles)
-    return join(moving, [value[near] for value in static]), splat.Still(tiles, image, alpha)
+def among(moving, static):
+    return splat.rasterize_among(*moving, splat.freeze(*static, WIDTH, HEIGHT))[:2]
 
 
+def oracle(moving, static):
+    return twin.rasterize_among(moving, static, WIDTH, HEIGHT)
+
+
+def masked(moving, static):
+    """What runs on CUDA, with the twin in the place of gsplat, which leaves masked tiles empty."""
+
+    def gsplat(*arguments):
+        *others, tiles = arguments if len(arguments) == 9 else (*arguments, None)
+        image, alpha = twin.rasterize(*others)
+        if tiles is None:
+            return image, alpha
+        drawn = torch.from_numpy(np.kron(tiles.numpy(), np.ones((16, 16), bool))[:HEIGHT, :WIDTH])
+        return image * drawn[..., None], alpha * drawn
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(cuda, "rasterize", gsplat)
+        _, _, held = cuda.freeze(*static, WIDTH, HEIGHT)
+        return cuda.rasterize_among(*moving, held)[:2]
+
+
+def differentiated(draw, moving, static, target):
+    leaves = [value.clone().requires_grad_(value.is_floating_point()) for value in moving]
+    image, alpha = draw(leaves, static)
+    (splat.photometric_loss(image, target) + alpha.mean()).backward()
+    return [image.detach(), alpha.detach(), *[leaf.grad for leaf in leaves[:4]]]
+
+
+@pytest.mark.parametrize("faint", [True, False])
 @pytest.mark.parametrize("seed", range(5))
-def test_picture_and_gradients_equal_those_of_drawing_everything(seed):
+def test_picture_and_gradients_equal_those_of_drawing_everything(seed, faint):
     static, moving = splats(400, seed), splats(30, seed + 100, ((30.0, 40.0), 0.3))
+    static[4][:20] = moving[4][:20]  # equal depths: what moves is in front
+    if not faint:
+        static[3][:], moving[3][:] = 0.97, 0.9  # pixels fill up
     target = torch.rand(HEIGHT, WIDTH, 3, generator=torch.Generator().manual_seed(seed))
-    results = []
-    for mode in ("whole", "layered", "twin"):
-        leaves = [value.clone().requires_grad_(value.is_floating_point()) for value in moving]
-        parts, still = layered(leaves, static) if mode != "whole" else (join(leaves, static), None)
-        draw = twin.rasterize if mode == "twin" else splat.rasterize
-        image, alpha = draw(*parts, WIDTH, HEIGHT, still)
-        (splat.photometric_loss(image, target) + alpha.mean()).backward()
-        results.append([image.detach(), alpha.detach(), *[leaf.grad for leaf in leaves[:4]]])
-    if seed == 0:
-        assert 0.1 < still.tiles.float().mean() < 0.9
-    for other in results[1:]:
-        for a, b in zip(results[0], other, strict=True):
+    expected = differentiated(whole, moving, static, target)
+    for draw in (
+        (among, oracle, masked) if faint else (among,)
+    ):  # the twin rounds another way at the edge of what is full
+        for a, b in zip(expected, differentiated(draw, moving, static, target), strict=True):
             torch.testing.assert_close(a, b, rtol=1e-3, atol=2e-6)
+
+
+def test_only_the_tiles_that_something_moves_in_are_drawn_anew():
+    static, moving = splats(400, 0), splats(30, 100, ((30.0, 40.0), 0.3))
+    still = splat.freeze(*static, WIDTH, HEIGHT)
+    image, alpha, tiles = splat.rasterize_among(*moving, still)
+    assert tiles.shape == (5, 7)
+    assert 0.1 < tiles.float().mean() < 0.9
+    kept = ~torch.from_numpy(np.kron(tiles.numpy(), np.ones((16, 16), bool))[:HEIGHT, :WIDTH])
+    assert torch.equal(image[kept], still.image[kept])
+    assert torch.equal(alpha[kept], still.alpha[kept])
+    expected, _ = whole(moving, static)
+    assert (still.image - expected).abs().max() > 0.1
+    _, alone = splat.rasterize(*moving, WIDTH, HEIGHT)
+    assert not alone[kept].any()
 
 
 def test_without_moving_splats_the_picture_is_kept():
     static, nothing = splats(50, 0), splats(0, 1)
-    parts, still = layered(nothing, static)
-    image, alpha = splat.rasterize(*parts, WIDTH, HEIGHT, still)
-    assert not still.tiles.any()
-    assert len(parts[0]) == 0
-    torch.testing.assert_close(image, still.image)
-    torch.testing.assert_close(alpha, still.alpha)
+    still = splat.freeze(*static, WIDTH, HEIGHT)
+    image, alpha, tiles = splat.rasterize_among(*nothing, still)
+    assert not tiles.any()
+    assert torch.equal(image, still.image)
+    assert torch.equal(alpha, still.alpha)
 
 
-def test_a_splat_touches_the_tiles_of_its_pixels():
-    one = [
-        torch.tensor([[40.0, 20.0]]),
-        torch.tensor([[4.0, 0, 4.0]]),
-        torch.tensor([0.9]),
-        torch.tensor([5], dtype=torch.int32),
-    ]
-    spans = splat.tile_spans(*one, WIDTH, HEIGHT)
-    assert spans.tolist() == [[2, 2, 1, 1]]
-    tiles = splat.touched_tiles(spans, WIDTH, HEIGHT)
+def test_without_frozen_splats_the_others_are_alone():
+    moving, nothing = splats(50, 0), splats(0, 1)
+    for a, b in zip(among(moving, nothing), whole(moving, nothing), strict=True):
+        torch.testing.assert_close(a, b)
+
+
+def test_nan_is_refused():
+    static, moving = splats(5, 0), splats(5, 1)
+    still = splat.freeze(*static, WIDTH, HEIGHT)
+    moving[0][2, 1] = float("nan")
+    with pytest.raises(GaussiansError, match="means2d holds 1 value"):
+        splat.rasterize_among(*moving, still)
+    with pytest.raises(GaussiansError, match="means2d"):
+        splat.freeze(*moving, WIDTH, HEIGHT)
+
+
+def test_a_splat_touches_the_tiles_of_its_square_on_cuda():
+    spans = cuda.tile_spans(torch.tensor([[40.0, 20.0], [-9.0, 5.0]]), torch.tensor([5, 5]), WIDTH, HEIGHT)
+    assert spans.tolist() == [[2, 2, 0, 1], [0, -1, 0, -1]]
+    tiles = cuda.touched_tiles(spans, WIDTH, HEIGHT)
     assert tiles.shape == (5, 7)
-    assert tiles.nonzero().tolist() == [[1, 2]]
+    assert tiles.nonzero().tolist() == [[0, 2], [1, 2]]
     spans = torch.tensor([[0, 1, 0, 4], [2, 6, 1, 1], [0, 6, 0, 4], [0, -1, 0, -1]])
-    assert splat.touching(spans, tiles).tolist() == [1, 2]
-
-
-def test_tiles_are_those_of_the_twin():
-    some, others = (
-        splat.tile_spans(*[splats(count, seed)[i] for i in (0, 1, 3, 5)], WIDTH, HEIGHT)
-        for count, seed in ((9, 1), (200, 2))
-    )
-    tiles = splat.touched_tiles(some, WIDTH, HEIGHT)
-    assert 0 < int(tiles.sum()) < tiles.numel()
-    assert torch.equal(tiles, twin.touched_tiles(some, WIDTH, HEIGHT))
-    assert torch.equal(splat.touching(others, tiles), twin.touching(others, tiles))
+    assert cuda.touching(spans, tiles).tolist() == [1, 2]

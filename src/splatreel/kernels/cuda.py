@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from typing import Any
+from dataclasses import dataclass
 
 import numpy as np
 import torch
+import torch.nn.functional as functional
 from torch import Tensor
 
 from splatreel.errors import MissingDependencyError
-from splatreel.kernels import twin
 
 TILE = 16
 
@@ -61,24 +61,72 @@ def rasterize(
     radii: Tensor,
     width: int,
     height: int,
-    still: Any = None,
+    tiles: Tensor | None = None,
 ) -> tuple[Tensor, Tensor]:
-    """As `splat.rasterize`; gsplat skips the tiles a mask leaves out."""
+    """As `splat.rasterize`. tiles: [rows, columns] bool, the tiles to draw; gsplat skips the others."""
     gsplat = _gsplat()
     tiles_x, tiles_y = -(-width // TILE), -(-height // TILE)
     extents = radii[None, :, None].expand(-1, -1, 2).contiguous()
     _, pairs, ids = gsplat.isect_tiles(means2d.detach()[None], extents, depths.detach()[None], TILE, tiles_x, tiles_y)
     offsets = gsplat.isect_offset_encode(pairs, 1, tiles_x, tiles_y)
-    masks = None if still is None else still.tiles[None].contiguous()
+    masks = None if tiles is None else tiles[None].contiguous()
     image, alpha = gsplat.rasterize_to_pixels(
         means2d[None], conics[None], colors[None], opacities[None], width, height, TILE, offsets, ids, masks=masks
     )
-    image, alpha = image[0], alpha[0, ..., 0]
-    return (image, alpha) if still is None else twin.keep_still(image, alpha, still)
+    return image[0], alpha[0, ..., 0]
+
+
+@dataclass(frozen=True)
+class Frozen:
+    """Splats that never change: tensors as `rasterize` takes them; spans: [M, 4] their tiles; image, alpha: their picture."""
+
+    splats: tuple[Tensor, ...]
+    spans: Tensor
+    image: Tensor
+    alpha: Tensor
+
+
+def freeze(
+    means2d: Tensor,
+    conics: Tensor,
+    colors: Tensor,
+    opacities: Tensor,
+    depths: Tensor,
+    radii: Tensor,
+    width: int,
+    height: int,
+) -> tuple[Tensor, Tensor, Frozen]:
+    """As `splat.freeze`: image, alpha and what `rasterize_among` needs."""
+    splats = tuple(tensor.detach() for tensor in (means2d, conics, colors, opacities, depths, radii))
+    image, alpha = rasterize(*splats, width, height)
+    return image, alpha, Frozen(splats, tile_spans(means2d, radii, width, height), image, alpha)
+
+
+def rasterize_among(
+    means2d: Tensor,
+    conics: Tensor,
+    colors: Tensor,
+    opacities: Tensor,
+    depths: Tensor,
+    radii: Tensor,
+    held: Frozen,
+) -> tuple[Tensor, Tensor, Tensor]:
+    """As `splat.rasterize_among`: the tiles that any splat touches, with the frozen splats that touch one of them."""
+    height, width = held.alpha.shape
+    tiles = touched_tiles(tile_spans(means2d, radii, width, height), width, height)
+    near = touching(held.spans, tiles)
+    moving = means2d, conics, colors, opacities, depths, radii
+    joined = [torch.cat([some, all_[near]]) for some, all_ in zip(moving, held.splats, strict=True)]
+    image, alpha = rasterize(*joined, width, height, tiles)
+    drawn = tiles.repeat_interleave(TILE, 0).repeat_interleave(TILE, 1)[:height, :width]
+    return torch.where(drawn[..., None], image, held.image), torch.where(drawn, alpha, held.alpha), tiles
 
 
 def tile_spans(means2d: Tensor, radii: Tensor, width: int, height: int) -> Tensor:
-    """As `splat.tile_spans`, from the square of the radius, which is what gsplat sorts into tiles by."""
+    """[N, 4]: first and last tile column, first and last tile row that each splat touches; last < first if none.
+
+    From the square of the radius, which is what gsplat sorts into tiles by.
+    """
     low = ((means2d.detach() - radii[:, None]) / TILE).floor().long()
     high = ((means2d.detach() + radii[:, None]) / TILE).floor().long()
     columns, rows = -(-width // TILE), -(-height // TILE)
@@ -87,3 +135,23 @@ def tile_spans(means2d: Tensor, radii: Tensor, width: int, height: int) -> Tenso
     seen = (radii > 0) & (right >= left) & (bottom >= top)
     empty = torch.tensor([0, -1, 0, -1], device=means2d.device)
     return torch.where(seen[:, None], torch.stack([left, right, top, bottom], 1), empty)
+
+
+def touched_tiles(spans: Tensor, width: int, height: int) -> Tensor:
+    """[rows, columns] bool: the tiles that any splat of spans [N, 4] touches, by counting corners."""
+    rows, columns = -(-height // TILE), -(-width // TILE)
+    left, right, top, bottom = spans[spans[:, 1] >= spans[:, 0]].long().unbind(1)
+    corners = torch.zeros((rows + 1) * (columns + 1), dtype=torch.int64, device=spans.device)
+    one = torch.ones_like(left)
+    for y, x, sign in ((top, left, 1), (top, right + 1, -1), (bottom + 1, left, -1), (bottom + 1, right + 1, 1)):
+        corners.index_add_(0, y * (columns + 1) + x, one, alpha=sign)
+    return corners.view(rows + 1, columns + 1).cumsum(0).cumsum(1)[:rows, :columns] > 0
+
+
+def touching(spans: Tensor, tiles: Tensor) -> Tensor:
+    """[M] int64: which splats of spans [N, 4] touch any of the tiles [rows, columns] bool, by sums over rectangles."""
+    area = functional.pad(tiles.long().cumsum(0).cumsum(1), (1, 0, 1, 0))
+    left, right, top, bottom = spans.long().unbind(1)
+    right, bottom = right.clamp_min(-1) + 1, bottom.clamp_min(-1) + 1
+    inside = area[bottom, right] - area[top, right] - area[bottom, left] + area[top, left]
+    return torch.nonzero((inside > 0) & (right > left))[:, 0]

@@ -19,7 +19,6 @@ from torch import Tensor
 from splatreel.errors import GaussiansError
 from splatreel.kernels import cuda, twin
 from splatreel.kernels.cpu import autograd as cpu
-from splatreel.kernels.cpu import binning
 from splatreel.kernels.cpu.project import View
 
 
@@ -45,14 +44,14 @@ class Rendered(NamedTuple):
 
 
 class Still(NamedTuple):
-    """A picture to keep where nothing moves. tiles: [ceil(H / 16), ceil(W / 16)] bool, the tiles to draw anew.
+    """Splats that never change, as one view sees them, drawn once: `freeze` makes it, `rasterize_among` draws in between.
 
-    image: [H, W, C] and alpha: [H, W], what the other tiles show.
+    image: [H, W, 3] and alpha: [H, W], their picture. held: what the device needs to draw others among them.
     """
 
-    tiles: Tensor
     image: Tensor
     alpha: Tensor
+    held: Any
 
 
 def project(
@@ -113,43 +112,58 @@ def rasterize(
     radii: Tensor,
     width: int,
     height: int,
-    still: Still | None = None,
-    learning: int | None = None,
 ) -> tuple[Tensor, Tensor]:
     """Blends projected Gaussians front to back over black.
 
     colors: [N, C], any C; opacities: [N] in 0..1; the others as `project` returns them. Returns the image [H, W, C] and
-    alpha [H, W]. Gradients go to means2d, conics, colors and opacities: to all rows, or to the first `learning` only,
-    which is quicker. Raises `GaussiansError` for NaN or infinity.
+    alpha [H, W]. Gradients go to means2d, conics, colors and opacities. Raises `GaussiansError` for NaN or infinity.
     """
     _check_finite(means2d=means2d, conics=conics, colors=colors, opacities=opacities)
+    arguments = (means2d, conics, colors, opacities, depths, radii, width, height)
     if means2d.is_cuda:
-        means2d, conics, colors, opacities = twin.frozen(learning, means2d, conics, colors, opacities)
-        return cuda.rasterize(means2d, conics, colors, opacities, depths, radii, width, height, still)
-    arguments = (means2d, conics, colors, opacities, depths, radii, width, height, still, learning)
+        return cuda.rasterize(*arguments)
     return cpu.Rasterize.apply(*arguments)  # pyright: ignore[reportReturnType]
 
 
-def tile_spans(means2d: Tensor, conics: Tensor, opacities: Tensor, radii: Tensor, width: int, height: int) -> Tensor:
-    """[N, 4] integers: first and last tile column, first and last tile row that each splat touches; last < first if none."""
+def freeze(
+    means2d: Tensor,
+    conics: Tensor,
+    colors: Tensor,
+    opacities: Tensor,
+    depths: Tensor,
+    radii: Tensor,
+    width: int,
+    height: int,
+) -> Still:
+    """Sorts splats that will not change into tiles and draws them. colors: [M, 3]; the others as `rasterize` takes them."""
+    _check_finite(means2d=means2d, conics=conics, colors=colors, opacities=opacities)
+    arguments = (means2d, conics, colors, opacities, depths, radii, width, height)
     if means2d.is_cuda:
-        return cuda.tile_spans(means2d, radii, width, height)
-    arrays = [t.detach().contiguous().numpy() for t in (means2d, conics, opacities, radii)]
-    return torch.from_numpy(binning.tile_spans(*arrays, width=width, height=height))
+        return Still(*cuda.freeze(*arguments))
+    held = cpu.freeze(*arguments)
+    return Still(torch.from_numpy(held.image), torch.from_numpy(held.alpha), held)
 
 
-def touched_tiles(spans: Tensor, width: int, height: int) -> Tensor:
-    """[ceil(H / 16), ceil(W / 16)] bool: the tiles that any splat of spans [N, 4] touches."""
-    if spans.is_cuda:
-        return twin.touched_tiles(spans, width, height)
-    return torch.from_numpy(binning.touched_tiles(spans.numpy(), width, height))
+def rasterize_among(
+    means2d: Tensor,
+    conics: Tensor,
+    colors: Tensor,
+    opacities: Tensor,
+    depths: Tensor,
+    radii: Tensor,
+    still: Still,
+) -> tuple[Tensor, Tensor, Tensor]:
+    """Blends projected Gaussians in front of, between and behind frozen ones; only where they are is anything drawn anew.
 
-
-def touching(spans: Tensor, tiles: Tensor) -> Tensor:
-    """[M] int64: which splats of spans [N, 4] touch any of the tiles [rows, columns] bool, in order."""
-    if spans.is_cuda:
-        return twin.touching(spans, tiles)
-    return torch.from_numpy(binning.touching(spans.numpy(), tiles.numpy()))
+    colors: [N, 3]; the others as `rasterize` takes them. Returns the image [H, W, 3], alpha [H, W] and tiles, [ceil(H / 16),
+    ceil(W / 16)] bool: outside of these the picture is that of the frozen ones. Same picture, and same gradients to means2d, conics,
+    colors and opacities, as of all splats together. Raises `GaussiansError` for NaN or infinity.
+    """
+    _check_finite(means2d=means2d, conics=conics, colors=colors, opacities=opacities)
+    arguments = (means2d, conics, colors, opacities, depths, radii, still.held)
+    if means2d.is_cuda:
+        return cuda.rasterize_among(*arguments)
+    return cpu.RasterizeAmong.apply(*arguments)  # pyright: ignore[reportReturnType]
 
 
 def render(

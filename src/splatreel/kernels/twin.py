@@ -12,7 +12,6 @@ import torch.nn.functional as functional
 from torch import Tensor
 
 from splatreel.kernels.cpu import harmonics
-from splatreel.kernels.cpu.binning import TILE
 from splatreel.kernels.cpu.hashgrid import PRIME_Y, PRIME_Z, is_dense
 from splatreel.kernels.cpu.similarity import SSIM_C1, SSIM_C2, WINDOW
 
@@ -92,11 +91,8 @@ def rasterize(
     radii: Tensor,
     width: int,
     height: int,
-    still: Any = None,
-    learning: int | None = None,
 ) -> tuple[Tensor, Tensor]:
     """As `splat.rasterize`; every pixel meets every Gaussian, [H * W, N] at once."""
-    means2d, conics, colors, opacities = frozen(learning, means2d, conics, colors, opacities)
     order = torch.argsort(depths.detach(), stable=True)
     order = order[radii[order] > 0]
     ys, xs = torch.meshgrid(
@@ -113,42 +109,15 @@ def rasterize(
     alpha = alpha * drawn
     transmittance = torch.cumprod(torch.cat([torch.ones_like(dx[:, :1].sum(1, keepdim=True)), 1 - alpha], 1), 1)
     image = (alpha * transmittance[:, :-1]) @ colors[order]
-    image, alpha = image.view(height, width, -1), (1 - transmittance[:, -1]).view(height, width)
-    return (image, alpha) if still is None else keep_still(image, alpha, still)
+    return image.view(height, width, -1), (1 - transmittance[:, -1]).view(height, width)
 
 
-def frozen(learning: int | None, *tensors: Tensor) -> list[Tensor]:
-    """The tensors [N, ...] with a gradient to their first `learning` rows only; as they are if None."""
-    if learning is None:
-        return list(tensors)
-    return [torch.cat([tensor[:learning], tensor[learning:].detach()]) for tensor in tensors]
-
-
-def touched_tiles(spans: Tensor, width: int, height: int) -> Tensor:
-    """As `splat.touched_tiles`, by counting corners; also what CUDA uses."""
-    rows, columns = -(-height // TILE), -(-width // TILE)
-    left, right, top, bottom = spans[spans[:, 1] >= spans[:, 0]].long().unbind(1)
-    corners = torch.zeros((rows + 1) * (columns + 1), dtype=torch.int64, device=spans.device)
-    one = torch.ones_like(left)
-    for y, x, sign in ((top, left, 1), (top, right + 1, -1), (bottom + 1, left, -1), (bottom + 1, right + 1, 1)):
-        corners.index_add_(0, y * (columns + 1) + x, one, alpha=sign)
-    return corners.view(rows + 1, columns + 1).cumsum(0).cumsum(1)[:rows, :columns] > 0
-
-
-def touching(spans: Tensor, tiles: Tensor) -> Tensor:
-    """As `splat.touching`, by sums over rectangles; also what CUDA uses."""
-    area = functional.pad(tiles.long().cumsum(0).cumsum(1), (1, 0, 1, 0))
-    left, right, top, bottom = spans.long().unbind(1)
-    right, bottom = right.clamp_min(-1) + 1, bottom.clamp_min(-1) + 1
-    inside = area[bottom, right] - area[top, right] - area[bottom, left] + area[top, left]
-    return torch.nonzero((inside > 0) & (right > left))[:, 0]
-
-
-def keep_still(image: Tensor, alpha: Tensor, still: Any) -> tuple[Tensor, Tensor]:
-    """image [H, W, C] and alpha [H, W] in the tiles of a `splat.Still` that are drawn anew, its own picture in the others."""
-    height, width = alpha.shape
-    drawn = still.tiles.repeat_interleave(TILE, 0).repeat_interleave(TILE, 1)[:height, :width]
-    return torch.where(drawn[..., None], image, still.image), torch.where(drawn, alpha, still.alpha)
+def rasterize_among(
+    moving: Sequence[Tensor], frozen: Sequence[Tensor], width: int, height: int
+) -> tuple[Tensor, Tensor]:
+    """The picture of `splat.rasterize_among`: simply of all splats together. Both as `rasterize` takes them."""
+    joined = [torch.cat([some, others.detach()]) for some, others in zip(moving, frozen, strict=True)]
+    return rasterize(*joined, width, height)  # pyright: ignore[reportArgumentType]
 
 
 def photometric_loss(image: Tensor, target: Tensor, lambda_dssim: float = 0.2) -> Tensor:

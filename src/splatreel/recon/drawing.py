@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, replace
 
 import torch
 from torch import Tensor
@@ -41,43 +41,42 @@ class Splats:
     depths: Tensor
     radii: Tensor
 
+    @property
+    def tensors(self) -> tuple[Tensor, Tensor, Tensor, Tensor, Tensor, Tensor]:
+        return self.means2d, self.conics, self.colors, self.opacities, self.depths, self.radii
+
     def rows(self, index: Tensor) -> Splats:
         """Those of an index [M] int64."""
-        return Splats(*[getattr(self, f.name).index_select(0, index) for f in fields(self)])
-
-    def spans(self, view: View) -> Tensor:
-        """[M, 4]: the tiles each one touches."""
-        return splat.tile_spans(self.means2d, self.conics, self.opacities, self.radii, view.width, view.height)
+        return Splats(*[tensor.index_select(0, index) for tensor in self.tensors])
 
     @staticmethod
     def join(a: Splats, b: Splats) -> Splats:
-        return Splats(*[torch.cat([getattr(a, f.name), getattr(b, f.name)]) for f in fields(a)])
+        return Splats(*[torch.cat(pair) for pair in zip(a.tensors, b.tensors, strict=True)])
 
 
 @dataclass(frozen=True)
 class Scenery:
-    """What one view sees of the backdrop. index: [M] which of its points; spans: [M, 4] their tiles; image, alpha: their picture."""
+    """What one view sees of the backdrop. index: [M] which of its points."""
 
     splats: Splats
     index: Tensor
-    spans: Tensor
-    image: Tensor
-    alpha: Tensor
+    still: splat.Still
 
 
 @dataclass(frozen=True)
 class Drawing:
     """image: [H, W, 3]; alpha: [H, W]. means2d: [M, 2], a tensor of the graph that keeps its gradient (pixels).
 
-    Its first `moving` rows are the moving points in their order, the others the backdrop's points `index`, whose gradient is zero
-    in a layered drawing.
+    Its first `moving` rows are the moving points in their order; where everything was drawn, the backdrop's points `index` follow.
+    tiles: [ceil(H / 16), ceil(W / 16)] bool, all that was drawn anew and has a gradient; None if everything was.
     """
 
     image: Tensor
     alpha: Tensor
     means2d: Tensor
     moving: int
-    index: Tensor | None
+    index: Tensor | None = None
+    tiles: Tensor | None = None
 
 
 def splats(
@@ -134,8 +133,7 @@ class Backdrop:
     @torch.no_grad()
     def _drawn(self, camera: int, seen: Splats, index: Tensor) -> Scenery:
         view = self.views[camera]
-        image, alpha = _rasterize(seen, view)
-        return Scenery(seen, index, seen.spans(view), image, alpha)
+        return Scenery(seen, index, splat.freeze(*seen.tensors, view.width, view.height))
 
 
 def activate(params: dict[str, Tensor]) -> tuple[Tensor, Tensor, Tensor, Tensor, tuple[Tensor, Tensor]]:
@@ -148,22 +146,17 @@ def draw(moving: Splats, view: View, scenery: Scenery | None = None, layered: bo
     """Rasterize moving points together with a view's scenery.
 
     layered: draw only the tiles that a moving point touches, and keep the scenery's picture in the others. Picture and gradients of
-    the moving points are the same; scenery gets no gradient, and outside of those tiles is not among the rows of means2d.
+    the moving points are the same; scenery gets no gradient.
     """
     count = len(moving.means2d)
-    if scenery is None:
-        parts, index, still = moving, None, None
-    elif layered:
-        tiles = splat.touched_tiles(moving.spans(view), view.width, view.height)
-        near_them = splat.touching(scenery.spans, tiles)
-        parts, index = Splats.join(moving, scenery.splats.rows(near_them)), scenery.index[near_them]
-        still = splat.Still(tiles, scenery.image, scenery.alpha)
-    else:
-        parts, index, still = Splats.join(moving, scenery.splats), scenery.index, None
+    parts = moving if scenery is None or layered else Splats.join(moving, scenery.splats)
     if parts.means2d.requires_grad:
         parts.means2d.retain_grad()
-    image, alpha = _rasterize(parts, view, still, count if layered else None)
-    return Drawing(image, alpha, parts.means2d, count, index)
+    if scenery is not None and layered:
+        image, alpha, tiles = splat.rasterize_among(*parts.tensors, scenery.still)
+        return Drawing(image, alpha, parts.means2d, count, tiles=tiles)
+    image, alpha = splat.rasterize(*parts.tensors, view.width, view.height)
+    return Drawing(image, alpha, parts.means2d, count, None if scenery is None else scenery.index)
 
 
 def filled(moving: Splats, view: View, scenery: Scenery) -> Tensor:
@@ -173,10 +166,3 @@ def filled(moving: Splats, view: View, scenery: Scenery) -> Tensor:
     draw(marked, view, scenery).image[..., 0].sum().backward()
     assert marks.grad is not None
     return marks.grad[:, 0]
-
-
-def _rasterize(
-    s: Splats, view: View, still: splat.Still | None = None, learning: int | None = None
-) -> tuple[Tensor, Tensor]:
-    arrays = s.means2d, s.conics, s.colors, s.opacities, s.depths, s.radii
-    return splat.rasterize(*arrays, view.width, view.height, still, learning)

@@ -77,16 +77,9 @@ class ViewColors(Function):
 
 class Rasterize(Function):
     @staticmethod
-    def forward(ctx: Any, means2d, conics, colors, opacities, depths, radii, width: int, height: int, still, learning):
-        arrays = _arrays(means2d, conics, opacities, depths)
-        visible = radii.to(torch.int32).contiguous().numpy()
-        wanted = None if still is None else still.tiles.numpy()
-        limits = {"width": width, "height": height, "wanted": wanted, "learning": learning}
-        bins = binning.bin_splats(*arrays, radii=visible, **limits)
-        parts = []
-        for channel, part in enumerate(_split(*_arrays(colors))):
-            kept = None if still is None else (_split(*_arrays(still.image))[channel], _arrays(still.alpha)[0])
-            parts.append(rasterize.forward(bins, part, kept))
+    def forward(ctx: Any, means2d, conics, colors, opacities, depths, radii, width: int, height: int):
+        bins = _bins(means2d, conics, opacities, depths, radii, width, height)
+        parts = [rasterize.forward(bins, part) for part in _split(*_arrays(colors))]
         image = torch.from_numpy(_join([image for image, _ in parts], colors.shape[1]))
         alpha = torch.from_numpy(parts[0][1])
         ctx.bins = bins
@@ -107,7 +100,40 @@ class Rasterize(Function):
         for others in geometry[1:]:
             d_means2d, d_conics, d_opacities = d_means2d + others[0], d_conics + others[1], d_opacities + others[2]
         d_color = _join(d_colors, colors.shape[1])
-        return *_tensors(d_means2d, d_conics, d_color, d_opacities), *[None] * 6
+        return *_tensors(d_means2d, d_conics, d_color, d_opacities), *[None] * 4
+
+
+class RasterizeAmong(Function):
+    @staticmethod
+    def forward(ctx: Any, means2d, conics, colors, opacities, depths, radii, frozen: rasterize.Frozen):
+        height, width = frozen.alpha.shape
+        bins = _bins(means2d, conics, opacities, depths, radii, width, height)
+        image, alpha = _tensors(*rasterize.forward(bins, *_arrays(colors), frozen=frozen))
+        tiles = torch.from_numpy(bins.counts.reshape(-(-height // binning.TILE), -(-width // binning.TILE)) > 0)
+        ctx.bins, ctx.frozen = bins, frozen
+        ctx.save_for_backward(colors, image, alpha)
+        ctx.mark_non_differentiable(tiles)
+        return image, alpha, tiles
+
+    @staticmethod
+    @once_differentiable
+    def backward(ctx: Any, d_image: Tensor, d_alpha: Tensor, _: None):
+        colors, *pictures = _arrays(*ctx.saved_tensors, d_image, d_alpha)
+        image, alpha, d_image_, d_alpha_ = pictures
+        gradients = rasterize.backward(ctx.bins, colors, image, d_image_, alpha, d_alpha_, ctx.frozen)
+        d_means2d, d_conics, d_opacities, d_colors = _tensors(*gradients)
+        return d_means2d, d_conics, d_colors, d_opacities, None, None, None
+
+
+def freeze(means2d, conics, colors, opacities, depths, radii, width: int, height: int) -> rasterize.Frozen:
+    """Splats [M] with colors [M, 3], sorted into tiles and drawn once. Tensors as `splat.rasterize` takes them."""
+    bins, values = _bins(means2d, conics, opacities, depths, radii, width, height), _arrays(colors)[0]
+    return rasterize.Frozen(bins, values, *rasterize.forward(bins, values))
+
+
+def _bins(means2d, conics, opacities, depths, radii, width: int, height: int) -> binning.Bins:
+    visible = radii.to(torch.int32).contiguous().numpy()
+    return binning.bin_splats(*_arrays(means2d, conics, opacities, depths), radii=visible, width=width, height=height)
 
 
 def _split(values: np.ndarray) -> list[np.ndarray]:

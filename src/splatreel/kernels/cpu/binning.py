@@ -1,4 +1,8 @@
-"""Which splats touch which 16 x 16 tile, front to back."""
+"""Which splats touch which 16 x 16 tile, front to back.
+
+A splat ends where alpha falls to 1/255: an ellipse. It is cut into strips of one column of tiles each; the rows that the ellipse
+reaches within a strip say which tiles it touches, and where in them. That is a third fewer pixels than its bounding box has.
+"""
 
 from __future__ import annotations
 
@@ -8,39 +12,41 @@ from dataclasses import dataclass
 import numpy as np
 from numba import njit, prange
 
-from splatreel.kernels.cpu.jit import HALF, PARALLEL, SERIAL, ZERO, F
+from splatreel.kernels.cpu.jit import HALF, ONE, PARALLEL, SERIAL, TWO, ZERO, F
 
 TILE = 16
 MIN_ALPHA = F(1 / 255)
 LOG2_E = F(math.log2(math.e))
-FAR = F(1e6)  # extents are clamped to this many pixels before they become integers
+LOG2_255 = F(math.log2(255))
+ROOM = F(2e-3)  # pixels added to every extent, for rounding
+DEPTH = 6  # column of `Bins.splats`
 
 
 @dataclass(frozen=True)
 class Bins:
     """Splats prepared for rasterisation and sorted into tiles; M (splat, tile) pairs in all.
 
-    splats: [N, 6] float32: x, y, the conic in powers of two (halved where the quadratic form halves it), log2 opacity.
-    spans: [N, 4] int32: first and last column, first and last row where alpha may reach 1/255; last < first if none.
+    splats: [N, 8] float32, half a cache line: x, y, the conic in powers of two (halved where the quadratic form halves it), log2
+    opacity, depth, and nothing.
     offsets: [tiles + 1] int32: the pairs of tile t are offsets[t] : offsets[t + 1], front to back.
-    learning: splats from this row on are frozen, and get no gradient.
-    ends: [tiles] int32: the pairs of tile t from ends[t] on are all of frozen splats, so that no gradient depends on them.
-    ids: [M] int32, the splat of each pair. slots: [M] int32, where the pair's gradient goes; -1 where frozen.
+    ids: [M] int32, the splat of each pair. slots: [M] int32, where the pair's gradient goes.
+    rows: [M] uint8: the first and last row of the tile that the splat reaches, 16 first + last.
     first: [N + 1] int32: the slots of splat i are first[i] : first[i + 1], so that its gradient is one contiguous sum.
-    wanted: [tiles_y, tiles_x] bool: the tiles to draw; the others hold no pair.
     """
 
     width: int
     height: int
     splats: np.ndarray
-    spans: np.ndarray
-    learning: int
     offsets: np.ndarray
-    ends: np.ndarray
     ids: np.ndarray
     slots: np.ndarray
+    rows: np.ndarray
     first: np.ndarray
-    wanted: np.ndarray
+
+    @property
+    def counts(self) -> np.ndarray:
+        """[tiles] how many splats touch each tile."""
+        return np.diff(self.offsets)
 
 
 def bin_splats(
@@ -51,99 +57,108 @@ def bin_splats(
     radii: np.ndarray,
     width: int,
     height: int,
-    wanted: np.ndarray | None = None,
-    learning: int | None = None,
 ) -> Bins:
-    """Splats with radius 0, or nowhere at alpha 1/255, are in no tile. Equal depths keep the order of the input.
-
-    wanted: [tiles_y, tiles_x] bool, the tiles to fill; all of them if None. learning: how many splats, the first ones, get gradients;
-    all of them if None.
-    """
+    """Splats with radius 0, or nowhere at alpha 1/255, are in no tile. Equal depths keep the order of the input."""
     n = len(means2d)
-    learning = n if learning is None else learning
     tiles_x, tiles_y = -(-width // TILE), -(-height // TILE)
-    splats, spans = np.empty((n, 6), np.float32), np.empty((n, 4), np.int32)
-    _prepare(means2d, conics, opacities, radii, width, height, splats, spans)
-    order = _depth_order(depths, spans)
-    if wanted is None:
-        wanted = np.ones((tiles_y, tiles_x), np.bool_)
-    offsets, first = np.zeros(tiles_x * tiles_y + 1, np.int32), np.empty(n + 1, np.int32)
-    pairs = _count(spans, wanted, learning, offsets, first)
-    ends = offsets[:-1].copy()
-    ids, slots = np.empty(pairs, np.int32), np.empty(pairs, np.int32)
-    _fill(spans, order, wanted, learning, offsets, first, ends, ids, slots)
-    return Bins(width, height, splats, spans, learning, offsets, ends, ids, slots, first, wanted)
+    splats, boxes = np.empty((n, 8), np.float32), np.empty((n, 4), np.int32)
+    first, offsets = np.zeros(n + 1, np.int32), np.zeros(tiles_x * tiles_y + 1, np.int32)
+    _prepare(means2d, conics, opacities, depths, radii, width, height, splats, boxes, first[1:])
+    np.cumsum(first, out=first)
+    tiles, reaches = np.empty(first[-1], np.int32), np.empty(first[-1], np.uint8)
+    _cut(splats, boxes, first, tiles_x, tiles, reaches)
+    order = _depth_order(depths, first)
+    ids, slots, rows = np.empty(first[-1], np.int32), np.empty(first[-1], np.int32), np.empty(first[-1], np.uint8)
+    _fill(order, first, tiles, reaches, offsets, ids, slots, rows)
+    return Bins(width, height, splats, offsets, ids, slots, rows, first)
 
 
-def tile_spans(
-    means2d: np.ndarray, conics: np.ndarray, opacities: np.ndarray, radii: np.ndarray, width: int, height: int
-) -> np.ndarray:
-    """[N, 4] int32: first and last tile column, first and last tile row that each splat touches; last < first if none."""
-    splats, spans = np.empty((len(means2d), 6), np.float32), np.empty((len(means2d), 4), np.int32)
-    _prepare(means2d, conics, opacities, radii, width, height, splats, spans)
-    return spans // TILE
+def empty_bins(width: int, height: int) -> Bins:
+    """No splats."""
+    nothing = np.empty((0, 3), np.float32)
+    return bin_splats(nothing[:, :2], nothing, *[nothing[:, 0]] * 2, np.empty(0, np.int32), width, height)
 
 
-def touched_tiles(spans: np.ndarray, width: int, height: int) -> np.ndarray:
-    """[tiles_y, tiles_x] bool: the tiles that any of the spans [N, 4], in tiles, covers."""
-    tiles = np.zeros((-(-height // TILE), -(-width // TILE)), np.bool_)
-    _cover(spans, tiles)
-    return tiles
+@njit(inline="always")
+def _floor(value, least, most):
+    """Largest whole number up to value, kept within least..most, whole numbers >= -1. (math.floor is a call, and slow.)"""
+    return int(min(max(value, F(least)), F(most)) + ONE) - 1
 
 
-def touching(spans: np.ndarray, tiles: np.ndarray) -> np.ndarray:
-    """[M] int64: which of the spans [N, 4], in tiles, cover any of the tiles, in order."""
-    touches = np.empty(len(spans), np.bool_)
-    _touch(spans, tiles, touches)
-    return np.flatnonzero(touches)
-
-
-@njit(**SERIAL)
-def _cover(spans, tiles):
-    for i in range(spans.shape[0]):
-        for y in range(spans[i, 2], spans[i, 3] + 1):
-            for x in range(spans[i, 0], spans[i, 1] + 1):
-                tiles[y, x] = True
+@njit(inline="always")
+def _reach(splat):
+    """R and the determinant 4 a c - b^2 of the ellipse a x^2 + b x y + c y^2 = R at whose border alpha is 1/255."""
+    a, b, c = (
+        float(splat[2]),
+        float(splat[3]),
+        float(splat[4]),
+    )  # the difference cancels in thin splats: in double precision
+    return splat[5] + LOG2_255, F(4.0 * a * c - b * b)
 
 
 @njit(**PARALLEL)
-def _touch(spans, tiles, touches):
-    for i in prange(spans.shape[0]):
-        found = False
-        for y in range(spans[i, 2], spans[i, 3] + 1):
-            for x in range(spans[i, 0], spans[i, 1] + 1):
-                found = found or tiles[y, x]
-        touches[i] = found
-
-
-@njit(**PARALLEL)
-def _prepare(means2d, conics, opacities, radii, width, height, splats, spans):
+def _prepare(means2d, conics, opacities, depths, radii, width, height, splats, boxes, counts):
+    """Fills splats, boxes (first and last column, first and last row of pixels; last < first if none) and pairs of each splat."""
     for i in prange(means2d.shape[0]):
         x, y, opacity = means2d[i, 0], means2d[i, 1], opacities[i]
-        a, b, c = conics[i, 0], conics[i, 1], conics[i, 2]
-        determinant = a * c - b * b
-        spans[i, 0] = spans[i, 2] = 0
-        spans[i, 1] = spans[i, 3] = -1
+        a, b, c = HALF * LOG2_E * conics[i, 0], LOG2_E * conics[i, 1], HALF * LOG2_E * conics[i, 2]
+        splats[i, 0], splats[i, 1], splats[i, 2], splats[i, 3], splats[i, 4] = x, y, a, b, c
+        splats[i, 5], splats[i, 6], splats[i, 7] = F(math.log2(max(opacity, MIN_ALPHA))), depths[i], ZERO
+        reach, determinant = _reach(splats[i])
+        boxes[i, 0] = boxes[i, 2] = counts[i] = 0
+        boxes[i, 1] = boxes[i, 3] = -1
         if radii[i] <= 0 or opacity < MIN_ALPHA or determinant <= ZERO:
             continue
-        splats[i, 0], splats[i, 1] = x, y
-        splats[i, 2], splats[i, 3], splats[i, 4] = HALF * LOG2_E * a, LOG2_E * b, HALF * LOG2_E * c
-        splats[i, 5] = F(math.log2(opacity))
-        # opacity * exp(-sigma) = 1/255 is an ellipse; its bounding box, with a little room for rounding
-        reach = F(2) * F(math.log(F(255) * opacity)) / determinant
-        rx, ry = math.sqrt(reach * c) + F(2e-3), math.sqrt(reach * a) + F(2e-3)
-        x0, x1 = math.ceil(max(x - rx - HALF, -FAR)), math.floor(min(x + rx - HALF, FAR))
-        y0, y1 = math.ceil(max(y - ry - HALF, -FAR)), math.floor(min(y + ry - HALF, FAR))
-        if x1 < ZERO or y1 < ZERO or x0 > FAR or y0 > FAR:
-            continue
-        left, right = max(0, int(x0)), min(width - 1, int(x1))
-        top, bottom = max(0, int(y0)), min(height - 1, int(y1))
+        scale = F(4) * reach / determinant
+        rx, ry = math.sqrt(scale * c) + ROOM, math.sqrt(scale * a) + ROOM
+        left, right = _floor(x - rx - HALF, -1, width) + 1, _floor(x + rx - HALF, -1, width - 1)
+        top, bottom = _floor(y - ry - HALF, -1, height) + 1, _floor(y + ry - HALF, -1, height - 1)
         if left <= right and top <= bottom:
-            spans[i, 0], spans[i, 1], spans[i, 2], spans[i, 3] = left, right, top, bottom
+            boxes[i, 0], boxes[i, 1], boxes[i, 2], boxes[i, 3] = left, right, top, bottom
+            for column in range(left // TILE, right // TILE + 1):
+                high, low = _strip(splats[i], boxes[i], column)
+                counts[i] += low // TILE - high // TILE + 1 if low >= high else 0
+
+
+@njit(inline="always")
+def _strip(splat, box, column):
+    """First and last row of pixels of the ellipse within a column of tiles; last < first if none."""
+    y, a, b, c = splat[1], splat[2], splat[3], splat[4]
+    reach, determinant = _reach(splat)
+    left = F(column * TILE) + HALF - ROOM - splat[0]
+    right = left + F(TILE - 1) + TWO * ROOM
+    extent = math.sqrt(F(4) * a * reach / determinant)
+    lean = b * extent / (TWO * a)  # the ellipse is highest at x = lean, lowest at -lean
+    high = -extent if left <= lean <= right else F(1e9)
+    low = extent if left <= -lean <= right else F(-1e9)
+    for dx in (left, right):
+        square = F(4) * c * reach - determinant * dx * dx
+        if square >= ZERO:
+            root = math.sqrt(square)
+            high = min(high, (-b * dx - root) / (TWO * c))
+            low = max(low, (root - b * dx) / (TWO * c))
+    first = _floor(y + high - HALF - ROOM, box[2] - 1, box[3]) + 1
+    last = _floor(y + low - HALF + ROOM, box[2] - 1, box[3])
+    return first, last
+
+
+@njit(**PARALLEL)
+def _cut(splats, boxes, first, tiles_x, tiles, rows):
+    """The tile of every (splat, tile) pair, and the rows the splat reaches in it; the pairs of splat i stand from first[i] on."""
+    for i in prange(splats.shape[0]):
+        pair = first[i]
+        if boxes[i, 1] < boxes[i, 0]:
+            continue
+        for column in range(boxes[i, 0] // TILE, boxes[i, 1] // TILE + 1):
+            high, low = _strip(splats[i], boxes[i], column)
+            for row in range(high // TILE, low // TILE + 1 if low >= high else 0):
+                tiles[pair] = row * tiles_x + column
+                rows[pair] = max(high - row * TILE, 0) * TILE + min(low - row * TILE, TILE - 1)
+                pair += 1
 
 
 @njit(**SERIAL)
-def _depth_order(depths, spans):
+def _depth_order(depths, first):
     """Indices of the splats that touch the image, nearest first: a radix sort of the float bits, 11 at a time, stable.
 
     The bits of positive floats sort like the floats; the near plane keeps depths positive.
@@ -155,7 +170,7 @@ def _depth_order(depths, spans):
     low = np.uint32(2047)
     m = 0
     for i in range(n):
-        if spans[i, 1] >= spans[i, 0]:
+        if first[i + 1] > first[i]:
             key = bits[i]
             keys[m], ids[m] = key, i
             m += 1
@@ -182,42 +197,16 @@ def _depth_order(depths, spans):
 
 
 @njit(**SERIAL)
-def _count(spans, wanted, learning, offsets, first):
-    """Fills offsets (prefix sums of the pairs of each tile) and first; returns the number of pairs."""
-    tiles_x = wanted.shape[1]
-    pairs, slots = 0, 0
-    for i in range(spans.shape[0]):
-        first[i] = slots
-        if spans[i, 1] < spans[i, 0]:
-            continue
-        for tile_y in range(spans[i, 2] // TILE, spans[i, 3] // TILE + 1):
-            for tile_x in range(spans[i, 0] // TILE, spans[i, 1] // TILE + 1):
-                if wanted[tile_y, tile_x]:
-                    offsets[tile_y * tiles_x + tile_x + 1] += 1
-                    pairs += 1
-        if i < learning:
-            slots = pairs
-    first[spans.shape[0]] = slots
+def _fill(order, first, tiles, reaches, offsets, ids, slots, rows):
+    """Sorts the pairs into tiles, front to back; fills offsets (zeros before), ids, slots and rows."""
+    for pair in range(tiles.shape[0]):
+        offsets[tiles[pair] + 1] += 1
     for tile in range(offsets.shape[0] - 1):
         offsets[tile + 1] += offsets[tile]
-    return pairs
-
-
-@njit(**SERIAL)
-def _fill(spans, order, wanted, learning, offsets, first, ends, ids, slots):
-    tiles_x = wanted.shape[1]
     cursors = offsets[:-1].copy()
     for rank in range(order.shape[0]):
         i = order[rank]
-        slot = first[i]
-        for tile_y in range(spans[i, 2] // TILE, spans[i, 3] // TILE + 1):
-            for tile_x in range(spans[i, 0] // TILE, spans[i, 1] // TILE + 1):
-                if not wanted[tile_y, tile_x]:
-                    continue
-                tile = tile_y * tiles_x + tile_x
-                position = cursors[tile]
-                cursors[tile] = position + 1
-                ids[position], slots[position] = i, -1
-                if i < learning:
-                    slots[position], ends[tile] = slot, position + 1
-                    slot += 1
+        for pair in range(first[i], first[i + 1]):
+            position = cursors[tiles[pair]]
+            cursors[tiles[pair]] = position + 1
+            ids[position], slots[position], rows[position] = i, pair, reaches[pair]

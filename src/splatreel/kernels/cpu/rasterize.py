@@ -11,11 +11,13 @@ splat would leave 1e-4 or less, as in gsplat.
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numba
 import numpy as np
 from numba import get_thread_id, njit, prange  # pyright: ignore[reportPrivateImportUsage]
 
-from splatreel.kernels.cpu.binning import LOG2_E, MIN_ALPHA, TILE, Bins
+from splatreel.kernels.cpu.binning import DEPTH, LOG2_E, MIN_ALPHA, TILE, Bins
 from splatreel.kernels.cpu.jit import HALF, ONE, PARALLEL, TWO, ZERO, F, U
 
 MAX_ALPHA = F(0.999)
@@ -35,21 +37,31 @@ P1, P2, P3, P4, P5, P6 = (
 MIN_EXPONENT = F(-8)  # below 1/255, so such alphas are dropped anyway
 
 
-def forward(
-    bins: Bins, colors: np.ndarray, still: tuple[np.ndarray, np.ndarray] | None = None
-) -> tuple[np.ndarray, np.ndarray]:
+@dataclass(frozen=True)
+class Frozen:
+    """Splats that never change, as one view sees them. colors: [N, C]; image: [H, W, C] and alpha: [H, W], their picture."""
+
+    bins: Bins
+    colors: np.ndarray
+    image: np.ndarray
+    alpha: np.ndarray
+
+
+def forward(bins: Bins, colors: np.ndarray, frozen: Frozen | None = None) -> tuple[np.ndarray, np.ndarray]:
     """Blends colors [N, C], C 1 or 3, over black. Returns the image [H, W, C] and alpha [H, W].
 
-    still: an image and alpha to keep where the bins want no tile.
+    frozen: draw in front of and behind these, whose picture stays wherever none of the others is.
     """
-    if still is None:
+    if frozen is None:
         image = np.empty((bins.height, bins.width, colors.shape[1]), np.float32)
         alpha = np.empty((bins.height, bins.width), np.float32)
     else:
-        image, alpha = still[0].copy(), still[1].copy()
+        image, alpha = frozen.image.copy(), frozen.alpha.copy()
     kernel = _forward_1 if colors.shape[1] == 1 else _forward_3
-    tiles = _balanced(bins, bins.offsets[1:])
-    kernel(bins.splats, bins.spans, colors, bins.offsets, bins.ids, tiles, image, alpha, _scratch())
+    pairs = bins.offsets, bins.ids, bins.rows
+    kernel(
+        bins.splats, colors, *pairs, *_behind(bins, colors, frozen), _balanced(bins, frozen), image, alpha, _scratch()
+    )
     return image, alpha
 
 
@@ -60,6 +72,7 @@ def backward(
     d_image: np.ndarray,
     alpha: np.ndarray,
     d_alpha: np.ndarray,
+    frozen: Frozen | None = None,
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
     """Gradients to means2d [N, 2], conics [N, 3], opacities [N] and colors [N, C].
 
@@ -70,21 +83,28 @@ def backward(
     n, channels = colors.shape
     pairs = np.empty((bins.first[-1], 6 + channels), np.float32)
     kernel = _backward_1 if channels == 1 else _backward_3
-    tiles = (bins.offsets, bins.ends, bins.ids, bins.slots, _balanced(bins, bins.ends))
-    kernel(bins.splats, bins.spans, colors, *tiles, image, alpha, d_image, d_alpha, pairs, _scratch())
+    splats = (bins.splats, colors, bins.offsets, bins.ids, bins.rows, bins.slots, *_behind(bins, colors, frozen))
+    kernel(*splats, _balanced(bins, frozen), image, alpha, d_image, d_alpha, pairs, _scratch())
     d_means2d, d_conics = np.empty((n, 2), np.float32), np.empty((n, 3), np.float32)
     d_opacities, d_colors = np.empty(n, np.float32), np.empty((n, channels), np.float32)
     _gather(bins.first, pairs, bins.splats, d_means2d, d_conics, d_opacities, d_colors)
     return d_means2d, d_conics, d_opacities, d_colors
 
 
-def _balanced(bins: Bins, ends: np.ndarray) -> np.ndarray:
-    """The wanted tiles, fullest first, dealt out so that the contiguous share each thread takes holds about equal work.
+def _behind(bins: Bins, colors: np.ndarray, frozen: Frozen | None) -> tuple:
+    """The frozen splats as the kernels take them, and whether there are any."""
+    if frozen is None:
+        return bins.splats[:0], colors[:0], np.zeros_like(bins.offsets), bins.ids[:0], bins.rows[:0], False
+    held = frozen.bins
+    return held.splats, frozen.colors, held.offsets, held.ids, held.rows, True
 
-    ends: [tiles], one past the last pair of each tile that is looked at.
-    """
-    fullest_first = np.argsort(bins.offsets[:-1] - ends, kind="stable")
-    fullest_first = fullest_first[bins.wanted.ravel()[fullest_first]]
+
+def _balanced(bins: Bins, frozen: Frozen | None) -> np.ndarray:
+    """The tiles to draw, fullest first, dealt out so that the contiguous share each thread takes holds about equal work."""
+    counts = bins.counts if frozen is None else bins.counts + (bins.counts > 0) * frozen.bins.counts
+    fullest_first = np.argsort(-counts, kind="stable")
+    if frozen is not None:
+        fullest_first = fullest_first[: np.count_nonzero(bins.counts)]
     threads = numba.get_num_threads()
     return np.concatenate([fullest_first[k::threads] for k in range(threads)])
 
@@ -136,15 +156,34 @@ def _is_full(buffer):
 
 
 @njit(inline="always")
-def _start_backward(buffer, top, left, image, alpha, d_image, d_alpha):
-    """Fills a tile's planes for the backward pass; pixels outside the image are full and have no gradient."""
-    rows, columns = min(TILE, alpha.shape[0] - top), min(TILE, alpha.shape[1] - left)
+def _extent(rows, start, end, some):
+    """First and last row of a tile to draw: where any of its splats is if `some`, else all."""
+    if not some:
+        return 0, TILE - 1
+    first, last = TILE - 1, 0
+    for k in range(start, end):
+        first, last = min(first, rows[k] // TILE), max(last, rows[k] % TILE)
+    return first, last
+
+
+@njit(inline="always")
+def _start(buffer, top, left, first, last, shape):
+    """Fills a tile's pixel centres and transmittance; pixels outside the image or the rows first..last are full."""
     for r in range(TILE):
         for x in range(TILE):
             p = r * TILE + x
-            inside = r < rows and x < columns
+            inside = first <= r <= last and top + r < shape[0] and left + x < shape[1]
             buffer[p] = ONE if inside else -ONE
             buffer[X + p], buffer[Y + p] = F(left + x) + HALF, F(top + r) + HALF
+
+
+@njit(inline="always")
+def _start_gradient(buffer, top, left, image, alpha, d_image, d_alpha):
+    """Fills a tile's planes of gradients; pixels outside the image have none."""
+    for r in range(TILE):
+        for x in range(TILE):
+            p = r * TILE + x
+            inside = top + r < alpha.shape[0] and left + x < alpha.shape[1]
             gradient = d_alpha[top + r, left + x] if inside else ZERO
             rest = gradient * alpha[top + r, left + x] if inside else ZERO
             buffer[D_ALPHA + p] = gradient
@@ -156,32 +195,55 @@ def _start_backward(buffer, top, left, image, alpha, d_image, d_alpha):
 
 
 def _make_forward(channels: int):
-    """The forward kernel for 1 or 3 channels; `rgb` is a constant to the compiler, so unused channels cost nothing."""
+    """The forward kernel for 1 or 3 channels; `rgb` is a constant to the compiler, so unused channels cost nothing.
+
+    Two lists of splats are merged by depth as they are drawn, those whose names begin with h (held) are frozen ones.
+    """
     rgb = channels == 3
 
     @njit(**PARALLEL)
-    def forward_kernel(splats, spans, colors, offsets, ids, tiles, image, alpha, scratch):
-        height, width = alpha.shape
-        tiles_x = (width + TILE - 1) // TILE
+    def forward_kernel(
+        splats,
+        colors,
+        offsets,
+        ids,
+        rows,
+        h_splats,
+        h_colors,
+        h_offsets,
+        h_ids,
+        h_rows,
+        some,
+        tiles,
+        image,
+        alpha,
+        scratch,
+    ):
+        tiles_x = (alpha.shape[1] + TILE - 1) // TILE
         for task in prange(tiles.shape[0]):
             buffer = scratch[get_thread_id()]
             tile = tiles[task]
             top, left = tile // tiles_x * TILE, tile % tiles_x * TILE
-            rows, columns = min(TILE, height - top), min(TILE, width - left)
-            for r in range(TILE):
-                for x in range(TILE):
-                    p = r * TILE + x
-                    buffer[p] = ONE if r < rows and x < columns else -ONE
-                    buffer[X + p], buffer[Y + p] = F(left + x) + HALF, F(top + r) + HALF
-            for p in range(RGB, RGB + channels * PIXELS):
+            k, end, h, h_end = offsets[tile], offsets[tile + 1], h_offsets[tile], h_offsets[tile + 1]
+            highest, lowest = _extent(rows, k, end, some)
+            _start(buffer, top, left, highest, lowest, alpha.shape)
+            for p in range(U(RGB), U(RGB + channels * PIXELS)):
                 buffer[p] = ZERO
-            for k in range(offsets[tile], offsets[tile + 1]):
-                i = ids[k]
-                x, y, a, b, c, log_opacity = splats[i]
-                red = colors[i, 0]
-                green, blue = colors[i, 1] if rgb else ZERO, colors[i, 2] if rgb else ZERO
-                first, last = max(spans[i, 2] - top, 0), min(spans[i, 3] - top, TILE - 1)
-                for p in range(U(first * TILE), U(last * TILE + TILE)):
+            while k < end or h < h_end:
+                if h < h_end and (k == end or h_splats[h_ids[h], DEPTH] < splats[ids[k], DEPTH]):
+                    i, reach = h_ids[h], h_rows[h]
+                    x, y, a, b, c, log_opacity, _, _ = h_splats[i]
+                    red = h_colors[i, 0]
+                    green, blue = h_colors[i, 1] if rgb else ZERO, h_colors[i, 2] if rgb else ZERO
+                    h += 1
+                else:
+                    i, reach = ids[k], rows[k]
+                    x, y, a, b, c, log_opacity, _, _ = splats[i]
+                    red = colors[i, 0]
+                    green, blue = colors[i, 1] if rgb else ZERO, colors[i, 2] if rgb else ZERO
+                    k += 1
+                first, last = max(reach // TILE, highest), min(reach % TILE, lowest)
+                for p in range(U(first * TILE), U(max(last + 1, first) * TILE)):
                     dx, dy = buffer[U(X) + p] - x, buffer[U(Y) + p] - y
                     opacity = _exp2(log_opacity - a * dx * dx - dy * (b * dx + c * dy))
                     weight, behind = _blend(min(opacity, MAX_ALPHA), buffer[p])
@@ -190,10 +252,10 @@ def _make_forward(channels: int):
                     if rgb:
                         buffer[U(RGB + PIXELS) + p] += weight * green
                         buffer[U(RGB + 2 * PIXELS) + p] += weight * blue
-                if (k - offsets[tile]) % CHECK == CHECK - 1 and _is_full(buffer):
+                if (k + h) % CHECK == 0 and _is_full(buffer):
                     break
-            for r in range(rows):
-                for x in range(columns):
+            for r in range(highest, min(lowest + 1, alpha.shape[0] - top)):
+                for x in range(min(TILE, alpha.shape[1] - left)):
                     p = r * TILE + x
                     alpha[top + r, left + x] = ONE - abs(buffer[p])
                     for channel in range(channels):
@@ -213,28 +275,46 @@ def _make_backward(channels: int):
 
     @njit(**PARALLEL)
     def backward_kernel(
-        splats, spans, colors, offsets, ends, ids, slots, tiles, image, alpha, d_image, d_alpha, pairs, scratch
+        splats,
+        colors,
+        offsets,
+        ids,
+        rows,
+        slots,
+        h_splats,
+        h_colors,
+        h_offsets,
+        h_ids,
+        h_rows,
+        some,
+        tiles,
+        image,
+        alpha,
+        d_image,
+        d_alpha,
+        pairs,
+        scratch,
     ):
         tiles_x = (alpha.shape[1] + TILE - 1) // TILE
         for task in prange(tiles.shape[0]):
             buffer = scratch[get_thread_id()]
             tile = tiles[task]
             top, left = tile // tiles_x * TILE, tile % tiles_x * TILE
-            _start_backward(buffer, top, left, image, alpha, d_image, d_alpha)
-            full = False
-            for k in range(offsets[tile], ends[tile]):
-                i, slot = ids[k], slots[k]
-                if full:
-                    for j in range(6 + channels if slot >= 0 else 0):
-                        pairs[slot, j] = ZERO
-                    continue
-                x, y, a, b, c, log_opacity = splats[i]
-                red = colors[i, 0]
-                green, blue = colors[i, 1] if rgb else ZERO, colors[i, 2] if rgb else ZERO
-                m0 = mx = my = mxx = mxy = myy = d_red = d_green = d_blue = ZERO
-                first, last = max(spans[i, 2] - top, 0), min(spans[i, 3] - top, TILE - 1)
-                if slot < 0:
-                    for p in range(U(first * TILE), U(last * TILE + TILE)):
+            k, end, h, h_end = offsets[tile], offsets[tile + 1], h_offsets[tile], h_offsets[tile + 1]
+            highest, lowest = _extent(rows, k, end, some)
+            _start(buffer, top, left, highest, lowest, alpha.shape)
+            _start_gradient(buffer, top, left, image, alpha, d_image, d_alpha)
+            while k < end:
+                if (k + h) % CHECK == 0 and _is_full(buffer):
+                    break
+                if h < h_end and h_splats[h_ids[h], DEPTH] < splats[ids[k], DEPTH]:
+                    i, reach = h_ids[h], h_rows[h]
+                    h += 1
+                    x, y, a, b, c, log_opacity, _, _ = h_splats[i]
+                    red = h_colors[i, 0]
+                    green, blue = h_colors[i, 1] if rgb else ZERO, h_colors[i, 2] if rgb else ZERO
+                    first, last = max(reach // TILE, highest), min(reach % TILE, lowest)
+                    for p in range(U(first * TILE), U(max(last + 1, first) * TILE)):
                         dx, dy = buffer[U(X) + p] - x, buffer[U(Y) + p] - y
                         opacity = _exp2(log_opacity - a * dx * dx - dy * (b * dx + c * dy))
                         weight, behind = _blend(min(opacity, MAX_ALPHA), buffer[p])
@@ -243,9 +323,12 @@ def _make_backward(channels: int):
                         if rgb:
                             value += green * buffer[U(D_RGB + PIXELS) + p] + blue * buffer[U(D_RGB + 2 * PIXELS) + p]
                         buffer[U(REST) + p] -= weight * value
-                    if (k - offsets[tile]) % CHECK == CHECK - 1:
-                        full = _is_full(buffer)
                     continue
+                i, first, last = ids[k], rows[k] // TILE, rows[k] % TILE
+                x, y, a, b, c, log_opacity, _, _ = splats[i]
+                red = colors[i, 0]
+                green, blue = colors[i, 1] if rgb else ZERO, colors[i, 2] if rgb else ZERO
+                m0 = mx = my = mxx = mxy = myy = d_red = d_green = d_blue = ZERO
                 for p in range(U(first * TILE), U(last * TILE + TILE)):
                     dx, dy = buffer[U(X) + p] - x, buffer[U(Y) + p] - y
                     opacity = _exp2(log_opacity - a * dx * dx - dy * (b * dx + c * dy))
@@ -271,13 +354,16 @@ def _make_backward(channels: int):
                     mxx += moment_x * dx
                     mxy += moment_x * dy
                     myy += moment_y * dy
+                slot = slots[k]
                 pairs[slot, 0], pairs[slot, 1], pairs[slot, 2] = m0, mx, my
                 pairs[slot, 3], pairs[slot, 4], pairs[slot, 5] = mxx, mxy, myy
                 pairs[slot, 6] = d_red
                 if rgb:
                     pairs[slot, 7], pairs[slot, 8] = d_green, d_blue
-                if (k - offsets[tile]) % CHECK == CHECK - 1:
-                    full = _is_full(buffer)
+                k += 1
+            for hidden in range(k, end):
+                for j in range(6 + channels):
+                    pairs[slots[hidden], j] = ZERO
 
     return backward_kernel
 
