@@ -16,7 +16,7 @@ from hypothesis import strategies as st
 
 from splatreel.errors import GaussiansError
 from splatreel.kernels import splat, twin
-from splatreel.kernels.cpu import binning, rasterize
+from splatreel.kernels.cpu import binning, blending, rasterize
 from tests.kernels.compare import assert_parity, splats
 
 
@@ -204,23 +204,23 @@ def test_hot_loops_are_vector_code():
     bins = binning.bin_splats(means2d, conics, opacities, depths, radii, 40, 30)
     held = rasterize.Frozen(bins, colors, *rasterize.forward(bins, colors))
     image, alpha = held.image, held.alpha
-    shelf, scratch = (*rasterize._behind(bins, colors, held), rasterize._balanced(bins, held)), rasterize._scratch()
-    scene = (bins.splats, colors, bins.offsets, bins.ids, bins.rows)
-    assert vector_share(rasterize._forward_3, *scene, *shelf, image, alpha, scratch) > 0.4
-    gradients = (image, alpha, image, alpha, np.empty((len(bins.ids), 9), np.float32))
-    assert vector_share(rasterize._backward_3, *scene, bins.slots, *shelf, *gradients, scratch) > 0.4
+    drawn, scratch = rasterize._drawn(bins, colors), rasterize._scratch()
+    rest = (drawn, True, rasterize._balanced(bins, held), image, alpha)
+    assert vector_share(blending.forward_3, drawn, *rest, scratch) > 0.4
+    pairs = np.empty((len(bins.ids), 9), np.float32)
+    assert vector_share(blending.backward_3, drawn, bins.slots, *rest, image, alpha, pairs, scratch) > 0.4
 
 
 def test_a_second_process_starts_quickly():
     """The compiled kernels come from the cache on disk: a process that renders must not compile again."""
     program = (
         "import time, numpy as np; start = time.perf_counter()\n"
-        "from splatreel.kernels.cpu import binning, rasterize\n"
+        "from splatreel.kernels.cpu import binning, blending, rasterize\n"
         "f = np.float32; m = np.full((3, 2), 8, f); c = np.tile(np.array([.2, 0, .2], f), (3, 1)); o = np.ones(3, f)\n"
         "bins = binning.bin_splats(m, c, o, o, np.ones(3, np.int32), 16, 16); colors = np.ones((3, 3), f)\n"
         "image, alpha = rasterize.forward(bins, colors)\n"
         "rasterize.backward(bins, colors, image, image, alpha, alpha)\n"
-        "hits = sum(sum(k.stats.cache_misses.values()) for k in (rasterize._forward_3, rasterize._backward_3))\n"
+        "hits = sum(sum(k.stats.cache_misses.values()) for k in (blending.forward_3, blending.backward_3))\n"
         "print(hits, time.perf_counter() - start)"
     )
     for _ in range(2):

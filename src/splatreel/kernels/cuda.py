@@ -76,11 +76,14 @@ def rasterize(
     return image[0], alpha[0, ..., 0]
 
 
+Splats = tuple[Tensor, Tensor, Tensor, Tensor, Tensor, Tensor]
+
+
 @dataclass(frozen=True)
 class Frozen:
     """Splats that never change: tensors as `rasterize` takes them; spans: [M, 4] their tiles; image, alpha: their picture."""
 
-    splats: tuple[Tensor, ...]
+    splats: Splats
     spans: Tensor
     image: Tensor
     alpha: Tensor
@@ -97,7 +100,7 @@ def freeze(
     height: int,
 ) -> tuple[Tensor, Tensor, Frozen]:
     """As `splat.freeze`: image, alpha and what `rasterize_among` needs."""
-    splats = tuple(tensor.detach() for tensor in (means2d, conics, colors, opacities, depths, radii))
+    splats = means2d.detach(), conics.detach(), colors.detach(), opacities.detach(), depths, radii
     image, alpha = rasterize(*splats, width, height)
     return image, alpha, Frozen(splats, tile_spans(means2d, radii, width, height), image, alpha)
 
@@ -116,8 +119,8 @@ def rasterize_among(
     tiles = touched_tiles(tile_spans(means2d, radii, width, height), width, height)
     near = touching(held.spans, tiles)
     moving = means2d, conics, colors, opacities, depths, radii
-    joined = [torch.cat([some, all_[near]]) for some, all_ in zip(moving, held.splats, strict=True)]
-    image, alpha = rasterize(*joined, width, height, tiles)
+    m, c, k, o, d, r = (torch.cat([some, all_[near]]) for some, all_ in zip(moving, held.splats, strict=True))
+    image, alpha = rasterize(m, c, k, o, d, r, width, height, tiles)
     drawn = tiles.repeat_interleave(TILE, 0).repeat_interleave(TILE, 1)[:height, :width]
     return torch.where(drawn[..., None], image, held.image), torch.where(drawn, alpha, held.alpha), tiles
 

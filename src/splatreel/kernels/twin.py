@@ -116,8 +116,8 @@ def rasterize_among(
     moving: Sequence[Tensor], frozen: Sequence[Tensor], width: int, height: int
 ) -> tuple[Tensor, Tensor]:
     """The picture of `splat.rasterize_among`: simply of all splats together. Both as `rasterize` takes them."""
-    joined = [torch.cat([some, others.detach()]) for some, others in zip(moving, frozen, strict=True)]
-    return rasterize(*joined, width, height)  # pyright: ignore[reportArgumentType]
+    m, c, k, o, d, r = (torch.cat([some, others.detach()]) for some, others in zip(moving, frozen, strict=True))
+    return rasterize(m, c, k, o, d, r, width, height)
 
 
 def photometric_loss(image: Tensor, target: Tensor, lambda_dssim: float = 0.2) -> Tensor:

@@ -73,12 +73,6 @@ def bin_splats(
     return Bins(width, height, splats, offsets, ids, slots, rows, first)
 
 
-def empty_bins(width: int, height: int) -> Bins:
-    """No splats."""
-    nothing = np.empty((0, 3), np.float32)
-    return bin_splats(nothing[:, :2], nothing, *[nothing[:, 0]] * 2, np.empty(0, np.int32), width, height)
-
-
 @njit(inline="always")
 def _floor(value, least, most):
     """Largest whole number up to value, kept within least..most, whole numbers >= -1. (math.floor is a call, and slow.)"""
