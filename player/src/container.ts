@@ -45,7 +45,12 @@ export function parseContainer(file: Uint8Array, name: string): Container {
   if (meta.version !== 1) throw new ReelError(`${name} has version ${JSON.stringify(meta.version)}; this player knows version 1.`);
   const sections = meta.sections;
   if (!isObject(sections) || !Object.values(sections).every(isObject)) return fail("it has no table of sections");
+  if (meta.kind !== "layer" && meta.kind !== "group") fail("it is neither a layer nor a group");
   if (!isCount(meta.points) || (meta.kind === "group" && !isCount(meta.frames))) fail("it does not say how much it holds");
+  const frames = meta.kind === "group" ? (meta.frames as number) : 1;
+  if ((meta.points as number) > 8 * file.byteLength || frames * (meta.points as number) > MOST_VALUES + 256 * file.byteLength) {
+    fail(`it claims ${frames} frames of ${meta.points} points in ${file.byteLength} bytes`);
+  }
   const body = file.subarray(8 + headerBytes);
   const tensors: Record<string, Tensor> = {};
   for (const [key, value] of Object.entries(header)) {
@@ -54,7 +59,7 @@ export function parseContainer(file: Uint8Array, name: string): Container {
     if (typeof dtype !== "string" || !Array.isArray(shape) || !Array.isArray(offsets)) return fail(`section ${key} has no place`);
     const [begin, end] = offsets;
     const size = shape.reduce((product, side) => product * side, ITEM_BYTES[dtype] ?? NaN);
-    if (!(begin >= 0 && end <= body.byteLength && end - begin === size)) fail(`section ${key} does not fit the file`);
+    if (!(Number.isInteger(begin) && Number.isInteger(end) && begin >= 0 && end <= body.byteLength && end - begin === size)) fail(`section ${key} does not fit the file`);
     tensors[key] = { dtype, shape, bytes: body.subarray(begin, end) };
   }
   return {
@@ -68,6 +73,8 @@ export function parseContainer(file: Uint8Array, name: string): Container {
 }
 
 const MAX_POINTS = 2 ** 23;
+/** Frames times points that any file may hold; a small file that claims more wants memory, not to be watched. */
+const MOST_VALUES = 2 ** 20;
 
 function isCount(value: unknown): boolean {
   return Number.isInteger(value) && (value as number) >= 0 && (value as number) <= MAX_POINTS;

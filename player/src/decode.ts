@@ -1,7 +1,7 @@
 /** One file of a reel, decoded. */
 import { parseContainer, type Container } from "./container";
 import { flags, tensor } from "./dequantize";
-import { ReelError, messageOf } from "./errors";
+import { ReelError, inSection, messageOf } from "./errors";
 import { decodeGaussians, type DecodePoints, type Gaussians } from "./gaussians";
 import { decodeOffsets, type DecodeTrack, type Offsets } from "./offsets";
 import { decodeMotion, decodePredictive } from "./predictive";
@@ -24,7 +24,7 @@ export async function decodeFile(bytes: Uint8Array, name: string, decodePoints: 
     ]);
     return { points, alive, offsets };
   } catch (error) {
-    throw new ReelError(`${name} cannot be played: ${messageOf(error)}.`);
+    throw new ReelError(`${name} cannot be played: ${messageOf(error)}.`, { cause: error });
   }
 }
 
@@ -40,7 +40,7 @@ async function decodePaper(file: Container, decodePoints: DecodePoints, decodeTr
   }
   const [points, offsets] = await Promise.all([
     decodeGaussians(file, decodePoints),
-    section && file.points > 0 ? decodeOffsets(tensor(file, "offsets"), section, file.points, decodeTrack) : null,
+    section && file.points > 0 ? inSection("offsets", () => decodeOffsets(tensor(file, "offsets"), section, file, decodeTrack)) : null,
   ]);
   return { points, offsets };
 }

@@ -1,7 +1,7 @@
 /** The points of a file: every section but the offsets, decoded. */
 import type { Container } from "./container";
-import { integers, linear, sectionOf, tensor } from "./dequantize";
-import { ReelError } from "./errors";
+import { integers, linear, numbersOf, sectionOf, short, tensor, whole } from "./dequantize";
+import { ReelError, inSection } from "./errors";
 import { mortonOrder } from "./morton";
 
 export interface Gaussians {
@@ -32,7 +32,7 @@ export async function decodeGaussians(file: Container, decodePoints: DecodePoint
   const rest = file.sections.sh_rest ? await decodeRest(file, count) : { shRest: new Uint16Array(count), codebook: new Float32Array(), shDegree: 0 };
   return {
     count,
-    means: await decodeMeans(file, count, decodePoints),
+    means: await inSection("means", () => decodeMeans(file, count, decodePoints)),
     quats: normalized(await linear(file, "quats", count, 4)),
     scales: await linear(file, "scales", count, 3),
     opacities: await linear(file, "opacities", count, 1),
@@ -50,11 +50,17 @@ function empty(): Gaussians {
 /** Draco holds lattice points in any order; the reel's order is that of their Morton codes. */
 async function decodeMeans(file: Container, count: number, decodePoints: DecodePoints): Promise<Float32Array> {
   const section = sectionOf(file, "means", "draco");
-  const lattice = await decodePoints(tensor(file, "means"));
+  const low = numbersOf(section, "min", 3);
+  const top = 2 ** whole(section, "bits", 4, 21) - 1;
+  const { range } = section;
+  if (!(typeof range === "number" && range >= 0 && range <= 1e30)) throw new ReelError(`its range is ${short(range)}`);
+  const bytes = tensor(file, "means");
+  checkDraco(bytes, count);
+  const lattice = await decodePoints(bytes);
   if (lattice.length !== 3 * count) throw new ReelError(`it holds ${lattice.length / 3} positions of ${count}`);
+  if (!lattice.every((q) => q >= 0 && q <= top && Number.isInteger(q))) throw new ReelError("its positions leave their lattice");
   const order = mortonOrder(lattice);
-  const low = section.min as number[];
-  const step = (section.range as number) / (2 ** (section.bits as number) - 1);
+  const step = range / top;
   const means = new Float32Array(3 * count);
   for (let i = 0; i < count; i++) {
     for (let a = 0; a < 3; a++) means[3 * i + a] = low[a] + lattice[3 * order[i] + a] * step;
@@ -62,11 +68,23 @@ async function decodeMeans(file: Container, count: number, decodePoints: DecodeP
   return means;
 }
 
+/** Refuse what is no plain point cloud of that many points before the decoder makes room for it. */
+function checkDraco(bytes: Uint8Array, count: number): void {
+  const view = new DataView(bytes.buffer, bytes.byteOffset, bytes.byteLength);
+  const known = bytes.byteLength >= 15 && String.fromCharCode(...bytes.subarray(0, 5)) === "DRACO" && bytes[7] === 0;
+  if (!known || view.getUint16(9, true) & 0x8000) throw new ReelError("it is no plain Draco point cloud");
+  const points = view.getInt32(11, true);
+  if (points !== count) throw new ReelError(`it is a cloud of ${points} points, expected ${count}`);
+}
+
 async function decodeRest(file: Container, count: number): Promise<Pick<Gaussians, "shRest" | "codebook" | "shDegree">> {
-  const { entries, bits } = sectionOf(file, "sh_rest", "vq") as unknown as { entries: number; bits: number };
-  const shDegree = sectionOf(file, "sh_codebook", "linear").degree as number;
+  const indices = sectionOf(file, "sh_rest", "vq");
+  const entries = await inSection("sh_rest", () => whole(indices, "entries", 1, 65536));
+  const bits = await inSection("sh_rest", () => whole(indices, "bits", 1, 16));
+  const codebook = sectionOf(file, "sh_codebook", "linear");
+  const shDegree = await inSection("sh_codebook", () => whole(codebook, "degree", 1, 3));
   const shRest = await integers(file, "sh_rest", bits, count);
-  if (shRest.some((entry) => entry >= entries)) throw new ReelError(`it names a colour beyond its codebook of ${entries}`);
+  if (shRest.some((entry) => entry >= entries)) throw new ReelError(`section sh_rest: it names a colour beyond its codebook of ${entries}`);
   return { shRest, shDegree, codebook: await linear(file, "sh_codebook", entries, 3 * ((shDegree + 1) ** 2 - 1)) };
 }
 

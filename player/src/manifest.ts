@@ -123,9 +123,14 @@ function parseGroup(value: unknown, index: number, names: string[]): ReelFile {
   return group;
 }
 
+/** Inside of the reel: no other host, no way up, nothing hidden. */
+const PLAIN_PATH = /^[A-Za-z0-9_][A-Za-z0-9_.-]*(\/[A-Za-z0-9_][A-Za-z0-9_.-]*)*$/;
+
 function parseFile(value: unknown, index: number): ReelFile {
   const json = record(value, "a file");
-  if (typeof json.uri !== "string") throw new ReelError("The manifest names a file without a uri.");
+  if (typeof json.uri !== "string" || json.uri.length > 500 || !PLAIN_PATH.test(json.uri)) {
+    throw new ReelError(`The manifest is damaged: it names the file ${JSON.stringify(json.uri)?.slice(0, 100)}; only plain relative paths are read.`);
+  }
   return {
     uri: json.uri,
     bytes: number(json.bytes, "bytes"),

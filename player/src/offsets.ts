@@ -1,5 +1,6 @@
 /** The `h265` offsets section: maps in three video tracks back to integers per frame and point (docs/format.md). */
-import type { Section } from "./container";
+import type { Container, Section } from "./container";
+import { numbersOf, whole } from "./dequantize";
 import { ReelError } from "./errors";
 import { parseMp4, type Track } from "./mp4";
 
@@ -23,22 +24,26 @@ export type DecodeTrack = (track: Track) => Promise<Uint8Array>;
 
 const BLOCK = 16;
 
-export async function decodeOffsets(bytes: Uint8Array, section: Section, count: number, decodeTrack: DecodeTrack): Promise<Offsets> {
-  const { width, height } = section as unknown as { width: number; height: number };
+/** Pixels that a map may have beyond its points. */
+const MAX_SLACK = 4096;
+/** Frames times points. */
+export const MAX_VALUES = 2 ** 26;
+
+export async function decodeOffsets(bytes: Uint8Array, section: Section, file: Container, decodeTrack: DecodeTrack): Promise<Offsets> {
+  const { points: count, frames } = file;
+  const width = whole(section, "width", BLOCK, 8192);
+  const height = whole(section, "height", BLOCK, 8192);
+  const fits = width % BLOCK === 0 && height % BLOCK === 0 && count <= width * height && width * height <= 2 * count + MAX_SLACK;
+  if (!fits || frames * count > MAX_VALUES) throw new ReelError(`its maps of ${width} x ${height} pixels do not fit ${frames} frames of ${count} points`);
+  const dx = rangeOf(section, "dx", 3, 65535);
+  const dq = rangeOf(section, "dq", 4, 255);
   const tracks = parseMp4(bytes);
   [3, 3, 4].forEach((channels, i) => {
     if (tracks[i]?.width !== channels * width || tracks[i].height !== height) throw new ReelError("its offset maps have the wrong size");
   });
-  const frames = tracks[0].samples.length;
-  if (!tracks.every((track) => track.samples.length === frames)) throw new ReelError("its offset tracks differ in length");
+  if (!tracks.every((track) => track.samples.length === frames)) throw new ReelError(`its offset tracks do not have ${frames} pictures each`);
   const [high, low, rotation] = await Promise.all(tracks.slice(0, 3).map(decodeTrack));
   const pixels = pixelsOf(count, width);
-  const range = (name: string, steps: number): { min: number[]; step: number[] } => {
-    const min = section[`${name}_min`] as number[];
-    return { min, step: (section[`${name}_max`] as number[]).map((max, i) => (max - min[i]) / steps) };
-  };
-  const dx = range("dx", 65535);
-  const dq = range("dq", 255);
   return {
     frames,
     dx: joinBytes(high, low, pixels, width, height, frames, section.fold === true),
@@ -48,6 +53,11 @@ export async function decodeOffsets(bytes: Uint8Array, section: Section, count: 
     dqMin: dq.min,
     dqStep: dq.step,
   };
+}
+
+function rangeOf(section: Section, name: string, channels: number, steps: number): { min: number[]; step: number[] } {
+  const min = numbersOf(section, `${name}_min`, channels);
+  return { min, step: numbersOf(section, `${name}_max`, channels).map((max, i) => (max - min[i]) / steps) };
 }
 
 /** Where each point lies in a map of that width: Z-order in blocks of 16 x 16, blocks back and forth. Index [count]. */

@@ -2,7 +2,7 @@
 import type { Container, Section } from "./container";
 import { sectionOf, tensor } from "./dequantize";
 import { EntropyDecoder, unzigzag } from "./entropy";
-import { ReelError } from "./errors";
+import { ReelError, inSection } from "./errors";
 import { decodeField, levelsOf, type Levels } from "./field";
 import type { Gaussians } from "./gaussians";
 import type { Offsets } from "./offsets";
@@ -21,13 +21,13 @@ export interface Neighbourhood {
 
 export async function decodePredictive(file: Container): Promise<{ points: Gaussians; here: Neighbourhood }> {
   const count = file.points;
-  const { means, lattice } = await decodeMeans(file, count);
+  const { means, lattice } = await inSection("means", () => decodeMeans(file, count));
   const levels = levelsOf(lattice);
   const flat = { levels, classes: [new Uint8Array(count)] };
   const relative = await values(file, "classes", 0, 3, flat);
   const classes = relative.map((column, kind) => {
     const whole = kind === SHAPE ? column : column.map((value, i) => value + relative[SHAPE][i]);
-    if (!whole.every((value) => value >= 0 && value <= 7)) throw new ReelError("it has classes outside 0 to 7");
+    if (!whole.every((value) => value >= 0 && value <= 7)) throw new ReelError("section classes: it has classes outside 0 to 7");
     return Uint8Array.from(whole);
   });
   const here = { levels, classes };
@@ -56,8 +56,8 @@ export async function decodePredictive(file: Container): Promise<{ points: Gauss
 export async function decodeMotion(file: Container, here: Neighbourhood): Promise<Offsets> {
   const frames = file.frames;
   if (!(Number.isInteger(frames) && frames >= 1 && frames * file.points <= 2 ** 26)) throw new ReelError(`it claims ${frames} frames`);
-  const dx = await transformed(file, "dx", MOTION, frames, 3, here);
-  const turns = await transformed(file, "dq", MOTION, frames, 3, here);
+  const dx = await inSection("dx", () => transformed(file, "dx", MOTION, frames, 3, here));
+  const turns = await inSection("dq", () => transformed(file, "dq", MOTION, frames, 3, here));
   const dq = new Float32Array(4 * frames * file.points);
   for (let i = 0; i < frames * file.points; i++) {
     const x = turns[3 * i];
@@ -111,7 +111,7 @@ async function decodeRest(file: Container, here: Neighbourhood): Promise<Pick<Ga
   const shDegree = sectionOf(file, "sh_rest", "klt").degree as number;
   if (![1, 2, 3].includes(shDegree)) throw new ReelError(`it has spherical harmonics of degree ${shDegree}`);
   const size = 3 * ((shDegree + 1) ** 2 - 1);
-  const codebook = await transformed(file, "sh_rest", COLOR, size, 1, here);
+  const codebook = await inSection("sh_rest", () => transformed(file, "sh_rest", COLOR, size, 1, here));
   // [D, N] to one row a point: every point is an entry of its own.
   const rows = new Float32Array(codebook.length);
   for (let d = 0; d < size; d++) for (let i = 0; i < file.points; i++) rows[i * size + d] = codebook[d * file.points + i];
@@ -121,9 +121,11 @@ async function decodeRest(file: Container, here: Neighbourhood): Promise<Pick<Ga
 /** Values [columns][N] of a `field` section. */
 async function values(file: Container, name: string, kind: number, columns: number, here: Neighbourhood): Promise<Float64Array[]> {
   const section = sectionOf(file, name, "field");
-  const step = stepOf(section);
-  const whole = await decodeField(tensor(file, name), columns, here.levels, here.classes[kind]);
-  return whole.map((column) => Float64Array.from(column, (value) => value * step));
+  return inSection(name, async () => {
+    const step = stepOf(section);
+    const whole = await decodeField(tensor(file, name), columns, here.levels, here.classes[kind]);
+    return whole.map((column) => Float64Array.from(column, (value) => value * step));
+  });
 }
 
 /** Values [D, N, channels] of a `klt` section whose basis has D dimensions. */
@@ -133,7 +135,7 @@ async function transformed(file: Container, name: string, kind: number, dimensio
   const data = tensor(file, name);
   const view = new DataView(data.buffer, data.byteOffset, data.byteLength);
   const head = data.byteLength < 8 ? NaN : view.getUint32(0, true);
-  if (Number.isNaN(head) || 8 + head + view.getUint32(4, true) !== data.byteLength) throw new ReelError(`section ${name} does not hold its streams`);
+  if (Number.isNaN(head) || 8 + head + view.getUint32(4, true) !== data.byteLength) throw new ReelError("it does not hold its streams");
   const basis = await decodeBasis(data.subarray(8, 8 + head), section, dimensions);
   const whole = await decodeField(data.subarray(8 + head), basis.length * channels, here.levels, here.classes[kind]);
   const result = new Float32Array(dimensions * file.points * channels);

@@ -50,7 +50,7 @@ test("log values are powers of two", async () => {
 test("flags are single bits, and another codec is named", async () => {
   const file = container("alive", { codec: "bits", count: 10 }, Uint8Array.from([0b101, 0b10]));
   assert.deepEqual([...(await flags(file, "alive"))], [1, 0, 1, 0, 0, 0, 0, 0, 0, 1]);
-  await assert.rejects(flags(container("alive", { codec: "rle" }, new Uint8Array(2)), "alive"), /codec rle/);
+  await assert.rejects(flags(container("alive", { codec: "rle" }, new Uint8Array(2)), "alive"), /codec "rle"/);
 });
 
 test("half precision", () => {

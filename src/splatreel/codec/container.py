@@ -18,6 +18,8 @@ from splatreel.errors import ReelError
 
 _KEY = "splatreel"
 _MAX_HEADER = 1 << 20
+MOST_VALUES = 1 << 20
+"""Frames times points that any file may hold, and 256 more for each byte: a small file that claims more wants memory."""
 
 
 @dataclass(frozen=True)
@@ -65,6 +67,8 @@ def unpack_file(data: bytes) -> tuple[FileHeader, Sections]:
         first_frame=integer(own, "first_frame", 0, 1 << 40),
         frames=integer(own, "frames", 1, 1 << 40) if own["kind"] == "group" else 0,
     )
+    if header.points > 8 * len(data) or header.points * header.frames > MOST_VALUES + 256 * len(data):
+        raise ReelError(f"claims {header.frames} frames of {header.points} points in {len(data)} bytes.")
     body = memoryview(data)[8 + size :]
     sections = {name: Section(_tensor(body, tensors, name), p) for name, p in parameters.items()}
     return header, sections

@@ -1,0 +1,59 @@
+// Fuzzes the player's reader, guided by V8's block coverage: node fuzz/run.mjs CORPUS SECONDS, in player/.
+// Programs that reach new blocks stay in CORPUS, and one that breaks a rule of reader.ts, takes 20 s or 3 GB is kept there as
+// crash-N, with why in crash-N.txt; node fuzz/run.mjs CORPUS/crash-N repeats it.
+import { build } from "esbuild";
+import { spawn } from "node:child_process";
+import { existsSync, mkdirSync, mkdtempSync, readdirSync, readFileSync, rmSync, statSync, writeFileSync } from "node:fs";
+import { tmpdir } from "node:os";
+import { dirname, join, resolve } from "node:path";
+import { fileURLToPath } from "node:url";
+
+const PATIENCE = 20;
+const here = dirname(fileURLToPath(import.meta.url));
+const corpus = resolve(process.argv[2]);
+const folder = mkdtempSync(join(tmpdir(), "splatreel-fuzz-"));
+const target = join(folder, "reader.cjs");
+await build({ entryPoints: [join(here, "reader.ts")], outfile: target, bundle: true, format: "cjs", platform: "node", target: "node20", logLevel: "warning" });
+let executions = 0;
+let findings = 0;
+const began = Date.now();
+if (existsSync(corpus) && statSync(corpus).isFile()) process.exitCode = await new Promise((done) => spawn("node", [join(here, "loop.mjs"), target, corpus], { stdio: "inherit" }).on("exit", done));
+else {
+  mkdirSync(corpus, { recursive: true });
+  const end = began + 1000 * Number(process.argv[3]);
+  while (Date.now() < end) await once(Math.round((end - Date.now()) / 1000));
+  console.log(`${executions} executions in ${Math.round((Date.now() - began) / 1000)} s, ${readdirSync(corpus).length} programs, ${findings} findings`);
+  process.exitCode = findings ? 1 : 0;
+}
+rmSync(folder, { recursive: true });
+
+/** Run the loop until it ends by itself, which a finding makes it do, or hangs. */
+function once(seconds) {
+  return new Promise((done) => {
+    const child = spawn("node", ["--max-old-space-size=3000", join(here, "loop.mjs"), target, corpus, String(seconds)], { stdio: ["ignore", "pipe", "pipe"] });
+    let last = Date.now();
+    let errors = "";
+    const found = (why) => {
+      const name = join(corpus, `crash-${Date.now()}`);
+      writeFileSync(name, readFileSync(join(corpus, ".current")));
+      writeFileSync(`${name}.txt`, why);
+      console.log(`${name}: ${why.split("\n")[0]}`);
+      findings++;
+    };
+    const watch = setInterval(() => {
+      if (Date.now() - last < 1000 * PATIENCE) return;
+      found("timeout");
+      child.kill("SIGKILL");
+    }, 1000);
+    child.stdout.on("data", (data) => {
+      last = Date.now();
+      executions += data.toString().split("\n").length - 1;
+    });
+    child.stderr.on("data", (data) => (errors += data));
+    child.on("exit", (code) => {
+      clearInterval(watch);
+      if (code) found(errors || `exit code ${code}`);
+      done();
+    });
+  });
+}

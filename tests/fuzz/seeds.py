@@ -1,0 +1,43 @@
+"""What fuzzing starts from: a tiny file of every codec and kind, and a manifest."""
+
+from __future__ import annotations
+
+import dataclasses
+import tempfile
+from functools import cache
+from pathlib import Path
+
+import numpy as np
+
+from splatreel.codec.group_file import encode_group, encode_layer
+from splatreel.config import EncodeConfig
+from splatreel.scene.group import Group
+from tests.codec.reels import points, write_reel
+from tests.golden import random_motion, weights
+
+PAPER = EncodeConfig(codec="h265", sh_entries=4)
+FLOATS = dict.fromkeys(("position_bits", "quat_bits", "opacity_bits", "scale_bits", "color_bits"))
+CONFIGURATIONS = {
+    "predictive": EncodeConfig(coarseness=1.0),
+    "h265": PAPER,
+    "ori": dataclasses.replace(PAPER, source="ori", sh_entries=None),
+    "dif": dataclasses.replace(PAPER, source="dif", fold=False, sh_entries=0),
+    "raw": dataclasses.replace(PAPER, source="raw", **FLOATS),
+    "pictures": dataclasses.replace(PAPER, crf_attributes=20),
+}
+POINTS, FRAMES = 12, 3
+
+
+@cache
+def files() -> dict[str, bytes]:
+    """`layer-NAME` and `group-NAME` of every configuration, and the `manifest` of a reel."""
+    found = {}
+    for name, config in CONFIGURATIONS.items():
+        found[f"layer-{name}"], _ = encode_layer(0, 0, points(POINTS, degree=2), config, weights(POINTS))
+        moving = points(POINTS, seed=1)
+        dx, dq = random_motion(np.random.default_rng(0), moving, FRAMES)
+        group = Group(0, 0, moving, dx, dq, np.arange(40) % 3 > 0)
+        found[f"group-{name}"], _ = encode_group(group, config, weights(POINTS))
+    with tempfile.TemporaryDirectory() as folder:
+        found["manifest"] = (write_reel(Path(folder) / "reel") / "manifest.json").read_bytes()
+    return found

@@ -1,0 +1,26 @@
+"""What must hold for any file: it decodes, or `ReelError` names it; in bounded memory and time."""
+
+from __future__ import annotations
+
+from splatreel.codec.group_file import decode_group, decode_layer
+from splatreel.codec.manifest import parse_manifest
+from splatreel.errors import ReelError
+
+NAME = "some/file"
+
+
+def check(seed: str, data: bytes) -> bool:
+    """Decode the edited file of a seed; True if it is a file of a reel. Raises whatever should not be raised."""
+    try:
+        if seed == "manifest":
+            parse_manifest(data, NAME)
+        elif seed.startswith("layer"):
+            decode_layer(data, NAME)[1].check_finite(NAME)
+        else:
+            group = decode_group(data, NAME)
+            group.dynamic.check_finite(NAME)
+    except ReelError as error:
+        if not str(error).startswith(NAME):
+            raise AssertionError(f"The error does not name the file: {error}") from error
+        return False
+    return True
