@@ -44,7 +44,8 @@ def test_l1_alone_is_the_mean_difference():
 def test_bytes_are_0_to_255():
     image, target = pictures(20, 20)
     bytes_ = (target * 255).round().to(torch.uint8)
-    assert float(splat.photometric_loss(image, bytes_)) == float(splat.photometric_loss(image, bytes_.float() / 255))
+    expected = float(splat.photometric_loss(image, bytes_.float() / 255))
+    assert float(splat.photometric_loss(image, bytes_)) == pytest.approx(expected, rel=1e-6)
 
 
 def test_the_gradient_scales_with_the_loss():
@@ -55,6 +56,59 @@ def test_the_gradient_scales_with_the_loss():
     assert once.grad is not None
     assert twice.grad is not None
     torch.testing.assert_close(2 * once.grad, twice.grad)
+
+
+@pytest.mark.parametrize("as_bytes", [True, False])
+@pytest.mark.parametrize(("height", "width"), [(29, 37), (40, 130)])
+def test_parity_with_a_gain(height, width, as_bytes):
+    image, target = pictures(height, width)
+    target = (target * 255).round().to(torch.uint8) if as_bytes else target
+    assert_parity(
+        lambda x, gain: splat.photometric_loss(x, target, 0.2, gain),
+        lambda x, gain: twin.photometric_loss(x, target if as_bytes else target.double(), 0.2, gain),
+        [image, torch.tensor([0.9, 1.0, 1.2])],
+        2e-5,
+    )
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_tiles_have_the_gradient_and_the_changes_of_the_whole(seed):
+    """Where only some tiles change, so does the loss; and pixels next to them see them through the window."""
+    generator = torch.Generator().manual_seed(seed)
+    height, width, gain = 90, 350, torch.tensor([0.9, 1.0, 1.1])
+    tiles = torch.rand(6, 22, generator=generator) < (0.05, 0.3, 0.7, 1.0)[seed]
+    inside = tiles.repeat_interleave(16, 0).repeat_interleave(16, 1)[:height, :width, None]
+    (image, target), (other, _) = pictures(height, width, seed), pictures(height, width, seed + 50)
+    losses = []
+    for picture in (image, torch.where(inside, other, image)):
+        leaf, same = picture.clone().requires_grad_(), picture.clone().requires_grad_()
+        whole, part = (
+            splat.photometric_loss(leaf, target, 0.2, gain),
+            splat.photometric_loss(same, target, 0.2, gain, tiles),
+        )
+        (3 * whole).backward()
+        (3 * part).backward()
+        assert leaf.grad is not None
+        assert same.grad is not None
+        torch.testing.assert_close(same.grad, leaf.grad * inside, rtol=1e-5, atol=1e-9)
+        losses.append((whole.item(), part.item()))
+    (before, part_before), (after, part_after) = losses
+    assert before != after
+    assert part_after - part_before == pytest.approx(after - before, abs=2e-7)
+
+
+def test_no_tiles_no_gradient():
+    image, target = pictures(20, 40)
+    leaf = image.requires_grad_()
+    splat.photometric_loss(leaf, target, tiles=torch.zeros(2, 3, dtype=torch.bool)).backward()
+    assert leaf.grad is not None
+    assert not leaf.grad.any()
+
+
+def test_a_gain_to_be_learned_needs_all_tiles():
+    image, target = pictures(20, 40)
+    with pytest.raises(GaussiansError, match="pass no tiles"):
+        splat.photometric_loss(image, target, 0.2, torch.ones(3).requires_grad_(), torch.ones(2, 3, dtype=torch.bool))
 
 
 def test_different_sizes_are_refused():

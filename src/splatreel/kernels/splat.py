@@ -194,20 +194,26 @@ def render(
     return Rendered(image, alpha, means2d, radii)
 
 
-def photometric_loss(image: Tensor, target: Tensor, lambda_dssim: float = 0.2) -> Tensor:
-    """(1 - lambda) mean|image - target| + lambda (1 - mean SSIM), as 3DGS.
+def photometric_loss(
+    image: Tensor, target: Tensor, lambda_dssim: float = 0.2, gain: Tensor | None = None, tiles: Tensor | None = None
+) -> Tensor:
+    """(1 - lambda) mean|image * gain - target| + lambda (1 - mean SSIM), as 3DGS.
 
     SSIM has an 11 x 11 Gaussian window of sigma 1.5 and zero padding.
-    image: [H, W, 3] 0..1. target: [H, W, 3], float 0..1 or uint8; it gets no gradient.
+    image: [H, W, 3] 0..1. target: [H, W, 3], float 0..1 or uint8; it gets no gradient. gain: [3], of the channels.
+    tiles: [ceil(H / 16), ceil(W / 16)] bool, the only ones that change, as `rasterize_among` returns them. The loss may then be off by
+    what depends on no pixel of theirs, a constant, and pixels outside of them get no gradient, nor may the gain ask for one.
     """
     if image.shape != target.shape or image.shape[-1] != 3:
         shapes = f"image {tuple(image.shape)}, target {tuple(target.shape)}"
         raise GaussiansError(f"photometric_loss: {shapes}; both must be [H, W, 3].")
-    if target.dtype == torch.uint8:
-        target = target.to(torch.float32) / 255
+    if tiles is not None and gain is not None and gain.requires_grad:
+        raise GaussiansError(
+            "photometric_loss: the gradient of a gain needs all tiles; pass no tiles, or gain.detach()."
+        )
     if image.is_cuda:
-        return twin.photometric_loss(image, target, lambda_dssim)
-    return cpu.PhotometricLoss.apply(image, target, lambda_dssim)  # pyright: ignore[reportReturnType]
+        return twin.photometric_loss(image, target, lambda_dssim, gain, tiles)
+    return cpu.PhotometricLoss.apply(image, target, lambda_dssim, gain, tiles)  # pyright: ignore[reportReturnType]
 
 
 def nearest_neighbours(points: Tensor, k: int, queries: Tensor | None = None) -> tuple[Tensor, Tensor]:

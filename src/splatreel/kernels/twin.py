@@ -120,10 +120,15 @@ def rasterize_among(
     return rasterize(m, c, k, o, d, r, width, height)
 
 
-def photometric_loss(image: Tensor, target: Tensor, lambda_dssim: float = 0.2) -> Tensor:
-    """As `splat.photometric_loss`; also what CUDA uses."""
+def photometric_loss(
+    image: Tensor, target: Tensor, lambda_dssim: float = 0.2, gain: Tensor | None = None, tiles: Tensor | None = None
+) -> Tensor:
+    """As `splat.photometric_loss`, of the whole picture and with gradients to all of it; also what CUDA uses."""
+    del tiles
     if target.dtype == torch.uint8:
         target = target.to(image.dtype) / 255
+    if gain is not None:
+        image = image * gain
     x, y = image.permute(2, 0, 1), target.permute(2, 0, 1)
     mx, my, xx, yy, xy = _blur(torch.stack([x, y, x * x, y * y, x * y]))
     vx, vy, covariance = xx - mx * mx, yy - my * my, xy - mx * my

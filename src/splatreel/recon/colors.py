@@ -22,9 +22,9 @@ class CameraGains:
         """Forget the optimiser's momentum: a run continued from a checkpoint goes on as one that was never stopped."""
         self._optimizer = torch.optim.Adam([self.values], lr=self._rate) if self.enabled else None
 
-    def apply(self, image: Tensor, camera: int) -> Tensor:
-        """image: [H, W, 3] as rendered; returns it as the camera would record it."""
-        return image * self.values[camera] if self.enabled else image
+    def of(self, camera: int) -> Tensor | None:
+        """[3]: what a rendered picture is multiplied by to be as the camera would record it; None if they are off."""
+        return self.values[camera] if self.enabled else None
 
     def step(self) -> None:
         if self._optimizer is None:

@@ -49,6 +49,9 @@ FAINT_PICTURES = 60
 MEASURE_EVERY = 8
 """Iterations between two that draw the whole picture, to measure how much the static points are pulled at."""
 
+SHOW_EVERY = 50
+"""Iterations between two that say their loss."""
+
 
 @dataclass(frozen=True)
 class GroupFrames:
@@ -119,7 +122,7 @@ class GroupTrainer:
             if iteration + 1 in culls:
                 self._drop_faint()
                 self._watch()
-            if (iteration + 1) % 50 == 0 or share == 1:
+            if (iteration + 1) % SHOW_EVERY == 0 or share == 1:
                 progress.update(iteration + 1, loss=loss, dynamic=len(self.points))
         progress.note(f"training views {self.psnr():.2f} dB, {len(self.points):,} dynamic points")
         return self.result()
@@ -132,13 +135,15 @@ class GroupTrainer:
         view = self.frames.views[camera]
         dx, dq = self.model.offsets(self.points.means, frame)
         moving = self._deformed(dx, dq, view)
-        measured = self.config.layering.adapt_every > 0 and iteration % MEASURE_EVERY == 0
+        every = self.config.layering.adapt_every
+        adapts = every > 0 and ADAPT_FROM <= (iteration // every + 1) * every / self.iterations <= ADAPT_TO
+        measured = adapts and iteration % MEASURE_EVERY == 0
         drawing = draw(moving, view, self.backdrop.scenery(camera), layered=not measured)
-        with torch.no_grad():
-            gain = self.gains.values[camera]
-        loss = splat.photometric_loss(
-            drawing.image * gain, self.frames.images[frame, camera], self.config.group.lambda_dssim
-        )
+        target, gain = self.frames.images[frame, camera], self.gains.values.detach()[camera]
+        tiles = (
+            None if (iteration + 1) % SHOW_EVERY == 0 else drawing.tiles
+        )  # the whole loss is only there to be looked at
+        loss = splat.photometric_loss(drawing.image, target, self.config.group.lambda_dssim, gain, tiles)
         (loss + self._regularisers(iteration, frame, dx, dq)).backward()
         self._measure(drawing, view, measured)
         self.points.scale_rates({}, default=0.1**share)

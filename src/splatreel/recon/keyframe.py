@@ -116,8 +116,7 @@ class KeyframeTrainer:
         p, view = self.points, stage.views[camera]
         moving = splats(p.means, p.quats, p.scales, p.opacities, p.sh, view, stage.near)
         drawing = draw(moving, view, behind.scenery(camera) if behind else None)
-        image = self.gains.apply(drawing.image, camera)
-        loss = splat.photometric_loss(image, stage.images[camera])
+        loss = splat.photometric_loss(drawing.image, stage.images[camera], gain=self.gains.of(camera))
         loss.backward()
         grad = drawing.means2d.grad
         assert grad is not None

@@ -152,15 +152,26 @@ def _join(parts: list[np.ndarray], channels: int) -> np.ndarray:
 
 class PhotometricLoss(Function):
     @staticmethod
-    def forward(ctx: Any, image: Tensor, target: Tensor, lambda_dssim: float):
-        loss, gradient = similarity.loss_and_gradient(*_arrays(image, target), lambda_dssim=lambda_dssim)
-        ctx.gradient = torch.from_numpy(gradient)
-        return torch.tensor(loss, dtype=torch.float32)
+    def forward(
+        ctx: Any, image: Tensor, target: Tensor, lambda_dssim: float, gain: Tensor | None, tiles: Tensor | None
+    ):
+        arrays = (
+            _arrays(image)[0],
+            target.contiguous().numpy(),
+            lambda_dssim,
+            None if gain is None else _arrays(gain)[0],
+        )
+        wanted = None if tiles is None else tiles.numpy()
+        ctx.found = similarity.loss_and_gradient(*arrays, tiles=wanted)
+        return torch.tensor(ctx.found.loss, dtype=torch.float32)
 
     @staticmethod
     @once_differentiable
     def backward(ctx: Any, d_loss: Tensor):
-        return ctx.gradient * d_loss, None, None
+        d_image, d_gain = _tensors(ctx.found.d_image, ctx.found.d_gain)
+        if float(d_loss) != 1:
+            d_image, d_gain = d_image * d_loss, d_gain * d_loss
+        return d_image, None, None, d_gain if ctx.needs_input_grad[3] else None, None
 
 
 class HashGrid(Function):

@@ -8,6 +8,8 @@ vector code (unsigned indices, see `rasterize`).
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 from numba import njit, prange
 
@@ -19,26 +21,65 @@ WINDOW = (_window / _window.sum()).astype(np.float32)
 W0, W1, W2, W3, W4, W5 = WINDOW[:6]  # it is symmetric
 SSIM_C1, SSIM_C2 = F(0.01**2), F(0.03**2)
 
-ROWS, COLUMNS = 16, 240  # of a block; columns are floats, three a pixel
+ROWS, TILES = 16, 5  # of a block; tiles are 16 pixels wide
+COLUMNS = 3 * 16 * TILES  # floats, three a pixel
 BORDER = 3 * RADIUS
 STRIDE = 272  # >= COLUMNS + 2 * BORDER, and whole cache lines
 AREA = ROWS * STRIDE
 PADDED = (ROWS + 2 * RADIUS) * STRIDE
 
 
-def loss_and_gradient(image: np.ndarray, target: np.ndarray, lambda_dssim: float) -> tuple[float, np.ndarray]:
-    """image, target: [H, W, 3] float32 in 0..1. Returns the loss and its gradient to image, [H, W, 3]."""
+@dataclass(frozen=True)
+class Gradient:
+    """loss: see `loss_and_gradient`. d_image: [H, W, 3]. d_gain: [3], of the wanted tiles and those that share a block with them."""
+
+    loss: float
+    d_image: np.ndarray
+    d_gain: np.ndarray
+
+
+def loss_and_gradient(
+    image: np.ndarray,
+    target: np.ndarray,
+    lambda_dssim: float,
+    gain: np.ndarray | None = None,
+    tiles: np.ndarray | None = None,
+) -> Gradient:
+    """The loss of image * gain against the target, and its gradient.
+
+    image: [H, W, 3] float32. target: the same, in 0..1, or uint8. gain: [3] float32. tiles: [ceil(H / 16), ceil(W / 16)] bool, where
+    the gradient is wanted; it is zero elsewhere, and the loss is short of what depends on no pixel of these tiles: a constant.
+    """
     height, width, _ = image.shape
     lines = (height, width * 3)
     x, y = image.reshape(lines), target.reshape(lines)
-    maps, d_image = np.empty((3, *lines), np.float32), np.empty(lines, np.float32)
-    blocks = -(-height // ROWS) * -(-lines[1] // COLUMNS)
-    similarity, differences = np.empty(blocks, np.float32), np.empty(blocks, np.float32)
-    _ssim_maps(x, y, maps, similarity)
+    scale = F(1 / 255) if target.dtype == np.uint8 else ONE
+    gains = np.tile(np.ones(3, np.float32) if gain is None else gain, width)
+    rows, across = -(-height // ROWS), -(-lines[1] // COLUMNS)
+    drawn = np.ones((rows, across * TILES), np.bool_)
+    if tiles is not None:
+        drawn[:] = False
+        drawn[:, : tiles.shape[1]] = tiles
+    changed, compared = (np.flatnonzero(m.reshape(-1, TILES).any(1)) for m in (drawn, _grown(drawn)))
+    maps = np.empty((3, *lines), np.float32) if tiles is None else np.zeros((3, *lines), np.float32)
+    d_image = np.empty(lines, np.float32) if tiles is None else np.zeros(lines, np.float32)
+    similarity, differences = np.empty(len(compared), np.float32), np.empty(len(changed), np.float32)
+    products = np.zeros((len(changed), COLUMNS), np.float32)
+    _ssim_maps(x, y, gains, scale, compared, maps, similarity)
     l1_weight, ssim_weight = (1 - lambda_dssim) / image.size, lambda_dssim / image.size
-    _gradient(x, y, maps, F(l1_weight), F(ssim_weight), d_image, differences)
+    weights = F(l1_weight), F(ssim_weight)
+    _gradient(x, y, gains, scale, changed, drawn.ravel(), maps, *weights, d_image, differences, products)
     l1, ssim = differences.sum(dtype=np.float64), similarity.sum(dtype=np.float64)
-    return float(l1_weight * l1 + lambda_dssim - ssim_weight * ssim), d_image.reshape(image.shape)
+    loss = float(l1_weight * l1 + lambda_dssim - ssim_weight * ssim)
+    d_gain = products.reshape(-1, 3).sum(0, dtype=np.float64).astype(np.float32)
+    return Gradient(loss, d_image.reshape(image.shape), d_gain)
+
+
+def _grown(tiles: np.ndarray) -> np.ndarray:
+    """Tiles and those around them: the window reaches five pixels over the border."""
+    padded = np.pad(tiles, 1)
+    rows = padded[:-2] | padded[1:-1] | padded[2:]
+    return rows[:, :-2] | rows[:, 1:-1] | rows[:, 2:]
 
 
 @njit(inline="always")
@@ -50,15 +91,15 @@ def _block(index, shape):
 
 
 @njit(inline="always")
-def _load(image, top, left, plane):
-    """Copies a block and its border into a plane, zeros outside the image."""
+def _load(image, top, left, gains, scale, plane):
+    """Copies a block and its border, times gains [columns] and scale, into a plane; zeros outside the image."""
     first, last = max(left - BORDER, 0), min(left + COLUMNS + BORDER, image.shape[1])
     plane[:] = ZERO
     for row in range(max(top - RADIUS, 0), min(top + ROWS + RADIUS, image.shape[0])):
         start = (row - top + RADIUS) * STRIDE + first - left + BORDER
-        line, source = plane[start : start + last - first], image[row, first:last]
+        line, source, factors = plane[start : start + last - first], image[row, first:last], gains[first:last]
         for j in range(U(last - first)):
-            line[j] = source[j]
+            line[j] = F(source[j]) * (factors[j] * scale)
 
 
 @njit(inline="always")
@@ -99,14 +140,15 @@ def _ssim_row(blurs, start, columns):
 
 
 @njit(**PARALLEL)
-def _ssim_maps(x, y, maps, similarity):
-    for block in prange(similarity.shape[0]):
-        top, left, rows, columns = _block(block, x.shape)
+def _ssim_maps(x, y, gains, scale, blocks, maps, similarity):
+    ones = np.ones_like(gains)
+    for task in prange(blocks.shape[0]):
+        top, left, rows, columns = _block(blocks[task], x.shape)
         plane_x, plane_y = np.empty(PADDED, np.float32), np.empty(PADDED, np.float32)
         mixed, down = np.empty(PADDED, np.float32), np.empty(AREA, np.float32)
         blurs = np.empty(4 * AREA, np.float32)
-        _load(x, top, left, plane_x)
-        _load(y, top, left, plane_y)
+        _load(x, top, left, gains, ONE, plane_x)
+        _load(y, top, left, ones, scale, plane_y)
         _blur(plane_x, down, blurs[:AREA])
         _blur(plane_y, down, blurs[AREA : 2 * AREA])
         for p in range(U(PADDED)):
@@ -121,26 +163,34 @@ def _ssim_maps(x, y, maps, similarity):
             for m in range(3):
                 start = m * AREA + r * STRIDE
                 maps[m, top + r, left : left + columns] = blurs[start : start + columns]
-        similarity[block] = total
+        similarity[task] = total
 
 
 @njit(**PARALLEL)
-def _gradient(x, y, maps, l1_weight, ssim_weight, d_image, differences):
-    for block in prange(differences.shape[0]):
-        top, left, rows, columns = _block(block, x.shape)
+def _gradient(x, y, gains, scale, blocks, drawn, maps, l1_weight, ssim_weight, d_image, differences, products):
+    ones = np.ones_like(gains)
+    for task in prange(blocks.shape[0]):
+        top, left, rows, columns = _block(blocks[task], x.shape)
         plane, down = np.empty(PADDED, np.float32), np.empty(AREA, np.float32)
         blurs = np.empty(3 * AREA, np.float32)
         for m in range(3):
-            _load(maps[m], top, left, plane)
+            _load(maps[m], top, left, ones, ONE, plane)
             _blur(plane, down, blurs[m * AREA : (m + 1) * AREA])
         total = ZERO
         for r in range(rows):
             row_x, row_y = x[top + r, left : left + columns], y[top + r, left : left + columns]
-            d_row, parts = d_image[top + r, left : left + columns], blurs[r * STRIDE :]
+            d_row, parts, factors = d_image[top + r, left : left + columns], blurs[r * STRIDE :], gains[left:]
+            sums = products[task]
             for p in range(U(columns)):
-                difference = row_x[p] - row_y[p]
+                seen, wanted = row_x[p] * factors[p], F(row_y[p]) * scale
+                difference = seen - wanted
                 total += abs(difference)
                 sign = ONE if difference > ZERO else (-ONE if difference < ZERO else ZERO)
-                ssim = parts[p] + TWO * row_x[p] * parts[p + U(AREA)] + row_y[p] * parts[p + U(2 * AREA)]
-                d_row[p] = l1_weight * sign - ssim_weight * ssim
-        differences[block] = total
+                ssim = parts[p] + TWO * seen * parts[p + U(AREA)] + wanted * parts[p + U(2 * AREA)]
+                slope = l1_weight * sign - ssim_weight * ssim
+                d_row[p] = slope * factors[p]
+                sums[p] += slope * row_x[p]
+        differences[task] = total
+        for tile in range(TILES):
+            if not drawn[blocks[task] * TILES + tile]:
+                d_image[top : top + rows, left + 3 * ROWS * tile : left + 3 * ROWS * (tile + 1)] = ZERO
