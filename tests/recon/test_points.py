@@ -25,17 +25,17 @@ def test_gaussians_survive_the_round_trip_to_parameters():
 def test_rows_keep_their_optimiser_state_when_others_go():
     points = make()
     take_a_step(points)
-    before = points.optimizer.state[points.means]["exp_avg"].clone()
+    before = points.adams["means"].mean.clone()
     points.keep(torch.tensor([3, 1]))
     assert len(points) == 2
-    torch.testing.assert_close(points.optimizer.state[points.means]["exp_avg"], before[[3, 1]])
+    torch.testing.assert_close(points.adams["means"].mean, before[[3, 1]])
 
 
 def test_appended_rows_start_without_momentum_and_train():
     points = make()
     take_a_step(points)
     points.append(points.rows(torch.tensor([0, 2])))
-    state = points.optimizer.state[points.means]["exp_avg"]
+    state = points.adams["means"].mean
     assert len(points) == 7
     assert (state[5:] == 0).all()
     assert (state[:5] != 0).any()
@@ -48,6 +48,6 @@ def test_rates_are_scaled_from_their_base():
     points = make()
     points.scale_rates({"means": 0.5}, default=0.1)
     points.scale_rates({"means": 0.5}, default=0.1)
-    rates = {g["name"]: g["lr"] for g in points.optimizer.param_groups}
+    rates = {name: adam.rate for name, adam in points.adams.items()}
     assert rates["means"] == 0.5 * default_rates(1.0)["means"]
     assert rates["quats"] == 0.1 * default_rates(1.0)["quats"]

@@ -61,7 +61,7 @@ def _step(gaussians: Gaussians, view: View, still: Backdrop | None = None) -> Ca
         moving = splats(p.means, p.quats, p.scales, p.opacities, p.sh, view, NEAR)
         drawing = draw(moving, view, still.scenery(0) if still else None, layered)
         splat.photometric_loss(drawing.image, target).backward()
-        p.optimizer.zero_grad(set_to_none=True)
+        p.clear()
 
     return step
 

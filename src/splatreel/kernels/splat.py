@@ -18,6 +18,7 @@ from torch import Tensor
 
 from splatreel.errors import GaussiansError
 from splatreel.kernels import cuda, twin
+from splatreel.kernels.cpu import adam as adam_kernel
 from splatreel.kernels.cpu import autograd as cpu
 from splatreel.kernels.cpu.project import View
 
@@ -285,6 +286,26 @@ def arap(means: Tensor, dx: Tensor, dq: Tensor, neighbour: Tensor, weights: Tens
     if means.is_cuda:
         return twin.arap(means, dx, dq, neighbour, weights, unit)
     return cpu.Arap.apply(means, dx, dq, neighbour, weights, unit)  # pyright: ignore[reportReturnType]
+
+
+def adam(
+    parameter: Tensor,
+    mean: Tensor,
+    square: Tensor,
+    gradient: Tensor,
+    first: int,
+    moment: tuple[float, float, float, float, int],
+) -> None:
+    """One step of Adam, in place. parameter, and the moments of its gradient, mean and square: [R, ...], contiguous.
+
+    gradient: [G, ...], of the rows from `first` on; other rows have none, and go on by their momentum. moment: the learning rate, the
+    decays of mean and square, eps, and the number of this step, from 1.
+    """
+    if parameter.is_cuda:
+        return twin.adam(parameter, mean, square, gradient, first, moment)
+    row = parameter.numel() // max(len(parameter), 1)
+    p, m, s, g = (tensor.contiguous().view(-1).numpy() for tensor in (parameter, mean, square, gradient))
+    return adam_kernel.step(p, m, s, g, first * row, moment)
 
 
 def _matrix(value: Tensor | np.ndarray) -> np.ndarray:

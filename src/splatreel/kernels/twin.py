@@ -222,3 +222,22 @@ def arap(means: Tensor, dx: Tensor, dq: Tensor, neighbour: Tensor, weights: Tens
     stretch = 2 * half.norm(dim=1) - apart.square().sum(1).add(1e-12).sqrt()
     turned = (dq - dq[neighbour]).abs().sum(1)
     return (weights * (turned + (shift.abs().sum(1) + stretch.abs()) / unit)).mean()
+
+
+@torch.no_grad()
+def adam(
+    parameter: Tensor,
+    mean: Tensor,
+    square: Tensor,
+    gradient: Tensor,
+    first: int,
+    moment: tuple[float, float, float, float, int],
+) -> None:
+    """As `splat.adam`; also what CUDA uses."""
+    rate, decay, square_decay, eps, number = moment
+    mean.mul_(decay)
+    square.mul_(square_decay)
+    mean[first : first + len(gradient)].add_(gradient, alpha=1 - decay)
+    square[first : first + len(gradient)].addcmul_(gradient, gradient, value=1 - square_decay)
+    denominator = square.sqrt().div_(math.sqrt(1 - square_decay**number)).add_(eps)
+    parameter.addcdiv_(mean, denominator, value=-rate / (1 - decay**number))

@@ -8,76 +8,81 @@ import numpy as np
 import torch
 from torch import Tensor
 
+from splatreel.recon.adam import Adam
 from splatreel.scene.gaussians import Gaussians
 
 NAMES = ("means", "quats", "log_scales", "logit_opacities", "sh_base", "sh_rest")
 
 
 class TrainablePoints:
-    """Gaussians as unconstrained leaf tensors with one Adam optimiser over all of them.
+    """Gaussians as unconstrained leaf tensors, each with its Adam.
 
     params: means [N, 3], quats [N, 4], log_scales [N, 3], logit_opacities [N], sh_base [N, 1, 3], sh_rest [N, K - 1, 3].
     Learning rates are per attribute; `means` is in world units.
     """
 
     def __init__(self, params: Mapping[str, Tensor], rates: Mapping[str, float]) -> None:
-        self.params = {name: params[name].detach().clone().contiguous().requires_grad_(True) for name in NAMES}
         self.base_rates = dict(rates)
-        device = self.params["means"].device
-        self.optimizer = torch.optim.Adam(
-            [{"params": [self.params[name]], "lr": rates[name], "name": name} for name in NAMES],
-            eps=1e-15,
-            fused=device.type in ("cpu", "cuda"),
-        )
+        self.adams = {name: Adam(params[name], rates[name], eps=1e-15) for name in NAMES}
 
     @staticmethod
     def from_gaussians(gaussians: Gaussians, rates: Mapping[str, float], device: torch.device) -> TrainablePoints:
         return TrainablePoints(to_params(gaussians, device), rates)
 
     def __len__(self) -> int:
-        return len(self.params["means"])
+        return len(self.means)
+
+    @property
+    def params(self) -> dict[str, Tensor]:
+        return {name: adam.tensor for name, adam in self.adams.items()}
 
     @property
     def means(self) -> Tensor:
-        return self.params["means"]
+        return self.adams["means"].tensor
 
     @property
     def quats(self) -> Tensor:
-        return self.params["quats"]
+        return self.adams["quats"].tensor
 
     @property
     def scales(self) -> Tensor:
-        return self.params["log_scales"].exp()
+        return self.adams["log_scales"].tensor.exp()
 
     @property
     def opacities(self) -> Tensor:
-        return self.params["logit_opacities"].sigmoid()
+        return self.adams["logit_opacities"].tensor.sigmoid()
 
     @property
     def sh(self) -> tuple[Tensor, Tensor]:
         """The colour's constant part [N, 1, 3] and its higher bands [N, K - 1, 3]."""
-        return self.params["sh_base"], self.params["sh_rest"]
+        return self.adams["sh_base"].tensor, self.adams["sh_rest"].tensor
 
     def scale_rates(self, factors: Mapping[str, float], default: float = 1.0) -> None:
         """Set every learning rate to its base rate times a factor."""
-        for group in self.optimizer.param_groups:
-            group["lr"] = self.base_rates[group["name"]] * factors.get(group["name"], default)
+        for name, adam in self.adams.items():
+            adam.rate = self.base_rates[name] * factors.get(name, default)
 
     def step(self) -> None:
-        self.optimizer.step()
-        self.optimizer.zero_grad(set_to_none=True)
+        for adam in self.adams.values():
+            adam.step()
+
+    def clear(self) -> None:
+        """Forget the gradients."""
+        for adam in self.adams.values():
+            adam.tensor.grad = None
 
     def keep(self, index: Tensor) -> None:
         """Keep the rows that an index or mask selects, in its order, with their optimiser state."""
-        self._rewrite(lambda tensor: tensor[index], lambda state: state[index])
+        for adam in self.adams.values():
+            adam.rewrite(lambda rows: rows[index], lambda rows: rows[index])
 
     def append(self, params: Mapping[str, Tensor]) -> None:
         """Add rows; their optimiser state starts at zero."""
-        rows = {name: params[name].detach() for name in NAMES}
-        for group in self.optimizer.param_groups:
-            new = rows[group["name"]]
-            self._replace(
-                group, lambda t, new=new: torch.cat([t, new]), lambda s, new=new: torch.cat([s, torch.zeros_like(new)])
+        for name, adam in self.adams.items():
+            new = params[name].detach()
+            still = torch.zeros_like(new)
+            adam.rewrite(
+                lambda rows, new=new: torch.cat([rows, new]), lambda rows, still=still: torch.cat([rows, still])
             )
 
     def rows(self, index: Tensor) -> dict[str, Tensor]:
@@ -87,21 +92,6 @@ class TrainablePoints:
     def gaussians(self) -> Gaussians:
         """The points as plain activated arrays."""
         return to_gaussians(self.params)
-
-    def _rewrite(self, of_tensor, of_state) -> None:
-        for group in self.optimizer.param_groups:
-            self._replace(group, of_tensor, of_state)
-
-    def _replace(self, group, of_tensor, of_state) -> None:
-        old = group["params"][0]
-        state = self.optimizer.state.pop(old, None)
-        new = of_tensor(old.detach()).contiguous().requires_grad_(True)
-        group["params"] = [new]
-        self.params[group["name"]] = new
-        if state:
-            state["exp_avg"] = of_state(state["exp_avg"]).contiguous()
-            state["exp_avg_sq"] = of_state(state["exp_avg_sq"]).contiguous()
-            self.optimizer.state[new] = state
 
 
 def to_params(gaussians: Gaussians, device: torch.device) -> dict[str, Tensor]:

@@ -10,10 +10,15 @@ import torch
 from torch import Tensor
 
 from splatreel.kernels import splat
+from splatreel.recon.adam import Adam
 from splatreel.recon.spline import Spline
 
 DIMENSIONS = 7
 """dx, and dq less its identity."""
+
+
+Window = tuple[int, list[Tensor]]
+"""A knot, and the control values [4, rows, 7] of every level from it on, as leaves that take the gradients of a moment."""
 
 
 class Trajectory:
@@ -35,20 +40,24 @@ class Trajectory:
         self.nodes = [means[farthest_points(means, count, seed)] for count in self.NODE_COUNTS if count < len(means)]
         self.skins = [skin(means, nodes) for nodes in self.nodes]
         rows = [len(nodes) for nodes in self.nodes] + [len(means)]
-        self.controls = [torch.zeros(self.knots, n, DIMENSIONS, device=device, requires_grad=True) for n in rows]
+        controls = [torch.zeros(self.knots, n, DIMENSIONS, device=device) for n in rows]
         if paths is not None:  # the points' own level takes the tracks, as the smoothest spline close to them
-            with torch.no_grad():
-                self.controls[-1][..., :3] = self.spline.fit(paths)
-        rates = self.RATES[-len(rows) :]
-        self.optimizer = torch.optim.Adam(
-            [{"params": [c], "lr": r, "base": r} for c, r in zip(self.controls, rates, strict=True)],
-            eps=1e-12,
-            fused=True,
-        )
+            controls[-1][..., :3] = self.spline.fit(paths)
+        self.rates = self.RATES[-len(rows) :]
+        self.adams = [Adam(level, rate, eps=1e-12) for level, rate in zip(controls, self.rates, strict=True)]
+        self.windows: list[Window] = []
+
+    @property
+    def controls(self) -> list[Tensor]:
+        """Of every level, the points' own last, [knots, rows, 7]."""
+        return [adam.tensor.detach() for adam in self.adams]
 
     def offsets(self, means: Tensor, frame: float) -> tuple[Tensor, Tensor]:
         knot, weights = self.spline.at(frame)
-        total = splat.splines(self.controls, knot, weights, self.skins) * self.scale
+        window = [level[knot : knot + 4].requires_grad_(torch.is_grad_enabled()) for level in self.controls]
+        if torch.is_grad_enabled():
+            self.windows.append((knot, window))
+        total = splat.splines(window, 0, weights, self.skins) * self.scale
         dx, dq = total.split((3, 4), 1)
         return dx, dq + self.identity
 
@@ -62,17 +71,18 @@ class Trajectory:
                     controls[k] = controls[k - 1] + self.EXTRAPOLATION * (controls[k - 1] - controls[k - 2])
 
     def step(self, share: float) -> None:
-        for group in self.optimizer.param_groups:
-            group["lr"] = group["base"] * 0.05**share
-        self.optimizer.step()
-        self.optimizer.zero_grad(set_to_none=True)
-        with torch.no_grad():
-            for controls in self.controls:
-                controls[self.reached + 1 :] = 0
+        for level, (adam, rate) in enumerate(zip(self.adams, self.rates, strict=True)):
+            adam.rate = rate * 0.05**share
+            known = [(knot, w.grad) for knot, window in self.windows if (w := window[level]).grad is not None]
+            if known:
+                adam.follow(
+                    *_sum(known), end=self.reached + 1
+                )  # the knots after it have never been seen, and stay zero
+        self.windows.clear()
 
     def keep(self, index: Tensor) -> None:
         self.skins = [(i[index], s[index]) for i, s in self.skins]
-        self._rewrite_points(lambda rows: rows[:, index])
+        self.adams[-1].rewrite(lambda rows: rows[:, index], lambda rows: rows[:, index])
 
     def append(self, means: Tensor, parents: Tensor | None) -> None:
         """Newcomers start with what makes their total offset zero: they were static."""
@@ -80,27 +90,26 @@ class Trajectory:
         self.skins = [
             (torch.cat([i, ai]), torch.cat([s, as_])) for (i, s), (ai, as_) in zip(self.skins, added, strict=True)
         ]
-        old = self.controls[-1].detach()
+        old = self.controls[-1]
         if parents is not None:
             rows = old[:, parents]
         else:
             rows = torch.zeros(self.knots, len(means), DIMENSIONS, device=means.device)
             for (index, share), controls in zip(added, self.controls[:-1], strict=True):
-                rows -= torch.einsum("nk,tnkd->tnd", share, controls.detach()[:, index])
+                rows -= torch.einsum("nk,tnkd->tnd", share, controls[:, index])
         state = torch.zeros_like(rows)
-        self._rewrite_points(lambda t: torch.cat([t, rows], 1), lambda t: torch.cat([t, state], 1))
+        self.adams[-1].rewrite(lambda t: torch.cat([t, rows], 1), lambda t: torch.cat([t, state], 1))
 
-    def _rewrite_points(self, of_rows, of_state=None) -> None:
-        group = self.optimizer.param_groups[-1]
-        old = self.controls[-1]
-        state = self.optimizer.state.pop(old, None)
-        new = of_rows(old.detach()).contiguous().requires_grad_(True)
-        self.controls[-1] = new
-        group["params"] = [new]
-        if state:
-            for name in ("exp_avg", "exp_avg_sq"):
-                state[name] = (of_state or of_rows)(state[name]).contiguous()
-            self.optimizer.state[new] = state
+
+def _sum(known: list[tuple[int, Tensor]]) -> tuple[Tensor, int]:
+    """The sum of gradients [4, rows, 7] of some knots each, and its first knot."""
+    if len(known) == 1:
+        return known[0][1], known[0][0]
+    first, end = min(knot for knot, _ in known), max(knot for knot, _ in known) + 4
+    total = known[0][1].new_zeros(end - first, *known[0][1].shape[1:])
+    for knot, gradient in known:
+        total[knot - first : knot - first + 4] += gradient
+    return total, first
 
 
 def farthest_points(points: Tensor, count: int, seed: int) -> Tensor:
