@@ -177,6 +177,20 @@ export class SplatReelElement extends HTMLElement {
     this.player.playbackRate = rate;
   }
 
+  /** Names of what there is to choose from, best first; empty where there is one rendition only. */
+  get renditions(): string[] {
+    return this.player.renditions;
+  }
+
+  /** A rendition's name, or "auto" for whichever does best. */
+  get rendition(): string {
+    return this.player.rendition ?? "auto";
+  }
+
+  set rendition(name: string) {
+    this.player.rendition = name === "auto" ? null : name;
+  }
+
   get buffered(): TimeRanges {
     const ranges = this.player.buffered;
     return { length: ranges.length, start: (i: number) => ranges[i][0], end: (i: number) => ranges[i][1] };

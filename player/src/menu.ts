@@ -12,6 +12,7 @@ const toggle = (name: string, text: string): string => `<label>${text}<input typ
 
 const MARKUP = [
   choice("rate", "Speed", RATES.map((rate) => option(rate, `${rate} ×`))),
+  choice("rendition", "Quality", []),
   choice("quality", "Resolution", QUALITIES.map(([value, text]) => option(value, text))),
   toggle("loop", "Loop"),
   toggle("fly", "Fly through the cameras"),
@@ -35,6 +36,7 @@ export class Menu {
   constructor(private readonly box: HTMLElement, private readonly player: Player, actions: MenuActions) {
     box.innerHTML = MARKUP;
     this.input("rate").onchange = () => void (player.playbackRate = Number(this.input("rate").value));
+    this.input("rendition").onchange = () => void (player.rendition = this.input("rendition").value || null);
     this.input("quality").onchange = () => {
       player.resolution.quality = this.input("quality").value as Quality;
       player.invalidate();
@@ -62,10 +64,23 @@ export class Menu {
     if (!this.open) return;
     const { player } = this;
     this.input("rate").value = String(player.playbackRate);
+    this.updateRenditions();
     this.input("quality").value = player.resolution.quality;
     this.input("loop").checked = player.loop;
     this.input("fly").checked = player.camera?.flying === true;
     this.input("statistics").checked = this.statistics;
+  }
+
+  /** Auto says what it came to; reels in one rendition have nothing to choose. */
+  private updateRenditions(): void {
+    const { renditions, rendition, shownRendition } = this.player;
+    const select = this.box.querySelector<HTMLSelectElement>("[name=rendition]")!;
+    select.parentElement!.hidden = renditions.length === 0;
+    const texts = [shownRendition && rendition === null ? `Auto (${shownRendition})` : "Auto", ...renditions];
+    if (texts.join() !== [...select.options].map(({ text }) => text).join()) {
+      select.replaceChildren(...texts.map((text, index) => new Option(text, index === 0 ? "" : text)));
+    }
+    select.value = rendition ?? "";
   }
 
   private input(name: string): HTMLInputElement {

@@ -1,16 +1,17 @@
 /** Plays a reel on a canvas: the clock, what shows at its time, and one picture a display frame. */
 import { OrbitCamera } from "./camera";
 import { Clock } from "./clock";
+import type { Decoders } from "./decoders";
 import { DeviceLostError, messageOf } from "./errors";
-import { follow, followToTheEnd } from "./live";
-import { loadManifest, type Manifest } from "./manifest";
+import type { Manifest } from "./manifest";
 import type { Pose, Start } from "./pose";
 import type { View } from "./renderer";
 import { Resolution } from "./resolution";
+import { Session, type SessionEvents } from "./session";
 import type { Scene } from "./sort-worker";
-import { Stage, type Picture } from "./stage";
+import type { Picture, Stage } from "./stage";
 import { measure, type Stats } from "./stats";
-import { memoryBudget, Stream } from "./stream";
+import type { Stream } from "./stream";
 import type { Moment } from "./timeline";
 import { until } from "./until";
 
@@ -26,21 +27,18 @@ export class Player extends EventTarget {
   camera: OrbitCamera | null = null;
   error: Error | null = null;
   readonly resolution = new Resolution();
-  stage: Stage | null = null;
-  stream: Stream | null = null;
 
   private source = "";
   private start: Start | null = null;
+  private choice: string | null = null;
   private readonly clock = new Clock();
   private stalled = true;
   private isSeeking = false;
   private ready = false;
-  private trouble: string | null = null;
   private held = false;
   private lastTick = 0;
   private tickRequest = 0;
-  /** Ends what belongs to the reel that is open. */
-  private session = new AbortController();
+  private session: Session | null = null;
   private readonly online = (): void => {
     if (this.error) this.retry();
   };
@@ -87,28 +85,43 @@ export class Player extends EventTarget {
   private async begin(): Promise<void> {
     this.close();
     this.emit("loadstart");
-    const { source, session: { signal } } = this;
-    const watcher = { received: () => undefined, trouble: (why: string) => this.troubled(why) };
+    let session: Session | null = null;
     try {
-      let manifest = await loadManifest(source, watcher, signal);
-      while (manifest.groups.length === 0) {
-        this.troubled("Live. The first group is not here yet.");
-        manifest = await follow(manifest, signal);
-      }
-      if (!signal.aborted) this.open(manifest);
+      session = this.session = new Session(this.canvas, this.sessionEvents());
+      const manifest = await session.find(this.source);
+      if (!session.closed) this.open(session, manifest);
     } catch (error) {
-      if (!signal.aborted) this.fail(error);
+      if (!session?.closed) this.fail(error);
     }
+  }
+
+  private sessionEvents(): SessionEvents {
+    const changed = (event: string): void => (this.emit(event), this.update());
+    return {
+      arrived: () => changed("progress"),
+      grown: () => changed("durationchange"),
+      progress: () => this.emit("progress"),
+      failed: (error) => this.fail(error),
+    };
   }
 
   /** Close the reel. */
   close(): void {
-    this.session.abort();
-    this.session = new AbortController();
-    this.stream?.destroy();
-    this.stage?.destroy();
-    [this.stream, this.stage, this.clock.manifest, this.camera] = [null, null, null, null];
-    [this.error, this.trouble, this.ready, this.stalled, this.isSeeking] = [null, null, false, true, false];
+    this.session?.close();
+    [this.session, this.clock.manifest, this.camera] = [null, null, null];
+    [this.error, this.ready, this.stalled, this.isSeeking] = [null, false, true, false];
+  }
+
+  get stage(): Stage | null {
+    return this.session?.stage ?? null;
+  }
+
+  get stream(): Stream | null {
+    return this.session?.stream ?? null;
+  }
+
+  get decoders(): Decoders | null {
+    return this.session?.decoders ?? null;
   }
 
   get manifest(): Manifest | null {
@@ -159,6 +172,28 @@ export class Player extends EventTarget {
     this.emit("ratechange");
   }
 
+  /** Names of what there is to choose from, best first. */
+  get renditions(): string[] {
+    return (this.manifest?.renditions ?? []).map(({ name }) => name);
+  }
+
+  /** The rendition that is to be shown, from the next group on that does not show yet; null: whichever does best. */
+  get rendition(): string | null {
+    return this.choice;
+  }
+
+  set rendition(name: string | null) {
+    this.choice = name;
+    // A reel that has none of this name plays as it does best.
+    this.stream?.choose(name !== null && this.renditions.includes(name) ? name : null);
+    this.emit("progress");
+  }
+
+  /** The rendition that shows. */
+  get shownRendition(): string | null {
+    return this.stream && this.manifest ? this.stream.renditionOf(this.clock.moment.current.group) : null;
+  }
+
   get paused(): boolean {
     return !this.clock.playing;
   }
@@ -178,7 +213,7 @@ export class Player extends EventTarget {
 
   /** Why it takes so long, for people; null while there is nothing to say. */
   get notice(): string | null {
-    return this.trouble ?? this.stream?.trouble ?? null;
+    return this.session?.trouble ?? this.stream?.trouble ?? null;
   }
 
   /** True once a whole picture has been shown. */
@@ -265,51 +300,24 @@ export class Player extends EventTarget {
     }
   }
 
-  private open(manifest: Manifest): void {
-    this.trouble = null;
+  private open(session: Session, manifest: Manifest): void {
     this.clock.manifest = manifest;
     this.camera = new OrbitCamera(manifest);
     this.camera.calm = matchMedia("(prefers-reduced-motion: reduce)").matches;
-    const stage = new Stage(this.canvas, manifest, (error) => this.fail(error));
-    this.stage = stage;
-    const take = (add: () => void): void => {
-      if (this.error) return; // it begins anew
-      try {
-        add();
-      } catch (error) {
-        return this.fail(error);
-      }
-      this.emit("progress");
-      this.update();
-    };
-    this.stream = new Stream(manifest, memoryBudget(), {
-      layer: (index, file) => take(() => stage.addLayer(index, file)),
-      group: (index, file) => take(() => stage.addGroup(index, file)),
-      dropped: (index) => (stage.dropGroup(index), this.emit("progress")),
-      progress: () => this.emit("progress"),
-      failed: (error) => this.fail(error),
-    });
     if (this.start?.view) this.camera.state = this.start.view;
     this.clock.seek(this.start?.seconds ?? (manifest.live ? this.edge : 0));
+    session.open(manifest);
+    this.rendition = this.choice;
     this.emit("loadedmetadata");
     this.emit("durationchange");
     this.update();
-    const grown = (): void => {
-      this.emit("durationchange");
-      this.update();
-    };
-    void followToTheEnd(manifest, grown, this.session.signal);
-  }
-
-  private troubled(why: string): void {
-    this.trouble = why;
-    this.emit("progress");
   }
 
   private fail(error: unknown): void {
     if (this.error) return;
     // A lost device fails at whatever is asked of it, before the browser tells of the loss.
     const cause = this.stage?.lost ? new DeviceLostError() : error;
+    if (this.session) this.session.broken = true; // it begins anew
     this.error = cause instanceof Error ? cause : new Error(messageOf(cause));
     this.emit("error");
   }
@@ -327,8 +335,9 @@ export class Player extends EventTarget {
     const { stream, stage } = this;
     if (!stream || !stage || this.error) return;
     const { current, previous } = this.clock.moment;
-    const inUse = [stage.scene?.current?.group, stage.scene?.previous?.group].filter((group) => group !== undefined);
-    stream.want({ current: current.group, previous: previous?.group ?? null, inUse, loop: this.loop && !this.live });
+    const { frame, rate } = this.clock;
+    const shown = { current: current.group, previous: previous?.group ?? null, inUse: stage.inUse };
+    stream.want({ ...shown, frame, rate, loop: this.loop && !this.live });
     const here = stream.has(current.group) && (previous === null || stream.has(previous.group));
     if (here !== this.stalled) return;
     this.stalled = !here;
@@ -347,7 +356,7 @@ export class Player extends EventTarget {
     if (stage.wantsSort) this.startSort(stage, view);
     const before = stage.pictures;
     stage.draw(this.isSeeking || this.stalled ? null : this.clock.frame, view);
-    this.resolution.drawn(stage.pictures > before, now);
+    if (this.resolution.drawn(stage.pictures > before, now)) this.stream?.judge(this.resolution.struggling);
   }
 
   private advance(step: number): void {

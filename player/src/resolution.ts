@@ -5,6 +5,8 @@ export type Quality = "auto" | "full" | "half";
 /** Above this mean interval of pictures, milliseconds, the picture gets coarser; below the other one finer. */
 const SLOW = 27;
 const FAST = 17.5;
+/** Above this one there are too many points for the device. */
+const STRUGGLING = 45;
 /** Pictures to judge by. */
 const WINDOW = 12;
 const COARSEST = 0.5;
@@ -28,13 +30,20 @@ export class Resolution {
     return device * { auto: this.scale, full: 1, half: 0.5 }[this.quality];
   }
 
-  /** Tell of every tick whether it drew, and when. */
-  drawn(drawn: boolean, now: number): void {
+  /** The device does not keep up, however coarse the picture may get. */
+  get struggling(): boolean {
+    return this.interval > STRUGGLING && (this.quality !== "auto" || this.scale <= COARSEST);
+  }
+
+  /** Tell of every tick whether it drew, and when; true where there are enough pictures to judge by. */
+  drawn(drawn: boolean, now: number): boolean {
     const interval = now - this.last;
     this.last = drawn ? now : 0;
-    if (!drawn || interval > PAUSE) return;
+    if (!drawn || interval > PAUSE) return false;
     this.interval += (interval - this.interval) * 0.1;
-    if (++this.count % WINDOW === 0) this.judge();
+    if (++this.count % WINDOW > 0) return false;
+    this.judge();
+    return true;
   }
 
   private judge(): void {

@@ -27,8 +27,11 @@ export class Stage {
   private unsorted = true;
   private dirty = false;
   private closed = false;
+  private sorting: Scene | null = null;
+  /** Set once it is here; the graphics device and the worker get ready before. */
+  manifest: Manifest | null = null;
 
-  constructor(canvas: HTMLCanvasElement, private readonly manifest: Manifest, onError: (error: Error) => void) {
+  constructor(canvas: HTMLCanvasElement, onError: (error: Error) => void) {
     this.renderer = new Renderer(canvas);
     this.sorter = new Sorter((message) => onError(new Error(message)));
   }
@@ -64,6 +67,11 @@ export class Stage {
     this.unsorted = true;
   }
 
+  /** Groups that are on screen, or will be with the next order. */
+  get inUse(): number[] {
+    return [this.scene, this.sorting].flatMap((scene) => [scene?.current?.group, scene?.previous?.group]).filter((group) => group !== undefined);
+  }
+
   /** A sort would bring something new, and the worker has time for it. */
   get wantsSort(): boolean {
     return this.unsorted && !this.sorter.busy;
@@ -77,7 +85,9 @@ export class Stage {
   /** Sort a scene, which then is what is drawn. False if the reel was closed or a group dropped while the worker was at it. */
   async sort(scene: Scene, view: View): Promise<boolean> {
     this.unsorted = false;
+    this.sorting = scene;
     const reply = await this.sorter.sort(scene, view);
+    this.sorting = null;
     if (this.closed || !this.renderer.holds(scene)) return false;
     this.sortMilliseconds = reply.milliseconds;
     this.renderer.setOrder(reply.order, reply.count);
@@ -90,7 +100,7 @@ export class Stage {
   /** Draw, if anything changed. `frame` of the video: the present one, or null while what belongs to it is not here. */
   draw(frame: number | null, view: View): void {
     const { scene, manifest } = this;
-    if (!this.dirty || !scene) return;
+    if (!this.dirty || !scene || !manifest) return;
     this.dirty = false;
     this.pictures++;
     if (scene.current === null) return this.renderer.draw(scene, 1, view);

@@ -8,6 +8,8 @@ export interface Stats {
   points: number;
   width: number;
   height: number;
+  /** What shows, of a reel that there is in several renditions. */
+  rendition: string | null;
   /** Bits a second that the reel takes now, and that the network gave last. */
   bitrate: number;
   throughput: number;
@@ -18,7 +20,8 @@ export interface Stats {
   sortMilliseconds: number;
 }
 
-export function measure({ stage, stream, manifest, canvas, resolution, ahead, currentTime }: Player): Stats {
+export function measure(player: Player): Stats {
+  const { stage, stream, decoders, manifest, canvas, resolution, ahead, currentTime } = player;
   const { groups, fps, frames } = manifest!;
   const index = Math.max(groups.findLastIndex((group) => group.firstFrame <= currentTime * fps), 0);
   const seconds = ((groups[index + 1]?.firstFrame ?? frames) - groups[index].firstFrame) / fps;
@@ -27,10 +30,11 @@ export function measure({ stage, stream, manifest, canvas, resolution, ahead, cu
     points: stage!.points,
     width: canvas.width,
     height: canvas.height,
-    bitrate: (8 * groups[index].bytes) / seconds,
-    throughput: stream!.throughput,
+    rendition: player.shownRendition,
+    bitrate: (8 * stream!.fileOf(index).bytes) / seconds,
+    throughput: decoders!.meter.rate,
     ahead,
-    decodeMilliseconds: stream!.decodeMilliseconds,
+    decodeMilliseconds: decoders!.milliseconds,
     sortMilliseconds: stage!.sortMilliseconds,
   };
 }
@@ -39,9 +43,11 @@ export function measure({ stage, stream, manifest, canvas, resolution, ahead, cu
 export function describe(stats: Stats): [string, string][] {
   const megabits = (bits: number): string => `${(bits / 1e6).toFixed(1)} Mbit/s`;
   const milliseconds = (value: number): string => `${value.toFixed(value < 10 ? 1 : 0)} ms`;
+  const rendition: [string, string][] = stats.rendition ? [["Quality", stats.rendition]] : [];
   return [
     ["Pictures", `${stats.fps.toFixed(0)} fps, ${stats.width} × ${stats.height}`],
     ["Points", stats.points.toLocaleString("en")],
+    ...rendition,
     ["Bitrate", megabits(stats.bitrate)],
     ["Network", stats.throughput > 0 ? megabits(stats.throughput) : "–"],
     ["Buffer", `${stats.ahead.toFixed(1)} s`],

@@ -1,16 +1,16 @@
-/** Decides which files of a reel to have, and gets them: the layers first, then the group that shows, then those that follow. */
-import { startWorker } from "./assets";
+/** Decides which files of a reel to have, and in which rendition: the layers first, then the group that shows, then those that follow. */
+import { Chooser, type Option } from "./chooser";
 import type { DecodedFile } from "./decode";
-import type { DecodeReply, DecodeRequest } from "./decode-worker";
+import type { Decoders, Job } from "./decoders";
 import { ReelError } from "./errors";
-import type { Manifest, ReelFile } from "./manifest";
+import { fileOf, type Manifest, type ReelFile } from "./manifest";
 
-/** Files that download and decode at a time. */
-const WORKERS = 2;
 /** Seconds to have ahead of the time that shows, if memory allows. */
 const AHEAD = 8;
 /** A file that could not be had, and that nobody waits for, is left alone for this many milliseconds. */
 const REST = 10_000;
+/** A group that is waited for is taken in its smallest rendition if that is there so many times sooner, and a second. */
+const SOONER = 2;
 
 export interface StreamEvents {
   layer(index: number, file: DecodedFile): void;
@@ -22,12 +22,14 @@ export interface StreamEvents {
   failed(error: Error): void;
 }
 
-/** What shows: the group, the one that fades out, the groups still on screen, and whether the first follows the last. */
+/** What shows: the group, the one that fades out, the groups still on screen; whether the first follows the last; the frame and its rate. */
 export interface Demand {
   current: number;
   previous: number | null;
   inUse: number[];
   loop: boolean;
+  frame: number;
+  rate: number;
 }
 
 interface Wanted {
@@ -36,35 +38,33 @@ interface Wanted {
   key: string;
 }
 
-interface Job {
-  id: number;
-  wanted: Wanted;
-  worker: Worker;
-  began: number;
-  received: number;
-}
-
 export class Stream {
   /** Why something is late, for people; null while all is well. */
   trouble: string | null = null;
-  /** Bits a second while downloading, and milliseconds a file took to decode: of the last files. */
-  throughput = 0;
-  decodeMilliseconds = 0;
+  /** The rendition that people chose; null: whichever does best. */
+  private choice: string | null = null;
 
-  private readonly workers: Worker[];
-  private readonly idle: Worker[];
-  private readonly jobs = new Map<string, Job>();
   private readonly layers = new Set<number>();
-  private readonly groups = new Set<number>();
+  /** Groups that are here, by the rendition that they are here in. */
+  private readonly groups = new Map<number, string>();
+  /** Renditions of the groups that are being got, by key. */
+  private readonly coming = new Map<string, string>();
+  /** Groups that were given up in a better rendition. */
+  private readonly hurried = new Set<number>();
   private readonly resting = new Map<string, number>();
-  private demand: Demand = { current: 0, previous: null, inUse: [], loop: false };
-  private nextId = 0;
+  private demand: Demand = { current: 0, previous: null, inUse: [], loop: false, frame: 0, rate: 1 };
+  private last: number | null = null;
   private stopped = false;
 
   /** budget: bytes that groups may take. */
-  constructor(private readonly manifest: Manifest, private readonly budget: number, private readonly events: StreamEvents) {
-    this.workers = Array.from({ length: WORKERS }, () => startWorker("decode-worker.js"));
-    this.idle = [...this.workers];
+  constructor(
+    private readonly manifest: Manifest,
+    private readonly decoders: Decoders,
+    private readonly budget: number,
+    private readonly events: StreamEvents,
+    private readonly chooser: Chooser,
+  ) {
+    decoders.onfree = () => this.fill();
   }
 
   /** Layers that are complete from the first on. */
@@ -85,7 +85,17 @@ export class Stream {
 
   /** Groups held, in order of time. */
   get held(): number[] {
-    return [...this.groups].sort((a, b) => a - b);
+    return [...this.groups.keys()].sort((a, b) => a - b);
+  }
+
+  /** The rendition that a group is here in; null where it is not, or where there is nothing to choose. */
+  renditionOf(group: number): string | null {
+    return this.groups.get(group) || null;
+  }
+
+  /** The file that a group is here in, or would be by default. */
+  fileOf(group: number): ReelFile {
+    return fileOf(this.manifest.groups[group], this.groups.get(group) ?? this.coming.get(groupItem(group).key) ?? "");
   }
 
   /** Time ranges whose groups are here, [start, end] seconds. */
@@ -108,15 +118,26 @@ export class Stream {
     this.fill();
   }
 
-  destroy(): void {
-    for (const worker of this.workers) worker.terminate();
+  /** Have this rendition from the next group on, or, with null, whichever does best. */
+  choose(name: string | null): void {
+    this.choice = name;
+    this.fill();
+  }
+
+  /** Tell whether the device draws what shows fast enough. */
+  judge(slow: boolean): void {
+    const options = this.optionsOf(this.demand.current);
+    const shown = this.manifest.renditions.findIndex(({ name }) => name === this.groups.get(this.demand.current));
+    if (shown >= 0) this.chooser.judge(slow, options, shown, performance.now());
   }
 
   private fill(): void {
     if (this.stopped) return;
     const queue = this.queue();
     const keys = new Set(queue.map((item) => item.key));
-    for (const job of this.jobs.values()) if (!keys.has(job.wanted.key)) this.cancel(job);
+    for (const key of this.decoders.keys) if (!keys.has(key)) this.cancel(key);
+    // Another rendition of what is on screen by now comes too late.
+    for (const { key, index } of queue) if (this.coming.has(key) && this.groups.has(index) && this.isOnScreen(index)) this.cancel(key);
     let late = false;
     for (const item of queue) {
       const urgent = this.isNeededNow(item);
@@ -124,20 +145,30 @@ export class Stream {
       if (late && !urgent) return;
       if ((item.kind === "layer" ? this.layers : this.groups).has(item.index)) continue;
       late ||= urgent;
-      if (this.jobs.has(item.key) || (!urgent && (this.resting.get(item.key) ?? 0) > performance.now())) continue;
-      if (this.idle.length === 0) {
-        const leastUrgent = [...this.jobs.values()].find((job) => !this.isNeededNow(job.wanted));
-        if (urgent && leastUrgent) this.cancel(leastUrgent);
+      if (this.decoders.has(item.key) || (!urgent && this.rests(item))) continue;
+      if (!this.decoders.free) {
+        const leastUrgent = queue.findLast((other) => this.decoders.has(other.key) && !this.isNeededNow(other));
+        if (urgent && leastUrgent) this.cancel(leastUrgent.key);
         return;
       }
       if (item.kind === "group" && !this.makeRoom(item, queue) && !urgent) return;
-      this.load(item);
+      this.load(item, item.kind === "group" ? this.renditionFor(item.index) : "");
     }
+    if (!late) this.improve(queue);
   }
 
   private isNeededNow({ kind, index }: Wanted): boolean {
     const { current, previous } = this.demand;
     return kind === "layer" ? this.manifest.layers[index].group <= current : index === current || index === previous;
+  }
+
+  private isOnScreen(group: number): boolean {
+    const { current, previous, inUse } = this.demand;
+    return group === current || group === previous || inUse.includes(group);
+  }
+
+  private rests({ key }: Wanted): boolean {
+    return (this.resting.get(key) ?? 0) > performance.now();
   }
 
   /** What should be here, the most urgent first, as far as memory goes. */
@@ -149,13 +180,13 @@ export class Stream {
       manifest.layers.flatMap((layer, index) => (layer.group >= from && layer.group <= to ? [layerItem(index)] : []));
     const result = [...layers(0, current), groupItem(current)];
     if (previous !== null) result.push(groupItem(previous));
-    let room = this.budget - costOf(groups[current]) - (previous === null ? 0 : costOf(groups[previous]));
+    let room = this.budget - this.costOf(current) - (previous === null ? 0 : this.costOf(previous));
     let seconds = 0;
     for (let ahead = 1; ahead < groups.length && seconds < AHEAD; ahead++) {
       if (current + ahead >= groups.length && !loop) break;
       const index = (current + ahead) % groups.length;
       if (index === previous) continue;
-      room -= costOf(groups[index]);
+      room -= this.costOf(index);
       // The next group is wanted however little memory there is: nothing would play without it.
       if (room < 0 && ahead > 1) break;
       result.push(...layers(current + 1, index), groupItem(index));
@@ -167,64 +198,108 @@ export class Stream {
   /** Drop groups that nobody needs, those longest ago first, until one more fits; false if it does not. */
   private makeRoom(item: Wanted, queue: Wanted[]): boolean {
     const { groups } = this.manifest;
-    const sum = (indices: number[]): number => indices.reduce((total, index) => total + costOf(groups[index]), 0);
-    const groupsOf = (items: Wanted[]): number[] => items.filter(({ kind }) => kind === "group").map(({ index }) => index);
-    const wanted = groupsOf(queue);
+    const sum = (indices: number[]): number => indices.reduce((total, index) => total + this.costOf(index), 0);
+    const wanted = queue.filter(({ kind }) => kind === "group").map(({ index }) => index);
     // What is wanted may be more than the budget: the queue says when.
     const budget = Math.max(this.budget, sum(wanted));
-    const loading = groupsOf([...this.jobs.values()].map((job) => job.wanted));
-    let total = sum([...this.groups, ...loading, item.index]);
-    const { current, inUse } = this.demand;
+    const coming = queue.filter(({ key }) => this.coming.has(key)).map(({ index }) => index);
+    let total = sum([...this.groups.keys(), ...coming, item.index]);
+    const { current } = this.demand;
     const behind = (index: number): number => (current - index + groups.length) % groups.length;
-    const victims = this.held.filter((index) => !wanted.includes(index) && !inUse.includes(index)).sort((a, b) => behind(a) - behind(b));
+    const victims = this.held.filter((index) => !wanted.includes(index) && !this.isOnScreen(index)).sort((a, b) => behind(a) - behind(b));
     while (total > budget && victims.length > 0) {
       const victim = victims.pop()!;
-      total -= costOf(groups[victim]);
+      total -= this.costOf(victim);
       this.groups.delete(victim);
       this.events.dropped(victim);
     }
     return total <= budget;
   }
 
-  private load(wanted: Wanted): void {
-    const worker = this.idle.pop()!;
-    const job: Job = { id: this.nextId++, wanted, worker, began: performance.now(), received: 0 };
-    this.jobs.set(wanted.key, job);
-    const file = this.fileOf(wanted);
-    worker.onmessage = ({ data }: MessageEvent<DecodeReply>) => {
-      if (data.id !== job.id) return;
-      if ("received" in data) this.received(job, data.received);
-      else if ("trouble" in data) this.troubled(data.trouble);
-      else this.finish(job, () => ("file" in data ? this.deliver(job, data.file, data.milliseconds) : this.failed(wanted, data.error)));
-    };
-    worker.onerror = (event) => this.finish(job, () => this.failed(wanted, `${file.uri} cannot be decoded (${event.message}).`));
+  private costOf(group: number): number {
+    return costOf(this.fileOf(group));
+  }
+
+  private optionsOf(group: number): Option[] {
+    const { renditions, groups } = this.manifest;
+    return renditions.map(({ name }) => fileOf(groups[group], name));
+  }
+
+  /** Seconds until a group shows. */
+  private secondsTo(group: number): number {
+    const { groups, frames, fps } = this.manifest;
+    const { frame, rate, current } = this.demand;
+    const around = group < current ? frames : 0;
+    return (groups[group].firstFrame + around - frame) / fps / Math.max(rate, 0.1);
+  }
+
+  /** The rendition to get a group in. */
+  private renditionFor(group: number): string {
+    const { renditions, groups, fps } = this.manifest;
+    if (renditions.length === 0) return "";
+    if (this.choice !== null) return this.choice;
+    if (this.hurried.has(group)) return renditions.at(-1)!.name;
+    const { meter, pace } = this.decoders;
+    const seconds = groups[group].frames / fps / Math.max(this.demand.rate, 0.1);
+    const found = this.chooser.choose({
+      options: this.optionsOf(group), seconds, ahead: this.secondsTo(group), throughput: meter.rate, decode: pace, last: this.last,
+    });
+    return renditions[found].name;
+  }
+
+  /** All that is wanted is here: get groups that do not show yet in the rendition that they should be in by now. */
+  private improve(queue: Wanted[]): void {
+    const { renditions, groups } = this.manifest;
+    if (queue.some(({ kind, index }) => !(kind === "layer" ? this.layers : this.groups).has(index))) return;
+    const place = (name: string | undefined): number => renditions.findIndex((rendition) => rendition.name === name);
+    for (const item of renditions.length > 0 ? queue : []) {
+      if (!this.decoders.free) return;
+      if (item.kind === "layer" || this.isOnScreen(item.index) || this.decoders.has(item.key) || this.rests(item)) continue;
+      const name = this.renditionFor(item.index);
+      const gain = place(this.groups.get(item.index)) - place(name);
+      if (gain === 0 || (gain < 0 && this.choice === null)) continue;
+      const transfer = (8 * fileOf(groups[item.index], name).bytes) / (this.decoders.meter.rate || 1);
+      if (SOONER * transfer < this.secondsTo(item.index)) this.load(item, name);
+    }
+  }
+
+  private load(wanted: Wanted, rendition: string): void {
+    const { kind, index, key } = wanted;
+    const file = kind === "layer" ? this.manifest.layers[index] : fileOf(this.manifest.groups[index], rendition);
+    if (kind === "group") {
+      this.coming.set(key, rendition);
+      this.last = this.manifest.renditions.findIndex(({ name }) => name === rendition);
+    }
     const url = new URL(file.uri, this.manifest.url).href;
-    this.tell(job, { id: job.id, source: { url, bytes: file.bytes, sha256: file.sha256 } });
+    this.decoders.start(key, { url, bytes: file.bytes, sha256: file.sha256 }, file.points, {
+      received: (job) => {
+        this.troubled(null);
+        if (kind === "group") this.reconsider(wanted, job);
+      },
+      trouble: (why) => this.troubled(why),
+      done: (decoded) => this.deliver(wanted, rendition, decoded),
+      failed: (why) => this.failed(wanted, why),
+    });
   }
 
-  private cancel(job: Job): void {
-    this.jobs.delete(job.wanted.key);
-    this.tell(job, { id: job.id, cancel: true });
-    const free = (): void => {
-      this.idle.push(job.worker);
-      this.fill();
-    };
-    // The worker is free once it has said so.
-    job.worker.onmessage = ({ data }: MessageEvent<DecodeReply>) => void (("file" in data || "error" in data) && free());
-    job.worker.onerror = free;
+  private cancel(key: string): void {
+    this.coming.delete(key);
+    this.decoders.cancel(key);
   }
 
-  private finish(job: Job, deliver: () => void): void {
-    this.jobs.delete(job.wanted.key);
-    this.idle.push(job.worker);
-    deliver();
+  /** Give up the transfer of what is waited for, if less would be here much sooner. */
+  private reconsider(wanted: Wanted, { source, began, received }: Job): void {
+    const { index, key } = wanted;
+    const least = this.manifest.renditions.at(-1)?.name;
+    const elapsed = (performance.now() - began) / 1000;
+    if (!least || this.choice !== null || this.coming.get(key) === least || elapsed < 1) return;
+    if (!this.isNeededNow(wanted) || this.groups.has(index)) return;
+    const rate = received / elapsed;
+    const smaller = fileOf(this.manifest.groups[index], least).bytes / rate;
+    if ((source.bytes - received) / rate < SOONER * smaller + 1) return;
+    this.hurried.add(index);
+    this.cancel(key);
     this.fill();
-  }
-
-  private received(job: Job, bytes: number): void {
-    if (job.received === 0) job.began = performance.now();
-    job.received += bytes;
-    this.troubled(null);
   }
 
   private troubled(why: string | null): void {
@@ -233,32 +308,30 @@ export class Stream {
   }
 
   private failed(wanted: Wanted, why: string): void {
-    if (this.isNeededNow(wanted)) {
+    this.coming.delete(wanted.key);
+    if (this.isNeededNow(wanted) && !(wanted.kind === "group" && this.groups.has(wanted.index))) {
       this.stopped = true;
       this.events.failed(new ReelError(why));
     } else this.resting.set(wanted.key, performance.now() + REST);
   }
 
-  private deliver(job: Job, file: DecodedFile, milliseconds: number): void {
-    const { kind, index } = job.wanted;
-    const seconds = (performance.now() - job.began - milliseconds) / 1000;
-    if (seconds > 0) this.throughput = (8 * job.received) / seconds;
-    this.decodeMilliseconds = milliseconds;
-    (kind === "layer" ? this.layers : this.groups).add(index);
+  private deliver({ kind, index, key }: Wanted, rendition: string, file: DecodedFile): void {
+    if (kind === "layer") this.layers.add(index);
+    else {
+      this.coming.delete(key);
+      this.hurried.delete(index);
+      if (this.groups.has(index)) {
+        if (this.isOnScreen(index)) return; // it shows by now as it was
+        this.events.dropped(index);
+      }
+      this.groups.set(index, rendition);
+    }
     this.events[kind](index, file);
-  }
-
-  private fileOf({ kind, index }: Wanted): ReelFile {
-    return (kind === "layer" ? this.manifest.layers : this.manifest.groups)[index];
-  }
-
-  private tell(job: Job, request: DecodeRequest): void {
-    job.worker.postMessage(request);
   }
 }
 
 /** Bytes that a group takes once decoded: points and offsets on the GPU, positions and dx with the sort worker. */
-export function costOf(group: ReelFile): number {
+export function costOf(group: Pick<ReelFile, "points" | "frames">): number {
   return group.points * (92 + 20 * group.frames);
 }
 

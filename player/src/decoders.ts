@@ -1,0 +1,133 @@
+/** The workers that get and decode files, what each is at, and how fast that goes. */
+import { startWorker } from "./assets";
+import type { DecodedFile } from "./decode";
+import type { DecodeReply, DecodeRequest } from "./decode-worker";
+import type { Source } from "./download";
+import { Meter } from "./meter";
+
+/** Files that download and decode at a time. */
+const WORKERS = 2;
+
+/** What becomes of a file: bytes of it came, it is being tried again, it is here, or it cannot be had. */
+export interface Receiver {
+  received(job: Job): void;
+  trouble(why: string): void;
+  done(file: DecodedFile): void;
+  failed(why: string): void;
+}
+
+export interface Job {
+  readonly source: Source;
+  /** When its first byte came, milliseconds, and the bytes since then. */
+  began: number;
+  received: number;
+}
+
+interface Running extends Job {
+  id: number;
+  worker: Worker;
+  /** Bytes are still expected. */
+  open: boolean;
+}
+
+export class Decoders {
+  readonly meter = new Meter();
+  /** Of the last file. */
+  milliseconds = 0;
+  /** Milliseconds a point, lately; 0: nothing was decoded yet. */
+  pace = 0;
+  /** Called when a worker is free again. */
+  onfree: () => void = () => undefined;
+
+  private readonly workers = Array.from({ length: WORKERS }, () => startWorker("decode-worker.js"));
+  private readonly idle = [...this.workers];
+  private readonly running = new Map<string, Running>();
+  private nextId = 0;
+
+  get free(): boolean {
+    return this.idle.length > 0;
+  }
+
+  /** Keys of the files being got. */
+  get keys(): string[] {
+    return [...this.running.keys()];
+  }
+
+  has(key: string): boolean {
+    return this.running.has(key);
+  }
+
+  /** Get a file of so many points. Only while a worker is free. */
+  start(key: string, source: Source, points: number, receiver: Receiver): void {
+    const worker = this.idle.pop()!;
+    const job: Running = { id: this.nextId++, worker, source, began: 0, received: 0, open: true };
+    this.running.set(key, job);
+    this.meter.begin(performance.now());
+    const finish = (tell: () => void): void => {
+      this.running.delete(key);
+      this.close(job);
+      this.idle.push(worker);
+      tell();
+      this.onfree();
+    };
+    worker.onmessage = ({ data }: MessageEvent<DecodeReply>) => {
+      if (data.id !== job.id) return;
+      if ("received" in data) {
+        this.count(job, data.received);
+        receiver.received(job);
+      } else if ("trouble" in data) receiver.trouble(data.trouble);
+      else if ("error" in data) finish(() => receiver.failed(data.error));
+      else {
+        this.time(data.milliseconds, points);
+        finish(() => receiver.done(data.file));
+      }
+    };
+    worker.onerror = (event) => finish(() => receiver.failed(`${source.url} cannot be decoded (${event.message}).`));
+    tell(worker, { id: job.id, source });
+  }
+
+  /** Give a file up. */
+  cancel(key: string): void {
+    const job = this.running.get(key);
+    if (!job) return;
+    const { worker } = job;
+    this.running.delete(key);
+    this.close(job);
+    tell(worker, { id: job.id, cancel: true });
+    const free = (): void => {
+      this.idle.push(worker);
+      this.onfree();
+    };
+    // The worker is free once it has said so.
+    worker.onmessage = ({ data }: MessageEvent<DecodeReply>) => void (("file" in data || "error" in data) && free());
+    worker.onerror = free;
+  }
+
+  destroy(): void {
+    for (const worker of this.workers) worker.terminate();
+  }
+
+  private count(job: Running, bytes: number): void {
+    const now = performance.now();
+    if (job.received === 0) job.began = now;
+    job.received += bytes;
+    this.meter.came(bytes, now);
+    if (job.received >= job.source.bytes) this.close(job); // what follows is decoding
+  }
+
+  private close(job: Running): void {
+    if (job.open) this.meter.end(performance.now());
+    job.open = false;
+  }
+
+  private time(milliseconds: number, points: number): void {
+    this.milliseconds = milliseconds;
+    if (points === 0) return;
+    const pace = milliseconds / points;
+    this.pace = this.pace === 0 ? pace : this.pace + 0.3 * (pace - this.pace);
+  }
+}
+
+function tell(worker: Worker, request: DecodeRequest): void {
+  worker.postMessage(request);
+}

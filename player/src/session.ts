@@ -1,0 +1,87 @@
+/** What belongs to the reel that is open: its workers, its stage, and the stream of its files. */
+import { Chooser, guessOfBrowser } from "./chooser";
+import type { DecodedFile } from "./decode";
+import { Decoders } from "./decoders";
+import { follow, followToTheEnd } from "./live";
+import { loadManifest, type Manifest } from "./manifest";
+import { Stage } from "./stage";
+import { memoryBudget, Stream } from "./stream";
+
+export interface SessionEvents {
+  /** A file was taken in. */
+  arrived(): void;
+  /** A live reel has more groups, or is whole. */
+  grown(): void;
+  /** Something came, went or is late. */
+  progress(): void;
+  failed(error: unknown): void;
+}
+
+export class Session {
+  readonly stage: Stage;
+  readonly decoders: Decoders;
+  stream: Stream | null = null;
+  /** Why there is no reel yet, for people. */
+  trouble: string | null = null;
+  /** Nothing is taken in any more. */
+  broken = false;
+
+  private readonly life = new AbortController();
+
+  /** Workers start and shaders compile at once, while the manifest is on its way. Throws `ReelError` where there is no WebGL 2. */
+  constructor(canvas: HTMLCanvasElement, private readonly events: SessionEvents) {
+    this.stage = new Stage(canvas, (error) => events.failed(error));
+    this.decoders = new Decoders();
+  }
+
+  get closed(): boolean {
+    return this.life.signal.aborted;
+  }
+
+  /** A reel's manifest; of a live one, once it has a group. */
+  async find(source: string): Promise<Manifest> {
+    const { signal } = this.life;
+    let manifest = await loadManifest(source, { received: () => undefined, trouble: (why) => this.wait(why) }, signal);
+    while (manifest.groups.length === 0) {
+      this.wait("Live. The first group is not here yet.");
+      manifest = await follow(manifest, signal);
+    }
+    this.trouble = null;
+    return manifest;
+  }
+
+  /** Begin to get the reel's files. */
+  open(manifest: Manifest): void {
+    const { stage, decoders, events } = this;
+    stage.manifest = manifest;
+    this.stream = new Stream(manifest, decoders, memoryBudget(), {
+      layer: (index: number, file: DecodedFile) => this.take(() => stage.addLayer(index, file)),
+      group: (index: number, file: DecodedFile) => this.take(() => stage.addGroup(index, file)),
+      dropped: (index: number) => (stage.dropGroup(index), events.progress()),
+      progress: () => events.progress(),
+      failed: (error: Error) => events.failed(error),
+    }, new Chooser(guessOfBrowser()));
+    void followToTheEnd(manifest, () => events.grown(), this.life.signal);
+  }
+
+  close(): void {
+    this.life.abort();
+    this.decoders.destroy();
+    this.stage.destroy();
+  }
+
+  private take(add: () => void): void {
+    if (this.broken) return;
+    try {
+      add();
+    } catch (error) {
+      return this.events.failed(error);
+    }
+    this.events.arrived();
+  }
+
+  private wait(why: string): void {
+    this.trouble = why;
+    this.events.progress();
+  }
+}
