@@ -4,9 +4,13 @@
 const BITS = 2 ** 18;
 const SECONDS = 0.25;
 const SAMPLES = 5;
+/** Older samples, in seconds, go when a new one comes. */
+const AGE = 10;
+/** A line that nothing was asked of may be twice as fast after this many seconds, four times after twice as many. */
+const DOUBT = 5;
 
 export class Meter {
-  private readonly samples: { bits: number; seconds: number }[] = [];
+  private samples: { bits: number; seconds: number; now: number }[] = [];
   private bits = 0;
   private seconds = 0;
   private active = 0;
@@ -17,6 +21,11 @@ export class Meter {
     const sum = (key: "bits" | "seconds"): number => this.samples.reduce((total, sample) => total + sample[key], 0);
     const seconds = sum("seconds");
     return seconds > 0 ? sum("bits") / seconds : 0;
+  }
+
+  /** What the rate may be by now: it grows while nothing is asked for. */
+  hope(now: number): number {
+    return this.rate * (this.active > 0 ? 1 : 2 ** ((now - this.last) / 1000 / DOUBT));
   }
 
   /** A transfer was asked for; now: milliseconds. */
@@ -36,8 +45,8 @@ export class Meter {
     this.pass(now);
     this.bits += 8 * bytes;
     if (this.seconds <= 0 || (this.bits < BITS && this.seconds < SECONDS)) return;
-    this.samples.push({ bits: this.bits, seconds: this.seconds });
-    if (this.samples.length > SAMPLES) this.samples.shift();
+    this.samples.push({ bits: this.bits, seconds: this.seconds, now });
+    this.samples = this.samples.slice(-SAMPLES).filter((sample) => now - sample.now < 1000 * AGE);
     [this.bits, this.seconds] = [0, 0];
   }
 

@@ -1,7 +1,6 @@
 /** Plays a reel on a canvas: the clock, what shows at its time, and one picture a display frame. */
 import { OrbitCamera } from "./camera";
 import { Clock } from "./clock";
-import type { Decoders } from "./decoders";
 import { DeviceLostError, messageOf } from "./errors";
 import type { Manifest } from "./manifest";
 import type { Pose, Start } from "./pose";
@@ -18,6 +17,9 @@ import { until } from "./until";
 /** Longest step of the clock: after a background tab, playback goes on where it was. */
 const LONGEST_STEP = 0.25;
 
+/** Ticks after which the stream may think again although nothing happens: what failed has rested, the network may be better. */
+const HEARTBEAT = 30;
+
 /**
  * Events, named as those of HTMLMediaElement: loadstart, loadedmetadata, durationchange, canplay (the first whole picture), play,
  * playing, pause, timeupdate, progress, waiting, seeking, seeked, ratechange, ended, error.
@@ -27,6 +29,8 @@ export class Player extends EventTarget {
   camera: OrbitCamera | null = null;
   error: Error | null = null;
   readonly resolution = new Resolution();
+  /** What belongs to the reel that is open. */
+  session: Session | null = null;
 
   private source = "";
   private start: Start | null = null;
@@ -38,7 +42,7 @@ export class Player extends EventTarget {
   private held = false;
   private lastTick = 0;
   private tickRequest = 0;
-  private session: Session | null = null;
+  private ticks = 0;
   private readonly online = (): void => {
     if (this.error) this.retry();
   };
@@ -118,10 +122,6 @@ export class Player extends EventTarget {
 
   get stream(): Stream | null {
     return this.session?.stream ?? null;
-  }
-
-  get decoders(): Decoders | null {
-    return this.session?.decoders ?? null;
   }
 
   get manifest(): Manifest | null {
@@ -350,6 +350,7 @@ export class Player extends EventTarget {
     const { stage, camera } = this;
     if (!stage || !camera || this.held) return;
     this.advance(step);
+    if (++this.ticks % HEARTBEAT === 0) this.update();
     if (camera.step(step)) this.invalidate();
     const view = this.viewNow();
     if (!view) return;

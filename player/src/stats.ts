@@ -21,7 +21,7 @@ export interface Stats {
 }
 
 export function measure(player: Player): Stats {
-  const { stage, stream, decoders, manifest, canvas, resolution, ahead, currentTime } = player;
+  const { stage, stream, session, manifest, canvas, resolution, ahead, currentTime } = player;
   const { groups, fps, frames } = manifest!;
   const index = Math.max(groups.findLastIndex((group) => group.firstFrame <= currentTime * fps), 0);
   const seconds = ((groups[index + 1]?.firstFrame ?? frames) - groups[index].firstFrame) / fps;
@@ -32,9 +32,9 @@ export function measure(player: Player): Stats {
     height: canvas.height,
     rendition: player.shownRendition,
     bitrate: (8 * stream!.fileOf(index).bytes) / seconds,
-    throughput: decoders!.meter.rate,
+    throughput: session!.decoders.meter.rate,
     ahead,
-    decodeMilliseconds: decoders!.milliseconds,
+    decodeMilliseconds: session!.decoders.milliseconds,
     sortMilliseconds: stage!.sortMilliseconds,
   };
 }

@@ -234,15 +234,14 @@ export class Stream {
   }
 
   /** The rendition to get a group in. */
-  private renditionFor(group: number): string {
+  private renditionFor(group: number, throughput = this.decoders.meter.rate): string {
     const { renditions, groups, fps } = this.manifest;
     if (renditions.length === 0) return "";
     if (this.choice !== null) return this.choice;
     if (this.hurried.has(group)) return renditions.at(-1)!.name;
-    const { meter, pace } = this.decoders;
     const seconds = groups[group].frames / fps / Math.max(this.demand.rate, 0.1);
     const found = this.chooser.choose({
-      options: this.optionsOf(group), seconds, ahead: this.secondsTo(group), throughput: meter.rate, decode: pace, last: this.last,
+      options: this.optionsOf(group), seconds, ahead: this.secondsTo(group), throughput, decode: this.decoders.pace, last: this.last,
     });
     return renditions[found].name;
   }
@@ -251,14 +250,16 @@ export class Stream {
   private improve(queue: Wanted[]): void {
     const { renditions, groups } = this.manifest;
     if (queue.some(({ kind, index }) => !(kind === "layer" ? this.layers : this.groups).has(index))) return;
+    // Nothing hangs on these transfers: they may find out that the line is better again.
+    const hope = this.decoders.meter.hope(performance.now());
     const place = (name: string | undefined): number => renditions.findIndex((rendition) => rendition.name === name);
     for (const item of renditions.length > 0 ? queue : []) {
       if (!this.decoders.free) return;
       if (item.kind === "layer" || this.isOnScreen(item.index) || this.decoders.has(item.key) || this.rests(item)) continue;
-      const name = this.renditionFor(item.index);
+      const name = this.renditionFor(item.index, hope);
       const gain = place(this.groups.get(item.index)) - place(name);
       if (gain === 0 || (gain < 0 && this.choice === null)) continue;
-      const transfer = (8 * fileOf(groups[item.index], name).bytes) / (this.decoders.meter.rate || 1);
+      const transfer = (8 * fileOf(groups[item.index], name).bytes) / (hope || 1);
       if (SOONER * transfer < this.secondsTo(item.index)) this.load(item, name);
     }
   }

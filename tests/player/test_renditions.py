@@ -1,0 +1,135 @@
+"""Renditions: which one is got on a network that changes, and the menu."""
+
+import hashlib
+import json
+import threading
+import time
+from collections.abc import Iterator
+from functools import partial
+from http.server import SimpleHTTPRequestHandler, ThreadingHTTPServer
+from pathlib import Path
+
+import numpy as np
+import pytest
+from playwright.sync_api import Page
+from safetensors import safe_open
+from safetensors.numpy import save
+
+from splatreel.play.server import Server
+from tests.golden import PREDICTIVE
+from tests.player.pages import PLAYER, wait_for_picture
+
+pytestmark = pytest.mark.browser
+
+GROUPS, FPS = 40, 12
+PADDING = 50_000
+TAKEN = (
+    f"(() => {{ window.taken = []; const {{stage, stream}} = {PLAYER}; const add = stage.addGroup.bind(stage);"
+    "stage.addGroup = (index, file) => { add(index, file); taken.push([index, stream.renditionOf(index)]); }; })()"
+)
+
+
+class Line:
+    """A web server of a folder, whose transfers share a line of so many bits a second."""
+
+    def __init__(self, folder: Path) -> None:
+        line = self
+        line.rate = 20e6
+        turn = threading.Lock()
+
+        class Handler(SimpleHTTPRequestHandler):
+            def copyfile(self, source, outputfile) -> None:  # pyright: ignore
+                while chunk := source.read(2048):
+                    with turn:
+                        time.sleep(len(chunk) * 8 / line.rate)
+                    outputfile.write(chunk)
+
+            def end_headers(self) -> None:
+                self.send_header("Access-Control-Allow-Origin", "*")
+                self.send_header("Cache-Control", "no-store")  # all groups are the same two files
+                super().end_headers()
+
+            def log_message(self, format: str, *args: object) -> None: ...
+
+        self.http = ThreadingHTTPServer(("127.0.0.1", 0), partial(Handler, directory=str(folder)))
+        self.url = f"http://127.0.0.1:{self.http.server_address[1]}/manifest.json"
+        threading.Thread(target=self.http.serve_forever, daemon=True).start()
+
+
+@pytest.fixture
+def line(tmp_path: Path) -> Iterator[Line]:
+    """A reel of many groups of half a second; `high` is `low` with a tensor that means nothing."""
+    manifest = json.loads((PREDICTIVE / "manifest.json").read_text())
+    for layer in manifest["layers"]:
+        layer["group"] = 0
+        write(tmp_path / layer["uri"], (PREDICTIVE / layer["uri"]).read_bytes())
+    second = manifest["groups"][1]  # whose bitmap covers both layers
+    with safe_open(PREDICTIVE / second["uri"], "numpy") as file:
+        tensors = {name: file.get_tensor(name) for name in file.keys()}  # noqa: SIM118 - not a dict
+        metadata = file.metadata()
+    noise = np.random.default_rng(0).integers(0, 256, PADDING, np.uint8)
+    high = save(tensors | {"padding": noise}, metadata)
+    low = (PREDICTIVE / second["uri"]).read_bytes()
+    names = {"high": ("high.safetensors", high), "low": ("low.safetensors", low)}
+    files = {}
+    for name, (uri, data) in names.items():
+        write(tmp_path / uri, data)
+        files[name] = {"uri": uri, "bytes": len(data), "sha256": hashlib.sha256(data).hexdigest()}
+    points = {"points": second["points"]}
+    manifest["groups"] = [
+        second | files["high"] | {"first_frame": 6 * i, "renditions": {"low": files["low"] | points}}
+        for i in range(GROUPS)
+    ]
+    manifest["renditions"] = [{"name": name, "bytes": GROUPS * file["bytes"]} for name, file in files.items()]
+    manifest |= {"fps": FPS, "frames": 6 * GROUPS + 2}
+    write(tmp_path / "manifest.json", json.dumps(manifest).encode())
+    running = Line(tmp_path)
+    yield running
+    running.http.shutdown()
+
+
+def write(path: Path, data: bytes) -> None:
+    path.parent.mkdir(exist_ok=True)
+    path.write_bytes(data)
+
+
+def open_reel_at(page: Page, server: Server, line: Line, query: str) -> None:
+    page.set_viewport_size({"width": 240, "height": 160})
+    page.goto(f"{server.url}?src={line.url}&{query}")
+    page.wait_for_function("document.querySelector('splat-reel')?.player?.stream")
+    page.evaluate(TAKEN)
+    wait_for_picture(page)
+
+
+def test_goes_down_on_a_line_that_becomes_slow_and_comes_back(page: Page, server: Server, line: Line):
+    open_reel_at(page, server, line, "loop=1")
+    page.wait_for_function("taken.length >= 12 && taken.slice(-6).every(([, name]) => name === 'high')", timeout=20_000)
+    line.rate = 0.25e6
+    page.wait_for_function("taken.slice(-2).every(([, name]) => name === 'low')", timeout=30_000)
+    low = page.evaluate(f"{PLAYER}.pause(), taken.slice(-2).map(([index]) => index)")
+    line.rate = 20e6
+    # What does not show yet is got anew, and what follows in the best at once.
+    high = "(low) => [...low, Math.max(...low) + 1].every((group) => {stream}.renditionOf(group) === 'high')"
+    page.wait_for_function(high.replace("{stream}", f"{PLAYER}.stream"), arg=low, timeout=30_000)
+    assert page.evaluate(f"{PLAYER}.error") is None
+
+
+def test_a_rendition_can_be_chosen(page: Page, server: Server, line: Line):
+    open_reel_at(page, server, line, "autoplay=0")
+    reel = page.locator("splat-reel")
+    page.wait_for_function(f"{PLAYER}.stream.renditionOf(3) === 'high'", timeout=20_000)
+    shown = page.evaluate(f"{PLAYER}.shownRendition")
+    reel.get_by_role("button", name="Settings").click()
+    quality = reel.get_by_label("Quality")
+    assert quality.locator("option").all_inner_texts()[1:] == ["high", "low"]
+    quality.select_option("low")
+    page.wait_for_function(f"{PLAYER}.stream.renditionOf(3) === 'low'")
+    # What is on screen stays as it is, so that nothing pops.
+    element = "document.querySelector('splat-reel')"
+    assert page.evaluate(f"[{element}.rendition, {PLAYER}.shownRendition]") == ["low", shown]
+    page.evaluate(f"{PLAYER}.currentTime = 2.2")
+    page.wait_for_function(f"!{PLAYER}.seeking && {PLAYER}.shownRendition === 'low'")
+    assert page.evaluate(f"{element}.stats.rendition") == "low"
+    quality.select_option("")
+    page.wait_for_function(f"{PLAYER}.stream.renditionOf(6) === 'high'")
+    assert page.evaluate(f"[{element}.rendition, {element}.renditions]") == ["auto", ["high", "low"]]
