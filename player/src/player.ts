@@ -28,6 +28,7 @@ export class Player extends EventTarget {
   /** The camera people steer; null until the manifest is here. */
   camera: OrbitCamera | null = null;
   error: Error | null = null;
+  readonly clock = new Clock();
   readonly resolution = new Resolution();
   /** What belongs to the reel that is open. */
   session: Session | null = null;
@@ -35,7 +36,6 @@ export class Player extends EventTarget {
   private source = "";
   private start: Start | null = null;
   private choice: string | null = null;
-  private readonly clock = new Clock();
   private stalled = true;
   private isSeeking = false;
   private ready = false;
@@ -135,11 +135,6 @@ export class Player extends EventTarget {
 
   get live(): boolean {
     return this.clock.live;
-  }
-
-  /** Where a live reel is joined: the beginning of its last group. */
-  get edge(): number {
-    return this.clock.edge;
   }
 
   get currentTime(): number {
@@ -305,7 +300,7 @@ export class Player extends EventTarget {
     this.camera = new OrbitCamera(manifest);
     this.camera.calm = matchMedia("(prefers-reduced-motion: reduce)").matches;
     if (this.start?.view) this.camera.state = this.start.view;
-    this.clock.seek(this.start?.seconds ?? (manifest.live ? this.edge : 0));
+    this.clock.seek(this.start?.seconds ?? (manifest.live ? this.clock.edge : 0));
     session.open(manifest);
     this.rendition = this.choice;
     this.emit("loadedmetadata");

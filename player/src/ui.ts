@@ -114,7 +114,7 @@ export class Controls {
     click(".full", () => this.toggleFullscreen());
     click(".reset", () => player.camera?.reset());
     click(".live", () => {
-      player.currentTime = player.edge;
+      player.currentTime = player.clock.edge;
       player.play();
     });
     click(".retry", () => player.retry());
@@ -247,7 +247,7 @@ export class Controls {
     this.find(".time").innerHTML = `${clock(currentTime)} <span>/ ${clock(duration)}</span>`;
     const badge = this.find(".live");
     badge.hidden = !live;
-    badge.classList.toggle("on", currentTime >= player.edge);
+    badge.classList.toggle("on", currentTime >= player.clock.edge);
     setButton(this.find(".play"), paused ? PLAY : PAUSE, paused ? "Play" : "Pause", "k");
     const full = document.fullscreenElement !== null || host.classList.contains("filling");
     setButton(this.find(".full"), full ? SMALL : FULL, full ? "Leave fullscreen" : "Fullscreen", "f");
