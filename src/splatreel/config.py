@@ -79,6 +79,8 @@ class GroupConfig:
     temporal_window: int = 2
     track: bool = False
     """Start from tracks by optical flow, and from new points where several views lack something; goes past the paper."""
+    shade: bool = False
+    """Colour and opacity of dynamic points change slowly within a group; goes past the paper."""
     faint_share: float = 0.0
     """Twice on the way, the faintest points go that together hold this share of all blending weight; 0 keeps all, as the paper."""
     progressive: float = 0.5
@@ -204,7 +206,7 @@ def preset(quality: Quality) -> Config:
             max_points=60_000,
             points_per_pixel=0.6,
         ),
-        group=GroupConfig(iterations_per_frame=75, track=True, faint_share=0.01, progressive=0.0),
+        group=GroupConfig(iterations_per_frame=75, track=True, shade=True, faint_share=0.01, progressive=0.0),
     )
     if quality == "standard":
         return standard

@@ -42,12 +42,16 @@ def encode_group(group: Group, config: EncodeConfig, importance: np.ndarray | No
         points = predictive.encode_points(group.dynamic, importance, config)
         offsets.check(group.dx, group.dq)
         sections = points.sections | predictive.encode_offsets(group.dx, group.dq, points, config)
-        order = points.order
+        order, here = points.order, points.neighbourhood
     else:
+        here = None
         sections, order = encode_gaussians(group.dynamic, config, placed=config.source != "ori")
         if len(order):
             moving = group.dx[:, order], group.dq[:, order], group.dynamic[order]
             sections["offsets"] = Section(*offsets.encode(*moving, config))
+    if group.shade is not None and len(order):
+        here = here or predictive.neighbours_in_order(len(order))
+        sections |= predictive.encode_shade(group.shade, order, here, config)
     if len(group.alive):
         sections["alive"] = Section(*quantize.encode_bits(group.alive))
     header = FileHeader("group", group.index, len(order), group.first_frame, group.frames)
@@ -71,11 +75,15 @@ def decode_group(data: bytes, source: str) -> Group:
         header, sections = unpack_file(data)
         if header.kind != "group":
             raise ReelError(f"is a {header.kind} file, expected a group.")
-        dynamic, dx, dq = _decode_moving(sections, header)
+        dynamic, dx, dq, here = _decode_moving(sections, header)
+        shade = None
+        if "shade" in sections and header.points:
+            here = here or predictive.neighbours_in_order(header.points)
+            shade = predictive.decode_shade(sections, header.frames, here)
         alive = np.zeros(0, bool)
         if "alive" in sections:
             alive = _decode_alive(sections["alive"])
-        return Group(header.index, header.first_frame, dynamic, dx, dq, alive)
+        return Group(header.index, header.first_frame, dynamic, dx, dq, alive, shade)
     except ReelError as error:
         raise ReelError(f"{source}: {error}") from error
 
@@ -89,23 +97,26 @@ def _decode_points(sections: Sections, count: int) -> tuple[Gaussians, predictiv
     return predictive.decode_points(sections, count)
 
 
-def _decode_moving(sections: Sections, header: FileHeader) -> tuple[Gaussians, np.ndarray, np.ndarray]:
-    """Dynamic points and their offsets dx [T, N, 3] and dq [T, N, 4]."""
+Moving = tuple[Gaussians, np.ndarray, np.ndarray, predictive.Neighbourhood | None]
+
+
+def _decode_moving(sections: Sections, header: FileHeader) -> Moving:
+    """Dynamic points, their offsets dx [T, N, 3] and dq [T, N, 4], and what the predictive codec knows of the points."""
     count, frames = header.points, header.frames
     offsets.check_size(frames, count)
     if count and "offsets" in sections and sections["offsets"].parameters.get("codec") == offsets.ORIGINAL:
         means, quats = _decode_offsets(sections["offsets"], frames, count)
         dynamic = decode_gaussians(sections, count, (means[0], quats[0]))
         back = quats[0] * np.array([1, -1, -1, -1], np.float32)
-        return dynamic, means - means[0], rotations.multiply(back, quats)
+        return dynamic, means - means[0], rotations.multiply(back, quats), None
     dynamic, here = _decode_points(sections, count)
     if here is not None:
-        return dynamic, *predictive.decode_offsets(sections, frames, here)
+        return dynamic, *predictive.decode_offsets(sections, frames, here), here
     if not count:
-        return dynamic, np.zeros((frames, 0, 3), np.float32), np.zeros((frames, 0, 4), np.float32)
+        return dynamic, np.zeros((frames, 0, 3), np.float32), np.zeros((frames, 0, 4), np.float32), None
     if "offsets" not in sections:
         raise ReelError("has no section 'offsets'.")
-    return dynamic, *_decode_offsets(sections["offsets"], frames, count)
+    return dynamic, *_decode_offsets(sections["offsets"], frames, count), None
 
 
 def _decode_offsets(section: Section, frames: int, count: int) -> tuple[np.ndarray, np.ndarray]:

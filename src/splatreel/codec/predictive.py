@@ -42,9 +42,13 @@ class Steps:
     opacity: float = 0.01
     color: float = 0.025
     rest: float = 0.016
+    shade: float = 0.1
 
 
 STEPS = Steps()
+SHADE = np.diag([1.0, 1.0, 1.0, 2.0])
+SHADE[:3, :3] = COLORS
+"""From c_base and opacity to what is coded: opacity counts twice as much as colour, about what it changes in a picture."""
 FOLLOW = np.array([1.0, 1.0, 0.7])
 """How far the steps of shape, colour and motion follow importance; less than 1 was better for motion on views held out."""
 COARSEST = 4
@@ -176,6 +180,25 @@ def decode_offsets(sections: Sections, frames: int, here: Neighbourhood) -> tupl
         for name in ("dx", "dq")
     )
     return np.ascontiguousarray(dx, np.float32), rotvec.to_quats(vectors).astype(np.float32)
+
+
+def encode_shade(shade: np.ndarray, order: np.ndarray, here: Neighbourhood, config: EncodeConfig) -> Sections:
+    """Section `shade` of changes of colour and opacity [T, N, 4], in the order of the input points."""
+    values = np.asarray(shade, np.float64)[:, order].transpose(1, 0, 2) @ SHADE.T
+    return {"shade": _encode_klt(COLOR, values, STEPS.shade * config.coarseness, here)}
+
+
+def decode_shade(sections: Sections, frames: int, here: Neighbourhood) -> np.ndarray:
+    """[T, N, 4] float32. Raises `ReelError`."""
+    values = named("shade", _decode_klt, COLOR, section_of(sections, "shade", "klt"), frames, 4, here)
+    return np.ascontiguousarray((values @ np.linalg.inv(SHADE).T).transpose(1, 0, 2), np.float32)
+
+
+def neighbours_in_order(count: int) -> Neighbourhood:
+    """Of points in the paper's coding: those next to each other in the file, all of class 0."""
+    lattice = np.zeros((count, 3), np.int64)
+    lattice[:, 0] = np.arange(count)
+    return Neighbourhood(levels_of(lattice), np.zeros((count, 3), np.int64))
 
 
 def _encode_klt(kind: int, values: np.ndarray, step: float, here: Neighbourhood) -> Section:

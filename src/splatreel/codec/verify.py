@@ -71,6 +71,8 @@ def _check_group(reel: ReelReader, index: int) -> None:
     group.dynamic.check_finite(uri)
     if not (np.isfinite(group.dx).all() and np.isfinite(group.dq).all()):
         raise ReelError(f"{uri}: section 'offsets' decodes to NaN or infinity.")
+    if group.shade is not None and not np.isfinite(group.shade).all():
+        raise ReelError(f"{uri}: section 'shade' decodes to NaN or infinity.")
     if group.dynamic.sh_degree > reel.manifest.sh_degree:
         raise ReelError(
             f"{uri}: has SH degree {group.dynamic.sh_degree}, above the manifest's {reel.manifest.sh_degree}."

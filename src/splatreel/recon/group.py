@@ -16,10 +16,11 @@ from splatreel.recon import losses
 from splatreel.recon.colors import CameraGains
 from splatreel.recon.deformation import Deformation, deform
 from splatreel.recon.density import GradientMeter
-from splatreel.recon.drawing import Backdrop, Drawing, View, draw, filled, splats
+from splatreel.recon.drawing import Backdrop, Drawing, Splats, View, draw, filled, splats
 from splatreel.recon.hashgrid import HashGrid
 from splatreel.recon.points import TrainablePoints
 from splatreel.recon.schedule import FrameSchedule
+from splatreel.recon.shade import Shade
 from splatreel.recon.trajectory import Trajectory
 from splatreel.scene.gaussians import Gaussians
 
@@ -69,12 +70,16 @@ class GroupFrames:
 
 @dataclass(frozen=True)
 class GroupResult:
-    """dynamic: canonical points; dx: [T, N, 3], dq: [T, N, 4] at every frame; alive: [S] bool over the static points."""
+    """dynamic: canonical points; dx: [T, N, 3], dq: [T, N, 4] at every frame; alive: [S] bool over the static points.
+
+    shade: [T, N, 4] as in `Group`, or None.
+    """
 
     dynamic: Gaussians
     dx: np.ndarray
     dq: np.ndarray
     alive: np.ndarray
+    shade: np.ndarray | None
 
 
 class GroupTrainer:
@@ -99,6 +104,7 @@ class GroupTrainer:
         self.backdrop.set_alive(torch.from_numpy(alive).to(device))
         start = None if tracks is None else torch.from_numpy(tracks).to(device)
         self.model = make_deformation(config.group.deformation, self.points.means.detach(), frames, seed, start)
+        self.shade = Shade(frames.count, len(self.points), device) if config.group.shade else None
         self.iterations = config.group.iterations_per_frame * frames.count
         self.schedule = FrameSchedule(frames.count, self.iterations, config.group.progressive, seed)
         self.rng = np.random.default_rng(seed)
@@ -134,27 +140,42 @@ class GroupTrainer:
         camera = int(self.rng.integers(len(self.frames.views)))
         view = self.frames.views[camera]
         dx, dq = self.model.offsets(self.points.means, frame)
-        moving = self._deformed(dx, dq, view)
+        shade = None if self.shade is None else self.shade.at(frame)
+        moving = self._deformed(dx, dq, shade, view)
         every = self.config.layering.adapt_every
         adapts = every > 0 and ADAPT_FROM <= (iteration // every + 1) * every / self.iterations <= ADAPT_TO
         measured = adapts and iteration % MEASURE_EVERY == 0
         drawing = draw(moving, view, self.backdrop.scenery(camera), layered=not measured)
         target, gain = self.frames.images[frame, camera], self.gains.values.detach()[camera]
-        tiles = (
-            None if (iteration + 1) % SHOW_EVERY == 0 else drawing.tiles
-        )  # the whole loss is only there to be looked at
+        tiles = drawing.tiles
+        if (iteration + 1) % SHOW_EVERY == 0:
+            tiles = None  # the whole loss is only there to be looked at
         loss = splat.photometric_loss(drawing.image, target, self.config.group.lambda_dssim, gain, tiles)
-        (loss + self._regularisers(iteration, frame, dx, dq)).backward()
+        cost = self._regularisers(iteration, frame, dx, dq)
+        if self.shade is not None and shade is not None:
+            cost = cost + self.shade.cost(shade)
+        (loss + cost).backward()
         self._measure(drawing, view, measured)
         self.points.scale_rates({}, default=0.1**share)
         self.points.step()
         self.model.step(share)
+        if self.shade is not None:
+            self.shade.step(share)
         return float(loss.detach())
 
-    def _deformed(self, dx: Tensor, dq: Tensor, view: View):
+    def _deformed(self, dx: Tensor, dq: Tensor, shade: Tensor | None, view: View) -> Splats:
         p = self.points
         means, quats = deform(p.means, p.quats, dx, dq)
-        return splats(means, quats, p.scales, p.opacities, p.sh, view, self.frames.near)
+        opacities, (base, rest) = p.opacities, p.sh
+        if shade is not None:
+            opacities = (p.params["logit_opacities"] + shade[:, 3]).sigmoid()
+            base = base + shade[:, None, :3]
+        return splats(means, quats, p.scales, opacities, (base, rest), view, self.frames.near)
+
+    def _at(self, frame: float, view: View) -> Splats:
+        """The moving points at a frame, as a view sees them."""
+        shade = None if self.shade is None else self.shade.at(frame)
+        return self._deformed(*self.model.offsets(self.points.means, frame), shade, view)
 
     def _regularisers(self, iteration: int, frame: int, dx: Tensor, dq: Tensor) -> Tensor:
         """ARAP on one random neighbour of every point in every second iteration, temporal smoothness in every eighth.
@@ -230,6 +251,8 @@ class GroupTrainer:
             rows = self.points.rows(index)
             self.points.append(rows)
             self.model.append(rows["means"], index)
+            if self.shade is not None:
+                self.shade.append(len(index), index)
 
     def _convert(self, index: Tensor) -> None:
         if len(index):
@@ -239,10 +262,14 @@ class GroupTrainer:
             self.backdrop.set_alive(alive)
             self.points.append(rows)
             self.model.append(rows["means"], None)
+            if self.shade is not None:
+                self.shade.append(len(index), None)
 
     def _prune(self) -> None:
         with torch.no_grad():
-            keep = self.points.opacities >= self.config.keyframe.cull_opacity
+            highest = 0 if self.shade is None else self.shade.highest
+            opacities = (self.points.params["logit_opacities"] + highest).sigmoid()
+            keep = opacities >= self.config.keyframe.cull_opacity
             keep &= self.points.scales.amax(1) < 0.5 * self.frames.unit
         if not bool(keep.all()) and bool(keep.any()):
             self._keep(torch.nonzero(keep)[:, 0])
@@ -255,7 +282,7 @@ class GroupTrainer:
             camera = int(self.rng.integers(len(self.frames.views)))
             view = self.frames.views[camera]
             with torch.no_grad():
-                moving = self._deformed(*self.model.offsets(self.points.means, frame), view)
+                moving = self._at(frame, view)
             total += filled(moving, view, self.backdrop.scenery(camera))
         order = total.argsort()
         held = total[order].cumsum(0) / total.sum().clamp_min(1e-9)
@@ -265,6 +292,8 @@ class GroupTrainer:
         if len(index):
             self.points.keep(index)
             self.model.keep(index)
+            if self.shade is not None:
+                self.shade.keep(index)
 
     @torch.no_grad()
     def psnr(self, samples: int = 12) -> float:
@@ -273,9 +302,8 @@ class GroupTrainer:
         for k in range(samples):
             frame = k * (self.frames.count - 1) // max(samples - 1, 1)
             camera = (k * 7) % len(self.frames.views)
-            dx, dq = self.model.offsets(self.points.means, frame)
             view = self.frames.views[camera]
-            image = draw(self._deformed(dx, dq, view), view, self.backdrop.scenery(camera)).image
+            image = draw(self._at(frame, view), view, self.backdrop.scenery(camera)).image
             target = self.frames.images[frame, camera].float() / 255
             error = ((image * self.gains.values[camera]).clamp(0, 1) - target).square().mean()
             values.append(-10 * math.log10(max(float(error), 1e-12)))
@@ -286,7 +314,16 @@ class GroupTrainer:
         offsets = [self.model.offsets(self.points.means, frame) for frame in range(self.frames.count)]
         dx = torch.stack([o[0] for o in offsets]).cpu().numpy()
         dq = torch.stack([o[1] for o in offsets]).cpu().numpy()
-        return GroupResult(self.points.gaussians(), dx, dq, self.backdrop.alive.cpu().numpy())
+        return GroupResult(self.points.gaussians(), dx, dq, self.backdrop.alive.cpu().numpy(), self._shades())
+
+    def _shades(self) -> np.ndarray | None:
+        if self.shade is None:
+            return None
+        logits, rows = self.points.params["logit_opacities"], []
+        for frame in range(self.frames.count):
+            shade = self.shade.at(frame)
+            rows.append(torch.cat([shade[:, :3], ((logits + shade[:, 3]).sigmoid() - logits.sigmoid())[:, None]], 1))
+        return torch.stack(rows).cpu().numpy()
 
 
 def make_deformation(

@@ -61,12 +61,15 @@ def load_group(work: Path, index: int) -> Group:
     arrays = checkpoint.load_arrays(group_folder(work, index) / "group.safetensors")
     first = int(arrays["first_frame"][0])
     alive = arrays["alive"].astype(bool)
-    return Group(index, first, checkpoint.unpack(arrays), arrays["dx"], arrays["dq"], alive)
+    dynamic, shade = checkpoint.unpack(arrays), arrays.get("shade")
+    return Group(index, first, dynamic, arrays["dx"], arrays["dq"], alive, shade)
 
 
 def save_group(work: Path, group: Group) -> None:
     arrays = checkpoint.pack(group.dynamic) | {"dx": group.dx, "dq": group.dq, "alive": group.alive}
     arrays["first_frame"] = np.array([group.first_frame])
+    if group.shade is not None:
+        arrays["shade"] = group.shade
     checkpoint.save_arrays(group_folder(work, group.index) / "group.safetensors", arrays)
 
 
@@ -129,7 +132,7 @@ class Publisher:
             self._order = np.concatenate([self._order, len(self._order) + order])
         # The alive bits count in the order that training saw; another encoder may have put the points into another order.
         alive = group.alive[self._order]
-        self.writer.add_group(Group(index, group.first_frame, group.dynamic, group.dx, group.dq, alive), moving)
+        self.writer.add_group(dataclasses.replace(group, alive=alive), moving)
 
     def skip(self, index: int) -> None:
         """A group that the reel holds already, in the order of its checkpoint."""

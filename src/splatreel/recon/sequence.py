@@ -183,7 +183,7 @@ class Reconstruction:
             result = trainer.train(self.progress)
             self.progress.update(iterations, dynamic=len(result.dynamic))
         result.dynamic.check_finite(f"Group {span.index}")
-        group = Group(span.index, span.first, result.dynamic, result.dx, result.dq, result.alive)
+        group = Group(span.index, span.first, result.dynamic, result.dx, result.dq, result.alive, result.shade)
         save_group(self.work, group)  # before it is published: what is in the reel is never trained again
         with self._timed("encode"):
             writer.add_group(group, importance(writer, scene.static, group)[0])

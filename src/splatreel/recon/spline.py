@@ -26,10 +26,10 @@ class Spline:
     what bounces off something turns within one.
     """
 
-    def __init__(self, frames: int, bends: Iterable[int] = ()) -> None:
+    def __init__(self, frames: int, bends: Iterable[int] = (), frames_per_knot: float = FRAMES_PER_KNOT) -> None:
         self.frames = frames
         self.last = max(frames - 1, 1)
-        self.breaks = _breaks(self.last, bends)
+        self.breaks = _breaks(self.last, bends, frames_per_knot)
         self.knots = len(self.breaks) + 2
         first, final = self.breaks[1] - self.breaks[0], self.breaks[-1] - self.breaks[-2]
         before, after = first * np.arange(-3, 0), self.last + final * np.arange(1, 4)
@@ -73,8 +73,8 @@ class Spline:
         return rows
 
 
-def _breaks(last: int, bends: Iterable[int]) -> np.ndarray:
-    even = np.linspace(0, last, max(1, round(last / FRAMES_PER_KNOT)) + 1)
+def _breaks(last: int, bends: Iterable[int], frames_per_knot: float) -> np.ndarray:
+    even = np.linspace(0, last, max(1, round(last / frames_per_knot)) + 1)
     close = np.array([f for bend in bends for f in (bend - 1, bend, bend + 1) if 0 < f < last], np.float64)
     close = np.unique(close)
     apart = [f for f in close if np.abs(even - f).min() > 0.3]

@@ -59,6 +59,12 @@ class Gaussians:
         quats = rotations.multiply(self.quats, rotations.normalize(dq))
         return Gaussians(self.means + dx, quats, self.scales, self.opacities, self.sh)
 
+    def shaded(self, shade: np.ndarray) -> Gaussians:
+        """c_base and opacities changed by shade [N, 4]; opacities stay in 0..1."""
+        sh = self.sh.copy()
+        sh[:, 0] += shade[:, :3]
+        return Gaussians(self.means, self.quats, self.scales, np.clip(self.opacities + shade[:, 3], 0, 1), sh)
+
     def faded(self, weight: float | np.ndarray) -> Gaussians:
         """Faded by weight 0..1 in optical depth: opacity becomes 1 - (1 - opacity)^weight.
 

@@ -18,6 +18,8 @@ class Group:
     dx: [T, N, 3] float32 position offsets, world units. dq: [T, N, 4] float32 rotation offsets, wxyz, about unit.
     T counts the group's own frames plus the overlap with the next group.
     alive: [S] bool over all static points of the layers born up to and including this group, in reel order.
+    shade: [T, N, 4] float32, what c_base and the opacity gain on their canonical values; None where they stay. Beyond the paper:
+    light and shadow pass over things, flames flicker, things come and go.
     """
 
     index: int
@@ -26,6 +28,7 @@ class Group:
     dx: np.ndarray
     dq: np.ndarray
     alive: np.ndarray
+    shade: np.ndarray | None = None
 
     def __post_init__(self) -> None:
         frames, n = self.dx.shape[0], len(self.dynamic)
@@ -33,6 +36,8 @@ class Group:
             raise GaussiansError(
                 f"Group {self.index}: dx {self.dx.shape} and dq {self.dq.shape} do not fit {n} dynamic points."
             )
+        if self.shade is not None and self.shade.shape != (frames, n, 4):
+            raise GaussiansError(f"Group {self.index}: shade {self.shade.shape} does not fit {n} dynamic points.")
         if frames < 1:
             raise GaussiansError(f"Group {self.index}: holds no frame.")
 
@@ -41,7 +46,7 @@ class Group:
         return self.dx.shape[0]
 
     def at(self, frame: float) -> Gaussians:
-        """The dynamic points at a frame counted from first_frame; between frames dx is linear, dq normalised linear.
+        """The dynamic points at a frame counted from first_frame; between frames dx and shade are linear, dq normalised linear.
 
         Times outside the group are clamped to its first and last frame.
         """
@@ -52,4 +57,5 @@ class Group:
         dx = (1 - u) * self.dx[low] + u * self.dx[high]
         a, b = self.dq[low], self.dq[high]
         near = np.where((a * b).sum(-1, keepdims=True) < 0, -b, b)  # the shorter way round
-        return self.dynamic.moved(dx, (1 - u) * a + u * near)
+        moved = self.dynamic.moved(dx, (1 - u) * a + u * near)
+        return moved if self.shade is None else moved.shaded((1 - u) * self.shade[low] + u * self.shade[high])
