@@ -63,6 +63,12 @@ def random_motion(rng: np.random.Generator, points: Gaussians, frames: int) -> t
     return turned - points.means + time * rng.normal(size=3) * 0.3, dq
 
 
+def random_shade(rng: np.random.Generator, count: int, frames: int) -> np.ndarray:
+    """[T, N, 4]: a light that passes over the points, each in its own colour, and points that fade."""
+    passing = np.sin(np.linspace(0, 3, frames))[:, None, None]
+    return (passing * rng.normal(size=(1, count, 4)) * [0.5, 0.5, 0.5, 0.3]).astype(np.float32)
+
+
 def weights(count: int) -> np.ndarray:
     """Importance [count, 3] over four octaves."""
     return 2.0 ** -(np.arange(3 * count).reshape(count, 3) % 5)
@@ -75,7 +81,7 @@ def camera(name: str, x: float) -> Camera:
 
 
 def write_golden(path: Path, codec: Literal["predictive", "h265"] = "h265", renditions: tuple[Rate, ...] = ()) -> None:
-    """Write a golden reel into a directory: layers of degree 3 and 2, dynamic points of degree 1."""
+    """Write a golden reel into a directory: layers of degree 3 and 2, dynamic points of degree 1, the second group shaded."""
     rng = np.random.default_rng(4)
     if path.exists():
         shutil.rmtree(path)
@@ -97,7 +103,8 @@ def write_golden(path: Path, codec: Literal["predictive", "h265"] = "h265", rend
         alive = np.concatenate([alive & (rng.random(len(alive)) > 0.3), np.ones(len(layer), bool)])
         dynamic = random_gaussians(rng, moving, 1, (0.5, 0.2, 0))
         dx, dq = random_motion(rng, dynamic, frames)
-        writer.add_group(Group(index, index * 6, dynamic, dx, dq, alive), weights(moving))
+        shade = random_shade(rng, moving, frames) if index else None
+        writer.add_group(Group(index, index * 6, dynamic, dx, dq, alive, shade), weights(moving))
     writer.finish()
 
 
@@ -111,6 +118,8 @@ def decoded(path: Path) -> dict[str, np.ndarray]:
         group = reel.group(index)
         arrays |= _flat(f"group{index}.dynamic", group.dynamic)
         arrays |= {f"group{index}.{name}": getattr(group, name) for name in ("dx", "dq", "alive")}
+        if group.shade is not None:
+            arrays[f"group{index}.shade"] = group.shade
     for time in TIMES:
         arrays |= _flat(f"at{time:g}", Timeline(reel).at(time))
     return arrays

@@ -5,6 +5,7 @@ import { ReelError, inSection, messageOf } from "./errors";
 import { decodeGaussians, type DecodePoints, type Gaussians } from "./gaussians";
 import { decodeOffsets, type DecodeTrack, type Offsets } from "./offsets";
 import { decodeMotion, decodePredictive } from "./predictive";
+import { decodeShade } from "./shade";
 
 export interface DecodedFile {
   points: Gaussians;
@@ -30,7 +31,9 @@ export async function decodeFile(bytes: Uint8Array, name: string, decodePoints: 
 
 async function decodePredicted(file: Container): Promise<Omit<DecodedFile, "alive">> {
   const { points, here } = await decodePredictive(file);
-  return { points, offsets: file.kind === "group" ? await decodeMotion(file, here) : null };
+  if (file.kind !== "group") return { points, offsets: null };
+  const motion = await decodeMotion(file, here);
+  return { points, offsets: { ...motion, shade: await decodeShade(file, motion.frames, here) } };
 }
 
 async function decodePaper(file: Container, decodePoints: DecodePoints, decodeTrack: DecodeTrack): Promise<Omit<DecodedFile, "alive">> {
@@ -42,7 +45,7 @@ async function decodePaper(file: Container, decodePoints: DecodePoints, decodeTr
     decodeGaussians(file, decodePoints),
     section && file.points > 0 ? inSection("offsets", () => decodeOffsets(tensor(file, "offsets"), section, file, decodeTrack)) : null,
   ]);
-  return { points, offsets };
+  return { points, offsets: offsets && { ...offsets, shade: await decodeShade(file, offsets.frames, null) } };
 }
 
 /** The buffers of a decoded file, to be handed to another thread without copying. */
@@ -53,5 +56,6 @@ export function buffersOf(file: DecodedFile): ArrayBuffer[] {
   };
   collect(file.points);
   if (file.offsets) collect(file.offsets);
+  if (file.offsets?.shade) collect(file.offsets.shade);
   return [...new Set(arrays.map((array) => array.buffer as ArrayBuffer))];
 }

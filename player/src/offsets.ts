@@ -3,6 +3,7 @@ import type { Container, Section } from "./container";
 import { numbersOf, whole } from "./dequantize";
 import { ReelError } from "./errors";
 import { parseMp4, type Track } from "./mp4";
+import type { Shade } from "./shade";
 
 /**
  * Offsets as the integers they were stored as, one texel a point: the vertex stage undoes the quantisation.
@@ -18,6 +19,8 @@ export interface Offsets {
   dxStep: number[];
   dqMin: number[];
   dqStep: number[];
+  /** Null where colour and opacity stay. */
+  shade: Shade | null;
 }
 
 export type DecodeTrack = (track: Track) => Promise<Uint8Array>;
@@ -29,7 +32,7 @@ const MAX_SLACK = 4096;
 /** Frames times points. */
 export const MAX_VALUES = 2 ** 26;
 
-export async function decodeOffsets(bytes: Uint8Array, section: Section, file: Container, decodeTrack: DecodeTrack): Promise<Offsets> {
+export async function decodeOffsets(bytes: Uint8Array, section: Section, file: Container, decodeTrack: DecodeTrack): Promise<Omit<Offsets, "shade">> {
   const { points: count, frames } = file;
   const width = whole(section, "width", BLOCK, 8192);
   const height = whole(section, "height", BLOCK, 8192);

@@ -9,7 +9,7 @@ import type { Offsets } from "./offsets";
 
 /** Kinds of quantities: a point has a class of each, and steps of 2^class. */
 const SHAPE = 0;
-const COLOR = 1;
+export const COLOR = 1;
 const MOTION = 2;
 
 /** What decoding the values of points needs to know of them. */
@@ -53,7 +53,7 @@ export async function decodePredictive(file: Container): Promise<{ points: Gauss
 }
 
 /** Offsets [T] at the frames, as whole numbers over their own ranges: see `Offsets`. */
-export async function decodeMotion(file: Container, here: Neighbourhood): Promise<Offsets> {
+export async function decodeMotion(file: Container, here: Neighbourhood): Promise<Omit<Offsets, "shade">> {
   const frames = file.frames;
   if (!(Number.isInteger(frames) && frames >= 1 && frames * file.points <= 2 ** 26)) throw new ReelError(`it claims ${frames} frames`);
   const dx = await inSection("dx", () => transformed(file, "dx", MOTION, frames, 3, here));
@@ -129,7 +129,7 @@ async function values(file: Container, name: string, kind: number, columns: numb
 }
 
 /** Values [D, N, channels] of a `klt` section whose basis has D dimensions. */
-async function transformed(file: Container, name: string, kind: number, dimensions: number, channels: number, here: Neighbourhood): Promise<Float32Array> {
+export async function transformed(file: Container, name: string, kind: number, dimensions: number, channels: number, here: Neighbourhood): Promise<Float32Array> {
   const section = sectionOf(file, name, "klt");
   const step = stepOf(section);
   const data = tensor(file, name);
@@ -172,7 +172,7 @@ async function decodeBasis(data: Uint8Array, section: Section, dimensions: numbe
 }
 
 /** Numbers [M, channels] as whole numbers [M, 4] of 0 to `steps` over each channel's range. */
-function wholes<A extends Uint16Array | Uint8Array>(from: Float32Array, channels: number, data: A, steps: number): { data: A; min: number[]; step: number[] } {
+export function wholes<A extends Uint16Array | Uint8Array>(from: Float32Array, channels: number, data: A, steps: number): { data: A; min: number[]; step: number[] } {
   const min = new Array<number>(channels).fill(Infinity);
   const max = new Array<number>(channels).fill(-Infinity);
   for (let i = 0; i < from.length; i++) {

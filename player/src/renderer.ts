@@ -225,7 +225,7 @@ export class Renderer {
     const group = shown && this.groups.get(shown.group)!.textures;
     if (!shown || !group || !group.range) return;
     const { gl, project } = this;
-    const { frames, dxMin, dxStep, dqMin, dqStep } = group.range;
+    const { frames, dxMin, dxStep, dqMin, dqStep, shade } = group.range;
     const low = Math.min(Math.floor(shown.frame), frames - 1);
     gl.uniform2i(project.at("uFrames"), low, Math.min(low + 1, frames - 1));
     gl.uniform1f(project.at("uBetween"), shown.frame - low);
@@ -233,6 +233,8 @@ export class Renderer {
     gl.uniform3fv(project.at("uDxStep"), dxStep);
     gl.uniform4fv(project.at("uDqMin"), dqMin);
     gl.uniform4fv(project.at("uDqStep"), dqStep);
+    gl.uniform4fv(project.at("uShadeMin"), shade?.min ?? [0, 0, 0, 0]);
+    gl.uniform4fv(project.at("uShadeStep"), shade?.step ?? [0, 0, 0, 0]);
     gl.uniform4f(project.at("uWeights"), weight, 0, 0, 0);
     this.projectFile(group);
   }
@@ -246,6 +248,8 @@ export class Renderer {
     project.texture("uFlags", 2, gl.TEXTURE_2D, file.flags);
     project.texture("uDx", 3, gl.TEXTURE_2D_ARRAY, file.dx);
     project.texture("uDq", 4, gl.TEXTURE_2D_ARRAY, file.dq);
+    project.texture("uShade", 5, gl.TEXTURE_2D_ARRAY, file.shade);
+    gl.uniform1i(project.at("uShaded"), file.shade ? 1 : 0);
     gl.uniform1i(project.at("uFirstRow"), file.firstRow);
     gl.uniform1i(project.at("uCount"), file.count);
     gl.uniform1i(project.at("uShDegree"), file.shDegree);

@@ -23,14 +23,16 @@ uniform highp sampler2D uCodebook;
 uniform highp usampler2D uFlags;
 uniform highp usampler2DArray uDx;
 uniform highp usampler2DArray uDq;
+uniform highp usampler2DArray uShade;
 uniform int uFirstRow;
 uniform int uCount;
 uniform int uShDegree;
-uniform bool uMoving;
+uniform bool uMoving, uShaded;
 uniform ivec2 uFrames;
 uniform float uBetween;
 uniform vec3 uDxMin, uDxStep;
 uniform vec4 uDqMin, uDqStep;
+uniform vec4 uShadeMin, uShadeStep;
 uniform vec4 uWeights;
 uniform mat4 uView;
 uniform vec3 uEye;
@@ -67,6 +69,13 @@ vec4 turnedBy(ivec2 at) {
   vec4 low = normalize(uDqMin + uDqStep * vec4(texelFetch(uDq, ivec3(at, uFrames.x), 0)));
   vec4 high = normalize(uDqMin + uDqStep * vec4(texelFetch(uDq, ivec3(at, uFrames.y), 0)));
   return normalize(mix(low, dot(low, high) < 0.0 ? -high : high, uBetween));
+}
+
+/** What the DC term and the opacity gain. */
+vec4 shadedBy(ivec2 at) {
+  vec4 low = vec4(texelFetch(uShade, ivec3(at, uFrames.x), 0));
+  vec4 high = vec4(texelFetch(uShade, ivec3(at, uFrames.y), 0));
+  return uShadeMin + uShadeStep * mix(low, high, uBetween);
 }
 
 /** The view-dependent part of a colour: coefficients 1..15 in the 3DGS order, one texel each. */
@@ -109,6 +118,11 @@ void main() {
   if (uMoving) {
     mean += movedBy(at);
     quat = multiply(quat, turnedBy(at));
+  }
+  if (uShaded) {
+    vec4 gain = shadedBy(at);
+    color += gain.rgb;
+    opacityAndRed.x = clamp(opacityAndRed.x + gain.a, 0.0, 1.0);
   }
   // Faded in optical depth: two coinciding points of weights w and 1 - w absorb what one does.
   float opacity = 1.0 - pow(1.0 - min(opacityAndRed.x, 0.9999), weight);

@@ -333,7 +333,7 @@ export class Stream {
 
 /** Bytes that a group takes once decoded: points and offsets on the GPU, positions and dx with the sort worker. */
 export function costOf(group: Pick<ReelFile, "points" | "frames">): number {
-  return group.points * (92 + 20 * group.frames);
+  return group.points * (92 + 24 * group.frames);
 }
 
 /** Bytes for groups on this device: an eighth of a gigabyte where nothing is known, more on larger machines. */

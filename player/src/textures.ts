@@ -10,7 +10,7 @@ export function rowsOf(count: number): number {
 }
 
 /** What stays on the CPU of a group's offsets once they are uploaded. */
-export type OffsetRange = Pick<Offsets, "frames" | "dxMin" | "dxStep" | "dqMin" | "dqStep">;
+export type OffsetRange = Pick<Offsets, "frames" | "dxMin" | "dxStep" | "dqMin" | "dqStep" | "shade">;
 
 export class PointTextures {
   readonly count: number;
@@ -21,6 +21,7 @@ export class PointTextures {
   flags: WebGLTexture | null = null;
   dx: WebGLTexture | null = null;
   dq: WebGLTexture | null = null;
+  shade: WebGLTexture | null = null;
 
   /** firstRow: where the file's points lie in the textures the project pass draws into. */
   constructor(private readonly gl: WebGL2RenderingContext, readonly firstRow: number, points: Gaussians, offsets: Offsets | null) {
@@ -33,6 +34,7 @@ export class PointTextures {
       this.range = offsets;
       this.dx = this.uploadFrames(offsets.dx, offsets.frames, gl.RGBA16UI, gl.UNSIGNED_SHORT);
       this.dq = this.uploadFrames(offsets.dq, offsets.frames, gl.RGBA8UI, gl.UNSIGNED_BYTE);
+      if (offsets.shade) this.shade = this.uploadFrames(offsets.shade.data, offsets.frames, gl.RGBA8UI, gl.UNSIGNED_BYTE);
     }
   }
 
@@ -53,7 +55,7 @@ export class PointTextures {
   }
 
   delete(): void {
-    for (const texture of [this.points, this.codebook, this.flags, this.dx, this.dq]) this.gl.deleteTexture(texture);
+    for (const texture of [this.points, this.codebook, this.flags, this.dx, this.dq, this.shade]) this.gl.deleteTexture(texture);
   }
 
   private uploadPoints(points: Gaussians): WebGLTexture {

@@ -40,11 +40,13 @@ test("the golden reel decodes to the numbers that Python decodes", async () => {
     const file = await decode(read(entry.uri));
     comparePoints(`group${index}.dynamic`, file);
     compare(`group${index}.alive`, file.alive);
-    const { dx, dxMin, dxStep, dq, dqMin, dqStep } = file.offsets!;
+    const { dx, dxMin, dxStep, dq, dqMin, dqStep, shade } = file.offsets!;
     const plain = (q: ArrayLike<number>, channels: number, min: number[], step: number[]): number[] =>
       Array.from({ length: (q.length / 4) * channels }, (_, i) => min[i % channels] + step[i % channels] * q[4 * Math.floor(i / channels) + (i % channels)]);
     compare(`group${index}.dx`, plain(dx, 3, dxMin, dxStep), (i) => dxStep[i % 3] / 2);
     compare(`group${index}.dq`, plain(dq, 4, dqMin, dqStep), (i) => dqStep[i % 4] / 2);
+    assert.equal(shade !== null, index === 1);
+    if (shade) compare(`group${index}.shade`, plain(shade.data, 4, shade.min, shade.step), (i) => shade.step[i % 4] / 2);
   }
 });
 

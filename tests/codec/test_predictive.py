@@ -7,13 +7,13 @@ import pytest
 
 from splatreel.codec import klt, lattice, predictive, rotvec
 from splatreel.codec.canonical import canonical, turned
-from splatreel.codec.container import unpack_file
+from splatreel.codec.container import pack_file, unpack_file
 from splatreel.codec.group_file import decode_group, decode_layer, encode_group, encode_layer
 from splatreel.config import EncodeConfig
 from splatreel.errors import ReelError
 from splatreel.scene import rotations
 from splatreel.scene.group import Group
-from tests.golden import random_gaussians, random_motion
+from tests.golden import random_gaussians, random_motion, random_shade
 
 CONFIG = EncodeConfig(codec="predictive")
 
@@ -155,11 +155,27 @@ def test_important_points_keep_their_precision():
     ],
 )
 def test_lies(section, change, message):
-    from splatreel.codec.container import pack_file
-
     header, sections = unpack_file(encode_group(group(40, 3), CONFIG)[0])
     found = sections[section]
     if "nan" not in str(change):
         sections[section] = dataclasses.replace(found, parameters=found.parameters | change)
         with pytest.raises(ReelError, match=message):
             decode_group(pack_file(header, sections), "here")
+
+
+@pytest.mark.parametrize("codec", ["predictive", "h265"])
+def test_colours_and_opacities_that_change_come_back(codec):
+    before = dataclasses.replace(group(), shade=random_shade(np.random.default_rng(2), 300, 12))
+    data, order = encode_group(before, EncodeConfig(codec=codec), None)
+    after = decode_group(data, "x")
+    step = predictive.STEPS.shade * CONFIG.coarseness
+    np.testing.assert_allclose(after.shade, before.shade[:, order], atol=step)
+    assert not np.allclose(after.at(3).opacities, after.at(0).opacities, atol=0.05)
+
+
+def test_a_shade_of_another_size_is_refused():
+    data, _ = encode_group(dataclasses.replace(group(), shade=random_shade(np.random.default_rng(2), 300, 12)), CONFIG)
+    header, sections = unpack_file(data)
+    sections["shade"] = dataclasses.replace(sections["shade"], data=sections["shade"].data[:-3])
+    with pytest.raises(ReelError, match="'shade'"):
+        decode_group(pack_file(header, sections), "x")

@@ -15,6 +15,7 @@ from splatreel.recon.group import GroupFrames, GroupResult, GroupTrainer
 from splatreel.recon.hashgrid import HashGrid
 from splatreel.recon.trajectory import Trajectory
 from splatreel.scene.gaussians import Gaussians
+from splatreel.scene.group import Group
 from tests.recon.captures import blots
 from tests.recon.scenes import ring
 
@@ -67,8 +68,9 @@ class Losses(Silent):
 def quality(filmed: GroupFrames, result: GroupResult, static: Gaussians = WALL) -> float:
     """PSNR over all frames and cameras, as the viewer will draw them."""
     squares = []
-    for images, dx, dq in zip(filmed.images.numpy(), result.dx, result.dq, strict=True):
-        scene = Gaussians.concatenate([static[result.alive], result.dynamic.moved(dx, dq)])
+    group = Group(0, 0, result.dynamic, result.dx, result.dq, result.alive, result.shade)
+    for frame, images in enumerate(filmed.images.numpy()):
+        scene = Gaussians.concatenate([static[result.alive], group.at(frame)])
         squares += [
             np.square(np.clip(render_image(scene, camera, near=NEAR), 0, 1) - image / 255).mean()
             for camera, image in zip(CAMERAS, images, strict=True)
@@ -88,6 +90,26 @@ def test_motion_is_learned(filmed: GroupFrames, deformation: str, least: float) 
     assert result.dx.shape == (FRAMES, len(result.dynamic), 3)
     assert result.dq.shape == (FRAMES, len(result.dynamic), 4)
     assert result.alive.all()
+
+
+def test_a_thing_that_darkens_and_fades_needs_shade() -> None:
+    """It stays where it is; half of it goes dark, the other half vanishes."""
+    scenes = []
+    for t in range(FRAMES):
+        share, half = t / (FRAMES - 1), np.arange(len(THING)) % 2
+        shade = np.stack([-0.8 * share * half] * 3 + [-share * (1 - half) * THING.opacities], 1)
+        scenes.append(Gaussians.concatenate([WALL, THING.shaded(shade.astype(np.float32))]))
+    images = [[render_image(scene, camera, near=NEAR) for camera in CAMERAS] for scene in scenes]
+    pixels = torch.from_numpy((np.clip(images, 0, 1) * 255).round().astype(np.uint8))
+    dark = GroupFrames(pixels, [View.of(camera, CPU) for camera in CAMERAS], NEAR, UNIT)
+    plain = config(iterations=60)
+    with_shade = replace(plain, group=replace(plain.group, shade=True))
+    without, found = (trainer(dark, c).train(Silent()) for c in (plain, with_shade))
+    assert without.shade is None
+    assert found.shade is not None
+    assert found.shade.shape == (FRAMES, len(found.dynamic), 4)
+    assert (found.dynamic.opacities + found.shade[..., 3] >= 0).all()
+    assert quality(dark, found) > quality(dark, without) + 3
 
 
 @pytest.mark.parametrize("deformation", ["trajectory", "hashgrid"])

@@ -1,5 +1,7 @@
 """Groups in time."""
 
+import dataclasses
+
 import numpy as np
 import pytest
 
@@ -47,6 +49,20 @@ def test_one_frame():
     g = group(frames=1)
     np.testing.assert_allclose(g.at(0.7).means, g.dynamic.means + g.dx[0], atol=1e-6)
     np.testing.assert_allclose(np.linalg.norm(rotations.normalize(g.at(0).quats), axis=1), 1, atol=1e-6)
+
+
+def test_colours_and_opacities_change_between_frames_and_opacities_stay_opacities():
+    g = group()
+    shade = np.zeros((4, 5, 4), np.float32)
+    shade[2] = 0.4, 0, 0, -2
+    shaded = dataclasses.replace(g, shade=shade)
+    np.testing.assert_array_equal(shaded.at(0).sh, g.at(0).sh)
+    np.testing.assert_allclose(shaded.at(1.5).sh[:, 0, 0], g.dynamic.sh[:, 0, 0] + 0.2, atol=1e-6)
+    np.testing.assert_array_equal(shaded.at(1.5).sh[:, 1:], g.dynamic.sh[:, 1:])
+    np.testing.assert_array_equal(shaded.at(2).opacities, 0)
+    np.testing.assert_array_equal(shaded.at(2).means, g.at(2).means)
+    with pytest.raises(GaussiansError, match="shade"):
+        dataclasses.replace(g, shade=shade[:3])
 
 
 @pytest.mark.parametrize(("frames", "count"), [(4, 6), (4, 4)])

@@ -55,7 +55,9 @@ class Shade:
         """As `Deformation.append`: newcomers do not change."""
         added = self.controls.detach()[:, parents] if parents is not None else None
         rest = self.controls.new_zeros(len(self.controls), count, 4)
-        self._rewrite(lambda rows: torch.cat([rows, rest if added is None else added], 1), lambda rows: torch.cat([rows, rest], 1))
+        self._rewrite(
+            lambda rows: torch.cat([rows, rest if added is None else added], 1), lambda rows: torch.cat([rows, rest], 1)
+        )
 
     def _rewrite(self, of_rows, of_state=None) -> None:
         state = self.optimizer.state.pop(self.controls, None)

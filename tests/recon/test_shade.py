@@ -1,0 +1,55 @@
+"""Colours and opacities that change within a group."""
+
+import torch
+
+from splatreel.recon.shade import Shade
+
+CPU = torch.device("cpu")
+
+
+def learn(shade: Shade, wanted, iterations: int, frames: int) -> None:
+    for i in range(iterations):
+        frame = i % frames
+        now = shade.at(frame)
+        (100 * (now - wanted(frame)).square().mean() + shade.cost(now)).backward()
+        shade.step(i / iterations)
+
+
+def test_changes_start_at_zero_and_are_learned():
+    frames = 20
+    shade = Shade(frames, 2, CPU)
+    assert not shade.at(7.3).any()
+
+    def wanted(frame: float) -> torch.Tensor:
+        u = frame / (frames - 1)
+        return torch.tensor([[0.5 * u, 0, -0.5 * u, -3 * u], [0, 0, 0, 0]])
+
+    learn(shade, wanted, 600, frames)
+    for frame in (0, 8, 19, 12.5):
+        torch.testing.assert_close(shade.at(frame), wanted(frame), atol=0.08, rtol=0.1)
+
+
+def test_what_changes_nothing_in_the_picture_goes_back_to_nothing():
+    shade = Shade(10, 3, CPU)
+    with torch.no_grad():
+        shade.controls += 2.0
+    for i in range(200):
+        shade.cost(shade.at(i % 10)).backward()
+        shade.step(i / 200)
+    assert shade.at(5).abs().max() < 0.01
+
+
+def test_rows_follow_the_points():
+    shade = Shade(10, 3, CPU)
+    learn(shade, lambda frame: torch.tensor([[0.1], [0.2], [0.3]]).expand(3, 4), 20, 10)
+    before = shade.at(4.0).detach().clone()
+    shade.append(2, torch.tensor([2, 0]))
+    shade.append(1, None)
+    torch.testing.assert_close(shade.at(4.0)[:5], before[[0, 1, 2, 2, 0]])
+    assert not shade.at(4.0)[5].any()
+    shade.keep(torch.tensor([5, 3, 1]))
+    torch.testing.assert_close(shade.at(4.0)[1:], before[[2, 1]])
+    assert shade.highest.shape == (3,)
+    assert (shade.highest >= shade.at(4.0)[:, 3]).all()
+    learn(shade, lambda frame: torch.full((3, 4), 0.2), 100, 10)
+    torch.testing.assert_close(shade.at(3), torch.full((3, 4), 0.2), atol=0.1, rtol=0)
