@@ -14,7 +14,7 @@ SOURCE = ROOT / "src" / "splatreel"
 PYTHON_FILES = sorted(p for d in ("src", "tests", "benchmarks") for p in (ROOT / d).rglob("*.py"))
 TYPESCRIPT_FILES = sorted((ROOT / "player" / "src").rglob("*.ts"))
 RUNGS = {
-    **dict.fromkeys(("errors", "config", "progress"), 0),
+    **dict.fromkeys(("errors", "config", "progress", "threads"), 0),
     "scene": 1,
     **dict.fromkeys(("codec", "kernels", "capture"), 2),
     "motion": 3,
@@ -23,7 +23,7 @@ RUNGS = {
     "cli": 6,
     "__main__": 7,
 }
-WITHOUT_TORCH = ("errors", "config", "progress", "scene", "codec", "capture", "play", "cli")
+WITHOUT_TORCH = ("errors", "config", "progress", "threads", "scene", "codec", "capture", "play", "cli")
 MAX_FILE_LINES = 400
 MAX_FUNCTION_LINES = 80
 

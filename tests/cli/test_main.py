@@ -155,6 +155,11 @@ def test_no_memory(error: Exception) -> None:
     )
 
 
+def test_no_gpu_memory() -> None:
+    text, code = explained(RuntimeError("CUDA out of memory. Tried to allocate 2.00 GiB."))
+    assert (text.startswith("Error: out of GPU memory."), "or --device cpu." in text, code) == (True, True, 1)
+
+
 def test_a_package_that_is_not_installed() -> None:
     assert explained(ModuleNotFoundError("No module named 'torch'", name="torch")) == (
         "Error: the Python package 'torch' is needed for this and not installed. Run\n  pip install 'splatreel[recon]'",

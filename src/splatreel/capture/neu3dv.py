@@ -8,13 +8,13 @@ An optional `splatreel.json` beside the videos may say {"held_out": [camera name
 from __future__ import annotations
 
 import json
-import os
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from zipfile import BadZipFile
 
 import numpy as np
 
+from splatreel import threads
 from splatreel.capture.base import Capture, Request
 from splatreel.capture.video import VideoFile
 from splatreel.errors import CaptureError
@@ -66,7 +66,7 @@ class Neu3DVCapture(Capture):
 
     def _read_into(self, out: np.ndarray, first: int, cameras: list[str]) -> None:
         """Cameras are decoded in parallel; FFmpeg works without the interpreter lock."""
-        with ThreadPoolExecutor(min(len(cameras), os.cpu_count() or 1) or 1) as pool:
+        with ThreadPoolExecutor(min(len(cameras), threads.count()) or 1) as pool:
             jobs = [pool.submit(self._videos[name].read_into, out[:, c], first) for c, name in enumerate(cameras)]
             for job in jobs:
                 job.result()

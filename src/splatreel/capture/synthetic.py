@@ -17,6 +17,7 @@ from typing import Literal
 import av
 import numpy as np
 
+from splatreel import threads
 from splatreel.capture import toyroom
 from splatreel.capture.raytracer import trace_cover, trace_frame, trace_still
 from splatreel.errors import CaptureError, UsageError
@@ -137,7 +138,7 @@ def _write(folder: Path, recipe: dict, progress: Callable[[float], None]) -> Non
             if stop.is_set():
                 return
 
-    with ThreadPoolExecutor(os.cpu_count()) as pool:
+    with ThreadPoolExecutor(threads.count()) as pool:
         try:
             for job in [pool.submit(film, camera) for camera in cameras]:
                 job.result()

@@ -13,9 +13,17 @@ from splatreel.cli.options import parse_frames, parse_names, parse_numbers, reel
 from splatreel.cli.reconstruct import Device, configure
 from splatreel.config import Quality
 from splatreel.errors import UsageError
+from splatreel.threads import use as use_threads
 
 
-def kernels(points: int = 20_000, width: int = 320, height: int = 240, repeats: int = 20, json: bool = False) -> None:
+def kernels(
+    points: int = 20_000,
+    width: int = 320,
+    height: int = 240,
+    repeats: int = 20,
+    threads: int | None = None,
+    json: bool = False,
+) -> None:
     """Time rendering and training steps, and what threads and motion layering gain.
 
     Args:
@@ -23,8 +31,10 @@ def kernels(points: int = 20_000, width: int = 320, height: int = 240, repeats: 
         width: Width of the picture in pixels.
         height: Height of the picture in pixels.
         repeats: How often; the median counts.
+        threads: How many threads to use; as many as there are cores by default.
         json: Print one JSON object a line.
     """
+    use_threads(threads)
     from splatreel.evaluation.bench import bench_kernels
 
     show(bench_kernels(points, width, height, repeats), json)
@@ -91,6 +101,7 @@ def oracle(
     reel: Path | None = None,
     device: Device = "auto",
     seed: int = 0,
+    threads: int | None = None,
 ) -> None:
     """Reconstruct single frames, each on its own: what geometry and cameras allow. The same command continues.
 
@@ -108,7 +119,9 @@ def oracle(
         reel: Reel of the same frames, or the output folder of its run, to compare with.
         device: Where to train; auto takes a CUDA GPU if there is one.
         seed: Seed of everything random.
+        threads: How many threads to use; as many as there are cores by default.
     """
+    use_threads(threads)
     span, held_out, chosen = parse_frames(frames), parse_names(hold_out, "--hold-out"), parse_numbers(at, "--at")
     if every < 1:
         raise UsageError(f"--every {every} is out of range. Choose 1 or more.")

@@ -8,6 +8,7 @@ from pathlib import Path
 
 from splatreel.cli.reconstruct import Device, configure
 from splatreel.config import Quality
+from splatreel.threads import use as use_threads
 
 
 def demo(
@@ -19,6 +20,7 @@ def demo(
     height: int = 192,
     frames: int = 60,
     seed: int = 0,
+    threads: int | None = None,
 ) -> None:
     """Film a small scene, reconstruct it, evaluate the decoded reel and play it in the browser.
 
@@ -31,7 +33,9 @@ def demo(
         height: Height of the videos in pixels, even.
         frames: Length of the videos, 30 frames a second.
         seed: Seed of everything random.
+        threads: How many threads to use; as many as there are cores by default.
     """
+    use_threads(threads)
     config = configure(quality, None, None, seed)
     from splatreel.capture.opening import open_capture
     from splatreel.capture.synthetic import make_capture

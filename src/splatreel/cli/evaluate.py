@@ -7,6 +7,7 @@ from pathlib import Path
 from tyro.conf import Positional
 
 from splatreel.cli.options import parse_frames, parse_names, reel_folder
+from splatreel.threads import use as use_threads
 
 
 def evaluate(
@@ -19,6 +20,7 @@ def evaluate(
     scale: float | None = None,
     frames: str | None = None,
     rendition: str | None = None,
+    threads: int | None = None,
     json: bool = False,
 ) -> None:
     """Compare a reel with the cameras that it has not seen.
@@ -32,8 +34,10 @@ def evaluate(
         scale: Size to compare at, as a share of the capture's, instead of the width.
         frames: Frames of the capture that the reel was made of, as A:B, if not all.
         rendition: Which one, of a reel that has several; by default the best.
+        threads: How many threads to use; as many as there are cores by default.
         json: Print report.json instead of the summary.
     """
+    use_threads(threads)
     span, names = parse_frames(frames), parse_names(cameras, "--cameras")
     from splatreel.capture.opening import open_capture
     from splatreel.evaluation.evaluate import evaluate as compare

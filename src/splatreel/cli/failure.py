@@ -53,9 +53,10 @@ def explain(error: BaseException, arguments: Sequence[str]) -> tuple[str, int] |
         text = f"Error: the disk is full{place}. What is finished is kept; free some space, then run\n  {command}"
         return text, 1
     if _is_out_of_memory(error):
-        text = (
-            "Error: out of memory. Ask for a smaller picture (--width), fewer frames (--frames A:B) or --quality draft."
-        )
+        smaller = "Ask for a smaller picture (--width), fewer frames (--frames A:B)"
+        text = f"Error: out of memory. {smaller} or --quality draft."
+        if "CUDA" in str(error):
+            text = f"Error: out of GPU memory. {smaller}, --quality draft or --device cpu."
         return text, 1
     if isinstance(error, ModuleNotFoundError) and error.name in EXTRAS:
         extra = f"pip install 'splatreel[{EXTRAS[error.name]}]'"

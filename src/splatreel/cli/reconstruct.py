@@ -11,6 +11,7 @@ from tyro.conf import Positional
 from splatreel.cli.options import parse_frames, parse_names, parse_renditions
 from splatreel.config import Config, Quality, Rate, preset
 from splatreel.errors import UsageError
+from splatreel.threads import use as use_threads
 
 Device = Literal["auto", "cpu", "cuda"]
 Codec = Literal["predictive", "h265"]
@@ -31,6 +32,8 @@ def reconstruct(
     renditions: str | None = None,
     deformation: Deformation | None = None,
     seed: int = 0,
+    threads: int | None = None,
+    profile: bool = False,
 ) -> None:
     """Make a reel of a capture. Interrupt it at will: the same command continues.
 
@@ -47,17 +50,22 @@ def reconstruct(
         renditions: Rates, such as high,medium,low, that all groups are written in for a player to choose from.
         deformation: How points move; what the quality says by default.
         seed: Seed of everything random.
+        threads: How many threads to use; as many as there are cores by default.
+        profile: Measure where the time goes, and write it to OUT/profile.md.
     """
+    use_threads(threads)
     span, held_out = parse_frames(frames), parse_names(hold_out, "--hold-out")
     config = with_renditions(configure(quality, codec, deformation, seed), parse_renditions(renditions))
     from splatreel.capture.opening import open_capture
+    from splatreel.evaluation.profile import profiled
     from splatreel.progress import console
     from splatreel.recon import sequence
 
     source = open_capture(capture, width=width, scale=scale, frames=span, held_out=held_out)
     progress = console()
     try:
-        result = sequence.reconstruct(source, out, config, device=device, progress=progress)
+        with profiled(out / "profile.md" if profile else None):
+            result = sequence.reconstruct(source, out, config, device=device, progress=progress)
     finally:
         progress.close()
         source.close()

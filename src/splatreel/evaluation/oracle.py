@@ -26,8 +26,9 @@ from splatreel.evaluation.yardstick import Score, StillFrame, Yardstick
 from splatreel.kernels.image import render_image
 from splatreel.play.timeline import Timeline, open_reel
 from splatreel.progress import Progress, Silent
+from splatreel.recon.device import pick_device
 from splatreel.recon.importance import weigh
-from splatreel.recon.sequence import check_capture, pick_device
+from splatreel.recon.sequence import check_capture
 from splatreel.recon.still import reconstruct_still
 from splatreel.scene.camera import Camera
 from splatreel.scene.gaussians import Gaussians

@@ -16,6 +16,7 @@ import torch
 from scipy.spatial import KDTree
 from torch import Tensor
 
+from splatreel import threads
 from splatreel.errors import GaussiansError
 from splatreel.kernels import cuda, twin
 from splatreel.kernels.cpu import adam as adam_kernel
@@ -229,7 +230,7 @@ def nearest_neighbours(points: Tensor, k: int, queries: Tensor | None = None) ->
         return twin.nearest_neighbours(points, k, queries)
     asked = points if queries is None else queries
     ranks: Any = np.arange(1, k + 1 + (queries is None))  # a list, so that one neighbour still gives a column
-    found = KDTree(points.detach().numpy()).query(asked.detach().numpy(), k=ranks, workers=-1)
+    found = KDTree(points.detach().numpy()).query(asked.detach().numpy(), k=ranks, workers=threads.count())
     distances, indices = np.asarray(found[0], np.float32), np.asarray(found[1], np.int64)
     if queries is None:
         indices, distances = _without_self(indices, distances)

@@ -7,7 +7,6 @@ four directions (Hirschmueller 2008, "Stereo processing by semiglobal matching")
 
 from __future__ import annotations
 
-import os
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 
@@ -15,6 +14,7 @@ import cv2
 import numba
 import numpy as np
 
+from splatreel import threads
 from splatreel.recon.triangulate import nearest_cameras
 from splatreel.scene.camera import Camera
 
@@ -60,7 +60,7 @@ def sweep(
         best = _best_levels(_aggregate(cost, grays[i]))
         return (1 / (levels[0] + steps[i] * best)).astype(np.float32)
 
-    with ThreadPoolExecutor(min(os.cpu_count() or 1, 8)) as pool:  # the compiled kernels and OpenCV let go of the GIL
+    with ThreadPoolExecutor(min(threads.count(), 8)) as pool:  # the compiled kernels and OpenCV let go of the GIL
         depths = list(pool.map(depth_of, range(len(cameras))))
     agreeing = [
         sum(_agreement(small_cameras[i], depths[i], steps[i], small_cameras[j], depths[j]) for j in nearest[i])

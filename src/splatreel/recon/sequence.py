@@ -20,6 +20,7 @@ from splatreel.progress import Progress, Silent
 from splatreel.recon import checkpoint
 from splatreel.recon.claim import Claim
 from splatreel.recon.colors import CameraGains
+from splatreel.recon.device import check_room, pick_device
 from splatreel.recon.drawing import View
 from splatreel.recon.following import follow
 from splatreel.recon.group import GroupFrames, GroupTrainer
@@ -120,15 +121,6 @@ def check_capture(capture: Capture) -> None:
         )
 
 
-def pick_device(name: str) -> torch.device:
-    """CUDA if it is there and asked for or left open, else the CPU."""
-    if name not in ("auto", "cpu", "cuda"):
-        raise UsageError(f"Unknown device {name!r}. Choose auto, cpu or cuda.")
-    if name == "cuda" and not torch.cuda.is_available():
-        raise UsageError("--device cuda: PyTorch finds no CUDA device. Use --device cpu, or install PyTorch for CUDA.")
-    return torch.device("cuda" if name != "cpu" and torch.cuda.is_available() else "cpu")
-
-
 class Reconstruction:
     """One run. Its methods are the stages, in order."""
 
@@ -169,7 +161,7 @@ class Reconstruction:
         with self._timed("group"):
             iterations = self.config.group.iterations_per_frame * span.count
             self.progress.stage(self._title(span, "motion"), iterations, self.plan.motion(span.index))
-            data = GroupFrames(torch.from_numpy(frames).to(self.device), self._views(), layout.near, layout.unit)
+            data = GroupFrames(self._on_device(frames), self._views(), layout.near, layout.unit)
             trainer = GroupTrainer(
                 data,
                 scene.dynamic,
@@ -312,6 +304,11 @@ class Reconstruction:
         }
         save_header(self.work, header)
         return open_writer(self.work, self.reel, self.config.encode, resume=True)
+
+    def _on_device(self, frames: np.ndarray) -> torch.Tensor:
+        if self.device.type == "cuda":
+            check_room(frames.nbytes, torch.cuda.mem_get_info(self.device)[0], frames.shape[3])
+        return torch.from_numpy(frames).to(self.device)
 
     def _views(self) -> list[View]:
         return [View.of(camera, self.device) for camera in self.cameras]

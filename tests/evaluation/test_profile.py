@@ -1,0 +1,39 @@
+import re
+from pathlib import Path
+
+import pytest
+
+from splatreel.errors import CaptureError
+from splatreel.evaluation.profile import profiled, table
+from tests.evaluation import scenes
+
+
+def test_the_longest_first_and_short_ones_left_out() -> None:
+    calls = {
+        ("/x/splatreel/kernels/a.py", 7, "slow"): (2, 4, 3.0, 3.5, {}),
+        ("~", 0, "<built-in sum>"): (1, 1, 0.99, 0.99, {}),
+        ("/x/other.py", 1, "quick"): (9, 9, 0.01, 4.0, {}),
+    }
+    text = table(calls)
+    assert text.startswith("4.0 s on the main thread.")
+    assert "| 75.0% | 3.00 | 4 | 750.000 | 3.50 | `kernels/a.py:7` `slow` |" in text
+    assert "| 24.8% | 0.99 | 1 | 990.000 | 0.99 | `<built-in sum>` |" in text
+    assert text.index("slow") < text.index("sum")
+    assert "quick" not in text
+
+
+def test_what_ran_is_in_the_table_also_after_an_error(tmp_path: Path) -> None:
+    path = tmp_path / "profile.md"
+    capture = scenes.capture(tmp_path, ["cam03"])
+    with pytest.raises(CaptureError), profiled(path):
+        capture.read(99, 1, ["cam00"])
+    assert re.search(r"\| \d", path.read_text())
+    with profiled(None):
+        pass
+    assert [p.name for p in tmp_path.iterdir()] == ["profile.md"]
+
+
+def test_a_folder_that_was_never_made_is_not_made(tmp_path: Path) -> None:
+    with profiled(tmp_path / "no" / "profile.md"):
+        pass
+    assert not (tmp_path / "no").exists()
