@@ -39,7 +39,8 @@ export class OrbitCamera {
   private readonly up: Vec3;
   private readonly home: Camera;
   private readonly extent: number;
-  private readonly near: number;
+  /** Least depth to draw, world units. */
+  readonly near: number;
   private readonly bounds: [Vec3, Vec3];
   private readonly center: Vec3;
   /** How far from the center people may go. */

@@ -67,7 +67,7 @@ export function attachControls(surface: HTMLElement, player: Player, signal: Abo
     const double = event.timeStamp - tap.time < DOUBLE && Math.hypot(event.clientX - tap.x, event.clientY - tap.y) < 2 * NEAR;
     tap = { x: event.clientX, y: event.clientY, time: double ? -Infinity : event.timeStamp };
     const { left, top } = surface.getBoundingClientRect();
-    if (double) player.focusAt(event.clientX - left, event.clientY - top);
+    if (double) focusAt(player, event.clientX - left, event.clientY - top);
   };
   const wheel = (event: WheelEvent): void => {
     event.preventDefault();
@@ -82,6 +82,14 @@ export function attachControls(surface: HTMLElement, player: Player, signal: Abo
   surface.addEventListener("pointercancel", up, { signal });
   surface.addEventListener("wheel", wheel, { passive: false, signal });
   surface.addEventListener("contextmenu", (event) => event.preventDefault(), { signal });
+}
+
+/** Turn to what is seen at a point of the canvas, CSS pixels, and orbit about it from now on. */
+function focusAt({ camera, stage, view, canvas }: Player, x: number, y: number): void {
+  if (!camera || !stage || !view) return;
+  const ratio = view.width / canvas.clientWidth;
+  const depth = stage.depthAt(x * ratio, y * ratio);
+  if (depth !== null) camera.focus([((x * ratio - view.cx) / view.fx) * depth, ((y * ratio - view.cy) / view.fy) * depth, depth]);
 }
 
 /** Mean distance of the fingers from their middle, with one of them where an event says. */

@@ -6,6 +6,7 @@ import type { Player } from "./player";
 export interface Actions {
   toggle(): void;
   fullscreen(): void;
+  headset(): void;
   reset(): void;
   fly(): void;
   statistics(): void;
@@ -103,6 +104,7 @@ function viewLines(player: Player, actions: Actions): Line[] {
     { shown: "C", what: "Fly through them", bindings: [{ keys: ["c"], press: actions.fly }] },
     { shown: "R", what: "Reset the view", bindings: [{ keys: ["r"], press: actions.reset }] },
     { shown: "F", what: "Fullscreen", bindings: [{ keys: ["f"], press: actions.fullscreen }] },
+    { shown: "V", what: "Virtual reality, with a headset", bindings: [{ keys: ["v"], press: actions.headset }] },
     { shown: "I", what: "Statistics", bindings: [{ keys: ["i"], press: actions.statistics }] },
     { shown: "?", what: "These keys", bindings: [{ keys: ["?"], press: actions.help }] },
     { shown: "Esc", what: "Close", bindings: [{ keys: ["escape"], press: actions.escape }] },

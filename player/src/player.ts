@@ -4,14 +4,14 @@ import { Clock } from "./clock";
 import { DeviceLostError, messageOf } from "./errors";
 import type { Manifest } from "./manifest";
 import type { Pose, Start } from "./pose";
-import type { View } from "./renderer";
+import type { Eye, View } from "./renderer";
 import { Resolution } from "./resolution";
 import { Session, type SessionEvents } from "./session";
+import { takeShot } from "./shot";
 import type { Scene } from "./sort-worker";
 import type { Picture, Stage } from "./stage";
 import { measure, type Stats } from "./stats";
 import type { Stream } from "./stream";
-import type { Moment } from "./timeline";
 import { until } from "./until";
 
 /** Longest step of the clock: after a background tab, playback goes on where it was. */
@@ -28,6 +28,10 @@ export class Player extends EventTarget {
   /** The camera people steer; null until the manifest is here. */
   camera: OrbitCamera | null = null;
   error: Error | null = null;
+  /** A headset shows the reel, in frames of its own. */
+  presented = false;
+  /** A picture is being taken: nothing else is drawn. */
+  held = false;
   readonly clock = new Clock();
   readonly resolution = new Resolution();
   /** What belongs to the reel that is open. */
@@ -39,7 +43,6 @@ export class Player extends EventTarget {
   private stalled = true;
   private isSeeking = false;
   private ready = false;
-  private held = false;
   private lastTick = 0;
   private tickRequest = 0;
   private ticks = 0;
@@ -258,41 +261,14 @@ export class Player extends EventTarget {
     this.stage?.invalidate();
   }
 
-  /** Turn to what is seen at a point of the canvas, CSS pixels, and orbit about it from now on. */
-  focusAt(x: number, y: number): void {
-    const { camera, stage, canvas } = this;
-    const view = this.viewNow();
-    if (!camera || !stage || !view) return;
-    const ratio = view.width / canvas.clientWidth;
-    const depth = stage.depthAt(x * ratio, y * ratio);
-    if (depth !== null) camera.focus([((x * ratio - view.cx) / view.fx) * depth, ((y * ratio - view.cy) / view.fy) * depth, depth]);
-  }
-
   /** Resolves when a whole picture has been shown; rejects on an error. */
   whenReady(): Promise<void> {
     return until(this, "canplay", () => this.ready);
   }
 
-  /**
-   * Pause, go to a time, and draw it for one pose once everything for it is here and sorted.
-   * For comparisons: the picture is exactly what the pose asks for, whatever the canvas' size on the page.
-   */
-  async renderAt(seconds: number, pose: Pose, width: number, height: number): Promise<Picture> {
-    await this.whenReady();
-    this.pause();
-    this.currentTime = seconds;
-    await until(this, "seeked", () => !this.isSeeking);
-    if (!this.stage) throw new Error("The reel was closed.");
-    this.held = true;
-    try {
-      const moment = this.clock.moment;
-      const { K, viewmat } = pose;
-      const view: View = { viewmat, fx: K[0], fy: K[4], cx: K[2], cy: K[5], width, height, near: this.manifest!.near };
-      return await this.stage.snapshot(this.sceneOf(moment), moment.weight, view);
-    } finally {
-      this.held = false;
-      this.invalidate();
-    }
+  /** RGBA bytes of one settled picture of exactly this pose and size. */
+  renderAt(seconds: number, pose: Pose, width: number, height: number): Promise<Picture> {
+    return takeShot(this, seconds, pose, width, height);
   }
 
   private open(session: Session, manifest: Manifest): void {
@@ -321,7 +297,9 @@ export class Player extends EventTarget {
     this.dispatchEvent(new Event(name));
   }
 
-  private sceneOf({ current, previous }: Moment): Scene {
+  /** What should show now. */
+  get scene(): Scene {
+    const { current, previous } = this.clock.moment;
     return { layers: this.stream!.layersOf(current.group), current, previous };
   }
 
@@ -339,19 +317,37 @@ export class Player extends EventTarget {
     this.emit(here ? "playing" : "waiting");
   }
 
+  /** A frame of a headset: what it sees, sorted as the head looks. */
+  present(now: number, head: View, eyes: Eye[]): void {
+    const { stage } = this;
+    if (!stage || !this.camera || this.held) return;
+    this.pass(now);
+    stage.invalidate();
+    this.drawOn(stage, head, eyes, now);
+  }
+
   private tick(now: number): void {
+    const { stage, camera } = this;
+    if (this.presented) return; // the headset's frames count
+    if (!stage || !camera || this.held) return void (this.lastTick = now);
+    if (camera.step(this.pass(now))) this.invalidate();
+    const view = this.view;
+    if (view) this.drawOn(stage, view, null, now);
+  }
+
+  /** Let time go on; seconds since the last time. */
+  private pass(now: number): number {
     const step = Math.min((now - this.lastTick) / 1000, LONGEST_STEP);
     this.lastTick = now;
-    const { stage, camera } = this;
-    if (!stage || !camera || this.held) return;
     this.advance(step);
     if (++this.ticks % HEARTBEAT === 0) this.update();
-    if (camera.step(step)) this.invalidate();
-    const view = this.viewNow();
-    if (!view) return;
+    return step;
+  }
+
+  private drawOn(stage: Stage, view: View, eyes: Eye[] | null, now: number): void {
     if (stage.wantsSort) this.startSort(stage, view);
     const before = stage.pictures;
-    stage.draw(this.isSeeking || this.stalled ? null : this.clock.frame, view);
+    stage.draw(this.isSeeking || this.stalled ? null : this.clock.frame, view, eyes);
     if (this.resolution.drawn(stage.pictures > before, now)) this.stream?.judge(this.resolution.struggling);
   }
 
@@ -367,17 +363,18 @@ export class Player extends EventTarget {
     }
   }
 
-  private viewNow(): View | null {
+  /** The view in as many pixels as the device keeps up with; null while the canvas has no size. */
+  get view(): View | null {
     const ratio = this.resolution.ratio;
     const width = Math.round(this.canvas.clientWidth * ratio);
     const height = Math.round(this.canvas.clientHeight * ratio);
-    return width > 0 && height > 0 ? this.camera!.view(width, height) : null;
+    return this.camera && width > 0 && height > 0 ? this.camera.view(width, height) : null;
   }
 
   /** Sort what should show; before the first group, the layers that are here. */
   private startSort(stage: Stage, view: View): void {
     const layers = this.stream!.layersReady;
-    if (!this.stalled) void this.show(stage, this.sceneOf(this.clock.moment), view);
+    if (!this.stalled) void this.show(stage, this.scene, view);
     else if (!stage.scene?.current && layers > 0) void this.show(stage, { layers, current: null, previous: null }, view);
   }
 

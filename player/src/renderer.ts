@@ -23,6 +23,14 @@ export interface View {
   near: number;
 }
 
+/** A view and where it is drawn: a part of a framebuffer (null: the canvas), from the lower left. */
+export interface Eye {
+  framebuffer: WebGLFramebuffer | null;
+  x: number;
+  y: number;
+  view: View;
+}
+
 export class Renderer {
   private readonly gl: WebGL2RenderingContext;
   private readonly project: Program;
@@ -105,16 +113,30 @@ export class Renderer {
     this.drawn = count;
   }
 
-  /** Draw a scene. weight: of what is new in the current group. */
+  /** Draw a scene on the canvas, which takes the view's size. weight: of what is new in the current group. */
   draw(scene: Scene, weight: number, view: View): void {
-    const { gl, canvas } = this;
+    const { canvas } = this;
     if (canvas.width !== view.width || canvas.height !== view.height) [canvas.width, canvas.height] = [view.width, view.height];
+    this.drawEyes(scene, weight, [{ framebuffer: null, x: 0, y: 0, view }]);
+  }
+
+  /** Draw a scene for each of several views, all in one framebuffer. */
+  drawEyes(scene: Scene, weight: number, eyes: Eye[]): void {
+    const { gl } = this;
     this.updateFlags(scene);
-    this.projectPoints(scene, weight, view);
-    gl.bindFramebuffer(gl.FRAMEBUFFER, null);
-    gl.viewport(0, 0, view.width, view.height);
+    gl.bindFramebuffer(gl.FRAMEBUFFER, eyes[0].framebuffer);
     gl.clearColor(0, 0, 0, 1);
     gl.clear(gl.COLOR_BUFFER_BIT);
+    for (const eye of eyes) {
+      this.projectPoints(scene, weight, eye.view);
+      this.drawSplats(eye);
+    }
+  }
+
+  private drawSplats({ framebuffer, x, y, view }: Eye): void {
+    const { gl } = this;
+    gl.bindFramebuffer(gl.FRAMEBUFFER, framebuffer);
+    gl.viewport(x, y, view.width, view.height);
     this.splat.use();
     this.splat.texture("uShape", 0, gl.TEXTURE_2D, this.shape);
     this.splat.texture("uColor", 1, gl.TEXTURE_2D, this.color);

@@ -1,7 +1,7 @@
 /** What is on screen: one scene, sorted by the worker and drawn by the GPU. The picture always belongs to the order it is drawn in. */
 import type { DecodedFile } from "./decode";
 import type { Manifest } from "./manifest";
-import { Renderer, type View } from "./renderer";
+import { Renderer, type Eye, type View } from "./renderer";
 import type { Scene } from "./sort-worker";
 import { Sorter } from "./sorter";
 import { clampFrame, groupAt, momentOf } from "./timeline";
@@ -97,13 +97,14 @@ export class Stage {
     return true;
   }
 
-  /** Draw, if anything changed. `frame` of the video: the present one, or null while what belongs to it is not here. */
-  draw(frame: number | null, view: View): void {
+  /** Draw, if anything changed. `frame` of the video: the present one, or null while what belongs to it is not here. Eyes: of a headset. */
+  draw(frame: number | null, view: View, eyes: Eye[] | null = null): void {
     const { scene, manifest } = this;
     if (!this.dirty || !scene || !manifest) return;
     this.dirty = false;
     this.pictures++;
-    if (scene.current === null) return this.renderer.draw(scene, 1, view);
+    const paint = (shown: Scene, weight: number): void => (eyes ? this.renderer.drawEyes(shown, weight, eyes) : this.renderer.draw(shown, weight, view));
+    if (scene.current === null) return paint(scene, 1);
     const { groups, overlap } = manifest;
     const { group } = scene.current;
     const { firstFrame, frames } = groups[group];
@@ -112,7 +113,7 @@ export class Stage {
     if (frame !== null && (holds || groupAt(groups, frame) === group)) this.drawnFrame = frame;
     const moment = momentOf(groups, overlap, this.drawnFrame, group);
     const previous = scene.previous && { group: scene.previous.group, frame: clampFrame(groups[scene.previous.group], this.drawnFrame) };
-    this.renderer.draw({ ...scene, current: moment.current, previous }, previous ? moment.weight : 1, view);
+    paint({ ...scene, current: moment.current, previous }, previous ? moment.weight : 1);
   }
 
   /** Sort and draw a scene at once, and read the picture back. */

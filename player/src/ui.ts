@@ -1,5 +1,7 @@
 /** The controls over the picture: bar, menu, help and statistics; loading and error states. */
-import { CLOSE, FULL, PAUSE, PLAY, RESET, SETTINGS, SMALL } from "./icons";
+import { messageOf } from "./errors";
+import { hasHeadset, Headset } from "./headset";
+import { CLOSE, FULL, HEADSET, PAUSE, PLAY, RESET, SETTINGS, SMALL } from "./icons";
 import { attachKeys } from "./keys";
 import { Menu } from "./menu";
 import type { Player } from "./player";
@@ -28,6 +30,7 @@ const MARKUP = `
       <div class="gap"></div>
       <button type="button" class="reset" aria-label="Reset view" title="Reset view (r)">${RESET}</button>
       <button type="button" class="settings" aria-label="Settings" title="Settings" aria-expanded="false">${SETTINGS}</button>
+      <button type="button" class="headset" aria-label="Enter VR" title="Enter VR (v)" hidden>${HEADSET}</button>
       <button type="button" class="full" aria-label="Fullscreen" title="Fullscreen (f)">${FULL}</button>
     </div>
   </div>
@@ -44,6 +47,7 @@ export class Controls {
   private explain = 0;
   private toast = 0;
   private dragging = false;
+  private headset: Headset | null = null;
 
   constructor(private readonly host: HTMLElement & { readonly link: string }, root: ShadowRoot, private readonly player: Player) {
     this.holder.className = "ui";
@@ -67,6 +71,7 @@ export class Controls {
   /** Take the controls away. */
   remove(): void {
     this.life.abort();
+    this.headset?.leave();
     this.holder.remove();
     clearTimeout(this.fade);
   }
@@ -94,6 +99,7 @@ export class Controls {
     const actions = {
       toggle: () => this.toggle(),
       fullscreen: () => this.toggleFullscreen(),
+      headset: () => this.toggleHeadset(),
       reset: () => player.camera?.reset(),
       fly: () => this.fly(),
       statistics: () => this.toggleStatistics(),
@@ -112,6 +118,8 @@ export class Controls {
     click(".play", () => this.toggle());
     click(".start", () => this.toggle());
     click(".full", () => this.toggleFullscreen());
+    click(".headset", () => this.toggleHeadset());
+    void hasHeadset().then((there) => (this.find(".headset").hidden = !there));
     click(".reset", () => player.camera?.reset());
     click(".live", () => {
       player.currentTime = player.clock.edge;
@@ -134,6 +142,22 @@ export class Controls {
     else if (host.requestFullscreen) void host.requestFullscreen();
     else host.classList.toggle("filling"); // phones that give only films the whole screen
     this.update();
+  }
+
+  private toggleHeadset(): void {
+    if (this.headset) return this.headset.leave();
+    if (this.find(".headset").hidden) return;
+    const ended = (): void => {
+      this.headset = null;
+      this.update();
+    };
+    Headset.enter(this.player, ended).then(
+      (headset) => {
+        this.headset = headset;
+        this.update();
+      },
+      (error) => this.say(`The headset cannot be used: ${messageOf(error)}`),
+    );
   }
 
   private fly(): void {
@@ -251,6 +275,7 @@ export class Controls {
     setButton(this.find(".play"), paused ? PLAY : PAUSE, paused ? "Play" : "Pause", "k");
     const full = document.fullscreenElement !== null || host.classList.contains("filling");
     setButton(this.find(".full"), full ? SMALL : FULL, full ? "Leave fullscreen" : "Fullscreen", "f");
+    setButton(this.find(".headset"), HEADSET, this.headset ? "Leave VR" : "Enter VR", "v");
     this.menu.update();
     if (paused || error) host.classList.remove("idle");
     else if (!this.fade) this.wake();

@@ -1,0 +1,119 @@
+"""Virtual reality, with a headset that is only pretended: two eyes beside each other in one framebuffer."""
+
+import base64
+
+import numpy as np
+import pytest
+from playwright.sync_api import Page
+
+from splatreel.kernels.image import render_image
+from splatreel.play.server import Server
+from splatreel.play.timeline import open_reel
+from splatreel.scene.camera import Camera
+from tests.golden import GOLDEN
+from tests.player.pages import PLAYER, open_player
+
+pytestmark = pytest.mark.browser
+
+SIDE = 120
+APART = 0.064
+HEADSET = """
+(() => {
+  const side = SIDE, apart = APART;
+  const shift = (x, y, z) => ({inverse: {matrix: new Float32Array([1,0,0,0, 0,1,0,0, 0,0,1,0, -x,-y,-z,1])}});
+  const projectionMatrix = new Float32Array([1.5,0,0,0, 0,1.5,0,0, 0,0,-1,-1, 0,0,-0.02,0]);
+  const views = [-1, 1].map((eye) => ({eye, projectionMatrix, transform: shift(eye * apart / 2, 1.6, 0)}));
+  class Session extends EventTarget {
+    updateRenderState({baseLayer}) { window.layer = baseLayer; }
+    async requestReferenceSpace(type) { if (type !== window.space) throw new DOMException('no', 'NotSupportedError'); return {}; }
+    requestAnimationFrame(draw) {
+      return window.requestAnimationFrame((now) => draw(now, {getViewerPose: () => ({transform: shift(0, 1.6, 0), views})}));
+    }
+    async end() { this.dispatchEvent(new Event('end')); }
+  }
+  window.space = 'local-floor';
+  window.XRWebGLLayer = class {
+    constructor(session, gl) {
+      this.gl = gl;
+      this.framebuffer = gl.createFramebuffer();
+      const texture = gl.createTexture();
+      gl.bindTexture(gl.TEXTURE_2D, texture);
+      gl.texStorage2D(gl.TEXTURE_2D, 1, gl.RGBA8, 2 * side, side);
+      gl.bindFramebuffer(gl.FRAMEBUFFER, this.framebuffer);
+      gl.framebufferTexture2D(gl.FRAMEBUFFER, gl.COLOR_ATTACHMENT0, gl.TEXTURE_2D, texture, 0);
+    }
+    getViewport(view) { return {x: view.eye < 0 ? 0 : side, y: 0, width: side, height: side}; }
+    pixels() {
+      const {gl} = this, data = new Uint8Array(8 * side * side);
+      gl.bindFramebuffer(gl.FRAMEBUFFER, this.framebuffer);
+      gl.readPixels(0, 0, 2 * side, side, gl.RGBA, gl.UNSIGNED_BYTE, data);
+      return btoa(String.fromCharCode(...data));
+    }
+  };
+  WebGL2RenderingContext.prototype.makeXRCompatible = async () => {};
+  Object.defineProperty(navigator, 'xr', {value: {
+    isSessionSupported: async (mode) => mode === 'immersive-vr',
+    requestSession: async () => (window.session = new Session()),
+  }});
+})();
+""".replace("SIDE", str(SIDE)).replace("APART", str(APART))
+
+
+def eyes(page: Page) -> tuple[np.ndarray, np.ndarray]:
+    """What the left and the right eye see, [SIDE, SIDE, 3] each."""
+    data = np.frombuffer(base64.b64decode(page.evaluate("layer.pixels()")), np.uint8)
+    both = data.reshape(SIDE, 2 * SIDE, 4)[::-1, :, :3] / 255
+    return both[:, :SIDE], both[:, SIDE:]
+
+
+def expected(side: int) -> np.ndarray:
+    """The CPU's picture of an eye: beside the reel's camera, whose median distance to the middle is two metres."""
+    reel = open_reel(GOLDEN)
+    middle = np.asarray(reel.manifest.bounds).mean(0)
+    metres = 2 / np.sort([np.linalg.norm(camera.center - middle) for camera in reel.manifest.cameras])[1]
+    start = reel.manifest.camera
+    viewmat = start.viewmat.copy()
+    viewmat[0, 3] -= side * APART / 2 / metres
+    K = np.array([[0.75 * SIDE, 0, SIDE / 2], [0, 0.75 * SIDE, SIDE / 2], [0, 0, 1]])
+    return np.clip(render_image(reel.at(0), Camera("eye", viewmat, K, SIDE, SIDE)), 0, 1)
+
+
+@pytest.mark.parametrize("space", ["local-floor", "local"])
+def test_each_eye_sees_its_own_picture(page: Page, server: Server, space: str):
+    page.add_init_script(HEADSET)
+    open_player(page, server)
+    page.evaluate(f"window.space = '{space}'")
+    page.locator("splat-reel").get_by_role("button", name="Enter VR").click()
+    page.wait_for_function(f"{PLAYER}.presented && {PLAYER}.stage.pictures > 3")
+    if space == "local":  # its origin is where the eyes are: the pretended head stands 1.6 m above that
+        assert eyes(page)[0].mean() < expected(-1).mean() / 2
+        return
+    for got, want in zip(eyes(page), (expected(-1), expected(1)), strict=True):
+        assert want.std() > 0.05
+        assert -10 * np.log10(np.mean((got - want) ** 2)) > 40
+    assert np.abs(expected(-1) - expected(1)).mean() > 0.003, "the eyes see the same"
+
+
+def test_a_pinch_plays_and_leaving_goes_back_to_the_page(page: Page, server: Server):
+    page.add_init_script(HEADSET)
+    open_player(page, server)
+    page.locator("splat-reel canvas").focus()
+    page.keyboard.press("v")
+    page.wait_for_function(f"{PLAYER}.presented && {PLAYER}.stage.pictures > 3")
+    page.evaluate("session.dispatchEvent(new Event('select'))")
+    page.wait_for_function(f"{PLAYER}.currentTime > 0.05 && !{PLAYER}.paused")
+    page.evaluate("session.dispatchEvent(new Event('select'))")
+    assert page.evaluate(f"{PLAYER}.paused") is True
+    page.locator("splat-reel").get_by_role("button", name="Leave VR").click()
+    page.wait_for_function(f"!{PLAYER}.presented")
+    pictures = page.evaluate(f"{PLAYER}.stage.pictures")
+    page.evaluate(f"{PLAYER}.currentTime = 0.3")
+    page.wait_for_function(f"{PLAYER}.stage.pictures > {pictures}")
+    page.locator("splat-reel").get_by_role("button", name="Enter VR").wait_for()
+
+
+def test_without_a_headset_there_is_no_button(page: Page, server: Server):
+    open_player(page, server)
+    assert page.locator("splat-reel .headset").is_hidden()
+    page.keyboard.press("v")
+    assert page.evaluate(f"{PLAYER}.presented") is False
