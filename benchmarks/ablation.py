@@ -1,0 +1,119 @@
+"""What each part of the reconstruction is worth: a capture again and again, each time with one part changed.
+
+python benchmarks/ablation.py CAPTURE --width 320 --frames 0:30
+
+The same command goes on where it was interrupted: each part has a folder of its own.
+"""
+
+import dataclasses
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import tyro
+
+from record import machine, record
+from splatreel.capture.base import Capture
+from splatreel.capture.opening import open_capture
+from splatreel.cli.main import keep_freed_memory
+from splatreel.cli.options import parse_frames
+from splatreel.codec.info import reel_info
+from splatreel.config import Config, Quality, preset
+from splatreel.evaluation.moving import median_pictures, moving_pixels
+from splatreel.evaluation.oracle import Gallery, held_out_views
+from splatreel.evaluation.yardstick import Score
+from splatreel.play.timeline import open_reel
+from splatreel.progress import console
+from splatreel.recon.sequence import Result, reconstruct
+
+PARTS: dict[str, dict[str, Any]] = {
+    "all": {},
+    "no-tracks": {"group.track": False},
+    "no-shade": {"group.shade": False},
+    "no-conversion": {"layering.adapt_every": 0},
+    "faint-kept": {"group.faint_share": 0.0},
+    "one-flow": {"layering.flow_frames": 1},
+    "no-gains": {"correct_colors": False},
+    "no-arap": {"group.lambda_arap": 0.0},
+    "sh-degree-1": {"keyframe.sh_degree": 1},
+    "no-coarse": {"keyframe.coarse_share": 0.0},
+    "progressive": {"group.progressive": 0.5},
+    "hashgrid": {"group.deformation": "hashgrid"},
+}
+"""By name the fields that differ from the preset."""
+EVERY = 3
+"""Frames that are looked at."""
+
+
+def changed(config: Config, fields: dict[str, Any]) -> Config:
+    """A configuration with other values of fields, named as `group.track`."""
+    for name, value in fields.items():
+        section, _, field = name.rpartition(".")
+        if section:
+            field, value = section, dataclasses.replace(getattr(config, section), **{field: value})
+        config = dataclasses.replace(config, **{field: value})
+    return config
+
+
+def main(
+    capture: tyro.conf.Positional[Path],
+    /,
+    width: int | None = None,
+    frames: str = "0:30",
+    parts: str | None = None,
+    quality: Quality = "standard",
+    seed: int = 0,
+    out: Path | None = None,
+    note: str = "",
+) -> None:
+    """Reconstruct once for each part, evaluate, record, and print the table. parts: some of them, with commas."""
+    keep_freed_memory()
+    source = open_capture(capture, width=width, frames=parse_frames(frames))
+    out = out or Path(f"out/ablation-{source.name}-{source.width}-{quality}")
+    print("| | whole dB | SSIM | moving dB | moving SSIM | dynamic | kB | s |\n|---|---|---|---|---|---|---|---|")
+    for part in parts.split(",") if parts else PARTS:
+        config = changed(dataclasses.replace(preset(quality), seed=seed), PARTS[part])
+        before, progress = machine(), console()
+        try:
+            result = reconstruct(source, out / part, config, progress=progress)
+        finally:
+            progress.close()
+        values = measured(result, source) | {"quality": quality, "seed": seed, "machine_before": before}
+        record(f"ablation {source.name} {source.width}, {part}", values, note)
+        cells = [f"{values[name]:.2f}" for name in ("psnr", "ssim", "psnr_moving", "ssim_moving")]
+        cells += [f"{100 * values['dynamic_share']:.1f} %", f"{values['reel_bytes'] / 1e3:.0f}"]
+        print(f"| {part} | {' | '.join(cells)} | {values['seconds_total']:.0f} |", flush=True)
+
+
+def measured(result: Result, capture: Capture) -> dict[str, Any]:
+    """The decoded reel against held-out cameras, whole and where something moves; shares of points and of pixels that move."""
+    played, views = open_reel(result.reel), held_out_views(capture)
+    names = [view.name for view in views]
+    medians = median_pictures(capture, names)
+    scores, pixels = [], []
+    for frame in range(0, capture.frames, EVERY):
+        truths = capture.read(frame, 1, names)[0].astype(np.float32) / 255
+        masks = [moving_pixels(truth, median) for truth, median in zip(truths, medians, strict=True)]
+        gallery = Gallery(views, truths, masks, None)
+        scores.append(gallery.score(played.at(frame / played.fps), played.manifest.near))
+        pixels.append(np.mean(masks))
+    mean, manifest = Score.mean(scores), played.manifest
+    dynamic, static = (sum(file.points for file in files) for files in (manifest.groups[:1], manifest.layers[:1]))
+    moving = mean.moving or mean.whole
+    return {
+        "psnr": mean.whole.psnr,
+        "ssim": mean.whole.ssim,
+        "psnr_moving": moving.psnr,
+        "ssim_moving": moving.ssim,
+        "dynamic_share": dynamic / (dynamic + static),
+        "moving_pixels": float(np.mean(pixels)),
+        "reel_bytes": reel_info(result.reel).bytes,
+        "seconds_total": round(sum(result.seconds.values()), 1),
+        "width": capture.width,
+        "height": capture.height,
+        "frames": capture.frames,
+    }
+
+
+if __name__ == "__main__":
+    tyro.cli(main)
