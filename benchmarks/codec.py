@@ -1,4 +1,4 @@
-"""Bytes against quality of all codec configurations on one reconstruction, recorded.
+"""Bytes against quality of all codec configurations on one reconstruction, and the paper's tables of it, recorded.
 
 python benchmarks/codec.py out/demo out/demo/capture
 """
@@ -10,8 +10,11 @@ import tyro
 
 from record import record
 from splatreel.capture.opening import open_capture
+from splatreel.evaluation.bd_rate import bd_rate
 from splatreel.evaluation.evaluate import reel_width
-from splatreel.evaluation.rates import rate_distortion, table
+from splatreel.evaluation.rates import Sweep, curves, rate_distortion, sweep_of, table
+from splatreel.evaluation.tables import paper_tables
+from splatreel.progress import Silent
 
 
 def main(
@@ -23,14 +26,25 @@ def main(
     first: int = 0,
     end: int | None = None,
     only: tuple[str, ...] = (),
+    tables: bool = True,
+    lines: Path | None = None,
     note: str = "",
 ) -> None:
-    """name: what the reconstruction is of. first, end: the frames it was made from. only: configurations, all by default."""
+    """name: what the reconstruction is of. first, end: the frames it was made from. only: configurations, all by default.
+
+    lines: file of rows that were measured already, and gets the new ones.
+    """
     span = None if end is None else (first, end)
     source = open_capture(capture, width=reel_width(run / "reel"), frames=span)
-    rows = rate_distortion(run, source, every=every, names=list(only) or None)
-    record(f"codec {name}", {"every": every, "rows": [dataclasses.asdict(row) for row in rows]}, note)
+    sweep = sweep_of(run, source, every, record=lines)
+    rows = rate_distortion(sweep, list(only) or None)
+    paper, ours = curves(rows).values()
+    values = {"every": every, "bd_rate": bd_rate(paper, ours), "rows": [dataclasses.asdict(row) for row in rows]}
     print(table(rows))
+    if tables:
+        values["tables"] = paper_tables(sweep, Sweep(run, source, [0], Silent(), lines))
+        print(values["tables"])
+    record(f"codec {name}", values, note)
 
 
 if __name__ == "__main__":

@@ -5,10 +5,13 @@ from pathlib import Path
 import numpy as np
 
 from splatreel.capture.base import Capture
+from splatreel.codec.reader import ReelReader
 from splatreel.codec.writer import ReelWriter
 from splatreel.config import EncodeConfig
 from splatreel.evaluation.bench import cloud, front_camera, swinging_group
 from splatreel.kernels.image import render_image
+from splatreel.recon import checkpoint
+from splatreel.recon.publish import group_folder, save_group, save_header
 from splatreel.scene.camera import Camera
 from splatreel.scene.gaussians import Gaussians
 from splatreel.scene.group import Group
@@ -77,4 +80,18 @@ def write_reel(path: Path) -> Path:
     moving = group()
     writer.add_group(Group(0, 0, moving.dynamic, moving.dx, moving.dq, moving.alive[order]))
     writer.finish()
+    return path
+
+
+def write_run(path: Path) -> Path:
+    """The scene as the output folder of a reconstruction: its reel, and the checkpoints it was made of."""
+    reel = write_reel(path / "reel")
+    manifest = ReelReader(reel).manifest
+    names = ("fps", "group_length", "overlap", "sh_degree", "near", "camera")
+    header = {name: getattr(manifest, name) for name in names} | {"cameras": list(manifest.cameras)}
+    save_header(path / "work", header | {"bounds": manifest.bounds.tolist(), "up": manifest.up.tolist()})
+    layer = checkpoint.pack(static(), "raw_") | checkpoint.pack(static(), "decoded_")
+    checkpoint.save_arrays(group_folder(path / "work", 0) / "layer.safetensors", layer)
+    save_group(path / "work", group())
+    checkpoint.save_json(path / "work" / "seconds.json", {"keyframe": 30.0, "group": 60.0})
     return path

@@ -50,6 +50,8 @@ def codec(
     every: int = 4,
     width: int | None = None,
     span: str | None = None,
+    tables: bool = False,
+    out: Path | None = None,
     json: bool = False,
 ) -> None:
     """Time encoding and decoding a group; or, of a run, how many bytes and how much quality each codec's settings give.
@@ -63,6 +65,8 @@ def codec(
         every: Of a run's frames, every how many are compared with the held-out cameras.
         width: Width of the capture's images, in pixels; by default that of the reel's cameras.
         span: Frames of the capture that the run was made of, as A:B.
+        tables: Also the paper's Tables 4, 8, 9 and 10, with the run's numbers.
+        out: Folder that gets codec.md, codec.svg and codec.jsonl, from which the same command continues.
         json: Print one JSON object a line.
     """
     if run is None:
@@ -73,17 +77,29 @@ def codec(
         raise UsageError("bench codec RUN needs the CAPTURE after it, and --every 1 or more.")
     from splatreel.capture.opening import open_capture
     from splatreel.evaluation.evaluate import reel_width
-    from splatreel.evaluation.rates import rate_distortion, table
+    from splatreel.evaluation.rates import Sweep, curves, rate_distortion, sweep_of, table
     from splatreel.progress import console
 
     source = open_capture(capture, width=width or reel_width(run / "reel"), frames=parse_frames(span))
     progress = console()
+    record = None if out is None else out / "codec.jsonl"
     try:
-        rows = rate_distortion(run, source, every=every, progress=progress)
+        sweep = sweep_of(run, source, every, progress, record)
+        rows = rate_distortion(sweep)
+        text = table(rows)
+        if tables:
+            from splatreel.evaluation.tables import paper_tables
+
+            text += "\n" + paper_tables(sweep, Sweep(run, source, [0], progress, record))
     finally:
         progress.close()
         source.close()
-    print("\n".join(json_format.dumps(dataclasses.asdict(row)) for row in rows) if json else table(rows))
+    if out is not None:
+        from splatreel.evaluation.chart import rate_chart
+
+        (out / "codec.md").write_text(text, encoding="utf-8")
+        (out / "codec.svg").write_text(rate_chart(curves(rows), f"{run.name}: held-out cameras"), encoding="utf-8")
+    print("\n".join(json_format.dumps(dataclasses.asdict(row)) for row in rows) if json else text)
 
 
 def oracle(

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import dataclasses
+import json
 import tempfile
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -14,6 +16,7 @@ from splatreel.codec.info import reel_info
 from splatreel.codec.reader import ReelReader
 from splatreel.config import EncodeConfig
 from splatreel.errors import UsageError
+from splatreel.evaluation.bd_rate import bd_rate
 from splatreel.evaluation.evaluate import check_same_capture, choose_cameras, choose_frames, read_frames
 from splatreel.evaluation.metrics import psnr
 from splatreel.evaluation.undecoded import undecoded_frames
@@ -21,16 +24,16 @@ from splatreel.kernels.image import render_image
 from splatreel.play.timeline import Timeline
 from splatreel.progress import Progress, Silent
 from splatreel.recon.publish import encode
+from splatreel.scene.gaussians import Gaussians
 
 PAPER = EncodeConfig(codec="h265")
+"""The paper's codec with our two improvements, which only help it; `PRINTED` is without them."""
+PRINTED = dataclasses.replace(PAPER, log_scales=False, fold=False)
 CONFIGURATIONS: dict[str, EncodeConfig] = {
     "paper": PAPER,
-    "paper, scales 8 bits (Table 9)": dataclasses.replace(PAPER, scale_bits=8),
-    "paper, codebook 256 (Table 9)": dataclasses.replace(PAPER, sh_entries=256),
-    "paper, no SH (Table 9)": dataclasses.replace(PAPER, sh_entries=0),
-    "paper, CRF 14 (Table 10)": dataclasses.replace(PAPER, crf=14),
-    "paper, CRF 28 (Table 10)": dataclasses.replace(PAPER, crf=28),
-    "paper, QP_DRC 14 (Table 10)": dataclasses.replace(PAPER, position_bits=14),
+    "paper, CRF 14": dataclasses.replace(PAPER, crf=14),
+    "paper, CRF 28": dataclasses.replace(PAPER, crf=28),
+    "paper, CRF 36": dataclasses.replace(PAPER, crf=36),
     "predictive 0.3 (--rate high)": EncodeConfig(coarseness=0.3),
     "predictive 0.6 (--rate medium)": EncodeConfig(),
     "predictive 0.8": EncodeConfig(coarseness=0.8),
@@ -39,6 +42,8 @@ CONFIGURATIONS: dict[str, EncodeConfig] = {
     "predictive 4": EncodeConfig(coarseness=4.0),
 }
 MOTION = ("offsets", "dx", "dq")
+Write = Callable[[Path, EncodeConfig], object]
+"""Writes a reel into a folder."""
 
 
 @dataclass(frozen=True)
@@ -53,42 +58,87 @@ class Row:
     sections: dict[str, dict[str, int]]
 
 
-def rate_distortion(
-    run: Path, capture: Capture, *, every: int = 4, names: list[str] | None = None, progress: Progress | None = None
-) -> list[Row]:
-    """Encode the checkpoints of a run in all ways of CONFIGURATIONS, or those named, and measure each.
+class Sweep:
+    """Measures encodings of one run against cameras held out. frames: which of the run's.
 
-    every: of the frames, every how many are rendered. Raises what encoding and reading raise, `UsageError` for an unknown name.
+    record: a file that gets a line a row; rows that it has already of the same run and frames are not measured again.
+    Raises what reading the run and its capture raises.
     """
+
+    def __init__(
+        self, run: Path, capture: Capture, frames: Sequence[int], progress: Progress, record: Path | None = None
+    ) -> None:
+        self.run, self.progress, self.record = run, progress, record
+        reader = ReelReader(run / "reel")
+        check_same_capture(reader.manifest, capture, str(run))
+        self.views, self.near = choose_cameras(capture, None), reader.manifest.near
+        self.frames = list(frames)
+        names = [view.name for view in self.views]
+        self.truths = [truth.copy() for _, truth in read_frames(capture, self.frames, names)]
+        self._key = {"run": reader.manifest.groups[0].sha256, "frames": self.frames}
+        self._known = self._load()
+        self.before = self._cached("before encoding", self._before)["psnr"]
+
+    def measure(self, name: str, config: EncodeConfig, write: Write | None = None) -> Row:
+        """Encode, decode and compare. write: how the reel is written; by default the run as it is."""
+        return Row(**self._cached(name, lambda: dataclasses.asdict(self._measure(name, config, write))))
+
+    def _measure(self, name: str, config: EncodeConfig, write: Write | None) -> Row:
+        with tempfile.TemporaryDirectory(prefix="splatreel-rates-") as folder:
+            if write is None:
+                encode(self.run / "work", Path(folder), config, self.progress)
+            else:
+                write(Path(folder), config)
+            info, timeline = reel_info(folder), Timeline(ReelReader(folder))
+            after = self._score(lambda frame: timeline.at(frame / timeline.fps))
+        offsets = sum(info.section_bytes["group"].get(section, 0) for section in MOTION)
+        return Row(name, info.bytes, offsets, after, self.before - after, info.section_bytes)
+
+    def _before(self) -> dict:
+        return {"psnr": self._score(undecoded_frames(self.run / "work", self.run / "reel"))}
+
+    def _score(self, at: Callable[[int], Gaussians]) -> float:
+        """Mean PSNR of all views and frames."""
+        values = []
+        for frame, images in zip(self.frames, self.truths, strict=True):
+            gaussians = at(frame)
+            for view, truth in zip(self.views, images, strict=True):
+                values.append(psnr(np.clip(render_image(gaussians, view, near=self.near), 0, 1), truth))
+        return float(np.mean(values))
+
+    def _load(self) -> dict[str, dict]:
+        if self.record is None or not self.record.exists():
+            return {}
+        try:
+            lines = [json.loads(line) for line in self.record.read_text(encoding="utf-8").splitlines()]
+            return {line["name"]: line["row"] for line in lines if line["of"] == self._key}
+        except (ValueError, KeyError, TypeError) as error:
+            raise UsageError(f"{self.record}: is damaged ({error!r}). Delete it to start over.") from error
+
+    def _cached(self, name: str, work: Callable[[], dict]) -> dict:
+        if name not in self._known:
+            self._known[name] = work()
+            if self.record is not None:
+                self.record.parent.mkdir(parents=True, exist_ok=True)
+                with self.record.open("a", encoding="utf-8") as file:
+                    file.write(json.dumps({"name": name, "of": self._key, "row": self._known[name]}) + "\n")
+        return self._known[name]
+
+
+def sweep_of(
+    run: Path, capture: Capture, every: int, progress: Progress | None = None, record: Path | None = None
+) -> Sweep:
+    """A sweep over every so manieth frame that a run and its capture share."""
+    frames = choose_frames(min(capture.frames, ReelReader(run / "reel").frames), None)[::every]
+    return Sweep(run, capture, frames, progress or Silent(), record)
+
+
+def rate_distortion(sweep: Sweep, names: Sequence[str] | None = None) -> list[Row]:
+    """All ways of CONFIGURATIONS, or those named. Raises `UsageError` for an unknown name."""
     unknown = set(names or []) - set(CONFIGURATIONS)
     if unknown:
         raise UsageError(f"No configuration is called {min(unknown)!r}. Known are {', '.join(CONFIGURATIONS)}.")
-    work, progress = run / "work", progress or Silent()
-    reader = ReelReader(run / "reel")
-    check_same_capture(reader.manifest, capture, str(run))
-    views = choose_cameras(capture, None)
-    chosen = choose_frames(min(capture.frames, reader.frames), None)[::every]
-    truths = [truth.copy() for _, truth in read_frames(capture, chosen, [view.name for view in views])]
-
-    def score(at) -> float:
-        values = []
-        for frame, images in zip(chosen, truths, strict=True):
-            gaussians = at(frame)
-            for view, truth in zip(views, images, strict=True):
-                image = render_image(gaussians, view, near=reader.manifest.near)
-                values.append(psnr(np.clip(image, 0, 1), truth))
-        return float(np.mean(values))
-
-    before = score(undecoded_frames(work, run / "reel"))
-    rows = []
-    for name in names or CONFIGURATIONS:
-        with tempfile.TemporaryDirectory(prefix="splatreel-rates-") as folder:
-            encode(work, Path(folder), CONFIGURATIONS[name], progress)
-            info, timeline = reel_info(folder), Timeline(ReelReader(folder))
-            after = score(lambda frame, timeline=timeline: timeline.at(frame / timeline.fps))
-        offsets = sum(info.section_bytes["group"].get(section, 0) for section in MOTION)
-        rows.append(Row(name, info.bytes, offsets, after, before - after, info.section_bytes))
-    return rows
+    return [sweep.measure(name, CONFIGURATIONS[name]) for name in names or CONFIGURATIONS]
 
 
 def bytes_at(rows: list[Row], loss: float) -> float | None:
@@ -98,6 +148,14 @@ def bytes_at(rows: list[Row], loss: float) -> float | None:
     if not points or not losses[0] <= loss <= losses[-1]:
         return None
     return float(np.exp(np.interp(loss, losses, [point[1] for point in points])))
+
+
+def curves(rows: list[Row]) -> dict[str, list[tuple[float, float]]]:
+    """(bytes, PSNR) of the paper's codec and of ours."""
+    return {
+        codec: [(row.bytes, row.psnr) for row in rows if row.name.startswith(codec)]
+        for codec in ("paper", "predictive")
+    }
 
 
 def table(rows: list[Row]) -> str:
@@ -116,4 +174,11 @@ def table(rows: list[Row]) -> str:
             lines.append(
                 f"\nAt the paper's loss + {slack:g} dB: predictive takes {found / paper.bytes:.1%} of its bytes."
             )
+    theirs, own = curves(rows).values()
+    delta = bd_rate(theirs, own)
+    lines.append(
+        "\nBD-rate: the two have no quality in common."
+        if delta is None
+        else f"\nBD-rate of predictive against the paper's codec: {delta:+.1%}."
+    )
     return "\n".join(lines) + "\n"
