@@ -163,6 +163,64 @@ def oracle(
     print(result.to_markdown(), end="")
 
 
+def reconstruct(
+    capture: Positional[Path],
+    /,
+    out: Path,
+    width: int | None = None,
+    scale: float | None = None,
+    frames: str | None = None,
+    hold_out: str | None = None,
+    quality: Quality = "standard",
+    against: Quality | None = None,
+    loop: int | None = None,
+    repeats: int = 5,
+    device: Device = "auto",
+    seed: int = 0,
+    threads: int | None = None,
+    json: bool = False,
+) -> None:
+    """Time a reconstruction, and what motion layering and threads gain in it. The same command continues.
+
+    Args:
+        capture: Folder of the videos or images and their cameras.
+        out: OUT/QUALITY gets the reel; a line for each measurement is added to OUT/bench.jsonl.
+        width: Width of the images to train on, in pixels; their own by default.
+        scale: Size of the images to train on, as a share of their own, instead of the width.
+        frames: Which frames, as A:B (B is left out); 0:35, one group, is quick. All by default.
+        hold_out: Names of cameras to keep for evaluation, as NAME,NAME; what the format says by default.
+        quality: How long to train.
+        against: Another quality to compare it with, which may take hours if it is `paper`.
+        loop: Reconstruct once more with the frames played over and over for so many, to see whether memory grows.
+        repeats: How often iterations are timed; the median counts.
+        device: Where to train; auto takes a CUDA GPU if there is one.
+        seed: Seed of everything random.
+        threads: How many threads to use; as many as there are cores by default.
+        json: Print one JSON object a line.
+    """
+    use_threads(threads)
+    span, held_out = parse_frames(frames), parse_names(hold_out, "--hold-out")
+    if repeats < 1 or against == quality:
+        raise UsageError("bench reconstruct needs --repeats 1 or more, and an --against that is another quality.")
+    configs = {name: configure(name, None, None, seed) for name in (quality, against) if name is not None}
+    from splatreel.capture.opening import open_capture
+    from splatreel.evaluation.label import append, label
+    from splatreel.evaluation.speed import bench_reconstruct
+    from splatreel.progress import console
+    from splatreel.recon.device import pick_device
+
+    source = open_capture(capture, width=width, scale=scale, frames=span, held_out=held_out)
+    made, progress = label(source, pick_device(device).type), console()
+    try:
+        limits = {"loop": loop, "repeats": repeats}
+        rows = bench_reconstruct(source, out, configs, device=device, progress=progress, **limits)
+    finally:
+        progress.close()
+        source.close()
+    append(out / "bench.jsonl", made, rows)
+    show(rows, json)
+
+
 def show(rows: list[dict[str, float | int | str]], json: bool) -> None:
     """Print measurements, one a line."""
     for row in rows:
@@ -170,7 +228,8 @@ def show(rows: list[dict[str, float | int | str]], json: bool) -> None:
             print(json_format.dumps(row))
         else:
             rest = ", ".join(f"{name} {value:,}" for name, value in row.items() if name not in ("what", "ms"))
-            print(f"{row['what']:<16} {row['ms']:>10,.1f} ms   {rest}")
+            time = f"{row['ms']:>10,.1f} ms" if "ms" in row else " " * 13
+            print(f"{row['what']:<16} {time}   {rest}")
 
 
 def build() -> SubcommandApp:
@@ -180,4 +239,5 @@ def build() -> SubcommandApp:
     app.command(kernels)
     app.command(codec)
     app.command(oracle)
+    app.command(reconstruct)
     return app

@@ -33,22 +33,22 @@ def step_rows(gaussians: Gaussians, camera: Camera, repeats: int) -> list[Row]:
     still = Backdrop(gaussians[leftmost[quarter:]], [view], NEAR, torch.device("cpu"))
     keyframe, group = _step(gaussians, view), _step(gaussians[leftmost[:quarter]], view, still)
     threads = numba.get_num_threads()
-    many, one = _medians([keyframe, lambda: _on_one_thread(keyframe, threads)], repeats)
-    layered, whole = _medians([group, lambda: group(layered=False)], repeats)
+    many, one = medians([keyframe, lambda: on_one_thread(keyframe, threads)], repeats)
+    layered, whole = medians([group, lambda: group(layered=False)], repeats)
     return [
         {
             "what": "keyframe step",
             "points": len(gaussians),
             "threads": threads,
             "ms": many,
-            "one_thread": _ratio(one, many),
+            "one_thread": ratio(one, many),
         },
         {
             "what": "group step",
             "points": quarter,
             "still": len(still),
             "ms": layered,
-            "undivided": _ratio(whole, layered),
+            "undivided": ratio(whole, layered),
         },
     ]
 
@@ -66,7 +66,8 @@ def _step(gaussians: Gaussians, view: View, still: Backdrop | None = None) -> Ca
     return step
 
 
-def _on_one_thread(work: Callable[[], None], threads: int) -> None:
+def on_one_thread(work: Callable[[], None], threads: int) -> None:
+    """Do it on one thread, and use `threads` again afterwards."""
     numba.set_num_threads(1)
     torch.set_num_threads(1)
     try:
@@ -76,7 +77,7 @@ def _on_one_thread(work: Callable[[], None], threads: int) -> None:
         torch.set_num_threads(threads)
 
 
-def _medians(works: list[Callable[[], None]], repeats: int) -> list[float]:
+def medians(works: list[Callable[[], None]], repeats: int) -> list[float]:
     """Median milliseconds of each, one after the other in turns: what else the machine does falls on all."""
     times: list[list[float]] = [[] for _ in works]
     for turn in range(repeats + 1):
@@ -88,5 +89,6 @@ def _medians(works: list[Callable[[], None]], repeats: int) -> list[float]:
     return [round(float(np.median(measured)), 3) for measured in times]
 
 
-def _ratio(slow: float, quick: float) -> float:
+def ratio(slow: float, quick: float) -> float:
+    """slow / quick, to two places."""
     return round(slow / quick, 2)

@@ -129,11 +129,11 @@ class GroupTrainer:
                 self._drop_faint()
                 self._watch()
             if (iteration + 1) % SHOW_EVERY == 0 or share == 1:
-                progress.update(iteration + 1, loss=loss, dynamic=len(self.points))
+                progress.update(iteration + 1, loss=float(loss), dynamic=len(self.points))
         progress.note(f"training views {self.psnr():.2f} dB, {len(self.points):,} dynamic points")
         return self.result()
 
-    def _step(self, iteration: int) -> float:
+    def _step(self, iteration: int) -> Tensor:
         share = iteration / self.iterations
         frame = self.schedule.draw(iteration)
         self.model.reach(self.schedule.frontier(iteration))
@@ -161,7 +161,7 @@ class GroupTrainer:
         self.model.step(share)
         if self.shade is not None:
             self.shade.step(share)
-        return float(loss.detach())
+        return loss.detach()
 
     def _deformed(self, dx: Tensor, dq: Tensor, shade: Tensor | None, view: View) -> Splats:
         p = self.points

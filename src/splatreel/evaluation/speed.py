@@ -1,0 +1,149 @@
+"""How fast a capture is reconstructed, in ratios taken within one run: other machines, and other days, have other seconds."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Callable
+from pathlib import Path
+
+import numba
+import torch
+
+from splatreel.capture.base import Capture
+from splatreel.capture.looped import LoopedCapture
+from splatreel.config import Config
+from splatreel.errors import UsageError
+from splatreel.evaluation.bench import Row
+from splatreel.evaluation.evaluate import evaluate
+from splatreel.evaluation.memory import peak_memory_bytes
+from splatreel.evaluation.steps import medians, on_one_thread, ratio
+from splatreel.progress import Progress, Silent
+from splatreel.recon import checkpoint
+from splatreel.recon.colors import CameraGains
+from splatreel.recon.drawing import View, draw
+from splatreel.recon.group import MEASURE_EVERY, GroupFrames, GroupTrainer
+from splatreel.recon.layout import Layout
+from splatreel.recon.publish import group_folder, load_group, load_static
+from splatreel.recon.sequence import Result, reconstruct
+
+BATCH = 8
+"""Iterations that are timed together: each looks at another camera and frame."""
+
+
+def bench_reconstruct(
+    capture: Capture,
+    out: Path,
+    configs: dict[str, Config],
+    *,
+    device: str = "auto",
+    loop: int | None = None,
+    repeats: int = 5,
+    progress: Progress | None = None,
+) -> list[Row]:
+    """Reconstruct into OUT/<name> by every configuration, the first of which the others are compared with; then time its iterations.
+
+    loop: reconstruct the first once more, with the capture played over and over for so many frames, and say how much more memory that
+    took. The same call continues what was interrupted; memory is that of this process. Raises `UsageError` for a loop that is none,
+    and what reconstruction raises.
+    """
+    progress = progress or Silent()
+    if loop is not None and loop <= capture.frames:
+        raise UsageError(
+            f"--loop {loop} is out of range: the capture has {capture.frames} frames. Choose more than that."
+        )
+    (name, config), *others = configs.items()
+    first, result = _run(capture, out, name, config, device, progress)
+    rows = [first]
+    trainer = trainer_of(capture, result.work, config, torch.device(result.device))
+    if len(trainer.points):
+        rows.append(iteration_row(trainer, repeats))
+    del trainer
+    if loop is not None:
+        looped, _ = _run(LoopedCapture(capture, loop), out, f"{name} looped", config, device, progress)
+        looped["more_memory_mb"] = round(float(looped["peak_memory_mb"]) - float(first["peak_memory_mb"]), 1)
+        rows.append(looped)
+    for other, settings in others:
+        row, _ = _run(capture, out, other, settings, device, progress)
+        row["times_as_long"] = ratio(float(row["seconds"]), float(first["seconds"]))
+        if "psnr" in first:
+            row["psnr_more"] = round(float(row["psnr"]) - float(first["psnr"]), 3)
+        rows.append(row)
+    return rows
+
+
+def _run(capture: Capture, out: Path, name: str, config: Config, device: str, progress: Progress) -> tuple[Row, Result]:
+    """Reconstruct and, where cameras are held out, evaluate the decoded reel on them."""
+    result = reconstruct(capture, out / name.replace(" ", "-"), config, device=device, progress=progress)
+    seconds = sum(result.seconds.values())
+    row: Row = {
+        "what": name,
+        "frames": capture.frames,
+        "seconds": round(seconds, 1),
+        "seconds_a_frame": round(seconds / capture.frames, 3),
+        **{f"{stage}_share": round(spent / seconds, 3) for stage, spent in result.seconds.items()},
+        "peak_memory_mb": round((peak_memory_bytes() or 0) / 1e6, 1),
+    }
+    if capture.held_out:
+        row["psnr"] = round(evaluate(result.reel, capture, device=result.device, progress=progress).psnr, 3)
+    return row, result
+
+
+def trainer_of(capture: Capture, work: Path, config: Config, device: torch.device) -> GroupTrainer:
+    """A trainer of the first group of a finished run as its training left it. It measures the static points whenever it may."""
+    group, layout = load_group(work, 0), Layout(**checkpoint.load_json(work / "layout.json"))
+    names = [camera.name for camera in capture.training_cameras]
+    images = torch.from_numpy(capture.read(group.first_frame, group.frames, names)).to(device)
+    views = [View.of(camera, device) for camera in capture.training_cameras]
+    gains = CameraGains(len(views), device, config.correct_colors)
+    gains.load(
+        torch.from_numpy(checkpoint.load_arrays(group_folder(work, 0) / "keyframe.safetensors")["gains"]).to(device)
+    )
+    config = dataclasses.replace(config, layering=dataclasses.replace(config.layering, adapt_every=1))
+    frames, tracks = GroupFrames(images, views, layout.near, layout.unit), group.dynamic.means + group.dx
+    return GroupTrainer(frames, group.dynamic, load_static(work, 0), group.alive, gains, config, config.seed, tracks)
+
+
+def iteration_row(trainer: GroupTrainer, repeats: int) -> Row:
+    """Milliseconds of an iteration of a group, median of batches.
+
+    undivided: how many times as long it takes where every tile is drawn and the static points get gradients too; one_thread: and on
+    one thread; tiles: the share of them that is drawn otherwise, mean over some cameras and frames.
+    """
+    middle = trainer.iterations // 2 // MEASURE_EVERY * MEASURE_EVERY
+    layered, whole = (_batch(trainer, at) for at in (middle + MEASURE_EVERY // 2, middle))  # the same regularisers
+    layered()  # until every view has drawn its backdrop
+    for camera in range(len(trainer.frames.views)):
+        trainer.backdrop.scenery(camera)
+    works, threads = [layered, whole], numba.get_num_threads()
+    if trainer.frames.images.device.type == "cpu":
+        works.append(lambda: on_one_thread(layered, threads))
+    times = medians(works, repeats)
+    row: Row = {
+        "what": "group iteration",
+        "points": len(trainer.points),
+        "still": int(trainer.backdrop.alive.sum()),
+        "ms": round(times[0] / BATCH, 3),
+        "undivided": ratio(times[1], times[0]),
+        "tiles": round(_tiles(trainer), 3),
+    }
+    return row if len(times) < 3 else {**row, "threads": threads, "one_thread": ratio(times[2], times[0])}
+
+
+def _batch(trainer: GroupTrainer, iteration: int) -> Callable[[], None]:
+    def work() -> None:
+        for _ in range(BATCH):
+            trainer._step(iteration)
+
+    return work
+
+
+@torch.no_grad()
+def _tiles(trainer: GroupTrainer) -> float:
+    """Share of the tiles that something moves in."""
+    shares = []
+    for camera, view in enumerate(trainer.frames.views):
+        moving = trainer._at(camera % trainer.frames.count, view)
+        tiles = draw(moving, view, trainer.backdrop.scenery(camera)).tiles
+        assert tiles is not None
+        shares.append(float(tiles.float().mean()))
+    return sum(shares) / len(shares)

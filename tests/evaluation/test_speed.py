@@ -1,0 +1,67 @@
+"""Reconstructions of a tiny capture: what is measured, and that ratios are of what they say."""
+
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+
+from splatreel.cli.main import main
+from splatreel.config import Config, preset
+from splatreel.errors import UsageError
+from splatreel.evaluation.label import append, label
+from splatreel.evaluation.speed import bench_reconstruct
+from tests.recon.captures import WallCapture
+
+
+def config(iterations: int) -> Config:
+    draft = preset("draft")
+    keyframe = replace(draft.keyframe, first_iterations=60, refine_iterations=5)
+    group = replace(draft.group, length=4, overlap=1, iterations_per_frame=iterations)
+    return replace(draft, keyframe=keyframe, group=group)
+
+
+def test_what_is_measured(tmp_path: Path) -> None:
+    capture = WallCapture(4, speed=0.3)
+    capture.held_out = ["cam03"]
+    rows = bench_reconstruct(
+        capture, tmp_path, {"quick": config(4), "long": config(8)}, device="cpu", loop=8, repeats=1
+    )
+    quick, iteration, looped, long = rows
+    assert [row["what"] for row in rows] == ["quick", "group iteration", "quick looped", "long"]
+    assert quick["seconds"] > 0
+    assert quick["seconds_a_frame"] == pytest.approx(quick["seconds"] / 4, abs=0.02)
+    assert quick["peak_memory_mb"] > 50
+    assert quick["psnr"] > 10
+    assert iteration["points"] > 0
+    assert iteration["still"] > 0
+    assert 0 < iteration["tiles"] <= 1
+    assert iteration["ms"] > 0
+    assert iteration["undivided"] > 0
+    assert iteration["one_thread"] > 0
+    assert looped["frames"] == 8
+    assert looped["more_memory_mb"] >= 0
+    assert long["times_as_long"] > 0
+    assert long["psnr_more"] == pytest.approx(long["psnr"] - quick["psnr"], abs=0.002)
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["long", "quick", "quick-looped"]
+    made = label(capture, "cpu")
+    append(tmp_path / "bench.jsonl", made, rows)
+    append(tmp_path / "bench.jsonl", made, rows[:1])
+    lines = [json.loads(line) for line in (tmp_path / "bench.jsonl").read_text().splitlines()]
+    assert [line["what"] for line in lines] == [*[row["what"] for row in rows], "quick"]
+    assert {(line["capture"], line["cameras"], line["width"], line["device"]) for line in lines} == {
+        ("wall", 3, capture.width, "cpu")
+    }
+    assert lines[2]["frames"] == 8  # of the row, not of the capture
+
+
+def test_a_loop_must_be_longer_than_the_capture(tmp_path: Path) -> None:
+    with pytest.raises(UsageError, match="--loop 4 is out of range: the capture has 4 frames"):
+        bench_reconstruct(WallCapture(4), tmp_path, {"quick": config(4)}, loop=4)
+    assert not list(tmp_path.iterdir())
+
+
+def test_wrong_use(capsys: pytest.CaptureFixture[str]) -> None:
+    for options in (["--repeats", "0"], ["--against", "standard"]):
+        assert main(["bench", "reconstruct", "capture", "--out", "x", *options]) == 2
+        assert capsys.readouterr().err.startswith("Error: bench reconstruct needs --repeats 1 or more")
