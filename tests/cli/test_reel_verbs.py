@@ -17,6 +17,23 @@ def test_info(capsys: pytest.CaptureFixture[str]) -> None:
     manifest = json.loads((GOLDEN / "manifest.json").read_text())
     assert f"{manifest['frames']} frames at {manifest['fps']:g} a second" in text
     assert text.count("dynamic points") == len(manifest["groups"])
+    layers, groups = (sum(file["bytes"] for file in manifest[kind]) for kind in ("layers", "groups"))
+    assert f"layers {layers:,} (" in text
+    assert f"groups {groups:,} (" in text
+
+
+def test_info_draws_the_rate_over_time(capsys: pytest.CaptureFixture[str]) -> None:
+    """Six frames at 30 a second play from the first group, eight from the second."""
+    assert main(["info", str(GOLDEN)]) == 0
+    manifest = json.loads((GOLDEN / "manifest.json").read_text())
+    bars = [line for line in capsys.readouterr().out.splitlines() if " s  " in line]
+    rates = [
+        8e-6 * (manifest["groups"][i]["bytes"] + manifest["layers"][i]["bytes"]) * 30 / n for i, n in ((0, 6), (1, 8))
+    ]
+    assert [float(bar.split()[0]) for bar in bars] == [0, 0.2]
+    assert [float(bar.split()[2]) for bar in bars] == pytest.approx(rates, abs=0.006)
+    lengths = [bar.count("█") + bar.count("░") for bar in bars]
+    assert lengths[1] / lengths[0] == pytest.approx(rates[1] / rates[0], abs=0.05)
 
 
 def test_info_as_json(capsys: pytest.CaptureFixture[str]) -> None:
@@ -32,6 +49,12 @@ def test_verify_finds_a_flipped_bit(tmp_path: Path, capsys: pytest.CaptureFixtur
     assert main(["verify", str(GOLDEN)]) == 0
     assert "whole" in capsys.readouterr().out
     shutil.copytree(GOLDEN, tmp_path / "reel")
+    (tmp_path / "reel" / "groups" / "more.bin").write_bytes(b"x")
+    assert main(["verify", str(tmp_path)]) == 0
+    assert (
+        "files that the manifest does not name: expected.json, expected.npz, groups/more.bin" in capsys.readouterr().out
+    )
+    (tmp_path / "reel" / "groups" / "more.bin").unlink()
     file = next((tmp_path / "reel" / "groups").iterdir())
     data = bytearray(file.read_bytes())
     data[len(data) // 2] ^= 1

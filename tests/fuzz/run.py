@@ -37,7 +37,7 @@ def main() -> None:
         for index in range(len(files())):
             (folder / f"seed-{index}").write_bytes(bytes([index]))
     limits = [
-        "-timeout=20",
+        "-timeout=60",
         "-rss_limit_mb=3000",
         "-max_len=200",
         "-len_control=20",

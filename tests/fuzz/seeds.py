@@ -38,6 +38,10 @@ def files() -> dict[str, bytes]:
         dx, dq = random_motion(np.random.default_rng(0), moving, FRAMES)
         group = Group(0, 0, moving, dx, dq, np.arange(40) % 3 > 0)
         found[f"group-{name}"], _ = encode_group(group, config, weights(POINTS))
+        if config.source == "ofs":
+            shade = np.linspace(-0.2, 0.2, FRAMES * POINTS * 4, dtype=np.float32).reshape(FRAMES, POINTS, 4)
+            shaded = dataclasses.replace(group, shade=shade)
+            found[f"group-{name}-shaded"], _ = encode_group(shaded, config, weights(POINTS))
     with tempfile.TemporaryDirectory() as folder:
         found["manifest"] = (write_reel(Path(folder) / "reel") / "manifest.json").read_bytes()
     return found

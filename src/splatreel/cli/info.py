@@ -13,6 +13,7 @@ from splatreel.cli.options import reel_folder
 
 if TYPE_CHECKING:
     from splatreel.codec.info import ReelInfo
+    from splatreel.codec.manifest import Manifest
 
 
 def info(reel: Positional[Path], /, rendition: str | None = None, json: bool = False) -> None:
@@ -47,6 +48,9 @@ def describe(name: str, found: ReelInfo) -> str:
         f"  {found.bytes:,} bytes of {found.float32_bytes:,} as plain float32, {found.bytes_per_second:,.0f} a second; "
         f"{found.first_view_bytes:,} before the first picture",
     ]
+    layers, groups = sum(found.layer_bytes), sum(found.group_bytes)
+    parts = {"layers": layers, "groups": groups, "manifest": found.bytes - layers - groups}
+    lines.append(f"  {', '.join(f'{kind} {size:,} ({size / found.bytes:.1%})' for kind, size in parts.items())}")
     if found.rendition_bytes:
         rates = [
             f"{name} {size:,} bytes ({8e-6 * size / seconds:.2f} Mbit/s)"
@@ -67,4 +71,30 @@ def describe(name: str, found: ReelInfo) -> str:
         parts = [f"{section} {size:,} ({8 * size / count:.1f})" for section, size in sections.items()]
         if parts:
             lines.append(f"  {kind}s, bytes and bits a point: {', '.join(parts)}")
-    return "\n".join(lines)
+    return "\n".join([*lines, *rate_chart(manifest)])
+
+
+ROWS, BAR = 24, 48
+"""Lines of the chart of the rate, and characters of its longest bar."""
+
+
+def rate_chart(manifest: Manifest) -> list[str]:
+    """Megabits a second that a player fetches while groups play: their own files, and the layers born at them, drawn lighter."""
+    groups, born = manifest.groups, {layer.group: layer.bytes for layer in manifest.layers}
+    if not groups:
+        return []
+    ends = [group.first_frame for group in groups[1:]] + [manifest.frames]
+    together = -(-len(groups) // ROWS)
+    rows = []
+    for first in range(0, len(groups), together):
+        last = min(first + together, len(groups)) - 1
+        seconds = max(ends[last] - groups[first].first_frame, 1) / manifest.fps
+        own = sum(group.bytes for group in groups[first : last + 1])
+        layers = sum(born.get(index, 0) for index in range(first, last + 1))
+        rows.append((groups[first].first_frame / manifest.fps, 8e-6 * own / seconds, 8e-6 * layers / seconds))
+    top = max(own + layers for _, own, layers in rows) or 1.0
+    lines = ["  rate over time, Mbit/s (█ groups, ░ new static points)"]
+    for start, own, layers in rows:
+        bar = "█" * round(BAR * own / top) + "░" * round(BAR * layers / top)
+        lines.append(f"  {start:8.2f} s  {own + layers:7.2f}  {bar}".rstrip())
+    return lines

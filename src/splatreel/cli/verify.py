@@ -20,5 +20,8 @@ def verify(reel: Positional[Path], /) -> None:
     reel = reel_folder(reel)
     found = verify_reel(reel)
     print(
-        f"{reel}: whole. {found.groups} groups and {found.layers} layers, {found.points:,} points, {found.bytes:,} bytes"
+        f"{reel}: whole, every byte is what the manifest says. {found.groups} groups and {found.layers} layers, "
+        f"{found.points:,} points, {found.bytes:,} bytes"
     )
+    if found.strangers:
+        print(f"  {len(found.strangers)} files that the manifest does not name: {', '.join(found.strangers[:5])}")

@@ -23,6 +23,8 @@ class Verified:
     groups: int
     points: int
     """Static and dynamic points; of the renditions, the best's."""
+    strangers: list[str]
+    """Files in the reel's folder that the manifest does not name; of a reel on a server nobody knows."""
 
 
 def verify_reel(location: str | Path) -> Verified:
@@ -48,7 +50,15 @@ def verify_reel(location: str | Path) -> Verified:
         layers=len(manifest.layers),
         groups=len(manifest.groups),
         points=sum(entry.points for entry in (*manifest.layers, *manifest.groups)),
+        strangers=_strangers(Path(location), {"manifest.json"} | {entry.uri for entry in manifest.files}),
     )
+
+
+def _strangers(location: Path, known: set[str]) -> list[str]:
+    folder = location.parent if location.name == "manifest.json" else location
+    if not folder.is_dir():
+        return []
+    return sorted({path.relative_to(folder).as_posix() for path in folder.rglob("*") if path.is_file()} - known)
 
 
 def _problems(check: Callable[[], None]) -> list[str]:

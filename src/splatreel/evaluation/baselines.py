@@ -22,7 +22,10 @@ def whole_groups(undecoded: UndecodedReel, index: int) -> Group:
     dx = np.concatenate([group.dx, np.zeros((frames, still, 3), np.float32)], 1)
     dq = np.concatenate([group.dq, rest], 1)
     points = Gaussians.concatenate([group.dynamic, resting])
-    return Group(index, group.first_frame, points, dx, dq, np.zeros(0, bool))
+    shade = group.shade
+    if shade is not None:
+        shade = np.concatenate([shade, np.zeros((frames, still, 4), np.float32)], 1)
+    return Group(index, group.first_frame, points, dx, dq, np.zeros(0, bool), shade)
 
 
 def write_unlayered(run: Path, reel: Path, config: EncodeConfig) -> None:

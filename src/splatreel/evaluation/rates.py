@@ -41,7 +41,7 @@ CONFIGURATIONS: dict[str, EncodeConfig] = {
     "predictive 2": EncodeConfig(coarseness=2.0),
     "predictive 4": EncodeConfig(coarseness=4.0),
 }
-MOTION = ("offsets", "dx", "dq")
+MOTION = ("offsets", "dx", "dq", "shade")
 Write = Callable[[Path, EncodeConfig], object]
 """Writes a reel into a folder."""
 
