@@ -76,8 +76,8 @@ def demo(
     print(report.to_markdown())
     print(f"{out / 'report.json'}, {out / 'pictures'}, {result.reel}")
     if serve and sys.stdout.isatty():
-        from splatreel.cli.serve import run
+        from splatreel.cli.serve import serve as serve_reel
 
-        run(result.reel, "127.0.0.1", 0, browser=False)
+        serve_reel(result.reel, port=0)
     else:
         print(f"Play it with\n  splatreel serve {result.reel}")
