@@ -35,14 +35,14 @@ class Steps:
     """
 
     position: float = 0.04
-    motion: float = 0.1
-    turn: float = 0.04
+    motion: float = 0.15
+    turn: float = 0.06
     quat: float = 0.01
     scale: float = 0.07
     opacity: float = 0.01
     color: float = 0.025
     rest: float = 0.016
-    shade: float = 0.1
+    shade: float = 0.06
 
 
 STEPS = Steps()
