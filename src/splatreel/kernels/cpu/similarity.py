@@ -61,7 +61,7 @@ def loss_and_gradient(
         drawn[:] = False
         drawn[:, : tiles.shape[1]] = tiles
     changed, compared = (np.flatnonzero(m.reshape(-1, TILES).any(1)) for m in (drawn, _grown(drawn)))
-    maps = np.empty((3, *lines), np.float32) if tiles is None else np.zeros((3, *lines), np.float32)
+    maps = np.empty((3, *lines), np.float32)  # what is not compared stays unset: no wanted gradient hangs on it
     d_image = np.empty(lines, np.float32) if tiles is None else np.zeros(lines, np.float32)
     similarity, differences = np.empty(len(compared), np.float32), np.empty(len(changed), np.float32)
     products = np.zeros((len(changed), COLUMNS), np.float32)
