@@ -5,7 +5,7 @@ BIN := $(VENV)/bin
 SETUP := $(VENV)/.installed
 NPM := $(shell command -v npm 2>/dev/null)
 
-.PHONY: demo test check bench player golden setup clean
+.PHONY: demo test check bench player golden screens setup clean
 
 demo: $(SETUP)  ## capture, reconstruct, compress, evaluate and play the built-in scene
 	$(BIN)/splatreel demo --out out/demo
@@ -35,8 +35,11 @@ bench: $(SETUP)  ## append to benchmarks/results.jsonl
 player: player/node_modules/.package-lock.json  ## rebuild the web player's bundle in src/splatreel/play/static
 	npm --prefix player run build
 
-golden: $(SETUP)  ## write the golden reel anew, on purpose: only when the format changes
+golden: $(SETUP) screens  ## write the golden reels and the player's screenshots anew, on purpose: look at what changed
 	$(BIN)/python -m tests.golden
+
+screens: $(SETUP)  ## take the player's golden screenshots anew
+	$(BIN)/python -m tests.player.screens
 
 setup: $(SETUP)
 

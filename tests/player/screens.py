@@ -1,0 +1,213 @@
+"""Every state of the player's controls, as pictures: `python -m tests.player.screens` (or `make golden`) takes them anew.
+
+Look at what it wrote before it is committed. The scenes are the golden reels.
+"""
+
+from __future__ import annotations
+
+import base64
+import io
+import json
+import shutil
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from PIL import Image
+from playwright.sync_api import Browser, Page
+
+from splatreel.play.server import serve
+from tests.golden import GOLDEN
+from tests.player.pages import PLAYER, wait_for_picture
+
+SCREENS = Path(__file__).parent.parent / "data" / "screens"
+REEL = "document.querySelector('splat-reel')"
+SETTLE_MS = 400
+STATS = {"fps": 60, "points": 13579, "width": 480, "height": 320, "rendition": "high", "bitrate": 4.2e6}
+STATS |= {"throughput": 25e6, "ahead": 7.5, "decodeMilliseconds": 21, "sortMilliseconds": 1.4}
+
+
+def nothing(page: Page) -> None:
+    pass
+
+
+def begin(page: Page) -> None:
+    """A whole picture at a fixed time, in full resolution whatever the machine does."""
+    wait_for_picture(page)
+    page.evaluate(f"{PLAYER}.resolution.quality = 'full'; {PLAYER}.currentTime = 0.2")
+    page.wait_for_function(f"!{PLAYER}.seeking")
+
+
+def press(*keys: str) -> Callable[[Page], None]:
+    def act(page: Page) -> None:
+        begin(page)
+        page.locator("splat-reel canvas").focus()
+        for key in keys:
+            page.keyboard.press(key)
+        page.mouse.move(200, 100)
+
+    return act
+
+
+def play(page: Page) -> None:
+    """Playing, but time stands still."""
+    begin(page)
+    page.evaluate(f"{PLAYER}.playbackRate = 0; {PLAYER}.play()")
+
+
+def fresh(page: Page) -> None:
+    wait_for_picture(page)
+    page.evaluate(f"{PLAYER}.resolution.quality = 'full'; {PLAYER}.invalidate()")
+
+
+def menu(page: Page) -> None:
+    begin(page)
+    page.evaluate(f"{PLAYER}.rendition = 'medium'")
+    page.locator("splat-reel").get_by_role("button", name="Settings").click()
+    page.mouse.move(40, 40)
+
+
+def statistics(page: Page) -> None:
+    begin(page)
+    page.evaluate(f"Object.defineProperty({PLAYER}, 'stats', {{value: {json.dumps(STATS)}}})")
+    page.locator("splat-reel canvas").focus()
+    page.keyboard.press("i")
+
+
+def wait(page: Page) -> None:
+    """The second group does not come."""
+    wait_for_picture(page)
+    page.evaluate(f"{PLAYER}.resolution.quality = 'full'; {PLAYER}.currentTime = 0.3")
+    page.wait_for_function(f"{PLAYER}.waiting")
+    page.wait_for_timeout(1800)  # until it is explained
+
+
+def error(page: Page) -> None:
+    alert = page.locator("splat-reel").get_by_role("alert")
+    alert.wait_for()
+    # The port is another one every time.
+    alert.locator("p").evaluate("(words) => (words.textContent = words.textContent.replace(/:\\d+/, ':8080'))")
+
+
+def no_second_group(page: Page) -> None:
+    page.route("**/groups/0001.safetensors", lambda route: None)
+
+
+def no_group(page: Page) -> None:
+    page.route("**/groups/*", lambda route: None)
+
+
+def no_reel(page: Page) -> None:
+    page.route("**/reel/manifest.json", lambda route: route.fulfill(status=404, body="not here"))
+
+
+def live_reel(page: Page) -> None:
+    manifest = json.loads((GOLDEN / "manifest.json").read_text()) | {"live": True}
+    page.route("**/reel/manifest.json", lambda route: route.fulfill(json=manifest))
+
+
+def renditions(page: Page) -> None:
+    manifest = json.loads((GOLDEN / "manifest.json").read_text())
+    for group in manifest["groups"]:
+        file = {name: group[name] for name in ("uri", "bytes", "sha256", "points")}
+        group["renditions"] = {"medium": file, "low": file}
+    manifest["renditions"] = [{"name": name, "bytes": 1} for name in ("high", "medium", "low")]
+    page.route("**/reel/manifest.json", lambda route: route.fulfill(json=manifest))
+
+
+def headset(page: Page) -> None:
+    there = "{value: {isSessionSupported: async () => true}}"
+    page.add_init_script(f"Object.defineProperty(navigator, 'xr', {there})")
+
+
+def poster() -> str:
+    """A picture that is unlike the reel: blue above, sand below."""
+    rows = np.linspace(0, 1, 32)[:, None, None]
+    colors = (1 - rows) * np.array([80, 130, 200]) + rows * np.array([220, 190, 140])
+    out = io.BytesIO()
+    Image.fromarray(np.broadcast_to(colors, (32, 48, 3)).astype(np.uint8)).save(out, "PNG")
+    return "data:image/png;base64," + base64.b64encode(out.getvalue()).decode().replace("+", "%2B")
+
+
+@dataclass(frozen=True)
+class Screen:
+    """A state: what is asked of the page, what is done before it opens and after, its size and colour scheme."""
+
+    act: Callable[[Page], None]
+    before: Callable[[Page], None] = nothing
+    query: str = "?autoplay=0"
+    size: tuple[int, int] = (480, 320)
+    scheme: str = "dark"
+
+
+STATES = {
+    "start": Screen(fresh),
+    "paused": Screen(begin),
+    "playing": Screen(play),
+    "menu": Screen(menu, renditions, size=(480, 480)),
+    "menu-light": Screen(menu, size=(480, 440), scheme="light"),
+    "help": Screen(press("?"), size=(900, 520)),
+    "statistics": Screen(statistics),
+    "statistics-light": Screen(statistics, scheme="light"),
+    "waiting": Screen(wait, no_second_group),
+    "error": Screen(error, no_reel),
+    "error-light": Screen(error, no_reel, scheme="light"),
+    "live": Screen(begin, live_reel),
+    "poster": Screen(nothing, no_group, query=f"?autoplay=0&poster={poster()}"),
+    "headset": Screen(begin, headset),
+    "narrow": Screen(begin, headset, size=(320, 480)),
+    "narrow-menu": Screen(menu, renditions, size=(320, 480)),
+    "narrow-help": Screen(press("?"), size=(320, 480)),
+    "narrow-error": Screen(error, no_reel, size=(320, 240)),
+}
+
+
+def take(browser: Browser, url: str, screen: Screen) -> np.ndarray:
+    """What a state looks like, [H, W, 3] bytes; nothing moves in it."""
+    width, height = screen.size
+    page = browser.new_page(
+        viewport={"width": width, "height": height},
+        color_scheme="light" if screen.scheme == "light" else "dark",
+        reduced_motion="reduce",
+    )
+    screen.before(page)
+    page.goto(url + screen.query)
+    page.wait_for_function(f"{REEL}?.shadowRoot")
+    screen.act(page)
+    page.wait_for_timeout(SETTLE_MS)
+    shot = page.screenshot(animations="disabled", caret="hide")
+    page.close()
+    return np.asarray(Image.open(io.BytesIO(shot)).convert("RGB"))
+
+
+def text_width(browser: Browser) -> float:
+    """Of a line in the controls' font, pixels: tells whether this machine has the fonts that the pictures were taken with."""
+    page = browser.new_page()
+    line = "Fly through the cameras 0123456789 Mbit/s"
+    font = "500 13px system-ui, -apple-system, 'Segoe UI', Roboto, sans-serif"
+    measure = "Object.assign(document.createElement('canvas').getContext('2d'), {font}).measureText(line).width"
+    width = page.evaluate(f"([font, line]) => {measure}", [font, line])
+    page.close()
+    return round(width, 2)
+
+
+def main() -> None:
+    from playwright.sync_api import sync_playwright
+
+    from tests.player.conftest import FLAGS
+
+    path = next(p for n in ("chromium", "chromium-browser", "google-chrome") if (p := shutil.which(n)))
+    SCREENS.mkdir(exist_ok=True)
+    with serve(GOLDEN, port=0) as server, sync_playwright() as driver:
+        browser = driver.chromium.launch(executable_path=path, args=FLAGS)
+        for name, screen in STATES.items():
+            picture = Image.fromarray(take(browser, server.url, screen))
+            picture.save(SCREENS / f"{name}.webp", quality=95, method=6)
+            print(f"{name}: {picture.width} x {picture.height}")
+        (SCREENS / "font.json").write_text(json.dumps({"text_width": text_width(browser)}) + "\n")
+        browser.close()
+
+
+if __name__ == "__main__":
+    main()
