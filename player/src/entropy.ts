@@ -1,5 +1,4 @@
-/** Whole numbers out of an rANS stream of many lanes (docs/format.md). */
-import { inflate } from "./dequantize";
+/** Whole numbers out of an rANS stream (docs/format.md). */
 import { ReelError } from "./errors";
 
 const HEADER_BYTES = 12;
@@ -9,6 +8,8 @@ const LOW = 65536;
 /** Numbers below it are their own token. */
 const DIRECT = 32;
 const TOKENS = 128;
+/** Plain bits of the longest number below 2^31. */
+const LONGEST = 29;
 
 export class EntropyDecoder {
   private word = 0;
@@ -20,10 +21,12 @@ export class EntropyDecoder {
     private readonly lookup: Uint32Array,
     private readonly states: Uint32Array,
     private readonly words: Uint16Array,
+    /** With zeros after its end, so that whole windows can be read. */
     private readonly raw: Uint8Array,
+    private readonly rawBytes: number,
   ) {}
 
-  static async open(data: Uint8Array, contexts: number): Promise<EntropyDecoder> {
+  static open(data: Uint8Array, contexts: number): EntropyDecoder {
     if (data.byteLength < HEADER_BYTES) throw new ReelError("a stream is too short");
     const view = new DataView(data.buffer, data.byteOffset, data.byteLength);
     const lanes = 1 << data[0];
@@ -34,82 +37,126 @@ export class EntropyDecoder {
     const wordsAt = statesAt + 4 * lanes;
     const rawAt = wordsAt + 2 * words;
     if (data[0] > 10 || data[1] !== contexts || rawAt + rawBytes !== data.byteLength) throw new ReelError("a stream does not fit its header");
-    const tables = await inflate(data.subarray(HEADER_BYTES, statesAt), true, contexts * (1 + 2 * TOKENS), false);
     return new EntropyDecoder(
-      lookupOf(tables, contexts),
+      lookupOf(data.subarray(HEADER_BYTES, statesAt), contexts),
       Uint32Array.from({ length: lanes }, (_, i) => view.getUint32(statesAt + 4 * i, true)),
       Uint16Array.from({ length: words }, (_, i) => view.getUint16(wordsAt + 2 * i, true)),
-      data.subarray(rawAt),
+      padded(data.subarray(rawAt)),
+      rawBytes,
     );
   }
 
-  /** Every batch begins at the first lane. */
-  begin(): void {
-    this.lane = 0;
+  /** The next number, below 2^31. Throws for larger ones. */
+  next(context: number): number {
+    const token = this.token(context);
+    return token < DIRECT ? token : this.long(token - DIRECT);
   }
 
-  /** The next number of the batch, 0 to 2^52 - 1. */
-  next(context: number): number {
+  /** The next number, below 2^52. */
+  nextLarge(context: number): number {
+    const token = this.token(context) - DIRECT;
+    if (token < 0) return token + DIRECT;
+    const bits = (token >> 1) + 4;
+    if (bits <= LONGEST) return this.long(token);
+    const low = this.bits(LONGEST);
+    return (2 | (token & 1)) * 2 ** bits + this.bits(bits - LONGEST) * 2 ** LONGEST + low;
+  }
+
+  /** Throws unless everything was read and came out as it went in. */
+  finish(): void {
+    const whole = this.word === this.words.length && (this.bit + 7) >>> 3 === this.rawBytes;
+    if (!whole || this.states.some((state) => state !== LOW)) throw new ReelError("a stream is damaged");
+  }
+
+  private token(context: number): number {
     const { states, lane } = this;
     let state = states[lane];
     const entry = this.lookup[(context << SCALE_BITS) | (state & (SCALE - 1))];
     state = ((entry >>> 12) & 0x1fff) * (state >>> SCALE_BITS) + (entry & 0xfff);
     if (state < LOW) {
       if (this.word === this.words.length) throw new ReelError("a stream ends too early");
-      state = state * LOW + this.words[this.word++];
+      state = (state << 16) | this.words[this.word++];
     }
     states[lane] = state;
-    this.lane = lane + 1 === states.length ? 0 : lane + 1;
-    const token = entry >>> 25;
-    return token < DIRECT ? token : this.long(token - DIRECT);
-  }
-
-  /** Throws unless everything was read and came out as it went in. */
-  finish(): void {
-    const whole = this.word === this.words.length && (this.bit + 7) >>> 3 === this.raw.length;
-    if (!whole || this.states.some((state) => state !== LOW)) throw new ReelError("a stream is damaged");
+    this.lane = (lane + 1) & (states.length - 1);
+    return entry >>> 25;
   }
 
   private long(token: number): number {
     const bits = (token >> 1) + 4;
-    if (this.bit + bits > 8 * this.raw.length) throw new ReelError("a stream ends too early");
-    let value = 0;
-    let scale = 1;
-    for (let left = bits; left > 0; ) {
-      const offset = this.bit & 7;
-      const take = Math.min(8 - offset, left);
-      value += ((this.raw[Math.floor(this.bit / 8)] >> offset) & ((1 << take) - 1)) * scale;
-      scale *= 1 << take;
-      this.bit += take;
-      left -= take;
-    }
-    return (2 | (token & 1)) * scale + value;
+    if (bits > LONGEST) throw new ReelError("a stream holds numbers that are too large");
+    return ((2 | (token & 1)) << bits) | this.bits(bits);
   }
+
+  /** The next `count` plain bits, at most LONGEST. */
+  private bits(count: number): number {
+    const { raw, bit } = this;
+    const at = bit >>> 3;
+    if (at > this.rawBytes) throw new ReelError("a stream ends too early");
+    const offset = bit & 7;
+    this.bit = bit + count;
+    const low = (raw[at] | (raw[at + 1] << 8) | (raw[at + 2] << 16) | (raw[at + 3] << 24)) >>> offset;
+    const window = offset === 0 ? low : low | (raw[at + 4] << (32 - offset));
+    return window & ((1 << count) - 1);
+  }
+}
+
+function padded(bytes: Uint8Array): Uint8Array {
+  const result = new Uint8Array(bytes.length + 8);
+  result.set(bytes);
+  return result;
 }
 
 /** 0, 1, 2, 3 become 0, -1, 1, -2. */
 export function unzigzag(value: number): number {
-  if (value < 2 ** 31) return (value >>> 1) ^ -(value & 1);
-  return value % 2 === 0 ? value / 2 : -(value + 1) / 2;
+  return (value >>> 1) ^ -(value & 1);
+}
+
+/** Bits, the lowest of a byte first. */
+class Bits {
+  private at = 0;
+
+  constructor(private readonly bytes: Uint8Array) {}
+
+  take(count: number): number {
+    let value = 0;
+    for (let i = 0; i < count; i++, this.at++) {
+      if (this.at >= 8 * this.bytes.length) throw new ReelError("frequencies are cut off");
+      value |= ((this.bytes[this.at >>> 3] >>> (this.at & 7)) & 1) << i;
+    }
+    return value;
+  }
+
+  /** A number of b + 1 bits: b zeros, a one, and its low b bits. */
+  gamma(): number {
+    let low = 0;
+    while (this.take(1) === 0) if (++low > 8) throw new ReelError("frequencies are damaged");
+    return (1 << low) | this.take(low);
+  }
+
+  get whole(): boolean {
+    return (this.at + 7) >>> 3 === this.bytes.length;
+  }
 }
 
 function lookupOf(tables: Uint8Array, contexts: number): Uint32Array {
   const result = new Uint32Array(contexts * SCALE);
-  let at = 0;
+  const bits = new Bits(tables);
   for (let context = 0; context < contexts; context++) {
-    const used = at < tables.length ? tables[at] : TOKENS + 1;
-    if (used > TOKENS || at + 1 + 2 * used > tables.length) throw new ReelError("frequencies are cut off");
-    let place = 0;
-    for (let token = 0; token < used; token++) {
-      const frequency = tables[at + 1 + 2 * token] | (tables[at + 2 + 2 * token] << 8);
-      if (place + frequency > SCALE) throw new ReelError("frequencies do not sum to 4096");
-      const base = ((token << 25) | (frequency << 12)) >>> 0;
-      for (let i = 0; i < frequency; i++) result[context * SCALE + place + i] = base + i;
-      place += frequency;
+    const used = bits.gamma() - 1;
+    if (used > TOKENS) throw new ReelError("there are too many frequencies");
+    let place = context * SCALE;
+    const end = place + SCALE;
+    for (let token = 0, length = 0; token < used; token++) {
+      length += unzigzag(bits.gamma() - 1);
+      if (length < 0 || length > SCALE_BITS + 1) throw new ReelError("frequencies are damaged");
+      const frequency = length === 0 ? 0 : (1 << (length - 1)) | bits.take(length - 1);
+      if (place + frequency > end) throw new ReelError("frequencies do not sum to 4096");
+      const base = ((token << 25) | (frequency << SCALE_BITS)) >>> 0;
+      for (let i = 0; i < frequency; i++) result[place++] = base + i;
     }
-    if (place !== 0 && place !== SCALE) throw new ReelError("frequencies do not sum to 4096");
-    at += 1 + 2 * used;
+    if (place !== end && place !== end - SCALE) throw new ReelError("frequencies do not sum to 4096");
   }
-  if (at !== tables.length) throw new ReelError("there are more frequencies than contexts");
+  if (!bits.whole) throw new ReelError("there are more frequencies than contexts");
   return result;
 }

@@ -1,5 +1,5 @@
 /** Whole numbers of points, predicted from points nearby (docs/format.md). Exact: Python finds the same numbers. */
-import { EntropyDecoder, unzigzag } from "./entropy";
+import { EntropyDecoder } from "./entropy";
 import { ReelError } from "./errors";
 
 const FIRST_LEVEL = 64;
@@ -7,8 +7,10 @@ const NEIGHBOURS = 4;
 const REACH = 8;
 const WEIGHT = 4096;
 const LIMIT = 2 ** 30;
-/** Sizes matter up to this many eighths of a step. */
+/** Sizes matter up to this many eighths of a step, */
 const LARGEST = 4095;
+/** and those of neighbours up to this many steps of class 0. */
+const LARGEST_SIZE = 65535;
 const EDGES = [1, 2, 3, 4, 6, 8, 12, 16, 24, 32, 48, 64, 96, 128, 192, 256, 512];
 const CONTEXTS = EDGES.length + 1;
 const CONTEXT_OF = Uint8Array.from({ length: LARGEST + 1 }, (_, size) => EDGES.filter((edge) => edge <= size).length);
@@ -17,8 +19,6 @@ const CONTEXT_OF = Uint8Array.from({ length: LARGEST + 1 }, (_, size) => EDGES.f
 export interface Levels {
   /** [N] all points, level after level. */
   order: Uint32Array;
-  /** Where each level starts in `order`, and the end. */
-  starts: number[];
   /** [N, 4] by place in `order`: neighbours and their weights, which sum to 4096 or, in the first level, to 0. */
   neighbours: Uint32Array;
   weights: Uint16Array;
@@ -34,15 +34,13 @@ export function levelsOf(lattice: ArrayLike<number>): Levels {
   while (Math.floor(count / (2 * stride)) >= FIRST_LEVEL) stride *= 2;
   let at = 0;
   for (let i = 0; i < count; i += stride) order[at++] = i;
-  const starts = [0, at];
   for (; stride > 1; stride /= 2) {
     for (let i = stride / 2; i < count; i += stride, at++) {
       order[at] = i;
       nearest(lattice, count, i, stride, neighbours, weights, NEIGHBOURS * at);
     }
-    starts.push(at);
   }
-  return { order, starts, neighbours, weights };
+  return { order, neighbours, weights };
 }
 
 const found = new Float64Array(NEIGHBOURS);
@@ -80,40 +78,46 @@ function nearest(lattice: ArrayLike<number>, count: number, point: number, strid
   }
 }
 
-/** Whole numbers [columns][N]. shifts: [N], the steps of a point are 2^shift. */
-export async function decodeField(data: Uint8Array, columns: number, levels: Levels, shifts: Uint8Array): Promise<Int32Array[]> {
-  const decoder = await EntropyDecoder.open(data, CONTEXTS);
-  const { order, starts, neighbours, weights } = levels;
-  const count = order.length;
-  const values = Array.from({ length: columns }, () => new Int32Array(count));
-  const sizes = new Int32Array(count * columns);
-  const recent = new Int32Array(count);
-  for (let level = 0; level + 1 < starts.length; level++) {
-    for (let column = 0; column < columns; column++) {
-      const value = values[column];
-      const size = sizes.subarray(column * count, (column + 1) * count);
-      decoder.begin();
-      for (let place = starts[level]; place < starts[level + 1]; place++) {
-        const point = order[place];
-        let sum = 0;
-        let sizeSum = 0;
-        for (let i = NEIGHBOURS * place; i < NEIGHBOURS * (place + 1); i++) {
-          sum += value[neighbours[i]] * weights[i];
-          sizeSum += size[neighbours[i]] * weights[i];
-        }
-        const shift = shifts[point];
-        const around = sizeSum === 0 ? 0 : Math.min(Math.floor(sizeSum / (512 << shift)), LARGEST);
-        const before = column === 0 ? around : recent[point];
-        const residual = unzigzag(decoder.next(CONTEXT_OF[(around + before) >> 1]));
-        const steps = Math.abs(residual);
-        recent[point] = before + ((Math.min(8 * steps, LARGEST) - before) >> 2);
-        const result = Math.floor((sum + WEIGHT / 2) / WEIGHT) + residual * (1 << shift);
-        if (Math.abs(result) >= LIMIT || steps >= LIMIT) throw new ReelError("a section decodes to numbers that are too large");
-        value[point] = result;
-        size[point] = steps << shift;
-      }
+/** Whole numbers [N, columns]. shifts: [N], the steps of a point are 2^shift. ends: [N], how many of its columns a point has; all by default. */
+export function decodeField(data: Uint8Array, columns: number, levels: Levels, shifts: Uint8Array, ends?: Int32Array): Int32Array {
+  const decoder = EntropyDecoder.open(data, CONTEXTS);
+  const { order, neighbours, weights } = levels;
+  const found = new Int32Array(order.length * columns);
+  const sizes = new Uint16Array(order.length * columns);
+  for (let place = 0, w = 0; place < order.length; place++, w += NEIGHBOURS) {
+    const point = order[place];
+    const end = ends === undefined ? columns : ends[point];
+    if (end === 0) continue;
+    for (let k = 0; k < NEIGHBOURS; k++) {
+      near[k] = columns * neighbours[w + k];
+      share[k] = weights[w + k];
     }
+    decodePoint(decoder, found, sizes, columns * point, end, shifts[point]);
   }
   decoder.finish();
-  return values;
+  return found;
+}
+
+/** Of the point that is being decoded: where its neighbours begin in `found`, and their weights. */
+const near = new Int32Array(NEIGHBOURS);
+const share = new Int32Array(NEIGHBOURS);
+
+/** The first `end` columns of the point that begins at `at` in `found`. */
+function decodePoint(decoder: EntropyDecoder, found: Int32Array, sizes: Uint16Array, at: number, end: number, shift: number): void {
+  const [a, b, c, d] = [near[0], near[1], near[2], near[3]];
+  const [p, q, r, s] = [share[0], share[1], share[2], share[3]];
+  let recent = -1;
+  for (let column = 0; column < end; column++) {
+    const sum = p * found[a + column] + q * found[b + column] + r * found[c + column] + s * found[d + column];
+    const size = Math.imul(p, sizes[a + column]) + Math.imul(q, sizes[b + column]) + Math.imul(r, sizes[c + column]) + Math.imul(s, sizes[d + column]);
+    const around = Math.min(size >> (9 + shift), LARGEST);
+    if (recent < 0) recent = around;
+    const number = decoder.next(CONTEXT_OF[(around + recent) >> 1]);
+    const steps = (number + 1) >>> 1;
+    const result = Math.floor((sum + WEIGHT / 2) / WEIGHT) + ((number & 1) === 1 ? -steps : steps) * (1 << shift);
+    if (!(Math.abs(result) < LIMIT)) throw new ReelError("a section decodes to numbers that are too large");
+    recent += (Math.min(8 * steps, LARGEST) - recent) >> 2;
+    found[at + column] = result;
+    sizes[at + column] = Math.min(steps * (1 << shift), LARGEST_SIZE);
+  }
 }

@@ -11,6 +11,8 @@ import type { Offsets } from "./offsets";
 const SHAPE = 0;
 export const COLOR = 1;
 const MOTION = 2;
+/** Of brightness, red against blue, and green against both in the three colours. */
+export const SHARES = [1 / Math.sqrt(3), 1 / Math.sqrt(2), 1 / Math.sqrt(6)];
 
 /** What decoding the values of points needs to know of them. */
 export interface Neighbourhood {
@@ -23,75 +25,114 @@ export async function decodePredictive(file: Container): Promise<{ points: Gauss
   const count = file.points;
   const { means, lattice } = await inSection("means", () => decodeMeans(file, count));
   const levels = levelsOf(lattice);
-  const flat = { levels, classes: [new Uint8Array(count)] };
-  const relative = await values(file, "classes", 0, 3, flat);
-  const classes = relative.map((column, kind) => {
-    const whole = kind === SHAPE ? column : column.map((value, i) => value + relative[SHAPE][i]);
-    if (!whole.every((value) => value >= 0 && value <= 7)) throw new ReelError("section classes: it has classes outside 0 to 7");
-    return Uint8Array.from(whole);
-  });
-  const here = { levels, classes };
+  const here = { levels, classes: await decodeClasses(file, levels) };
   const xyz = await values(file, "quats", SHAPE, 3, here);
-  const logs = await values(file, "scales", SHAPE, 3, here);
-  const [opacity] = await values(file, "opacities", SHAPE, 1, here);
-  const color = await values(file, "sh_base", COLOR, 3, here);
+  const scales = await values(file, "scales", SHAPE, 3, here);
+  const opacities = await values(file, "opacities", SHAPE, 1, here);
+  const shBase = await values(file, "sh_base", COLOR, 3, here);
   const rest = file.sections.sh_rest ? await decodeRest(file, here) : { shRest: new Uint32Array(count), codebook: new Float32Array(), shDegree: 0 };
   const quats = new Float32Array(4 * count);
-  const scales = new Float32Array(3 * count);
-  const shBase = new Float32Array(3 * count);
-  for (let i = 0; i < count; i++) {
-    const [x, y, z] = [xyz[0][i], xyz[1][i], xyz[2][i]];
-    const w = Math.sqrt(Math.max(1 - (x * x + y * y + z * z), 0));
-    const norm = Math.hypot(w, x, y, z);
-    quats.set([w / norm, x / norm, y / norm, z / norm], 4 * i);
-    for (let a = 0; a < 3; a++) scales[3 * i + a] = 2 ** Math.min(Math.max(logs[a][i], -126), 126);
-    const [bright, red, green] = [color[0][i] / Math.sqrt(3), color[1][i] / Math.sqrt(2), color[2][i] / Math.sqrt(6)];
-    shBase.set([bright + red - green, bright + 2 * green, bright - red - green], 3 * i);
+  for (let i = 0, t = 0, f = 0; i < count; i++, t += 3, f += 4) {
+    const x = xyz[t];
+    const y = xyz[t + 1];
+    const z = xyz[t + 2];
+    const square = x * x + y * y + z * z;
+    const w = Math.sqrt(Math.max(1 - square, 0));
+    const norm = Math.sqrt(w * w + square);
+    quats[f] = w / norm;
+    quats[f + 1] = x / norm;
+    quats[f + 2] = y / norm;
+    quats[f + 3] = z / norm;
+    for (let a = t; a < t + 3; a++) scales[a] = 2 ** Math.min(Math.max(scales[a], -126), 126);
+    const bright = shBase[t] * SHARES[0];
+    const red = shBase[t + 1] * SHARES[1];
+    const green = shBase[t + 2] * SHARES[2];
+    shBase[t] = bright + red - green;
+    shBase[t + 1] = bright + 2 * green;
+    shBase[t + 2] = bright - red - green;
+    opacities[i] = Math.min(Math.max(opacities[i], 0), 1);
   }
-  const opacities = Float32Array.from(opacity, (value) => Math.min(Math.max(value, 0), 1));
-  return { points: { count, means, quats, scales, opacities, shBase, ...rest }, here };
+  const plain = { means, quats, scales: Float32Array.from(scales), opacities: Float32Array.from(opacities), shBase: Float32Array.from(shBase) };
+  return { points: { count, ...plain, ...rest }, here };
 }
 
 /** Offsets [T] at the frames, as whole numbers over their own ranges: see `Offsets`. */
 export async function decodeMotion(file: Container, here: Neighbourhood): Promise<Omit<Offsets, "shade">> {
-  const frames = file.frames;
-  if (!(Number.isInteger(frames) && frames >= 1 && frames * file.points <= 2 ** 26)) throw new ReelError(`it claims ${frames} frames`);
-  const dx = await inSection("dx", () => transformed(file, "dx", MOTION, frames, 3, here));
+  const { frames, points: count } = file;
+  if (!(Number.isInteger(frames) && frames >= 1 && frames * count <= 2 ** 26)) throw new ReelError(`it claims ${frames} frames`);
+  const moves = await inSection("dx", () => transformed(file, "dx", MOTION, frames, 3, here));
   const turns = await inSection("dq", () => transformed(file, "dq", MOTION, frames, 3, here));
-  const dq = new Float32Array(4 * frames * file.points);
-  for (let i = 0; i < frames * file.points; i++) {
-    const x = turns[3 * i];
-    const y = turns[3 * i + 1];
-    const z = turns[3 * i + 2];
+  const all = Uint32Array.from({ length: count }, (_, i) => i);
+  const turning = all.filter((i) => turns.ends[i] > 0);
+  const dx = new Uint16Array(4 * frames * count);
+  const x = wholes(curves(moves, all, 3), 3, [], all, dx, 65535);
+  const dq = new Uint8Array(4 * frames * count);
+  const q = wholes(quaternions(curves(turns, turning, 3)), 4, [1, 0, 0, 0], turning, dq, 255);
+  return { frames, dx, dxMin: x.min, dxStep: x.step, dq, dqMin: q.min, dqStep: q.step };
+}
+
+/** Quaternions [M, 4] of rotation vectors [M, 3]. */
+function quaternions(turns: Float32Array): Float32Array {
+  const result = new Float32Array((turns.length / 3) * 4);
+  for (let from = 0, to = 0; from < turns.length; from += 3, to += 4) {
+    const x = turns[from];
+    const y = turns[from + 1];
+    const z = turns[from + 2];
     const angle = Math.sqrt(x * x + y * y + z * z);
     const share = angle > 1e-12 ? Math.sin(angle / 2) / angle : 0.5;
     // q and -q turn alike, and of neighbouring frames the nearer ones are to be blended: the sign follows the vector.
-    dq[4 * i] = Math.cos(angle / 2);
-    dq[4 * i + 1] = x * share;
-    dq[4 * i + 2] = y * share;
-    dq[4 * i + 3] = z * share;
+    result[to] = Math.cos(angle / 2);
+    result[to + 1] = x * share;
+    result[to + 2] = y * share;
+    result[to + 3] = z * share;
   }
-  const x = wholes(dx, 3, new Uint16Array(4 * frames * file.points), 65535);
-  const q = wholes(dq, 4, new Uint8Array(4 * frames * file.points), 255);
-  return { frames, dx: x.data, dxMin: x.min, dxStep: x.step, dq: q.data, dqMin: q.min, dqStep: q.step };
+  return result;
 }
 
-async function decodeMeans(file: Container, count: number): Promise<{ means: Float32Array; lattice: Float64Array }> {
+/**
+ * Numbers [T, points, channels] as whole ones of 0 to `steps` over each channel's range, into data [T, N, 4]. rest: what the points of N
+ * have that are not among `points`.
+ */
+export function wholes(from: Float32Array, channels: number, rest: number[], points: Uint32Array, data: Uint16Array | Uint8Array, steps: number): { min: number[]; step: number[] } {
+  const min: number[] = [];
+  const step: number[] = [];
+  const frames = from.length / Math.max(channels * points.length, 1);
+  const stride = frames > 0 ? data.length / frames : 0;
+  for (let c = 0; c < channels; c++) {
+    let low = rest[c] ?? Infinity;
+    let high = rest[c] ?? -Infinity;
+    for (let i = c; i < from.length; i += channels) {
+      const value = from[i];
+      if (value < low) low = value;
+      if (value > high) high = value;
+    }
+    const scale = high > low ? steps / (high - low) : 0;
+    if (rest.length > 0) for (let to = c, whole = Math.round((rest[c] - low) * scale); to < data.length; to += 4) data[to] = whole;
+    for (let t = 0, i = c; t < frames; t++) {
+      for (let n = 0, start = t * stride + c; n < points.length; n++, i += channels) data[start + 4 * points[n]] = (from[i] - low) * scale + 0.5;
+    }
+    min.push(low);
+    step.push((high - low) / steps);
+  }
+  return { min, step };
+}
+
+function decodeMeans(file: Container, count: number): { means: Float32Array; lattice: Float64Array } {
   const section = sectionOf(file, "means", "lattice");
   const low = section.min as number[];
   const step = stepOf(section);
   if (!Array.isArray(low) || low.length !== 3 || !low.every(Number.isFinite)) throw new ReelError("its positions have no origin");
-  const decoder = await EntropyDecoder.open(tensor(file, "means"), 1);
+  const decoder = EntropyDecoder.open(tensor(file, "means"), 1);
   const lattice = new Float64Array(3 * count);
   const means = new Float32Array(3 * count);
   let code = 0;
-  decoder.begin();
   for (let i = 0; i < count; i++) {
-    code += decoder.next(0);
+    code += decoder.nextLarge(0);
     if (code >= 2 ** 51) throw new ReelError("its positions leave their lattice");
     const high = Math.floor(code / 2 ** 24);
+    const rest = code - high * 2 ** 24;
     for (let a = 0; a < 3; a++) {
-      const q = everyThird(code % 2 ** 24, a) + 256 * everyThird(high, a);
+      const q = everyThird(rest >> a) | (everyThird(high >> a) << 8);
       lattice[3 * i + a] = q;
       means[3 * i + a] = low[a] + q * step;
     }
@@ -100,55 +141,110 @@ async function decodeMeans(file: Container, count: number): Promise<{ means: Flo
   return { means, lattice };
 }
 
-/** Bits a, a + 3, a + 6, ... of a number of at most 27 bits. */
-function everyThird(code: number, a: number): number {
-  let result = 0;
-  for (let bit = 0; 3 * bit + a < 27; bit++) result |= ((code >> (3 * bit + a)) & 1) << bit;
-  return result;
+/** Bits 0, 3, 6, ... of a number of at most 27 bits. */
+function everyThird(code: number): number {
+  let bits = code & 0x1249249;
+  bits = (bits | (bits >> 2)) & 0x10c30c3;
+  bits = (bits | (bits >> 4)) & 0x100f00f;
+  bits = (bits | (bits >> 8)) & 0x10000ff;
+  return (bits | (bits >> 16)) & 0x1ff;
+}
+
+async function decodeClasses(file: Container, levels: Levels): Promise<Uint8Array[]> {
+  const count = file.points;
+  const relative = await values(file, "classes", 0, 3, { levels, classes: [new Uint8Array(count)] });
+  const classes = [SHAPE, COLOR, MOTION].map(() => new Uint8Array(count));
+  for (let i = 0; i < count; i++) {
+    for (const kind of [SHAPE, COLOR, MOTION]) {
+      const value = relative[3 * i + kind] + (kind === SHAPE ? 0 : relative[3 * i]);
+      if (!(value >= 0 && value <= 7)) throw new ReelError("section classes: it has classes outside 0 to 7");
+      classes[kind][i] = value;
+    }
+  }
+  return classes;
 }
 
 async function decodeRest(file: Container, here: Neighbourhood): Promise<Pick<Gaussians, "shRest" | "codebook" | "shDegree">> {
   const shDegree = sectionOf(file, "sh_rest", "klt").degree as number;
   if (![1, 2, 3].includes(shDegree)) throw new ReelError(`it has spherical harmonics of degree ${shDegree}`);
   const size = 3 * ((shDegree + 1) ** 2 - 1);
-  const codebook = await inSection("sh_rest", () => transformed(file, "sh_rest", COLOR, size, 1, here));
-  // [D, N] to one row a point: every point is an entry of its own.
-  const rows = new Float32Array(codebook.length);
-  for (let d = 0; d < size; d++) for (let i = 0; i < file.points; i++) rows[i * size + d] = codebook[d * file.points + i];
-  return { shRest: Uint32Array.from({ length: file.points }, (_, i) => i), codebook: rows, shDegree };
+  const { basis, found, ends } = await inSection("sh_rest", () => transformed(file, "sh_rest", COLOR, size, 1, here));
+  // The first entry is zero, that of all points without coefficients; the others have an entry each.
+  const shRest = new Uint32Array(file.points);
+  let entries = 1;
+  for (let i = 0; i < file.points; i++) shRest[i] = ends[i] > 0 ? entries++ : 0;
+  const codebook = new Float32Array(size * entries);
+  const stride = basis.length / size;
+  for (let i = 0; i < file.points; i++) {
+    for (let d = 0, from = stride * i, to = size * shRest[i]; d < size && ends[i] > 0; d++) {
+      let sum = 0;
+      for (let k = 0, at = d * stride; k < ends[i]; k++) sum += basis[at + k] * found[from + k];
+      codebook[to + d] = sum;
+    }
+  }
+  return { shRest, codebook, shDegree };
 }
 
-/** Values [columns][N] of a `field` section. */
-async function values(file: Container, name: string, kind: number, columns: number, here: Neighbourhood): Promise<Float64Array[]> {
+/** Values [N, columns] of a `field` section. */
+function values(file: Container, name: string, kind: number, columns: number, here: Neighbourhood): Promise<Float64Array> {
   const section = sectionOf(file, name, "field");
-  return inSection(name, async () => {
+  return inSection(name, () => {
     const step = stepOf(section);
-    const whole = await decodeField(tensor(file, name), columns, here.levels, here.classes[kind]);
-    return whole.map((column) => Float64Array.from(column, (value) => value * step));
+    const result = new Float64Array(decodeField(tensor(file, name), columns, here.levels, here.classes[kind]));
+    for (let i = 0; i < result.length; i++) result[i] *= step;
+    return result;
   });
 }
 
-/** Values [D, N, channels] of a `klt` section whose basis has D dimensions. */
-export async function transformed(file: Container, name: string, kind: number, dimensions: number, channels: number, here: Neighbourhood): Promise<Float32Array> {
+/** What a `klt` section holds: coefficients [N, K channels], of which a point has the first `ends` [N], and their basis [D, K] in world units. */
+interface Transformed {
+  dimensions: number;
+  basis: Float64Array;
+  found: Int32Array;
+  ends: Int32Array;
+}
+
+export function transformed(file: Container, name: string, kind: number, dimensions: number, channels: number, here: Neighbourhood): Transformed {
   const section = sectionOf(file, name, "klt");
   const step = stepOf(section);
   const data = tensor(file, name);
   const view = new DataView(data.buffer, data.byteOffset, data.byteLength);
-  const head = data.byteLength < 8 ? NaN : view.getUint32(0, true);
-  if (Number.isNaN(head) || 8 + head + view.getUint32(4, true) !== data.byteLength) throw new ReelError("it does not hold its streams");
-  const basis = await decodeBasis(data.subarray(8, 8 + head), section, dimensions);
-  const whole = await decodeField(data.subarray(8 + head), basis.length * channels, here.levels, here.classes[kind]);
-  const result = new Float32Array(dimensions * file.points * channels);
-  const sums = new Float64Array(file.points);
-  for (let d = 0; d < dimensions; d++) {
-    for (let c = 0; c < channels; c++) {
-      sums.fill(0);
-      basis.forEach((column, k) => {
-        const weight = column[d] * step;
-        const coefficients = whole[k * channels + c];
-        if (weight !== 0) for (let i = 0; i < sums.length; i++) sums[i] += weight * coefficients[i];
-      });
-      for (let i = 0; i < sums.length; i++) result[(d * file.points + i) * channels + c] = sums[i];
+  const sizes = data.byteLength < 12 ? [NaN] : [0, 4, 8].map((at) => view.getUint32(at, true));
+  if (sizes.reduce((sum, size) => sum + size, 12) !== data.byteLength) throw new ReelError("it does not hold its streams");
+  const [first, second] = [12 + sizes[0], 12 + sizes[0] + sizes[1]];
+  const columns = decodeBasis(data.subarray(12, first), section, dimensions);
+  const ends = decodeField(data.subarray(first, second), 1, here.levels, new Uint8Array(file.points));
+  const most = columns.length * channels;
+  if (!ends.every((end) => end >= 0 && end <= most)) throw new ReelError(`it has points of more columns than ${most}`);
+  const found = decodeField(data.subarray(second), most, here.levels, here.classes[kind], ends);
+  const basis = new Float64Array(dimensions * columns.length);
+  columns.forEach((column, k) => column.forEach((value, d) => (basis[d * columns.length + k] = value * step)));
+  return { dimensions, basis, found, ends };
+}
+
+/** Values [D, points, channels] of some of the points. */
+export function curves({ dimensions, basis, found, ends }: Transformed, points: Uint32Array, channels: number): Float32Array {
+  const result = new Float32Array(dimensions * points.length * channels);
+  const stride = basis.length / dimensions;
+  const own = new Float64Array(channels * stride);
+  const width = points.length * channels;
+  for (let n = 0; n < points.length; n++) {
+    const used = Math.ceil(ends[points[n]] / channels);
+    const from = channels * stride * points[n];
+    for (let c = 0; c < channels; c++) for (let k = 0; k < used; k++) own[c * stride + k] = found[from + k * channels + c];
+    // Two moments at a time: what is read of the point serves both.
+    for (let d = 0; d < dimensions; d += 2) {
+      const next = Math.min(d + 1, dimensions - 1);
+      for (let c = 0, to = n * channels; c < channels; c++) {
+        let sum = 0;
+        let nextSum = 0;
+        for (let k = 0, at = d * stride, nextAt = next * stride, i = c * stride; k < used; k++, i++) {
+          sum += basis[at + k] * own[i];
+          nextSum += basis[nextAt + k] * own[i];
+        }
+        result[d * width + to + c] = sum;
+        result[next * width + to + c] = nextSum;
+      }
     }
   }
   return result;
@@ -161,28 +257,11 @@ function stepOf(section: Section): number {
 }
 
 /** Basis vectors [K][D]. */
-async function decodeBasis(data: Uint8Array, section: Section, dimensions: number): Promise<Float64Array[]> {
+function decodeBasis(data: Uint8Array, section: Section, dimensions: number): Float64Array[] {
   const shifts = section.shifts as number[];
   if (!Array.isArray(shifts) || shifts.length < 1 || shifts.length > dimensions || !shifts.every((s) => s >= 0 && s <= 20)) throw new ReelError("it has a basis of the wrong size");
-  const decoder = await EntropyDecoder.open(data, 1);
-  decoder.begin();
+  const decoder = EntropyDecoder.open(data, 1);
   const basis = shifts.map((shift) => Float64Array.from({ length: dimensions }, () => unzigzag(decoder.next(0)) * 2 ** -shift));
   decoder.finish();
   return basis;
-}
-
-/** Numbers [M, channels] as whole numbers [M, 4] of 0 to `steps` over each channel's range. */
-export function wholes<A extends Uint16Array | Uint8Array>(from: Float32Array, channels: number, data: A, steps: number): { data: A; min: number[]; step: number[] } {
-  const min = new Array<number>(channels).fill(Infinity);
-  const max = new Array<number>(channels).fill(-Infinity);
-  for (let i = 0; i < from.length; i++) {
-    const c = i % channels;
-    if (from[i] < min[c]) min[c] = from[i];
-    if (from[i] > max[c]) max[c] = from[i];
-  }
-  const step = min.map((low, c) => (max[c] - low) / steps);
-  for (let i = 0, to = 0; i < from.length; to += 4) {
-    for (let c = 0; c < channels; c++, i++) data[to + c] = step[c] > 0 ? Math.round((from[i] - min[c]) / step[c]) : 0;
-  }
-  return { data, min, step };
 }

@@ -1,7 +1,8 @@
 /** The `shade` section: how the colour and the opacity of dynamic points change over a group's frames (docs/format.md). */
 import type { Container } from "./container";
+import { inSection } from "./errors";
 import { levelsOf } from "./field";
-import { COLOR, transformed, wholes, type Neighbourhood } from "./predictive";
+import { COLOR, curves, SHARES, transformed, wholes, type Neighbourhood } from "./predictive";
 
 /** Whole numbers that stand for min + value * step. */
 export interface Shade {
@@ -14,15 +15,20 @@ export interface Shade {
 /** here: what the predictive coding knows of the points, null for points in the paper's. */
 export async function decodeShade(file: Container, frames: number, here: Neighbourhood | null): Promise<Shade | null> {
   if (!file.sections.shade || file.points === 0) return null;
-  const values = await transformed(file, "shade", COLOR, frames, 4, here ?? neighboursInOrder(file.points));
+  const changes = await inSection("shade", () => transformed(file, "shade", COLOR, frames, 4, here ?? neighboursInOrder(file.points)));
+  const changing = Uint32Array.from({ length: file.points }, (_, i) => i).filter((i) => changes.ends[i] > 0);
+  const values = curves(changes, changing, 4);
   for (let i = 0; i < values.length; i += 4) {
-    const [bright, red, green] = [values[i] / Math.sqrt(3), values[i + 1] / Math.sqrt(2), values[i + 2] / Math.sqrt(6)];
+    const bright = values[i] * SHARES[0];
+    const red = values[i + 1] * SHARES[1];
+    const green = values[i + 2] * SHARES[2];
     values[i] = bright + red - green;
     values[i + 1] = bright + 2 * green;
     values[i + 2] = bright - red - green;
     values[i + 3] /= 2;
   }
-  return wholes(values, 4, new Uint8Array(values.length), 255);
+  const data = new Uint8Array(4 * frames * file.points);
+  return { data, ...wholes(values, 4, [0, 0, 0, 0], changing, data, 255) };
 }
 
 /** Of points in the paper's coding: those next to each other in the file, all of class 0. */

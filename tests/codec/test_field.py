@@ -1,6 +1,7 @@
 """Prediction from neighbours: levels, error bounds, what it saves, damage."""
 
 import contextlib
+from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -20,24 +21,48 @@ def lattice(count, seed=0, bits=12):
 def test_every_point_is_in_one_level_and_its_neighbours_in_coarser_ones(count):
     levels = field.levels_of(lattice(count))
     known = np.zeros(count, bool)
-    known[levels[0].points] = True
-    assert 1 <= len(levels[0].points) < 2 * field.FIRST_LEVEL
-    for level in levels[1:]:
-        used = level.weights > 0
-        assert known[level.neighbours[used]].all()
-        assert (level.weights.sum(1) == 4096).all()
-        assert (level.weights >= 0).all()
-        assert not known[level.points].any()
-        known[level.points] = True
+    assert 1 <= levels.starts[1] < 2 * field.FIRST_LEVEL
+    assert (levels.weights[: levels.starts[1]] == 0).all()
+    for first, end in pairwise(levels.starts):
+        weights, near = levels.weights[first:end], levels.neighbours[first:end]
+        assert known[near[weights > 0]].all()
+        assert first == 0 or (weights.sum(1) == 4096).all()
+        assert (weights >= 0).all()
+        assert not known[levels.order[first:end]].any()
+        known[levels.order[first:end]] = True
     assert known.all()
+
+
+def plain_nearest(q, point, stride):
+    """(neighbours, weights) of a point as the format says it, without compiling."""
+    middle = point // stride
+    there = [j * stride for j in range(middle - 7, middle + 9) if 0 <= j * stride < len(q)]
+    near = sorted(there, key=lambda other: ((q[other] - q[point]) ** 2).sum())[:4]
+    n = [1 / (1 + np.sqrt(float(((q[other] - q[point]) ** 2).sum()))) for other in near] + [0.0] * (4 - len(near))
+    total = ((n[0] + n[1]) + n[2]) + n[3]
+    weights = [int(np.floor(n_k * 4096 / total)) for n_k in n]
+    weights[0] = 4096 - sum(weights[1:])
+    return near, weights
+
+
+def test_neighbours_are_those_of_the_format():
+    q = lattice(700, bits=3)  # many are equally near
+    levels = field.levels_of(q)
+    for level, (first, end) in enumerate(pairwise(levels.starts)):
+        stride = 2 ** (len(levels.starts) - 1 - level)
+        for place in range(first, end, 7) if level else ():
+            near, weights = plain_nearest(q, levels.order[place], stride)
+            assert levels.neighbours[place, : len(near)].tolist() == near
+            assert levels.weights[place].tolist() == weights
 
 
 def test_neighbours_are_near():
     q = lattice(2000)
-    last = field.levels_of(q)[-1]
-    near = np.linalg.norm(q[last.neighbours[:, 0]] - q[last.points], axis=1)
+    levels = field.levels_of(q)
+    last = slice(levels.starts[-2], None)
+    near = np.linalg.norm(q[levels.neighbours[last, 0]] - q[levels.order[last]], axis=1)
     assert np.median(near) < 0.6 * np.median(np.linalg.norm(q[1::2] - q[::-1][1::2], axis=1))
-    assert (last.weights[:, 0] >= last.weights[:, 3]).all()
+    assert (levels.weights[:, 0] >= levels.weights[:, 3]).all()
 
 
 @settings(deadline=None, max_examples=25)
@@ -49,6 +74,19 @@ def test_round_trip_within_the_bound(count, columns, size, seed):
     data, found = field.encode_field(values, levels, classes)
     assert (np.abs(found - values) <= (1 - field.DEAD_ZONE) * 2.0 ** classes[:, None] + 1e-6).all()
     np.testing.assert_array_equal(field.decode_field(data, values.shape, levels, classes), found)
+
+
+@settings(deadline=None, max_examples=25)
+@given(st.integers(1, 400), st.integers(1, 6), st.floats(0.1, 1e3), st.integers(0, 2**32 - 1))
+def test_columns_past_the_end_are_zero_and_cost_no_more_than_rounding(count, columns, size, seed):
+    rng = np.random.default_rng(seed)
+    values, classes = rng.laplace(size=(count, columns)) * size, rng.integers(0, field.MAX_CLASS + 1, count)
+    levels, ends = field.levels_of(lattice(count, seed)), field.ends_of(values, classes)
+    data, found = field.encode_field(values, levels, classes, ends)
+    past = np.arange(columns) >= ends[:, None]
+    assert (found[past] == 0).all()
+    assert (np.abs(found - values) <= (1 - field.DEAD_ZONE) * 2.0 ** classes[:, None] + 1e-6).all()
+    np.testing.assert_array_equal(field.decode_field(data, values.shape, levels, classes, ends), found)
 
 
 def test_smooth_values_cost_little():

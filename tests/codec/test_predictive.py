@@ -150,7 +150,7 @@ def test_important_points_keep_their_precision():
         ("quats", {"codec": "linear"}, "'quats' has the unknown codec"),
         ("dx", {"shifts": []}, "'dx' has shifts"),
         ("dx", {"shifts": [99]}, "'dx' has shifts"),
-        ("dq", {"step": None}, "'dq' section 'body' has step"),
+        ("dq", {"step": None}, "'dq' has step"),
         ("sh_rest", {"degree": 7}, "'sh_rest' has degree"),
     ],
 )

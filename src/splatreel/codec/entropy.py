@@ -1,16 +1,17 @@
-"""Entropy coding of whole numbers: rANS in many lanes, so that numpy and a browser both decode it fast (docs/format.md).
+"""Entropy coding of whole numbers: rANS, a few lanes in turn, so that a processor decodes them at the same time (docs/format.md).
 
-Numbers come in batches, each number with a context that both sides know before the batch. A context has its own frequencies, sent
-in front. After Duda, "Asymmetric numeral systems", 2013; interleaved lanes after Giesen, "Interleaved entropy coders", 2014.
+Each number has a context that both sides know before it. A context has its own frequencies, sent in front. After Duda, "Asymmetric
+numeral systems", 2013; interleaved lanes after Giesen, "Interleaved entropy coders", 2014.
 """
 
 from __future__ import annotations
 
 import struct
-import zlib
 
 import numpy as np
+from numba import njit
 
+from splatreel.codec.jit import EXACT
 from splatreel.errors import ReelError
 
 MAX_VALUE = (1 << 52) - 1
@@ -23,38 +24,33 @@ _DIRECT = 32
 """Numbers below it are their own token; larger ones are a token of their length and next bit, and plain bits."""
 _HEADER = struct.Struct("<BBHII")
 _MAX_LANES = 10
-_SYMBOLS_PER_LANE = 1024
+_LANES = 2
+"""2 to this power: more do not decode faster, and each costs four bytes."""
+_SPARE = 8
+"""Zeros after words and bits: a lying stream is found out at its end, not by reading over it."""
 
 
-class Encoder:
-    """Collects batches, then makes bytes of them. contexts: how many there are, at most 255."""
-
-    def __init__(self, contexts: int) -> None:
-        self._contexts = contexts
-        self._batches: list[tuple[np.ndarray, np.ndarray]] = []
-
-    def write(self, values: np.ndarray, contexts: np.ndarray | int) -> None:
-        """A batch: values [n], 0 to 2^52 - 1, and their contexts [n], or one for all."""
-        values = np.asarray(values, np.int64)
-        self._batches.append((values, np.broadcast_to(np.asarray(contexts, np.int64), values.shape)))
-
-    def finish(self) -> bytes:
-        batches = [batch for batch in self._batches if len(batch[0])] or [(np.zeros(0, np.int64),) * 2]
-        values, contexts = (np.concatenate([batch[i] for batch in batches]) for i in range(2))
-        tokens, lengths = _tokens(values)
-        counts = np.bincount(contexts * TOKENS + tokens, minlength=self._contexts * TOKENS)
-        frequencies = np.stack([_normalised(row) for row in counts.reshape(self._contexts, TOKENS)])
-        starts = np.cumsum(frequencies, 1) - frequencies
-        shift = min(max(round(np.log2(max(len(values), 1) / _SYMBOLS_PER_LANE)), 0), _MAX_LANES)
-        sizes = [len(batch[0]) for batch in batches]
-        states, words = _rans(frequencies[contexts, tokens], starts[contexts, tokens], sizes, 1 << shift)
-        tables, raw = zlib.compress(_table_bytes(frequencies), 9), _pack_bits(values, lengths)
-        head = _HEADER.pack(shift, self._contexts, len(tables), len(words), len(raw))
-        return b"".join([head, tables, states.astype("<u4").tobytes(), words.astype("<u2").tobytes(), raw])
+def encode(values: np.ndarray, contexts: np.ndarray, count: int) -> bytes:
+    """Bytes of values [n], 0 to 2^52 - 1, and their contexts [n], 0 to count - 1 (at most 255)."""
+    values, contexts = np.asarray(values, np.int64), np.asarray(contexts, np.int64)
+    tokens, lengths = _tokens(values)
+    counts = np.bincount(contexts * TOKENS + tokens, minlength=count * TOKENS)
+    frequencies = np.stack([_normalised(row) for row in counts.reshape(count, TOKENS)])
+    starts = np.cumsum(frequencies, 1) - frequencies
+    shift = _LANES if len(values) >= 1000 else 0
+    states = np.full(1 << shift, _LOW, np.int64)
+    words = np.empty(len(values), np.uint16)
+    used = _rans(frequencies[contexts, tokens], starts[contexts, tokens], states, words)
+    tables, raw = _packed_tables(frequencies), _pack_bits(values, lengths)
+    head = _HEADER.pack(shift, count, len(tables), used, len(raw))
+    return b"".join([head, tables, states.astype("<u4").tobytes(), words[:used][::-1].astype("<u2").tobytes(), raw])
 
 
-class Decoder:
-    """Reads the batches of `Encoder` in their order. Raises `ReelError` for damaged data; memory is bounded by its length."""
+class Stream:
+    """What `encode` wrote, and how far it has been read. Raises `ReelError` for damaged data; memory is bounded by its length.
+
+    Compiled loops read it with `take`, and `parts` are what that needs.
+    """
 
     def __init__(self, data: bytes, contexts: int) -> None:
         if len(data) < _HEADER.size:
@@ -66,55 +62,68 @@ class Decoder:
         ends = np.cumsum([_HEADER.size, table_size, 4 * lanes, 2 * words, raw]).tolist()
         if ends[-1] != len(data):
             raise ReelError(f"holds {len(data)} bytes where its stream needs {ends[-1]}.")
-        self._lookup = _lookup(data[ends[0] : ends[1]], contexts)
-        self._states = np.frombuffer(data, "<u4", lanes, ends[1]).astype(np.int64)
-        # Past the end there are zeros: a lying stream is found out at the end, not by running over.
-        self._words = np.concatenate([np.frombuffer(data, "<u2", words, ends[2]), np.zeros(lanes, np.uint16)])
-        self._word, self._word_count = 0, words
-        self._raw = np.frombuffer(data[ends[3] :] + bytes(8), np.uint8)
-        self._bit = 0
+        lookup = _lookup(data[ends[0] : ends[1]], contexts)
+        states = np.frombuffer(data, "<u4", lanes, ends[1]).astype(np.int64)
+        plain = np.frombuffer(data[ends[2] : ends[3]] + bytes(2 * _SPARE), "<u2")
+        self._cursor = np.zeros(3, np.int64)
+        self._ends = words, raw
+        self.parts = lookup, states, plain, np.frombuffer(data[ends[3] :] + bytes(_SPARE), np.uint8), self._cursor
 
-    def read(self, contexts: np.ndarray) -> np.ndarray:
-        """The values [n] int64 of the next batch, whose contexts [n] are given."""
-        base = np.asarray(contexts, np.int64) << _SCALE_BITS
-        entries = np.empty(len(base), np.int64)
-        lanes = len(self._states)
-        for begin in range(0, len(base), lanes):
-            part = base[begin : begin + lanes]
-            state = self._states[: len(part)]
-            entry = self._lookup[part | (state & (_SCALE - 1))]
-            entries[begin : begin + lanes] = entry
-            state = (entry >> 12 & 0x1FFF) * (state >> _SCALE_BITS) + (entry & 0xFFF)
-            low = (state < _LOW).nonzero()[0]
-            if len(low):
-                if self._word + len(low) > self._word_count:
-                    raise ReelError("ends before all of its numbers are read.")
-                state[low] = (state[low] << 16) | self._words[self._word : self._word + len(low)]
-                self._word += len(low)
-            self._states[: len(part)] = state
-        return self._values(entries >> 25)
+    def read(self, count: int) -> np.ndarray:
+        """The next values [count] int64, all of context 0."""
+        return _take_many(count, *self.parts)
 
     def finish(self) -> None:
         """Raise `ReelError` unless everything was read and came out as it went in."""
-        left = self._word != self._word_count or (self._bit + 7) // 8 != len(self._raw) - 8
-        if left or (self._states != _LOW).any():
+        _, word, bit = self._cursor.tolist()
+        if (word, (bit + 7) // 8) != self._ends or (self.parts[1] != _LOW).any():
             raise ReelError("is damaged: its entropy coder does not end as it began.")
 
-    def _values(self, tokens: np.ndarray) -> np.ndarray:
-        long = np.flatnonzero(tokens >= _DIRECT)
-        if not len(long):
-            return tokens
-        bits = (tokens[long] - _DIRECT >> 1) + 4
-        starts = self._bit + np.cumsum(bits) - bits
-        self._bit = int(starts[-1] + bits[-1])
-        if self._bit > 8 * (len(self._raw) - 8):
-            raise ReelError("ends before all of its bits are read.")
-        window = np.zeros(len(long), np.uint64)
-        for byte in range(8):
-            window |= self._raw[(starts >> 3) + byte].astype(np.uint64) << np.uint64(8 * byte)
-        rest = (window >> (starts & 7).astype(np.uint64)).astype(np.int64) & ((1 << bits) - 1)
-        tokens[long] = ((2 | (tokens[long] & 1)) << bits) | rest
-        return tokens
+
+@njit(**EXACT)
+def take(context, lookup, states, words, raw, cursor):
+    """The next number. cursor [3]: lane, word, bit; past the ends there are zeros."""
+    lane = cursor[0]
+    state = states[lane]
+    entry = np.int64(lookup[(context << _SCALE_BITS) | (state & (_SCALE - 1))])
+    state = (entry >> 12 & 0x1FFF) * (state >> _SCALE_BITS) + (entry & 0xFFF)
+    if state < _LOW:
+        state = (state << 16) | np.int64(words[min(cursor[1], len(words) - 1)])
+        cursor[1] += 1
+    states[lane] = state
+    cursor[0] = (lane + 1) & (len(states) - 1)
+    token = entry >> 25
+    if token < _DIRECT:
+        return token
+    bits = (token - _DIRECT >> 1) + 4
+    at, window = min(cursor[2] >> 3, len(raw) - _SPARE), np.uint64(0)
+    for byte in range(_SPARE):
+        window |= np.uint64(raw[at + byte]) << np.uint64(8 * byte)
+    rest = np.int64(window >> np.uint64(cursor[2] & 7)) & ((1 << bits) - 1)
+    cursor[2] += bits
+    return ((2 | (token & 1)) << bits) | rest
+
+
+@njit(**EXACT)
+def _take_many(count, lookup, states, words, raw, cursor):
+    values = np.empty(count, np.int64)
+    for i in range(count):
+        values[i] = take(0, lookup, states, words, raw, cursor)
+    return values
+
+
+@njit(**EXACT)
+def _rans(frequencies, starts, states, words):
+    """How many words there are; they and the states after encoding from the last number to the first."""
+    used, lanes = 0, len(states)
+    for i in range(len(frequencies) - 1, -1, -1):
+        frequency, state = frequencies[i], states[i % lanes]
+        if state >= frequency << 20:
+            words[used] = state & 0xFFFF
+            used += 1
+            state >>= 16
+        states[i % lanes] = (state // frequency << _SCALE_BITS) + state % frequency + starts[i]
+    return used
 
 
 def zigzag(values: np.ndarray) -> np.ndarray:
@@ -148,59 +157,98 @@ def _normalised(counts: np.ndarray) -> np.ndarray:
     return result
 
 
-def _table_bytes(frequencies: np.ndarray) -> bytes:
-    """For each context how many tokens have a frequency, and these as 16 bits."""
-    parts = []
+def _packed_tables(frequencies: np.ndarray) -> bytes:
+    """Frequencies [contexts, TOKENS] as bits: of each context how many tokens have one, then how many bits each takes, and these."""
+    bits = np.zeros(frequencies.size * 32, np.uint8)
+    used = _write_tables(frequencies, bits)
+    return np.packbits(bits[:used], bitorder="little").tobytes()
+
+
+@njit(**EXACT)
+def _write_tables(frequencies, bits):
+    at = 0
     for row in frequencies:
-        used = int(np.flatnonzero(row)[-1]) + 1 if row.any() else 0
-        parts.append(struct.pack("<B", used) + row[:used].astype("<u2").tobytes())
-    return b"".join(parts)
+        used = TOKENS
+        while used > 0 and row[used - 1] == 0:
+            used -= 1
+        at, before = _write_gamma(used + 1, bits, at), 0
+        for token in range(used):
+            length = _bit_length(row[token])
+            change = length - before
+            at = _write_gamma((change << 1 ^ change >> 63) + 1, bits, at)
+            for bit in range(length - 1):
+                bits[at] = row[token] >> bit & 1
+                at += 1
+            before = length
+    return at
+
+
+@njit(**EXACT)
+def _bit_length(number):
+    length = 0
+    while number >> length:
+        length += 1
+    return length
+
+
+@njit(**EXACT)
+def _write_gamma(number, bits, at):
+    """A number of b + 1 bits, at least 1, as b zeros, a one, and its low b bits; gives the place after it."""
+    low = _bit_length(number) - 1
+    bits[at + low] = 1
+    for bit in range(low):
+        bits[at + low + 1 + bit] = number >> bit & 1
+    return at + 2 * low + 1
 
 
 def _lookup(tables: bytes, contexts: int) -> np.ndarray:
     """[contexts * 4096]: for each place in the scale the token << 25 | frequency << 12 | place in the token's own interval."""
-    limit = contexts * (1 + 2 * TOKENS)
-    stream = zlib.decompressobj()
-    try:
-        plain = stream.decompress(tables, limit)
-    except zlib.error as error:
-        raise ReelError(f"has frequencies that are no zlib stream ({error}).") from error
-    result = np.zeros((contexts, _SCALE), np.int64)
-    at = 0
-    for context in range(contexts):
-        used = plain[at] if at < len(plain) else TOKENS + 1
-        if used > TOKENS or at + 1 + 2 * used > len(plain):
-            raise ReelError("has frequencies that are cut off.")
-        frequencies = np.frombuffer(plain, "<u2", used, at + 1).astype(np.int64)
-        at += 1 + 2 * used
-        if frequencies.sum() not in (0, _SCALE):
-            raise ReelError(f"has frequencies that sum to {frequencies.sum()}, not {_SCALE}.")
-        token = np.repeat(np.arange(used), frequencies)
-        inside = np.arange(len(token)) - (np.cumsum(frequencies) - frequencies)[token]
-        result[context, : len(token)] = token << 25 | frequencies[token] << 12 | inside
-    if at != len(plain):
-        raise ReelError("has more frequencies than contexts.")
+    bits = np.unpackbits(np.frombuffer(tables, np.uint8), bitorder="little")
+    result = np.zeros((contexts, _SCALE), np.uint32)
+    read = _read_tables(bits, result)
+    if read < 0 or (read + 7) // 8 != len(tables):
+        raise ReelError("has frequencies that are cut off, or do not sum to 4096.")
     return result.ravel()
 
 
-def _rans(frequencies: np.ndarray, starts: np.ndarray, sizes: list[int], lanes: int) -> tuple[np.ndarray, np.ndarray]:
-    """(states [lanes], words) after encoding from the last number to the first; a batch begins at lane 0."""
-    states = np.full(lanes, _LOW, np.int64)
-    words: list[np.ndarray] = []
-    end = sum(sizes)
-    for size in reversed(sizes):
-        first = end - size
-        for begin in range(first + (max(size - 1, 0) // lanes) * lanes, first - 1, -lanes):
-            part = slice(begin, min(begin + lanes, end))
-            frequency, state = frequencies[part], states[: part.stop - begin]
-            full = state >= frequency << 20
-            if full.any():
-                words.append(state[full] & 0xFFFF)
-                state = np.where(full, state >> 16, state)
-            whole, rest = np.divmod(state, np.maximum(frequency, 1))
-            states[: part.stop - begin] = (whole << _SCALE_BITS) + rest + starts[part]
-        end = first
-    return states, np.concatenate(words[::-1]) if words else np.zeros(0, np.int64)
+@njit(**EXACT)
+def _read_tables(bits, result):
+    """Fills the table of `_lookup`; how many bits that took, or -1."""
+    at = 0
+    for context in range(len(result)):
+        used, at = _read_gamma(bits, at)
+        place, before = 0, 0
+        for token in range(used - 1):
+            change, at = _read_gamma(bits, at)
+            length = before + (change - 1 >> 1 ^ -(change - 1 & 1))
+            if at < 0 or token >= TOKENS or not 0 <= length <= _SCALE_BITS + 1 or at + length > len(bits) + 1:
+                return -1
+            before, frequency = length, 1 << length >> 1
+            for bit in range(length - 1):
+                frequency |= np.int64(bits[at]) << bit
+                at += 1
+            if place + frequency > _SCALE:
+                return -1
+            for inside in range(frequency):
+                result[context, place + inside] = token << 25 | frequency << 12 | inside
+            place += frequency
+        if at < 0 or (place != 0 and place != _SCALE):
+            return -1
+    return at
+
+
+@njit(**EXACT)
+def _read_gamma(bits, at):
+    """(number, the place after it, or -1 where the bits end or the number is longer than any that is written)."""
+    low = 0
+    while 0 <= at + low < len(bits) and bits[at + low] == 0:
+        low += 1
+    if at < 0 or low > 8 or at + 2 * low + 1 > len(bits):
+        return 1, -1
+    number = 1 << low
+    for bit in range(low):
+        number |= np.int64(bits[at + low + 1 + bit]) << bit
+    return number, at + 2 * low + 1
 
 
 def _pack_bits(values: np.ndarray, lengths: np.ndarray) -> bytes:

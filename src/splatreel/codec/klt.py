@@ -3,12 +3,16 @@
 from __future__ import annotations
 
 import numpy as np
+from numba import njit
 
-from splatreel.codec.entropy import Decoder, Encoder, unzigzag, zigzag
+from splatreel.codec.entropy import Stream, encode, unzigzag, zigzag
+from splatreel.codec.jit import EXACT
 from splatreel.codec.quantize import Parameters, integer
 from splatreel.errors import ReelError
 
 _MAX_SHIFT = 20
+_BLOCK = 32
+"""Points whose sums are kept at hand before they are written out frame by frame."""
 _SPARE = 8
 """Rounding the basis costs at most about this fraction of a step."""
 
@@ -36,9 +40,7 @@ def real(basis: np.ndarray, shifts: list[int]) -> np.ndarray:
 
 def encode_basis(basis: np.ndarray) -> bytes:
     """Column after column."""
-    encoder = Encoder(1)
-    encoder.write(zigzag(basis.T.ravel()), 0)
-    return encoder.finish()
+    return encode(zigzag(basis.T.ravel()), np.zeros(basis.size, np.int64), 1)
 
 
 def decode_basis(data: bytes, parameters: Parameters, name: str, dimensions: int) -> np.ndarray:
@@ -47,7 +49,34 @@ def decode_basis(data: bytes, parameters: Parameters, name: str, dimensions: int
     if not isinstance(shifts, list) or not 1 <= len(shifts) <= dimensions:
         raise ReelError(f"has {name} that are not 1 to {dimensions} numbers.")
     shifts = [integer({name: shift}, name, 0, _MAX_SHIFT) for shift in shifts]
-    decoder = Decoder(data, 1)
-    basis = unzigzag(decoder.read(np.zeros(len(shifts) * dimensions, np.int64)))
-    decoder.finish()
+    stream = Stream(data, 1)
+    basis = unzigzag(stream.read(len(shifts) * dimensions))
+    stream.finish()
     return real(basis.reshape(len(shifts), dimensions).T, shifts)
+
+
+def expand(found: np.ndarray, ends: np.ndarray, basis: np.ndarray, channels: int) -> np.ndarray:
+    """[D, N, C] float32 of coefficients [N, K C], of which a point has the first `ends` [N], in a basis [D, K]."""
+    result = np.empty((len(basis), len(found), channels), np.float32)
+    _expand(found, ends, np.ascontiguousarray(basis.T), result)
+    return result
+
+
+@njit(**EXACT)
+def _expand(found, ends, basis, result):
+    dimensions, count, channels = result.shape
+    sums = np.empty((_BLOCK, channels, dimensions))
+    for first in range(0, count, _BLOCK):
+        some = min(_BLOCK, count - first)
+        sums[:] = 0
+        for i in range(some):
+            for column in range(ends[first + i]):
+                value = np.float64(found[first + i, column])
+                if value != 0:
+                    row, total = basis[column // channels], sums[i, column % channels]
+                    for d in range(dimensions):
+                        total[d] += value * row[d]
+        for d in range(dimensions):
+            for i in range(some):
+                for c in range(channels):
+                    result[d, first + i, c] = sums[i, c, d]

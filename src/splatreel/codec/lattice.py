@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from splatreel.codec import morton
-from splatreel.codec.entropy import Decoder, Encoder
+from splatreel.codec.entropy import Stream, encode
 from splatreel.codec.quantize import Parameters, number, numbers
 from splatreel.errors import ReelError
 
@@ -24,17 +24,16 @@ def encode_positions(means: np.ndarray, step: float) -> tuple[bytes, Parameters,
     lattice = np.rint((means - low) / step).astype(np.int64)
     codes = morton.encode(lattice).astype(np.int64)
     order = np.argsort(codes, kind="stable")
-    encoder = Encoder(1)
-    encoder.write(np.diff(codes[order], prepend=0), 0)
-    return encoder.finish(), {"codec": "lattice", "min": low.tolist(), "step": step}, order, lattice[order]
+    data = encode(np.diff(codes[order], prepend=0), np.zeros(len(order), np.int64), 1)
+    return data, {"codec": "lattice", "min": low.tolist(), "step": step}, order, lattice[order]
 
 
 def decode_positions(data: bytes, parameters: Parameters, count: int) -> tuple[np.ndarray, np.ndarray]:
     """Positions [count, 3] float32 and their lattice [count, 3] int64. Raises `ReelError`."""
     low, step = numbers(parameters, "min", 3), number(parameters, "step", 0, 1e30)
-    decoder = Decoder(data, 1)
-    codes = np.cumsum(decoder.read(np.zeros(count, np.int64)))
-    decoder.finish()
+    stream = Stream(data, 1)
+    codes = np.cumsum(stream.read(count))
+    stream.finish()
     if (codes < 0).any() or (codes >> 3 * MAX_BITS).any():
         raise ReelError("decodes to positions outside of its lattice.")
     lattice = morton.decode(codes)

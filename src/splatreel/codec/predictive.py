@@ -8,12 +8,13 @@ from __future__ import annotations
 
 import struct
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 
 from splatreel.codec import klt, rotvec
 from splatreel.codec.canonical import canonical, turned
-from splatreel.codec.field import MAX_CLASS, Level, decode_field, encode_field, levels_of
+from splatreel.codec.field import MAX_CLASS, Levels, decode_field, encode_field, ends_of, levels_of
 from splatreel.codec.lattice import decode_positions, encode_positions
 from splatreel.codec.quantize import integer, number
 from splatreel.codec.sections import MAX_POINTS, Section, Sections, named, section_of
@@ -24,7 +25,7 @@ from splatreel.scene.gaussians import Gaussians
 
 COLORS = np.array([[1, 1, 1], [1, 0, -1], [-1, 2, -1]]) / np.sqrt([[3], [2], [6]])
 """Orthonormal: brightness, red against blue, green against both."""
-_STREAMS = struct.Struct("<II")
+_STREAMS = struct.Struct("<III")
 
 
 @dataclass(frozen=True)
@@ -62,7 +63,7 @@ RELATIVE = np.array([0, 1, 1])
 class Neighbourhood:
     """What decoding the values of points needs to know of them. classes: [N, 3] int64, of shape, colour and motion."""
 
-    levels: list[Level]
+    levels: Levels
     classes: np.ndarray
 
     def encode(self, kind: int, values: np.ndarray, step: float) -> Section:
@@ -126,7 +127,7 @@ def encode_points(
     }
     if points.sh_degree and config.sh_entries:
         rest = points.sh[:, 1:].reshape(len(points), -1).astype(np.float64)
-        section = _encode_klt(COLOR, rest[:, :, None], STEPS.rest * coarse, here)
+        section, _ = _encode_klt(COLOR, rest[:, :, None], STEPS.rest * coarse, here)
         sections["sh_rest"] = Section(section.data, section.parameters | {"degree": points.sh_degree})
     return EncodedPoints(sections, order, turn, size, here)
 
@@ -151,7 +152,7 @@ def decode_points(sections: Sections, count: int) -> tuple[Gaussians, Neighbourh
         section = section_of(sections, "sh_rest", "klt")
         degree = named("sh_rest", integer, section.parameters, "degree", 1, 3)
         rest = named("sh_rest", _decode_klt, COLOR, section, 3 * ((degree + 1) ** 2 - 1), 1, here)
-        sh = np.concatenate([sh, rest.reshape(count, -1, 3)], 1)
+        sh = np.concatenate([sh, rest[:, :, 0].T.reshape(count, -1, 3)], 1)
     return Gaussians(means, rotations.normalize(quats), scales, opacities, sh), here
 
 
@@ -167,8 +168,8 @@ def encode_offsets(dx: np.ndarray, dq: np.ndarray, points: EncodedPoints, config
     sections: Sections = {}
     steps = {"dx": (moves, STEPS.motion * points.size), "dq": (vectors, STEPS.turn)}
     for name, (values, step) in steps.items():
-        section = _encode_klt(MOTION, values, step * config.coarseness, here)
-        error = float(np.abs(_decode_klt(MOTION, section, values.shape[1], 3, here) - values).max())
+        section, decoded = _encode_klt(MOTION, values, step * config.coarseness, here)
+        error = float(np.abs(decoded - values.transpose(1, 0, 2)).max())
         sections[name] = Section(section.data, section.parameters | {"error": error})
     return sections
 
@@ -176,22 +177,21 @@ def encode_offsets(dx: np.ndarray, dq: np.ndarray, points: EncodedPoints, config
 def decode_offsets(sections: Sections, frames: int, here: Neighbourhood) -> tuple[np.ndarray, np.ndarray]:
     """dx [T, N, 3] and unit dq [T, N, 4], float32. Raises `ReelError`."""
     dx, vectors = (
-        named(name, _decode_klt, MOTION, section_of(sections, name, "klt"), frames, 3, here).transpose(1, 0, 2)
-        for name in ("dx", "dq")
+        named(name, _decode_klt, MOTION, section_of(sections, name, "klt"), frames, 3, here) for name in ("dx", "dq")
     )
-    return np.ascontiguousarray(dx, np.float32), rotvec.to_quats(vectors).astype(np.float32)
+    return dx, rotvec.expand(vectors)
 
 
 def encode_shade(shade: np.ndarray, order: np.ndarray, here: Neighbourhood, config: EncodeConfig) -> Sections:
     """Section `shade` of changes of colour and opacity [T, N, 4], in the order of the input points."""
     values = np.asarray(shade, np.float64)[:, order].transpose(1, 0, 2) @ SHADE.T
-    return {"shade": _encode_klt(COLOR, values, STEPS.shade * config.coarseness, here)}
+    return {"shade": _encode_klt(COLOR, values, STEPS.shade * config.coarseness, here)[0]}
 
 
 def decode_shade(sections: Sections, frames: int, here: Neighbourhood) -> np.ndarray:
     """[T, N, 4] float32. Raises `ReelError`."""
     values = named("shade", _decode_klt, COLOR, section_of(sections, "shade", "klt"), frames, 4, here)
-    return np.ascontiguousarray((values @ np.linalg.inv(SHADE).T).transpose(1, 0, 2), np.float32)
+    return values @ np.linalg.inv(SHADE).T.astype(np.float32)
 
 
 def neighbours_in_order(count: int) -> Neighbourhood:
@@ -201,23 +201,34 @@ def neighbours_in_order(count: int) -> Neighbourhood:
     return Neighbourhood(levels_of(lattice), np.zeros((count, 3), np.int64))
 
 
-def _encode_klt(kind: int, values: np.ndarray, step: float, here: Neighbourhood) -> Section:
-    """Values [N, D, C]: D is what the transform is over, the C channels share its basis."""
-    samples = values.transpose(0, 2, 1).reshape(-1, values.shape[1])
+def _encode_klt(kind: int, values: np.ndarray, step: float, here: Neighbourhood) -> tuple[Section, np.ndarray]:
+    """Values [N, D, C]: D is what the transform is over, the C channels share its basis. Also gives them as decoded, [D, N, C]."""
+    count, dimensions, channels = values.shape
+    samples = values.transpose(0, 2, 1).reshape(-1, dimensions)
     basis, shifts = klt.analyse(samples, step)
-    found = klt.coefficients(samples, basis, shifts).reshape(len(values), values.shape[2], -1).transpose(0, 2, 1)
-    head, body = klt.encode_basis(basis), here.encode(kind, found.reshape(len(values), -1), step).data
-    data = _STREAMS.pack(len(head), len(body)) + head + body
-    return Section(data, {"codec": "klt", "step": step, "shifts": shifts})
+    found = klt.coefficients(samples, basis, shifts).reshape(count, channels, -1).transpose(0, 2, 1)
+    wanted, classes = found.reshape(count, -1) / step, here.classes[:, kind]
+    ends = ends_of(wanted, classes)
+    streams = klt.encode_basis(basis), encode_field(ends[:, None], here.levels, np.zeros_like(classes))[0]
+    body, kept = encode_field(wanted, here.levels, classes, ends)
+    data = _STREAMS.pack(*(len(stream) for stream in (*streams, body))) + b"".join((*streams, body))
+    section = Section(data, {"codec": "klt", "step": step, "shifts": shifts})
+    return section, klt.expand(kept, ends, klt.real(basis, shifts) * step, channels)
 
 
 def _decode_klt(kind: int, section: Section, dimensions: int, channels: int, here: Neighbourhood) -> np.ndarray:
-    """Values [N, D, C] float64. Raises `ReelError`."""
+    """Values [D, N, C] float32. Raises `ReelError`."""
     data, parameters = section.data, section.parameters
-    head, body = _STREAMS.unpack_from(data) if len(data) >= _STREAMS.size else (0, 0)
-    if _STREAMS.size + head + body != len(data):
-        raise ReelError(f"holds {len(data)} bytes, its streams {head} and {body}.")
-    basis = klt.decode_basis(data[_STREAMS.size : _STREAMS.size + head], parameters, "shifts", dimensions)
-    body_section = {"body": Section(data[_STREAMS.size + head :], {"codec": "field", "step": parameters.get("step")})}
-    found = here.decode(kind, body_section, "body", basis.shape[1] * channels)
-    return np.einsum("dk,nkc->ndc", basis, found.reshape(len(found), basis.shape[1], channels), optimize=True)
+    sizes = _STREAMS.unpack_from(data) if len(data) >= _STREAMS.size else (0, 0, 0)
+    if _STREAMS.size + sum(sizes) != len(data):
+        raise ReelError(f"holds {len(data)} bytes, its streams {', '.join(map(str, sizes))}.")
+    cuts = np.cumsum([_STREAMS.size, *sizes]).tolist()
+    basis_data, ends_data, body = (data[a:b] for a, b in pairwise(cuts))
+    step = number(parameters, "step", 1e-12, 1e12)
+    basis = klt.decode_basis(basis_data, parameters, "shifts", dimensions)
+    columns, classes = basis.shape[1] * channels, here.classes[:, kind]
+    ends = decode_field(ends_data, (len(classes), 1), here.levels, np.zeros_like(classes))[:, 0].astype(np.int64)
+    if (ends < 0).any() or (ends > columns).any():
+        raise ReelError(f"has points of {ends.min()} to {ends.max()} columns, of {columns}.")
+    found = decode_field(body, (len(classes), columns), here.levels, classes, ends)
+    return klt.expand(found, ends, basis * step, channels)

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import numpy as np
+from numba import njit
 
+from splatreel.codec.jit import EXACT
 from splatreel.scene import rotations
 
 
@@ -26,3 +28,20 @@ def to_quats(vectors: np.ndarray) -> np.ndarray:
     """Unit quaternions [..., 4] of vectors [..., 3]."""
     half = np.linalg.norm(vectors, axis=-1, keepdims=True) / 2
     return rotations.normalize(np.concatenate([np.cos(half), vectors * (np.sinc(half / np.pi) / 2)], -1))
+
+
+@njit(**EXACT)
+def expand(vectors):
+    """Unit quaternions [T, N, 4] float32 of vectors [T, N, 3] float32, fast where they are zero."""
+    frames, count, _ = vectors.shape
+    quats = np.empty((frames, count, 4), np.float32)
+    for t in range(frames):
+        for i in range(count):
+            x, y, z = np.float64(vectors[t, i, 0]), np.float64(vectors[t, i, 1]), np.float64(vectors[t, i, 2])
+            square = x * x + y * y + z * z
+            w, share = 1.0, 0.5
+            if square > 1e-20:
+                angle = np.sqrt(square)
+                w, share = np.cos(angle / 2), np.sin(angle / 2) / angle
+            quats[t, i] = w, x * share, y * share, z * share
+    return quats
