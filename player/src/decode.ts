@@ -38,6 +38,7 @@ async function decodePredicted(file: Container): Promise<Omit<DecodedFile, "aliv
 
 async function decodePaper(file: Container, decodePoints: DecodePoints, decodeTrack: DecodeTrack): Promise<Omit<DecodedFile, "alive">> {
   const section = file.sections.offsets;
+  if (file.kind === "group" && file.points > 0 && !section) throw new ReelError("it has no section offsets");
   if (section && section.codec !== "h265") {
     throw new ReelError(`its motion has the codec ${section.codec}, and this player knows h265: encode it again with --source ofs, or by the predictive codec`);
   }

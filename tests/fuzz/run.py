@@ -13,10 +13,9 @@ from pathlib import Path
 
 import atheris
 
-HOSTILE = Path(__file__).parent.parent / "data" / "hostile"
-
 with atheris.instrument_imports(include=["splatreel.codec"]):
     from tests.fuzz.edits import run
+    from tests.fuzz.hostile import FOLDER
     from tests.fuzz.seeds import files
     from tests.fuzz.target import check
 
@@ -24,8 +23,8 @@ with atheris.instrument_imports(include=["splatreel.codec"]):
 def keep(program: Path, name: str) -> None:
     """Write the edited file of a program where the tests find it."""
     seed, data = run(program.read_bytes())
-    HOSTILE.mkdir(exist_ok=True)
-    (HOSTILE / f"{seed.split('-')[0]}-{name}.bin").write_bytes(data)
+    FOLDER.mkdir(exist_ok=True)
+    (FOLDER / f"{seed.split('-')[0]}-{name}.bin").write_bytes(data)
 
 
 def main() -> None:

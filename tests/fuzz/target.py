@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from splatreel.codec.container import unpack_file
 from splatreel.codec.group_file import decode_group, decode_layer
 from splatreel.codec.manifest import parse_manifest
 from splatreel.errors import ReelError
@@ -20,7 +21,16 @@ def check(seed: str, data: bytes) -> bool:
             group = decode_group(data, NAME)
             group.dynamic.check_finite(NAME)
     except ReelError as error:
-        if not str(error).startswith(NAME):
-            raise AssertionError(f"The error does not name the file: {error}") from error
+        if not str(error).startswith(NAME) or not (seed == "manifest" or _says_where(str(error), data)):
+            raise AssertionError(f"The error does not name the file and the section: {error}") from error
         return False
     return True
+
+
+def _says_where(message: str, data: bytes) -> bool:
+    """A section, unless the header is at fault: what it is of, or how much it claims."""
+    try:
+        unpack_file(data)
+    except ReelError:
+        return True
+    return any(words in message for words in ("section '", f"{NAME}: claims ", f"{NAME}: is a "))

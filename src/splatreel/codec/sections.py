@@ -72,8 +72,10 @@ def decode_gaussians(sections: Sections, count: int, placed: Placed | None = Non
     sh = _values(sections, "sh_base", count, 3)[:, None]
     if "sh_rest" in sections:
         sh = np.concatenate([sh, _decode_rest(sections, count)], 1)
-    if (scales < 0).any() or (opacities < 0).any() or (opacities > 1).any():
-        raise ReelError("has scales below 0 or opacities outside 0..1.")
+    if (scales < 0).any():
+        raise ReelError("section 'scales' has scales below 0.")
+    if (opacities < 0).any() or (opacities > 1).any():
+        raise ReelError("section 'opacities' has opacities outside 0..1.")
     return Gaussians(means, quats, scales, opacities, sh)
 
 

@@ -1,0 +1,67 @@
+"""Files that lie on purpose, for both readers: python -m tests.fuzz.hostile writes tests/data/hostile anew.
+
+KIND-NAME.bin, KIND being layer, group or manifest. What fuzzing finds is added there by `python -m tests.fuzz.run PROGRAM --keep NAME`.
+"""
+
+from __future__ import annotations
+
+import json
+import zlib
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+from tests.fuzz.edits import Draft
+from tests.fuzz.seeds import files
+
+FOLDER = Path(__file__).parent.parent / "data" / "hostile"
+LIES: dict[str, tuple[str, Callable[[Draft], object]]] = {
+    "layer-millions-of-points": ("layer-predictive", lambda d: d.own.update(points=8_000_000)),
+    "layer-points-of-another": ("layer-h265", lambda d: d.own.update(points=13)),
+    "layer-zlib-bomb": ("layer-h265", lambda d: d.sections.update(quats=zlib.compress(bytes(1 << 25), 9))),
+    "layer-nan-range": ("layer-h265", lambda d: d.own["sections"]["scales"].update(min=[float("nan"), 0, 0])),
+    "layer-huge-range": ("layer-h265", lambda d: d.own["sections"]["scales"].update(max=[1e39, 1, 1])),
+    "layer-other-codec": ("layer-h265", lambda d: d.own["sections"]["sh_base"].update(codec="jpeg")),
+    "layer-entry-beyond-codebook": ("layer-h265", lambda d: d.own["sections"]["sh_rest"].update(bits=16, entries=1)),
+    "layer-section-outside": ("layer-h265", lambda d: d.places.update(means={"data_offsets": [0, 1 << 40]})),
+    "layer-negative-place": ("layer-h265", lambda d: d.places.update(means={"data_offsets": [-8, 8]})),
+    "layer-no-positions": ("layer-predictive", lambda d: d.own["sections"].pop("means")),
+    "layer-draco-cut-off": ("layer-h265", lambda d: d.sections.update(means=d.sections["means"][:20])),
+    "layer-huge-step": ("layer-predictive", lambda d: d.own["sections"]["quats"].update(step=1e300)),
+    "layer-stream-cut-off": ("layer-predictive", lambda d: d.sections.update(scales=d.sections["scales"][:-3])),
+    "group-millions-of-frames": ("group-predictive", lambda d: d.own.update(frames=5_000_000)),
+    "group-billions-of-flags": ("group-h265", lambda d: d.own["sections"]["alive"].update(count=1 << 40)),
+    "group-video-cut-off": ("group-h265", lambda d: d.sections.update(offsets=d.sections["offsets"][:900])),
+    "group-maps-too-large": ("group-h265", lambda d: d.own["sections"]["offsets"].update(width=8192, height=8192)),
+    "group-basis-of-no-columns": ("group-predictive", lambda d: d.own["sections"]["dx"].update(shifts=[])),
+    "group-no-motion": ("group-h265", lambda d: d.own["sections"].pop("offsets")),
+}
+"""By name the seed, and what is done to it."""
+MANIFEST_LIES: dict[str, Callable[[dict[str, Any]], object]] = {
+    "manifest-path-up": lambda m: m["groups"][0].update(uri="../../secret"),
+    "manifest-absolute-path": lambda m: m["layers"][0].update(uri="/etc/passwd"),
+    "manifest-other-host": lambda m: m["groups"][0].update(uri="https://other.example/groups/0000.safetensors"),
+    "manifest-no-scheme": lambda m: m["groups"][0].update(uri="//other.example/x"),
+    "manifest-hidden-file": lambda m: m["groups"][0].update(uri="groups/.hidden"),
+    "manifest-no-time": lambda m: m.update(fps=0),
+    "manifest-infinite-frames": lambda m: m.update(frames=10**400),
+    "manifest-no-camera": lambda m: m.update(camera=None),
+    "manifest-bounds-of-one-corner": lambda m: m.update(bounds=[[0, 0, 0]]),
+    "manifest-later-version": lambda m: m.update(version=2),
+}
+
+
+def main() -> None:
+    FOLDER.mkdir(exist_ok=True)
+    for name, (seed, lie) in LIES.items():
+        draft = Draft.of(files()[seed])
+        lie(draft)
+        (FOLDER / f"{name}.bin").write_bytes(draft.pack())
+    for name, lie in MANIFEST_LIES.items():
+        document = json.loads(files()["manifest"])
+        lie(document)
+        (FOLDER / f"{name}.bin").write_text(json.dumps(document))
+
+
+if __name__ == "__main__":
+    main()
