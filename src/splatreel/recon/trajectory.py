@@ -81,11 +81,13 @@ class Trajectory:
         self.windows.clear()
 
     def keep(self, index: Tensor) -> None:
+        self.windows.clear()
         self.skins = [(i[index], s[index]) for i, s in self.skins]
         self.adams[-1].rewrite(lambda rows: rows[:, index], lambda rows: rows[:, index])
 
     def append(self, means: Tensor, parents: Tensor | None) -> None:
         """Newcomers start with what makes their total offset zero: they were static."""
+        self.windows.clear()
         added = [skin(means, nodes) for nodes in self.nodes]
         self.skins = [
             (torch.cat([i, ai]), torch.cat([s, as_])) for (i, s), (ai, as_) in zip(self.skins, added, strict=True)
