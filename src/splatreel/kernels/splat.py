@@ -8,6 +8,7 @@ readable torch version of every function here, with the same signature, as the o
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from typing import Any, NamedTuple
 
@@ -304,9 +305,9 @@ def adam(
     """
     if parameter.is_cuda:
         return twin.adam(parameter, mean, square, gradient, first, moment)
-    row = parameter.numel() // max(len(parameter), 1)
-    p, m, s, g = (tensor.contiguous().view(-1).numpy() for tensor in (parameter, mean, square, gradient))
-    return adam_kernel.step(p, m, s, g, first * row, moment)
+    p, m, s, g = parameter.numpy(), mean.numpy(), square.numpy(), gradient.contiguous().numpy()
+    row = p[0].size if len(p) else 0
+    return adam_kernel.step(p.reshape(-1), m.reshape(-1), s.reshape(-1), g.reshape(-1), first * row, moment)
 
 
 def _matrix(value: Tensor | np.ndarray) -> np.ndarray:
@@ -326,7 +327,9 @@ def _without_self(indices: np.ndarray, distances: np.ndarray) -> tuple[np.ndarra
 def _check_finite(**tensors: Tensor) -> None:
     for name, tensor in tensors.items():
         values = tensor.detach()
-        if not torch.isfinite(values.sum()) and not torch.isfinite(values).all():  # the sum is quick, but may overflow
+        if (
+            not math.isfinite(values.sum().item()) and not torch.isfinite(values).all()
+        ):  # the sum is quick, but may overflow
             bad = int((~torch.isfinite(values)).sum())
             raise GaussiansError(
                 f"Gaussians: {name} holds {bad} values that are NaN or infinite; lower the learning rate."

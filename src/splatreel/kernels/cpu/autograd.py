@@ -23,7 +23,13 @@ CHUNK = 3  # channels the rasteriser blends at once; other counts but 1 are padd
 
 
 def _arrays(*tensors: Tensor) -> list[np.ndarray]:
-    return [tensor.detach().to(torch.float32).contiguous().numpy() for tensor in tensors]
+    return [_array(tensor) for tensor in tensors]
+
+
+def _array(tensor: Tensor) -> np.ndarray:
+    if tensor.dtype != torch.float32:
+        tensor = tensor.to(torch.float32)
+    return tensor.detach().contiguous().numpy()
 
 
 def _tensors(*arrays: np.ndarray) -> list[Tensor]:
@@ -109,7 +115,7 @@ class RasterizeAmong(Function):
         height, width = frozen.alpha.shape
         bins = _bins(means2d, conics, opacities, depths, radii, width, height)
         image, alpha = _tensors(*rasterize.forward(bins, *_arrays(colors), frozen=frozen))
-        tiles = torch.from_numpy(bins.counts.reshape(-(-height // binning.TILE), -(-width // binning.TILE)) > 0)
+        tiles = torch.from_numpy(bins.counts.reshape(-(-height // binning.TILE), -1) > 0)
         ctx.bins, ctx.frozen = bins, frozen
         ctx.save_for_backward(colors, image, alpha)
         ctx.mark_non_differentiable(tiles)

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numba import njit, prange
@@ -43,7 +44,7 @@ class Bins:
     rows: np.ndarray
     first: np.ndarray
 
-    @property
+    @cached_property
     def counts(self) -> np.ndarray:
         """[tiles] how many splats touch each tile."""
         return np.diff(self.offsets)
