@@ -125,6 +125,8 @@ class EncodeConfig:
     """Of c_base, and of the codebook of c_rest."""
     sh_entries: int | None = 1024
     """Size of the codebook of c_rest; 0 drops the higher SH bands, `None` quantises each point's own."""
+    weigh: bool = True
+    """Points whose colour the pictures hang on count more in the codebook; in the paper all count alike."""
     source: Literal["ofs", "ori", "dif", "raw"] = "ofs"
     """What is coded of the motion (Table 10): offsets, positions and rotations themselves, differences from frame to frame, or
     offsets as float32."""

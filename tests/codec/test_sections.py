@@ -160,3 +160,18 @@ def test_float32_that_are_no_numbers():
     sections["scales"] = Section(np.full(300, np.nan, "<f4").tobytes(), sections["scales"].parameters)
     with pytest.raises(ReelError, match="section 'scales' holds NaN"):
         decode_gaussians(sections, 100)
+
+
+def test_weights_of_colours_serve_some_points_better_where_the_configuration_says_so():
+    gaussians = points(400, degree=3)
+    weights = np.where(np.arange(400) < 100, 100.0, 0.0)
+    plain = dataclasses.replace(CONFIG, sh_entries=30, weigh=False)
+    first, _ = encode_gaussians(gaussians, plain)
+    second, _ = encode_gaussians(gaussians, plain, weights=weights)
+    assert first["sh_rest"] == second["sh_rest"]
+    errors = []
+    for given in (None, weights):
+        sections, order = encode_gaussians(gaussians, dataclasses.replace(plain, weigh=True), weights=given)
+        error = np.abs(decode_gaussians(sections, 400).sh - gaussians.sh[order])[:, 1:].mean((1, 2))
+        errors.append(error[order < 100].mean())
+    assert errors[1] < 0.9 * errors[0]

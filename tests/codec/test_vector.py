@@ -44,3 +44,17 @@ def test_fewer_vectors_than_entries_are_kept():
 def test_one_entry_is_the_mean():
     vectors = np.array([[0.0], [1.0], [5.0]], np.float32)
     np.testing.assert_allclose(vector.kmeans(vectors, 1), [[2.0]])
+
+
+def test_what_weighs_more_is_served_better():
+    """Two clouds and few entries: most of them go to the one that weighs a hundred times as much, whose error falls."""
+    rng = np.random.default_rng(0)
+    vectors = np.concatenate([rng.normal(0, 1, (500, 6)), rng.normal(20, 1, (500, 6))]).astype(np.float32)
+    weights = np.repeat([100.0, 1.0], 500)
+    errors = [vector.assign(vectors[:500], vector.kmeans(vectors, 40, weights=w))[1].mean() for w in (None, weights)]
+    codebook = vector.kmeans(vectors, 40, weights=weights)
+    assert (codebook.mean(1) < 10).sum() > 35
+    assert errors[1] < 0.85 * errors[0]
+    np.testing.assert_allclose(
+        vector.kmeans(np.array([[0.0], [3.0]], np.float32), 1, weights=np.array([2, 1])), [[1.0]]
+    )

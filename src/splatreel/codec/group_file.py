@@ -26,13 +26,13 @@ def encode_layer(
 ) -> tuple[bytes, np.ndarray]:
     """The file of the static points born at a group, and order [N]: the input point of each point of the file.
 
-    importance: [N, 3], see `predictive.classes_of`; the paper's codec has no use for it.
+    importance: [N, 3], see `predictive.classes_of`; the paper's codec has no use for that of shape and motion.
     """
     if config.codec == "predictive" and len(gaussians):
         points = predictive.encode_points(gaussians, importance, config, moving=False)
         sections, order = points.sections, points.order
     else:
-        sections, order = encode_gaussians(gaussians, config)
+        sections, order = encode_gaussians(gaussians, config, weights=_colors(importance))
     return pack_file(FileHeader("layer", group, len(gaussians), first_frame), sections), order
 
 
@@ -45,7 +45,7 @@ def encode_group(group: Group, config: EncodeConfig, importance: np.ndarray | No
         order, here = points.order, points.neighbourhood
     else:
         here = None
-        sections, order = encode_gaussians(group.dynamic, config, placed=config.source != "ori")
+        sections, order = encode_gaussians(group.dynamic, config, config.source != "ori", _colors(importance))
         if len(order):
             moving = group.dx[:, order], group.dq[:, order], group.dynamic[order]
             sections["offsets"] = Section(*offsets.encode(*moving, config))
@@ -56,6 +56,10 @@ def encode_group(group: Group, config: EncodeConfig, importance: np.ndarray | No
         sections["alive"] = Section(*quantize.encode_bits(group.alive))
     header = FileHeader("group", group.index, len(order), group.first_frame, group.frames)
     return pack_file(header, sections), order
+
+
+def _colors(importance: np.ndarray | None) -> np.ndarray | None:
+    return None if importance is None else importance[:, predictive.COLOR]
 
 
 def decode_layer(data: bytes, source: str) -> tuple[FileHeader, Gaussians]:

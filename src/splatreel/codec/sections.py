@@ -28,9 +28,12 @@ class Section:
 Sections = dict[str, Section]
 
 
-def encode_gaussians(gaussians: Gaussians, config: EncodeConfig, placed: bool = True) -> tuple[Sections, np.ndarray]:
+def encode_gaussians(
+    gaussians: Gaussians, config: EncodeConfig, placed: bool = True, weights: np.ndarray | None = None
+) -> tuple[Sections, np.ndarray]:
     """Sections of the points, and order [N]: order[i] is the input point that is decoded as point i.
 
+    weights: [N] >= 0, how much the pictures hang on each point's colour, for `EncodeConfig.weigh`; None: all alike.
     placed: with `means` and `quats`; without them something else says where the points are. No point, no section.
     Raises `GaussiansError` for NaN and infinity.
     """
@@ -51,7 +54,7 @@ def encode_gaussians(gaussians: Gaussians, config: EncodeConfig, placed: bool = 
     sections["opacities"] = Section(*encode_values(ordered.opacities[:, None], config.opacity_bits, crf=crf))
     sections["sh_base"] = Section(*encode_values(ordered.sh[:, 0], config.color_bits, crf=crf))
     if ordered.sh_degree and config.sh_entries != 0:
-        sections |= _encode_rest(ordered, config)
+        sections |= _encode_rest(ordered, config, weights[order] if config.weigh and weights is not None else None)
     return sections, order
 
 
@@ -95,7 +98,7 @@ def _decode_means(sections: Sections, count: int) -> np.ndarray:
     return named("means", points.decode_points, section.data, section.parameters, count)
 
 
-def _encode_rest(gaussians: Gaussians, config: EncodeConfig) -> Sections:
+def _encode_rest(gaussians: Gaussians, config: EncodeConfig, weights: np.ndarray | None) -> Sections:
     """`sh_rest`, by itself or as indices into `sh_codebook`; few points get few entries, so that it does not outweigh the indices."""
     rest = gaussians.sh[:, 1:].reshape(len(gaussians), -1)
     degree: Parameters = {"degree": gaussians.sh_degree}
@@ -103,7 +106,9 @@ def _encode_rest(gaussians: Gaussians, config: EncodeConfig) -> Sections:
         data, parameters = encode_values(rest, config.color_bits, crf=config.crf_attributes)
         return {"sh_rest": Section(data, parameters | degree)}
     entries = min(config.sh_entries, max(1, len(gaussians) // 4))
-    codebook = vector.kmeans(rest, entries)
+    if weights is not None:
+        weights = weights / max(float(weights.mean()), 1e-30) + 1e-4  # what nobody sees still has to be somewhere
+    codebook = vector.kmeans(rest, entries, weights=weights)
     nearest, _ = vector.assign(rest, codebook)
     bits = max(1, (len(codebook) - 1).bit_length())
     data, packed = quantize.deflate(quantize.pack(nearest, bits))

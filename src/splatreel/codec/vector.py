@@ -9,23 +9,27 @@ _ROUNDS = 8
 _CHUNK = 2048
 
 
-def kmeans(vectors: np.ndarray, entries: int, seed: int = 0) -> np.ndarray:
+def kmeans(vectors: np.ndarray, entries: int, seed: int = 0, weights: np.ndarray | None = None) -> np.ndarray:
     """A codebook [K, D] float32 of vectors [N, D], K <= entries, by Lloyd's algorithm on a sample.
 
-    The same input and seed give the same codebook. Where there are no more different vectors than entries, they are the
-    codebook. All vectors weigh the same: by opacity was no better on a trained scene (within 0.01 dB over four seeds).
+    weights: [N] > 0, how much each vector matters; None: all alike. The same input and seed give the same codebook. Where there
+    are no more different vectors than entries, they are the codebook. Opacity is no good weight (within 0.01 dB over four
+    seeds), how much the pictures hang on a point's colour is: docs/log.md.
     """
     vectors = np.ascontiguousarray(vectors, np.float32)
     rng = np.random.default_rng(seed)
+    masses = np.ones(len(vectors)) if weights is None else np.asarray(weights, np.float64)
     if len(vectors) > _SAMPLE:
-        vectors = vectors[np.sort(rng.choice(len(vectors), _SAMPLE, replace=False))]
-    different = np.unique(vectors, axis=0)
+        sample = np.sort(rng.choice(len(vectors), _SAMPLE, replace=False))
+        vectors, masses = vectors[sample], masses[sample]
+    different, which = np.unique(vectors, axis=0, return_inverse=True)
     if len(different) <= entries:
         return different
-    codebook = different[np.sort(rng.choice(len(different), entries, replace=False))]
+    share = None if weights is None else np.bincount(which.ravel(), masses) / masses.sum()
+    codebook = different[np.sort(rng.choice(len(different), entries, replace=False, p=share))]
     for _ in range(_ROUNDS):
         nearest, distance = assign(vectors, codebook)
-        codebook = _centres(vectors, nearest, distance, entries)
+        codebook = _centres(vectors, masses, nearest, distance, entries)
     return codebook
 
 
@@ -44,11 +48,14 @@ def assign(vectors: np.ndarray, codebook: np.ndarray) -> tuple[np.ndarray, np.nd
     return nearest, np.maximum(distance, 0)
 
 
-def _centres(vectors: np.ndarray, nearest: np.ndarray, distance: np.ndarray, entries: int) -> np.ndarray:
+def _centres(
+    vectors: np.ndarray, masses: np.ndarray, nearest: np.ndarray, distance: np.ndarray, entries: int
+) -> np.ndarray:
     """Means of the clusters; an empty cluster moves to a vector that is served worst."""
-    members = np.bincount(nearest, minlength=entries)
-    columns = [np.bincount(nearest, column, entries) for column in vectors.T.astype(np.float64)]
-    centres = np.stack(columns, 1) / np.maximum(members, 1)[:, None]
-    empty = np.flatnonzero(members == 0)
-    centres[empty] = vectors[np.argsort(-distance, kind="stable")[: len(empty)]]
+    mass = np.bincount(nearest, masses, entries)
+    columns = [np.bincount(nearest, masses * column, entries) for column in vectors.T.astype(np.float64)]
+    empty = np.flatnonzero(mass == 0)
+    mass[empty] = 1
+    centres = np.stack(columns, 1) / mass[:, None]
+    centres[empty] = vectors[np.argsort(-distance * masses, kind="stable")[: len(empty)]]
     return centres.astype(np.float32)

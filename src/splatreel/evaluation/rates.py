@@ -26,14 +26,15 @@ from splatreel.progress import Progress, Silent
 from splatreel.recon.publish import encode
 from splatreel.scene.gaussians import Gaussians
 
-PAPER = EncodeConfig(codec="h265")
-"""The paper's codec with our two improvements, which only help it; `PRINTED` is without them."""
+PAPER = EncodeConfig(codec="h265", weigh=False)
+"""The paper's codec with logarithms of scales and folded bytes, which cost nothing; `PRINTED` is without them."""
 PRINTED = dataclasses.replace(PAPER, log_scales=False, fold=False)
 CONFIGURATIONS: dict[str, EncodeConfig] = {
     "paper": PAPER,
     "paper, CRF 14": dataclasses.replace(PAPER, crf=14),
     "paper, CRF 28": dataclasses.replace(PAPER, crf=28),
     "paper, CRF 36": dataclasses.replace(PAPER, crf=36),
+    "h265, its codebook weighed": EncodeConfig(codec="h265"),
     "predictive 0.3 (--rate high)": EncodeConfig(coarseness=0.3),
     "predictive 0.6 (--rate medium)": EncodeConfig(),
     "predictive 0.8": EncodeConfig(coarseness=0.8),

@@ -102,7 +102,8 @@ def importance(writer: ReelWriter, static: Gaussians, group: Group) -> Shown:
 
     None where the writer's codec has no use for it; nothing for static points that are not alive.
     """
-    if writer.config.codec != "predictive":
+    config = writer.config
+    if config.codec == "h265" and not (config.weigh and config.sh_entries):
         return None, None
     times = np.linspace(0, group.frames - 1, MOMENTS)
     moments = [Gaussians.concatenate([group.at(time), static[group.alive]]) for time in times]
