@@ -29,6 +29,7 @@ from splatreel.recon.sequence import Result, reconstruct
 PARTS: dict[str, dict[str, Any]] = {
     "all": {},
     "no-tracks": {"group.track": False},
+    "no-antialias": {"antialias": False},
     "no-shade": {"group.shade": False},
     "no-conversion": {"layering.adapt_every": 0},
     "faint-kept": {"group.faint_share": 0.0},
@@ -88,6 +89,7 @@ def main(
 def measured(result: Result, capture: Capture) -> dict[str, Any]:
     """The decoded reel against held-out cameras, whole and where something moves; shares of points and of pixels that move."""
     played, views = open_reel(result.reel), held_out_views(capture)
+    manifest = played.manifest
     names = [view.name for view in views]
     medians = median_pictures(capture, names)
     scores, pixels = [], []
@@ -95,9 +97,9 @@ def measured(result: Result, capture: Capture) -> dict[str, Any]:
         truths = capture.read(frame, 1, names)[0].astype(np.float32) / 255
         masks = [moving_pixels(truth, median) for truth, median in zip(truths, medians, strict=True)]
         gallery = Gallery(views, truths, masks, None)
-        scores.append(gallery.score(played.at(frame / played.fps), played.manifest.near))
+        scores.append(gallery.score(played.at(frame / played.fps), manifest.near, manifest.antialias))
         pixels.append(np.mean(masks))
-    mean, manifest = Score.mean(scores), played.manifest
+    mean = Score.mean(scores)
     dynamic, static = (sum(file.points for file in files) for files in (manifest.groups[:1], manifest.layers[:1]))
     moving = mean.moving or mean.whole
     return {

@@ -45,6 +45,8 @@ export interface Manifest {
   up: Vec3;
   /** Least depth to draw, world units. */
   near: number;
+  /** Splats thinner than a pixel are drawn fainter. */
+  antialias: boolean;
   camera: Camera;
   cameras: Camera[];
   layers: ReelFile[];
@@ -88,6 +90,7 @@ export function parseManifest(value: unknown, url: string): Manifest {
     overlap: number(json.overlap, "overlap"),
     shDegree: number(json.sh_degree, "sh_degree"),
     near: json.near === undefined ? 0.01 : positive(json.near, "near"),
+    antialias: json.antialias === true,
     bounds: bounds as [Vec3, Vec3],
     up: numbers(json.up, 3, "up") as Vec3,
     camera: parseCamera(json.camera),

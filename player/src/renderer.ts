@@ -48,6 +48,8 @@ export class Renderer {
   private readonly layers: PointTextures[] = [];
   private readonly groups = new Map<number, { textures: PointTextures; alive: Uint8Array }>();
   private flagsKey = "";
+  /** Splats thinner than a pixel are drawn fainter. */
+  antialias = false;
   /** Points in the order. */
   drawn = 0;
 
@@ -235,6 +237,7 @@ export class Renderer {
     gl.bindVertexArray(this.empty);
     project.use();
     setView(gl, project, view);
+    gl.uniform1i(project.at("uAntialias"), this.antialias ? 1 : 0);
     gl.uniform1i(project.at("uMoving"), 0);
     gl.uniform4fv(project.at("uWeights"), staticWeights(weight));
     for (const layer of this.layers.slice(0, scene.layers)) this.projectFile(layer);

@@ -27,7 +27,7 @@ uniform highp usampler2DArray uShade;
 uniform int uFirstRow;
 uniform int uCount;
 uniform int uShDegree;
-uniform bool uMoving, uShaded;
+uniform bool uMoving, uShaded, uAntialias;
 uniform ivec2 uFrames;
 uniform float uBetween;
 uniform vec3 uDxMin, uDxStep;
@@ -126,7 +126,6 @@ void main() {
   }
   // Faded in optical depth: two coinciding points of weights w and 1 - w absorb what one does.
   float opacity = 1.0 - pow(1.0 - min(opacityAndRed.x, 0.9999), weight);
-  if (opacity <= LEAST_ALPHA) return;
 
   vec3 camera = (uView * vec4(mean, 1.0)).xyz;
   if (camera.z < uNear) return;
@@ -140,6 +139,10 @@ void main() {
   float xx = dot(a, a) + BLUR;
   float yy = dot(b, b) + BLUR;
   float xy = dot(a, b);
+
+  // A splat that the blur has made larger is fainter by as much.
+  if (uAntialias) opacity *= sqrt(max(1.0 - BLUR * (xx + yy - BLUR) / (xx * yy - xy * xy), 0.0));
+  if (opacity <= LEAST_ALPHA) return;
 
   // Axes of the ellipse where alpha falls to the least.
   float middle = 0.5 * (xx + yy);

@@ -28,12 +28,21 @@ export class Stage {
   private dirty = false;
   private closed = false;
   private sorting: Scene | null = null;
-  /** Set once it is here; the graphics device and the worker get ready before. */
-  manifest: Manifest | null = null;
+  private opened: Manifest | null = null;
 
   constructor(canvas: HTMLCanvasElement, onError: (error: Error) => void) {
     this.renderer = new Renderer(canvas);
     this.sorter = new Sorter((message) => onError(new Error(message)));
+  }
+
+  get manifest(): Manifest | null {
+    return this.opened;
+  }
+
+  /** Set once it is here; the graphics device and the worker get ready before. */
+  set manifest(manifest: Manifest | null) {
+    this.opened = manifest;
+    this.renderer.antialias = manifest?.antialias === true;
   }
 
   addLayer(index: number, file: DecodedFile): void {

@@ -176,6 +176,8 @@ class Config:
     encode: EncodeConfig = field(default_factory=EncodeConfig)
     correct_colors: bool = True
     """Per-camera colour gain, learned on the training cameras around a mean of one; cameras never seen get none."""
+    antialias: bool = False
+    """Splats thinner than a pixel are drawn fainter (Mip-Splatting): pictures of any size look alike. Beyond the paper."""
     seed: int = 0
 
     def __post_init__(self) -> None:
@@ -208,6 +210,7 @@ def preset(quality: Quality) -> Config:
             max_points=60_000,
             points_per_pixel=0.6,
         ),
+        antialias=True,
         group=GroupConfig(iterations_per_frame=75, track=True, shade=True, faint_share=0.01, progressive=0.0),
     )
     if quality == "standard":

@@ -1,10 +1,17 @@
 """Whole renders and nearest neighbours."""
 
+import math
+
+import numpy as np
 import pytest
 import torch
 
 from splatreel.errors import GaussiansError
 from splatreel.kernels import splat, twin
+from splatreel.kernels.image import render_image
+from splatreel.scene import rotations
+from splatreel.scene.camera import Camera
+from splatreel.scene.gaussians import Gaussians
 from tests.kernels.compare import assert_parity, camera, gaussians
 
 W, H = 45, 33
@@ -81,3 +88,64 @@ def test_coinciding_points_are_each_others_neighbours():
 def test_too_many_neighbours_are_refused(k):
     with pytest.raises(GaussiansError, match="there are 3"):
         splat.nearest_neighbours(torch.zeros(4, 3), k)
+
+
+def test_antialiased_opacities_fall_by_what_the_blur_adds_to_the_area():
+    long, wide, angle = 4.0, 0.05, 0.6
+    turn = torch.tensor([[math.cos(angle), -math.sin(angle)], [math.sin(angle), math.cos(angle)]])
+    blurred = turn @ torch.diag(torch.tensor([long + 0.3, wide + 0.3])) @ turn.T
+    inverse = torch.linalg.inv(blurred)
+    conics = torch.stack([inverse[0, 0], inverse[0, 1], inverse[1, 1]])[None]
+    expected = math.sqrt(long * wide / ((long + 0.3) * (wide + 0.3)))
+    torch.testing.assert_close(splat.antialiased(torch.tensor([0.8]), conics), torch.tensor([0.8 * expected]))
+    culled = splat.antialiased(torch.tensor([0.8]), torch.zeros(1, 3))
+    torch.testing.assert_close(culled, torch.tensor([0.8]))
+
+
+def test_an_antialiased_picture_has_gradients_that_are_its_slopes():
+    viewmat, K = camera(W, H)
+    points = [tensor.double() for tensor in gaussians(4, 1)]
+    points[2] = points[2] * 0.05  # thin: the blur is most of what is seen of them
+    points[2].requires_grad_()
+
+    def opacities(scales):
+        _, conics, _, _ = twin.project(points[0], points[1], scales, viewmat, K, W, H)
+        return splat.antialiased(points[3], conics)
+
+    assert torch.autograd.gradcheck(opacities, (points[2],), eps=1e-7, atol=1e-4)
+
+
+def test_half_the_size_looks_like_the_whole_picture_only_with_antialias():
+    rng = np.random.default_rng(0)
+    count = 400
+    points = Gaussians(
+        means=np.concatenate([rng.uniform(-1, 1, (count, 2)), np.zeros((count, 1))], 1),
+        quats=rotations.normalize(rng.normal(size=(count, 4))),
+        scales=np.full((count, 3), 0.008),
+        opacities=np.full(count, 0.9),
+        sh=rng.uniform(0, 1.5, (count, 1, 3)),
+    )
+
+    def drawn(size, antialias):
+        K = np.array([[size, 0, size / 2], [0, size, size / 2], [0, 0, 1]], np.float32)
+        viewmat = np.eye(4, dtype=np.float32)
+        viewmat[2, 3] = 2
+        return render_image(points, Camera("c", viewmat, K, size, size), antialias=antialias)
+
+    def difference(antialias):
+        return np.abs(drawn(128, antialias).reshape(64, 2, 64, 2, 3).mean((1, 3)) - drawn(64, antialias)).mean()
+
+    assert difference(True) < 0.4 * difference(False)
+    assert drawn(64, True).mean() < 0.7 * drawn(64, False).mean()
+
+
+@pytest.mark.parametrize("antialias", [False, True])
+def test_both_doors_draw_the_same_picture(antialias):
+    viewmat, K = camera(W, H)
+    tensors = gaussians(80, 4)
+    image = splat.render(*tensors, viewmat, K, W, H, antialias=antialias).image
+    means, quats, scales, opacities, sh = (t.numpy() for t in tensors)
+    same = render_image(
+        Gaussians(means, quats, scales, opacities, sh), Camera("c", viewmat, K, W, H), antialias=antialias
+    )
+    np.testing.assert_allclose(image.numpy(), same, atol=1e-5)

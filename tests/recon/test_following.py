@@ -44,7 +44,7 @@ def arrival() -> np.ndarray:
 
 def started(frames: np.ndarray, dynamic: Gaussians = THING) -> Start:
     gains = np.ones((len(CAMERAS), 3), np.float32)
-    return follow(dynamic, WALL, CAMERAS, frames, gains, DisFlow(), NEAR, Silent())
+    return follow(dynamic, WALL, CAMERAS, frames, gains, DisFlow(), NEAR, False, Silent())
 
 
 def test_newcomers_are_appended_with_tracks(arrival: np.ndarray) -> None:
@@ -88,7 +88,7 @@ def test_what_was_wrong_at_the_keyframe_is_no_newcomer(arrival: np.ndarray) -> N
 def test_more_newcomers_than_there_is_room_for_are_noise(arrival: np.ndarray, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(following, "ROOM", 5)
     static, gains = Gaussians.concatenate([WALL, THING[3:]]), np.ones((len(CAMERAS), 3), np.float32)
-    start = follow(THING[:3], static, CAMERAS, arrival, gains, DisFlow(), NEAR, Silent())
+    start = follow(THING[:3], static, CAMERAS, arrival, gains, DisFlow(), NEAR, False, Silent())
     assert len(start.dynamic) == 3
     assert start.tracks.shape == (FRAMES, 3, 3)
 
@@ -96,7 +96,7 @@ def test_more_newcomers_than_there_is_room_for_are_noise(arrival: np.ndarray, mo
 def test_a_group_without_dynamic_points_takes_newcomers(arrival: np.ndarray) -> None:
     gains = np.ones((len(CAMERAS), 3), np.float32)
     static = Gaussians.concatenate([WALL, THING])
-    start = follow(Gaussians.empty(0), static, CAMERAS, arrival, gains, DisFlow(), NEAR, Silent())
+    start = follow(Gaussians.empty(0), static, CAMERAS, arrival, gains, DisFlow(), NEAR, False, Silent())
     assert len(start.dynamic) > 20
     assert start.tracks.shape == (FRAMES, len(start.dynamic), 3)
 

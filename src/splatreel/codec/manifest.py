@@ -47,7 +47,8 @@ class FileEntry:
 
 @dataclass(frozen=True)
 class Manifest:
-    """The fields of `manifest.json`; bounds [2, 3], up [3] and near, the least depth to draw, in world units.
+    """The fields of `manifest.json`; bounds [2, 3], up [3] and near, the least depth to draw, in world units; antialias: how its
+    splats are drawn (`render_image`).
 
     renditions: names of the rates that the groups are there in, best first; the first is that of the groups' own files, and the
     layers are common to all. Empty where there is nothing to choose.
@@ -65,6 +66,7 @@ class Manifest:
     camera: Camera
     cameras: tuple[Camera, ...]
     near: float = 0.01
+    antialias: bool = False
     layers: tuple[FileEntry, ...] = ()
     groups: tuple[FileEntry, ...] = ()
     renditions: tuple[str, ...] = ()
@@ -112,6 +114,7 @@ class Manifest:
             "camera": _camera_to_json(self.camera),
             "cameras": [_camera_to_json(camera) for camera in self.cameras],
             "near": self.near,
+            "antialias": self.antialias,
         }
         if self.renditions:
             document["renditions"] = [{"name": n, "bytes": b} for n, b in self.rendition_bytes().items()]
@@ -173,6 +176,7 @@ def _parse(document: dict[str, Any]) -> Manifest:
         camera=_parse_camera(document.get("camera")),
         cameras=tuple(_parse_camera(camera) for camera in _list(document, "cameras", 0, 100_000)),
         near=number(document, "near", 1e-9, 1e9) if "near" in document else 0.01,
+        antialias=boolean(document, "antialias", False),
         layers=tuple(layers),
         groups=tuple(groups),
         renditions=names,

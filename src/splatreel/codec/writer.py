@@ -46,6 +46,7 @@ class ReelWriter:
         cameras: list[Camera],
         config: EncodeConfig,
         near: float = 0.01,
+        antialias: bool = False,
         resume: bool = False,
     ) -> None:
         self.path = Path(path)
@@ -66,6 +67,7 @@ class ReelWriter:
             camera=camera,
             cameras=tuple(cameras),
             near=float(near),
+            antialias=bool(antialias),
             renditions=config.renditions if others else (),
         )
         published = self._published()

@@ -57,7 +57,8 @@ def evaluate(
     views = choose_cameras(capture, cameras)
     chosen = choose_frames(min(capture.frames, reader.frames), frames)
     picture = chosen[len(chosen) // 2]
-    timeline, lpips, near = Timeline(reader), perceptual.load(), reader.manifest.near
+    timeline, lpips = Timeline(reader), perceptual.load()
+    how = {"near": reader.manifest.near, "antialias": reader.manifest.antialias}
     scores: dict[tuple[int, str], Quality] = {}
     before: list[float] = []
     progress.stage("evaluate", len(chosen))
@@ -65,10 +66,10 @@ def evaluate(
         gaussians = timeline.at(frame / reader.fps)
         raw = undecoded(frame) if undecoded is not None else None
         for view, truth in zip(views, truths, strict=True):
-            image = np.clip(render_image(gaussians, view, near=near), 0, 1)
+            image = np.clip(render_image(gaussians, view, **how), 0, 1)
             scores[frame, view.name] = measure(image, truth, lpips)
             if raw is not None:
-                before.append(psnr(np.clip(render_image(raw, view, near=near), 0, 1), truth))
+                before.append(psnr(np.clip(render_image(raw, view, **how), 0, 1), truth))
             if out is not None and frame == picture:
                 write_png(out / "pictures" / f"{view.name.replace('/', '_')}.png", comparison(truth, image))
         progress.update(done, psnr=float(np.mean([q.psnr for q in scores.values()])))

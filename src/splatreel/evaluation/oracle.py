@@ -72,7 +72,7 @@ def oracle(
             progress.stage(title, config.keyframe.first_iterations, span)
             ledger.add(reconstruct_frame(capture, frame, config, gallery, chosen, progress))
         if timeline is not None:
-            scores.append(gallery.score(timeline.at(frame / timeline.fps), timeline.manifest.near))
+            scores.append(gallery.score(timeline.at(frame / timeline.fps), timeline.manifest.near, timeline.manifest.antialias))
     yardstick = Yardstick([ledger.frames[frame] for frame in frames], scores)
     ledger.save(yardstick.reel_dict(str(reel)) if reel is not None else None)
     write_text(Path(out) / "oracle.md", yardstick.to_markdown())
@@ -98,10 +98,11 @@ def reconstruct_frame(
         progress=progress,
     )
     seconds = round(time.monotonic() - start, 3)
-    shows = weigh([gaussians], cameras, layout.near)
+    shows = weigh([gaussians], cameras, layout.near, config.antialias)
     data, _ = encode_layer(0, frame, gaussians, config.encode, importance=shows)
     _, decoded = decode_layer(data, f"frame {frame}")
-    score, after = gallery.score(gaussians, layout.near), gallery.score(decoded, layout.near)
+    how = layout.near, config.antialias
+    score, after = gallery.score(gaussians, *how), gallery.score(decoded, *how)
     return StillFrame(frame, score, after.whole, len(gaussians), len(data), seconds, device.type)
 
 
@@ -114,12 +115,12 @@ class Gallery:
     masks: list[np.ndarray]
     lpips: perceptual.Distance | None
 
-    def score(self, gaussians: Gaussians, near: float) -> Score:
+    def score(self, gaussians: Gaussians, near: float, antialias: bool) -> Score:
         """Render Gaussians from every view and compare; the mean over the views, inside the masks over those that have any."""
         whole: list[Quality] = []
         moving: list[Quality] = []
         for view, truth, mask in zip(self.views, self.truths, self.masks, strict=True):
-            image = np.clip(render_image(gaussians, view, near=near), 0, 1)
+            image = np.clip(render_image(gaussians, view, near=near, antialias=antialias), 0, 1)
             whole.append(measure(image, truth, self.lpips))
             if mask.any():
                 moving.append(measure(image, truth, None, mask))

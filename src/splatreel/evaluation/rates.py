@@ -72,7 +72,8 @@ class Sweep:
         self.run, self.progress, self.record = run, progress, record
         reader = ReelReader(run / "reel")
         check_same_capture(reader.manifest, capture, str(run))
-        self.views, self.near = choose_cameras(capture, None), reader.manifest.near
+        self.views = choose_cameras(capture, None)
+        self.how = {"near": reader.manifest.near, "antialias": reader.manifest.antialias}
         self.frames = list(frames)
         names = [view.name for view in self.views]
         self.truths = [truth.copy() for _, truth in read_frames(capture, self.frames, names)]
@@ -104,7 +105,7 @@ class Sweep:
         for frame, images in zip(self.frames, self.truths, strict=True):
             gaussians = at(frame)
             for view, truth in zip(self.views, images, strict=True):
-                values.append(psnr(np.clip(render_image(gaussians, view, near=self.near), 0, 1), truth))
+                values.append(psnr(np.clip(render_image(gaussians, view, **self.how), 0, 1), truth))
         return float(np.mean(values))
 
     def _load(self) -> dict[str, dict]:

@@ -93,7 +93,7 @@ def trainer_of(capture: Capture, work: Path, config: Config, device: torch.devic
     group, layout = load_group(work, 0), Layout(**checkpoint.load_json(work / "layout.json"))
     names = [camera.name for camera in capture.training_cameras]
     images = torch.from_numpy(capture.read(group.first_frame, group.frames, names)).to(device)
-    views = [View.of(camera, device) for camera in capture.training_cameras]
+    views = [View.of(camera, device, config.antialias) for camera in capture.training_cameras]
     gains = CameraGains(len(views), device, config.correct_colors)
     gains.load(
         torch.from_numpy(checkpoint.load_arrays(group_folder(work, 0) / "keyframe.safetensors")["gains"]).to(device)

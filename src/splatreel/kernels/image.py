@@ -6,6 +6,7 @@ import numpy as np
 
 from splatreel.errors import GaussiansError
 from splatreel.kernels.cpu import binning, harmonics, project, rasterize
+from splatreel.kernels.cpu.project import BLUR
 from splatreel.scene.camera import Camera
 from splatreel.scene.gaussians import Gaussians
 
@@ -17,8 +18,11 @@ def render_image(
     near: float = 0.01,
     degree: int | None = None,
     background: tuple[float, float, float] = (0, 0, 0),
+    antialias: bool = False,
 ) -> np.ndarray:
     """The view of a camera, [H, W, 3] float32; values may exceed 1. degree: SH degree used, by default all there is.
+
+    antialias: see `splat.antialiased`; what was trained with it is drawn with it, which a reel's manifest says.
 
     Raises `GaussiansError` for NaN or infinity.
     """
@@ -32,6 +36,10 @@ def render_image(
     means2d, conics, depths, radii = project.forward(gaussians.means, gaussians.quats, gaussians.scales, view)
     colors = harmonics.forward(degree, gaussians.means - camera.center, gaussians.sh)
     colors = np.maximum(colors + np.float32(0.5), 0)
-    bins = binning.bin_splats(means2d, conics, gaussians.opacities, depths, radii, width, height)
+    opacities = gaussians.opacities
+    if antialias:
+        a, b, c = conics.T
+        opacities = opacities * np.sqrt(np.maximum(1 - BLUR * (a + c) + BLUR**2 * (a * c - b * b), 0))
+    bins = binning.bin_splats(means2d, conics, opacities, depths, radii, width, height)
     image, alpha = rasterize.forward(bins, colors)
     return image + (1 - alpha[..., None]) * np.asarray(background, np.float32)

@@ -22,7 +22,7 @@ from splatreel.errors import GaussiansError
 from splatreel.kernels import cuda, twin
 from splatreel.kernels.cpu import adam as adam_kernel
 from splatreel.kernels.cpu import autograd as cpu
-from splatreel.kernels.cpu.project import View
+from splatreel.kernels.cpu.project import BLUR, View
 
 
 class Projection(NamedTuple):
@@ -106,6 +106,17 @@ def view_colors(means: Tensor, center: Tensor, base: Tensor, rest: Tensor) -> Te
     return cpu.ViewColors.apply(means.detach(), center, base, rest)  # pyright: ignore[reportReturnType]
 
 
+def antialiased(opacities: Tensor, conics: Tensor) -> Tensor:
+    """Opacities [N] of splats that are drawn blurred, for conics [N, 3] of `project`: less, as their area is more.
+
+    Without it a splat thinner than a pixel covers as much as one of a pixel, and pictures of another size than those it was trained
+    on are too thick or too thin. sqrt(det C / det(C + 0.3)), as Mip-Splatting (section 4.2) and gsplat's `antialiased`.
+    """
+    a, b, c = conics.unbind(1)
+    blur = float(BLUR)
+    return opacities * (1 - blur * (a + c) + blur**2 * (a * c - b * b)).clamp_min(1e-6).sqrt()
+
+
 def rasterize(
     means2d: Tensor,
     conics: Tensor,
@@ -182,8 +193,9 @@ def render(
     *,
     near: float = 0.01,
     degree: int | None = None,
+    antialias: bool = False,
 ) -> Rendered:
-    """The image of Gaussians with SH colours [N, K, 3]; degree defaults to all K holds.
+    """The image of Gaussians with SH colours [N, K, 3]; degree defaults to all K holds. antialias: see `antialiased`.
 
     Call `means2d.retain_grad()` on the result before backward to get screen-space gradients, in loss per pixel.
     """
@@ -193,6 +205,8 @@ def render(
     center = -pose[:3, :3].T @ pose[:3, 3]
     colors = (spherical_harmonics(bands, means - center, sh) + 0.5).clamp_min(0)
     means2d, conics, depths, radii = projection
+    if antialias:
+        opacities = antialiased(opacities, conics)
     image, alpha = rasterize(means2d, conics, colors, opacities, depths, radii, width, height)
     return Rendered(image, alpha, means2d, radii)
 

@@ -15,19 +15,20 @@ from splatreel.scene.gaussians import Gaussians
 
 @dataclass(frozen=True)
 class View:
-    """A camera as tensors. viewmat: [4, 4]; K: [3, 3]; center: [3]."""
+    """A camera as tensors. viewmat: [4, 4]; K: [3, 3]; center: [3]. antialias: see `splat.antialiased`."""
 
     viewmat: Tensor
     K: Tensor
     center: Tensor
     width: int
     height: int
+    antialias: bool = False
 
     @staticmethod
-    def of(camera: Camera, device: torch.device) -> View:
+    def of(camera: Camera, device: torch.device, antialias: bool = False) -> View:
         arrays = camera.viewmat, camera.K, camera.center
         viewmat, K, center = (torch.from_numpy(array.copy()).to(device) for array in arrays)
-        return View(viewmat, K, center, camera.width, camera.height)
+        return View(viewmat, K, center, camera.width, camera.height, antialias)
 
 
 @dataclass(frozen=True)
@@ -91,6 +92,8 @@ def splats(
     """Project points and evaluate their colours for a view. sh: [N, 1, 3] and [N, K - 1, 3]; other shapes as in `Gaussians`."""
     projected = splat.project(means, quats, scales, view.viewmat, view.K, view.width, view.height, near)
     colors = splat.view_colors(means, view.center, *sh)
+    if view.antialias:
+        opacities = splat.antialiased(opacities, projected.conics)
     return Splats(projected.means2d, projected.conics, colors, opacities, projected.depths, projected.radii)
 
 

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 
@@ -22,6 +24,10 @@ ROOM = 6000
 """Newcomers a group takes, or as many as it has dynamic points: flicker and noise are no things."""
 
 
+Draw = Callable[[Gaussians, Camera], np.ndarray]
+"""The picture of Gaussians from a camera, [H, W, 3]."""
+
+
 @dataclass(frozen=True)
 class Start:
     """dynamic: the dynamic points at the keyframe, newcomers last; tracks: [T, N, 3] their positions at every frame."""
@@ -38,19 +44,21 @@ def follow(
     gains: np.ndarray,
     flow: Flow,
     near: float,
+    antialias: bool,
     progress: Progress,
 ) -> Start:
     """Track dynamic points through frames [T, C, H, W, 3] uint8, and add points where several views lack something.
 
-    gains: [C, 3] colour gain of each camera.
+    gains: [C, 3] colour gain of each camera. near, antialias: how pictures of the points are drawn.
     """
     tracker = Tracker(static, cameras, frames, flow, near)
     start = Start(dynamic, tracker.track(dynamic))
-    known = _wrong(start, static, tracker, 0, gains)
+    draw = partial(render_image, near=near, antialias=antialias)
+    known = _wrong(start, static, tracker, 0, gains, draw)
     room = max(ROOM, len(dynamic))
     for frame in range(STEP, len(frames), STEP):
         progress.update(frame, dynamic=len(start.dynamic))
-        newcomers = _appeared(start, static, tracker, frame, gains, known)
+        newcomers = _appeared(start, static, tracker, frame, gains, known, draw)
         room -= len(newcomers)
         if len(newcomers) and room >= 0:
             tracks = tracker.track(newcomers, frame)
@@ -65,21 +73,23 @@ def _at(start: Start, frame: int) -> Gaussians:
     return start.dynamic.moved(start.tracks[frame] - start.dynamic.means, _identity(len(start.dynamic)))
 
 
-def _wrong(start: Start, static: Gaussians, tracker: Tracker, frame: int, gains: np.ndarray) -> np.ndarray:
+def _wrong(
+    start: Start, static: Gaussians, tracker: Tracker, frame: int, gains: np.ndarray, draw: Draw
+) -> np.ndarray:
     """[C, H, W] bool: where the views of a frame differ from the scene as it is tracked."""
     scene = Gaussians.concatenate([static, _at(start, frame)])
     views = zip(tracker.cameras, tracker.frames[frame], gains, strict=True)
-    return np.stack([wrong_pixels(render_image(scene, c, near=tracker.near) * gain, image) for c, image, gain in views])
+    return np.stack([wrong_pixels(draw(scene, c) * gain, image) for c, image, gain in views])
 
 
 def _appeared(
-    start: Start, static: Gaussians, tracker: Tracker, frame: int, gains: np.ndarray, known: np.ndarray
+    start: Start, static: Gaussians, tracker: Tracker, frame: int, gains: np.ndarray, known: np.ndarray, draw: Draw
 ) -> Gaussians:
     """Gaussians, in place at a frame, of what the views show there and the scene does not.
 
     known: [C, H, W] bool, what was wrong at the keyframe already, where the points had been trained: mirrors, not newcomers.
     """
-    wrong = _wrong(start, static, tracker, frame, gains) & ~known
+    wrong = _wrong(start, static, tracker, frame, gains, draw) & ~known
     images, moved = tracker.frames[frame], _at(start, frame)
     found = find(tracker.cameras, images, wrong, tracker.depths(moved), tracker.near, seed=frame)
     count, bands = len(found.points), start.dynamic.sh.shape[1]

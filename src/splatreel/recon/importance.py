@@ -13,7 +13,7 @@ VIEWS = 24
 """Pictures that are looked at, at most."""
 
 
-def weigh(moments: list[Gaussians], cameras: list[Camera], near: float) -> np.ndarray:
+def weigh(moments: list[Gaussians], cameras: list[Camera], near: float, antialias: bool = False) -> np.ndarray:
     """[N, 3] float32: how much the pictures change with a point's shape (its log scales), its colour and its place (world units).
 
     moments: the same N points at some times. Root of the summed squares over all pixels of the derivatives, estimated: the gradient of
@@ -26,18 +26,19 @@ def weigh(moments: list[Gaussians], cameras: list[Camera], near: float) -> np.nd
         # Every moment is seen by other cameras, spread over all of them.
         chosen = range(number % max(len(cameras) // each, 1), len(cameras), max(len(cameras) // each, 1))
         for index in list(chosen)[:each]:
-            squares += _squares(points, cameras[index], near, rng)
+            squares += _squares(points, cameras[index], near, antialias, rng)
     return np.sqrt(squares).astype(np.float32)
 
 
-def _squares(points: Gaussians, camera: Camera, near: float, rng: np.random.Generator) -> np.ndarray:
+def _squares(points: Gaussians, camera: Camera, near: float, antialias: bool, rng: np.random.Generator) -> np.ndarray:
     device = "cuda" if torch.cuda.is_available() else "cpu"
     arrays = points.means, points.quats, points.scales, points.opacities, points.sh
     means, quats, scales, opacities, sh = (torch.from_numpy(array).to(device) for array in arrays)
     for tensor in (means, scales, sh):
         tensor.requires_grad_()
     size = camera.width, camera.height
-    image = splat.render(means, quats, scales, opacities, sh, camera.viewmat, camera.K, *size, near=near).image
+    view, how = (camera.viewmat, camera.K, *size), {"near": near, "antialias": antialias}
+    image = splat.render(means, quats, scales, opacities, sh, *view, **how).image
     signs = torch.from_numpy(rng.choice(np.array([-1, 1], np.float32), image.shape)).to(device)
     of_scales, of_sh, of_means = torch.autograd.grad((image * signs).sum(), (scales, sh, means))
     gradients = of_scales * scales.detach(), of_sh[:, 0], of_means

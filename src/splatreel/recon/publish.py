@@ -107,7 +107,7 @@ def importance(writer: ReelWriter, static: Gaussians, group: Group) -> Shown:
         return None, None
     times = np.linspace(0, group.frames - 1, MOMENTS)
     moments = [Gaussians.concatenate([group.at(time), static[group.alive]]) for time in times]
-    found = weigh(moments, list(writer.manifest.cameras), writer.manifest.near)
+    found = weigh(moments, list(writer.manifest.cameras), writer.manifest.near, writer.manifest.antialias)
     resting = np.zeros((len(static), 3), np.float32)
     resting[group.alive] = found[len(group.dynamic) :]
     return found[: len(group.dynamic)], resting

@@ -197,7 +197,7 @@ class Reconstruction:
             self.gains.restart()
             trainer = self._keyframe_trainer(scene, layout, first)
             coarse_share = config.coarse_share if first else 0.0
-            train_frame(trainer, self.cameras, images, layout, iterations, coarse_share, self.progress)
+            train_frame(trainer, self.cameras, images, layout, iterations, coarse_share, self.config.antialias, self.progress)
             points = trainer.points.gaussians()
         points.check_finite(f"Keyframe {span.index}")
         gains = self.gains.values.detach().cpu().numpy()
@@ -235,7 +235,7 @@ class Reconstruction:
             return Scene(scene.static, layers.alive, layers.dynamic)
         with self._timed("encode"):
             seen = Gaussians.concatenate([layers.settled, layers.dynamic, scene.static[layers.alive]])
-            shows = weigh([seen], self.cameras, writer.manifest.near)[: len(layers.settled)]
+            shows = weigh([seen], self.cameras, writer.manifest.near, self.config.antialias)[: len(layers.settled)]
             decoded, order = writer.add_layer(span.index, span.first, layers.settled, shows)
         raw = layers.settled[order]
         arrays = checkpoint.pack(raw, "raw_") | checkpoint.pack(decoded, "decoded_") | {"importance": shows[order]}
@@ -251,7 +251,7 @@ class Reconstruction:
             self.progress.stage(self._title(span, "tracking"), span.count, self.plan.tracking(span.index))
             gains = self.gains.values.detach().cpu().numpy()
             static, flow = scene.static[scene.alive], make_flow(self.config.layering.flow)
-            start = follow(scene.dynamic, static, self.cameras, frames, gains, flow, layout.near, self.progress)
+            start = follow(scene.dynamic, static, self.cameras, frames, gains, flow, layout.near, self.config.antialias, self.progress)
             self.progress.update(span.count, dynamic=len(start.dynamic), new=len(start.dynamic) - len(scene.dynamic))
         return Scene(scene.static, scene.alive, start.dynamic), start.tracks
 
@@ -299,6 +299,7 @@ class Reconstruction:
             "bounds": layout.bounds,
             "up": layout.up,
             "near": layout.near,
+            "antialias": self.config.antialias,
             "camera": self.cameras[len(self.cameras) // 2],
             "cameras": self.cameras,
         }
@@ -311,7 +312,7 @@ class Reconstruction:
         return torch.from_numpy(frames).to(self.device)
 
     def _views(self) -> list[View]:
-        return [View.of(camera, self.device) for camera in self.cameras]
+        return [View.of(camera, self.device, self.config.antialias) for camera in self.cameras]
 
     def _folder(self, span: Span) -> Path:
         return group_folder(self.work, span.index)

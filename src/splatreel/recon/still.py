@@ -39,7 +39,7 @@ def reconstruct_still(
     gains = CameraGains(len(cameras), device or torch.device("cpu"), config.correct_colors)
     trainer = still_trainer(seeds.points, seeds.colors, layout, cameras, gains, config)
     progress = progress or Silent()
-    train_frame(trainer, cameras, images, layout, keyframe.first_iterations, keyframe.coarse_share, progress)
+    train_frame(trainer, cameras, images, layout, keyframe.first_iterations, keyframe.coarse_share, config.antialias, progress)
     gaussians = trainer.points.gaussians()
     gaussians.check_finite("The static reconstruction")
     return gaussians, layout
@@ -81,25 +81,28 @@ def train_frame(
     layout: Layout,
     iterations: int,
     coarse_share: float,
+    antialias: bool,
     progress: Progress,
 ) -> None:
     """Train on one frame, the first `coarse_share` of the iterations at half size. images: [C, H, W, 3] uint8."""
     device = trainer.points.means.device
     coarse = round(iterations * coarse_share)
     if coarse:
-        trainer.train(_stage(cameras, images, layout, 2, device), coarse, iterations, progress)
-    trainer.train(_stage(cameras, images, layout, 1, device), iterations - coarse, iterations, progress)
+        trainer.train(_stage(cameras, images, layout, 2, device, antialias), coarse, iterations, progress)
+    trainer.train(_stage(cameras, images, layout, 1, device, antialias), iterations - coarse, iterations, progress)
     progress.update(iterations, points=len(trainer.points))
 
 
-def _stage(cameras: list[Camera], images: np.ndarray, layout: Layout, shrink: int, device: torch.device) -> Stage:
+def _stage(
+    cameras: list[Camera], images: np.ndarray, layout: Layout, shrink: int, device: torch.device, antialias: bool
+) -> Stage:
     """Images [C, H, W, 3] and their cameras, at full size or shrunk by a whole factor."""
     tensor = torch.from_numpy(images)
     if shrink > 1:
         small = torch.nn.functional.avg_pool2d(tensor.permute(0, 3, 1, 2).float(), shrink, ceil_mode=False)
         tensor = small.round().to(torch.uint8).permute(0, 2, 3, 1).contiguous()
         cameras = [_shrunk(camera, shrink) for camera in cameras]
-    views = [View.of(camera, device) for camera in cameras]
+    views = [View.of(camera, device, antialias) for camera in cameras]
     return Stage(views, tensor.to(device), layout.near, layout.unit)
 
 
