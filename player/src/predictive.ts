@@ -94,27 +94,37 @@ function quaternions(turns: Float32Array): Float32Array {
  * have that are not among `points`.
  */
 export function wholes(from: Float32Array, channels: number, rest: number[], points: Uint32Array, data: Uint16Array | Uint8Array, steps: number): { min: number[]; step: number[] } {
-  const min: number[] = [];
-  const step: number[] = [];
-  const frames = from.length / Math.max(channels * points.length, 1);
-  const stride = frames > 0 ? data.length / frames : 0;
-  for (let c = 0; c < channels; c++) {
-    let low = rest[c] ?? Infinity;
-    let high = rest[c] ?? -Infinity;
-    for (let i = c; i < from.length; i += channels) {
-      const value = from[i];
-      if (value < low) low = value;
-      if (value > high) high = value;
+  const row = channels * points.length;
+  const frames = row > 0 ? from.length / row : 0;
+  const stride = data.length / Math.max(frames, 1);
+  const low = Array.from({ length: channels }, (_, c) => rest[c] ?? Infinity);
+  const high = Array.from({ length: channels }, (_, c) => rest[c] ?? -Infinity);
+  // Frame by frame: what is read of one for the first channel is still at hand for the last.
+  for (let t = 0; t < frames; t++) {
+    for (let c = 0; c < channels; c++) {
+      let least = low[c];
+      let most = high[c];
+      for (let i = t * row + c; i < (t + 1) * row; i += channels) {
+        const value = from[i];
+        if (value < least) least = value;
+        if (value > most) most = value;
+      }
+      low[c] = least;
+      high[c] = most;
     }
-    const scale = high > low ? steps / (high - low) : 0;
-    if (rest.length > 0) for (let to = c, whole = Math.round((rest[c] - low) * scale); to < data.length; to += 4) data[to] = whole;
-    for (let t = 0, i = c; t < frames; t++) {
-      for (let n = 0, start = t * stride + c; n < points.length; n++, i += channels) data[start + 4 * points[n]] = (from[i] - low) * scale + 0.5;
-    }
-    min.push(low);
-    step.push((high - low) / steps);
   }
-  return { min, step };
+  const scale = low.map((least, c) => (high[c] > least ? steps / (high[c] - least) : 0));
+  const stay = rest.map((value, c) => Math.round((value - low[c]) * scale[c]));
+  if (points.length < stride / 4) for (let to = 0; to < data.length; to++) data[to] = stay[to & 3];
+  for (let t = 0; t < frames; t++) {
+    for (let c = 0; c < channels; c++) {
+      const least = low[c];
+      const share = scale[c];
+      const start = t * stride + c;
+      for (let n = 0, i = t * row + c; n < points.length; n++, i += channels) data[start + 4 * points[n]] = (from[i] - least) * share + 0.5;
+    }
+  }
+  return { min: low, step: low.map((least, c) => (high[c] - least) / steps) };
 }
 
 function decodeMeans(file: Container, count: number): { means: Float32Array; lattice: Float64Array } {
@@ -168,20 +178,13 @@ async function decodeRest(file: Container, here: Neighbourhood): Promise<Pick<Ga
   const shDegree = sectionOf(file, "sh_rest", "klt").degree as number;
   if (![1, 2, 3].includes(shDegree)) throw new ReelError(`it has spherical harmonics of degree ${shDegree}`);
   const size = 3 * ((shDegree + 1) ** 2 - 1);
-  const { basis, found, ends } = await inSection("sh_rest", () => transformed(file, "sh_rest", COLOR, size, 1, here));
-  // The first entry is zero, that of all points without coefficients; the others have an entry each.
+  const rest = await inSection("sh_rest", () => transformed(file, "sh_rest", COLOR, size, 1, here));
+  // Points without coefficients share the first entry, which is zero; the others have an entry each.
+  const some = Uint32Array.from({ length: file.points }, (_, i) => i).filter((i) => rest.ends[i] > 0);
   const shRest = new Uint32Array(file.points);
-  let entries = 1;
-  for (let i = 0; i < file.points; i++) shRest[i] = ends[i] > 0 ? entries++ : 0;
-  const codebook = new Float32Array(size * entries);
-  const stride = basis.length / size;
-  for (let i = 0; i < file.points; i++) {
-    for (let d = 0, from = stride * i, to = size * shRest[i]; d < size && ends[i] > 0; d++) {
-      let sum = 0;
-      for (let k = 0, at = d * stride; k < ends[i]; k++) sum += basis[at + k] * found[from + k];
-      codebook[to + d] = sum;
-    }
-  }
+  some.forEach((point, entry) => (shRest[point] = entry + 1));
+  const codebook = new Float32Array(size * (some.length + 1));
+  expand(rest, some, 1, codebook.subarray(size), 1, size);
   return { shRest, codebook, shDegree };
 }
 
@@ -223,31 +226,41 @@ export function transformed(file: Container, name: string, kind: number, dimensi
 }
 
 /** Values [D, points, channels] of some of the points. */
-export function curves({ dimensions, basis, found, ends }: Transformed, points: Uint32Array, channels: number): Float32Array {
-  const result = new Float32Array(dimensions * points.length * channels);
+export function curves(of: Transformed, points: Uint32Array, channels: number): Float32Array {
+  const result = new Float32Array(of.dimensions * points.length * channels);
+  expand(of, points, channels, result, points.length * channels, channels);
+  return result;
+}
+
+/** Values of some of the points: that of dimension d, the n-th of the points and channel c at d across + n along + c. */
+function expand({ dimensions, basis, found, ends }: Transformed, points: Uint32Array, channels: number, result: Float32Array, across: number, along: number): void {
   const stride = basis.length / dimensions;
   const own = new Float64Array(channels * stride);
-  const width = points.length * channels;
+  const last = dimensions - 1;
   for (let n = 0; n < points.length; n++) {
     const used = Math.ceil(ends[points[n]] / channels);
     const from = channels * stride * points[n];
     for (let c = 0; c < channels; c++) for (let k = 0; k < used; k++) own[c * stride + k] = found[from + k * channels + c];
-    // Two moments at a time: what is read of the point serves both.
-    for (let d = 0; d < dimensions; d += 2) {
-      const next = Math.min(d + 1, dimensions - 1);
-      for (let c = 0, to = n * channels; c < channels; c++) {
-        let sum = 0;
-        let nextSum = 0;
-        for (let k = 0, at = d * stride, nextAt = next * stride, i = c * stride; k < used; k++, i++) {
-          sum += basis[at + k] * own[i];
-          nextSum += basis[nextAt + k] * own[i];
+    // Four dimensions at a time: what is read of the point serves all, and no sum waits for another. The last may come twice.
+    for (let first = 0; first < dimensions; first += 4) {
+      const d = Math.max(Math.min(first, dimensions - 4), 0);
+      const [d1, d2, d3] = [Math.min(d + 1, last), Math.min(d + 2, last), Math.min(d + 3, last)];
+      for (let c = 0, to = n * along; c < channels; c++, to++) {
+        let [s, s1, s2, s3] = [0, 0, 0, 0];
+        for (let k = 0, a = d * stride, a1 = d1 * stride, a2 = d2 * stride, a3 = d3 * stride; k < used; k++) {
+          const value = own[c * stride + k];
+          s += basis[a + k] * value;
+          s1 += basis[a1 + k] * value;
+          s2 += basis[a2 + k] * value;
+          s3 += basis[a3 + k] * value;
         }
-        result[d * width + to + c] = sum;
-        result[next * width + to + c] = nextSum;
+        result[d * across + to] = s;
+        result[d1 * across + to] = s1;
+        result[d2 * across + to] = s2;
+        result[d3 * across + to] = s3;
       }
     }
   }
-  return result;
 }
 
 function stepOf(section: Section): number {
