@@ -211,7 +211,7 @@ def preset(quality: Quality) -> Config:
             points_per_pixel=0.6,
         ),
         antialias=True,
-        group=GroupConfig(iterations_per_frame=75, track=True, shade=True, faint_share=0.01, progressive=0.0),
+        group=GroupConfig(iterations_per_frame=110, track=True, shade=True, faint_share=0.01, progressive=0.0),
     )
     if quality == "standard":
         return standard

@@ -106,7 +106,7 @@ class GroupTrainer:
         self.model = make_deformation(config.group.deformation, self.points.means.detach(), frames, seed, start)
         self.shade = Shade(frames.count, len(self.points), device) if config.group.shade else None
         self.iterations = config.group.iterations_per_frame * frames.count
-        self.schedule = FrameSchedule(frames.count, self.iterations, config.group.progressive, seed)
+        self.schedule = FrameSchedule(frames.count, len(frames.views), self.iterations, config.group.progressive, seed)
         self.rng = np.random.default_rng(seed)
         self.room = max(2000, len(self.points) // 2)
         self._watch()
@@ -135,9 +135,8 @@ class GroupTrainer:
 
     def _step(self, iteration: int) -> Tensor:
         share = iteration / self.iterations
-        frame = self.schedule.draw(iteration)
+        frame, camera = self.schedule.draw(iteration)
         self.model.reach(self.schedule.frontier(iteration))
-        camera = int(self.rng.integers(len(self.frames.views)))
         view = self.frames.views[camera]
         dx, dq = self.model.offsets(self.points.means, frame)
         shade = None if self.shade is None else self.shade.at(frame)
@@ -155,6 +154,8 @@ class GroupTrainer:
         if self.shade is not None and shade is not None:
             cost = cost + self.shade.cost(shade)
         (loss + cost).backward()
+        if tiles is not None:  # else it is the loss of another set of pixels
+            self.schedule.note(frame, camera, loss)
         self._measure(drawing, view, measured)
         self.points.scale_rates({}, default=0.1**share)
         self.points.step()
