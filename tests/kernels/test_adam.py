@@ -4,7 +4,6 @@ import pytest
 import torch
 
 from splatreel.kernels import splat, twin
-from splatreel.recon.adam import Adam
 
 RATE, EPS = 0.02, 1e-15
 
@@ -27,21 +26,3 @@ def test_steps_are_those_of_torch(kernel, shape):
         torch.testing.assert_close(ours, theirs.detach(), rtol=1e-5, atol=1e-5)
     torch.testing.assert_close(mean, optimizer.state[theirs]["exp_avg"], rtol=1e-4, atol=1e-7)
     torch.testing.assert_close(square, optimizer.state[theirs]["exp_avg_sq"], rtol=1e-4, atol=1e-7)
-
-
-def test_what_has_no_gradient_stays_and_forgets_nothing():
-    adam = Adam(torch.ones(5, 2), RATE, EPS)
-    adam.step()
-    assert adam.steps == 0
-    adam.tensor.sum().backward()
-    adam.step()
-    assert adam.steps == 1
-    assert adam.tensor.grad is None
-    torch.testing.assert_close(adam.tensor.detach(), torch.full((5, 2), 1 - RATE))
-
-
-def test_rows_after_the_end_are_left_alone():
-    adam = Adam(torch.ones(5, 2), RATE, EPS)
-    adam.follow(torch.ones(4, 2), 1, end=3)
-    torch.testing.assert_close(adam.tensor[:, 0].detach(), torch.tensor([1, 1 - RATE, 1 - RATE, 1, 1]))
-    assert not adam.mean[3:].any()

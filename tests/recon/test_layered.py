@@ -10,6 +10,7 @@ from splatreel.kernels import splat
 from splatreel.recon.colors import CameraGains
 from splatreel.recon.drawing import View, draw
 from splatreel.recon.group import GroupFrames, GroupTrainer
+from splatreel.recon.trajectory import Trajectory
 from tests.recon.captures import blots
 from tests.recon.scenes import random_gaussians, ring
 
@@ -33,14 +34,16 @@ def trainer(seed: int, speed: float) -> GroupTrainer:
 
 def gradients(group: GroupTrainer, frame: int, camera: int, layered: bool) -> tuple[float, list[Tensor], Tensor | None]:
     """The loss, its gradients to every parameter of the points and of their motion, and the tiles drawn."""
-    group.model.windows.clear()  # pyright: ignore[reportAttributeAccessIssue]
+    assert isinstance(group.model, Trajectory)
+    for adam in group.model.adams:
+        adam.windows.clear()
     group.points.clear()
     view, target = group.frames.views[camera], group.frames.images[frame, camera]
     drawing = draw(group._at(frame, view), view, group.backdrop.scenery(camera), layered=layered)
     gain = group.gains.values.detach()[camera]
     loss = splat.photometric_loss(drawing.image, target, 0.2, gain, drawing.tiles)
     loss.backward()
-    leaves = [*group.points.params.values(), *group.model.windows[0][1]]  # pyright: ignore[reportAttributeAccessIssue]
+    leaves = [*group.points.params.values(), *[adam.windows[0][1] for adam in group.model.adams]]
     found = [leaf.grad.clone() for leaf in leaves if leaf.grad is not None]
     assert len(found) == len(leaves)
     return loss.item(), found, drawing.tiles

@@ -32,7 +32,7 @@ def test_changes_start_at_zero_and_are_learned():
 def test_what_changes_nothing_in_the_picture_goes_back_to_nothing():
     shade = Shade(10, 3, CPU)
     with torch.no_grad():
-        shade.controls += 2.0
+        shade.controls.add_(2.0)
     for i in range(200):
         shade.cost(shade.at(i % 10)).backward()
         shade.step(i / 200)

@@ -10,6 +10,7 @@ import torch
 from torch import Tensor
 
 from splatreel.kernels import splat
+from splatreel.recon.adam import KnotAdam
 from splatreel.recon.spline import Spline
 
 FRAMES_PER_KNOT = 5.0
@@ -25,13 +26,16 @@ class Shade:
     def __init__(self, frames: int, count: int, device: torch.device) -> None:
         self.spline = Spline(frames, frames_per_knot=FRAMES_PER_KNOT)
         self.rates, self.weights = torch.tensor(RATES, device=device), torch.tensor(LAMBDA, device=device)
-        self.controls = torch.zeros(self.spline.knots, count, 4, device=device, requires_grad=True)
-        self.optimizer = torch.optim.Adam([self.controls], lr=1.0, eps=1e-12, fused=True)
+        self.adam = KnotAdam(torch.zeros(self.spline.knots, count, 4, device=device), rate=1.0, eps=1e-12)
+
+    @property
+    def controls(self) -> Tensor:
+        return self.adam.values
 
     def at(self, frame: float) -> Tensor:
         """[N, 4] gains on c_base and on the logit of the opacity."""
         knot, weights = self.spline.at(frame)
-        return splat.splines([self.controls], knot, weights, []) * self.rates
+        return splat.splines([self.adam.window(knot)], 0, weights, []) * self.rates
 
     def cost(self, shade: Tensor) -> Tensor:
         """What a moment's changes [N, 4] cost in the loss."""
@@ -40,30 +44,20 @@ class Shade:
     @property
     def highest(self) -> Tensor:
         """[N] the most that the logit of the opacity gains at any time: a spline stays within its controls."""
-        return self.controls.detach()[..., 3].amax(0) * self.rates[3]
+        return self.controls[..., 3].amax(0) * self.rates[3]
 
     def step(self, share: float) -> None:
         """As `Deformation.step`."""
-        self.optimizer.param_groups[0]["lr"] = 0.05**share
-        self.optimizer.step()
-        self.optimizer.zero_grad(set_to_none=True)
+        self.adam.rate = 0.05**share
+        self.adam.step()
 
     def keep(self, index: Tensor) -> None:
-        self._rewrite(lambda rows: rows[:, index])
+        self.adam.rewrite(lambda rows: rows[:, index], lambda rows: rows[:, index])
 
     def append(self, count: int, parents: Tensor | None) -> None:
         """As `Deformation.append`: newcomers do not change."""
-        added = self.controls.detach()[:, parents] if parents is not None else None
+        added = self.controls[:, parents] if parents is not None else None
         rest = self.controls.new_zeros(len(self.controls), count, 4)
-        self._rewrite(
+        self.adam.rewrite(
             lambda rows: torch.cat([rows, rest if added is None else added], 1), lambda rows: torch.cat([rows, rest], 1)
         )
-
-    def _rewrite(self, of_rows, of_state=None) -> None:
-        state = self.optimizer.state.pop(self.controls, None)
-        self.controls = of_rows(self.controls.detach()).contiguous().requires_grad_(True)
-        self.optimizer.param_groups[0]["params"] = [self.controls]
-        if state:
-            for name in ("exp_avg", "exp_avg_sq"):
-                state[name] = (of_state or of_rows)(state[name]).contiguous()
-            self.optimizer.state[self.controls] = state

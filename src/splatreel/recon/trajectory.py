@@ -10,15 +10,11 @@ import torch
 from torch import Tensor
 
 from splatreel.kernels import splat
-from splatreel.recon.adam import Adam
+from splatreel.recon.adam import KnotAdam
 from splatreel.recon.spline import Spline
 
 DIMENSIONS = 7
 """dx, and dq less its identity."""
-
-
-Window = tuple[int, list[Tensor]]
-"""A knot, and the control values [4, rows, 7] of every level from it on, as leaves that take the gradients of a moment."""
 
 
 class Trajectory:
@@ -44,19 +40,16 @@ class Trajectory:
         if paths is not None:  # the points' own level takes the tracks, as the smoothest spline close to them
             controls[-1][..., :3] = self.spline.fit(paths)
         self.rates = self.RATES[-len(rows) :]
-        self.adams = [Adam(level, rate, eps=1e-12) for level, rate in zip(controls, self.rates, strict=True)]
-        self.windows: list[Window] = []
+        self.adams = [KnotAdam(level, rate, eps=1e-12) for level, rate in zip(controls, self.rates, strict=True)]
 
     @property
     def controls(self) -> list[Tensor]:
         """Of every level, the points' own last, [knots, rows, 7]."""
-        return [adam.tensor.detach() for adam in self.adams]
+        return [adam.values for adam in self.adams]
 
     def offsets(self, means: Tensor, frame: float) -> tuple[Tensor, Tensor]:
         knot, weights = self.spline.at(frame)
-        window = [level[knot : knot + 4].requires_grad_(torch.is_grad_enabled()) for level in self.controls]
-        if torch.is_grad_enabled():
-            self.windows.append((knot, window))
+        window = [adam.window(knot) for adam in self.adams]
         total = splat.splines(window, 0, weights, self.skins) * self.scale
         dx, dq = total.split((3, 4), 1)
         return dx, dq + self.identity
@@ -71,23 +64,16 @@ class Trajectory:
                     controls[k] = controls[k - 1] + self.EXTRAPOLATION * (controls[k - 1] - controls[k - 2])
 
     def step(self, share: float) -> None:
-        for level, (adam, rate) in enumerate(zip(self.adams, self.rates, strict=True)):
+        for adam, rate in zip(self.adams, self.rates, strict=True):
             adam.rate = rate * 0.05**share
-            known = [(knot, w.grad) for knot, window in self.windows if (w := window[level]).grad is not None]
-            if known:
-                adam.follow(
-                    *_sum(known), end=self.reached + 1
-                )  # the knots after it have never been seen, and stay zero
-        self.windows.clear()
+            adam.step(end=self.reached + 1)  # the knots after it have never been seen, and stay zero
 
     def keep(self, index: Tensor) -> None:
-        self.windows.clear()
         self.skins = [(i[index], s[index]) for i, s in self.skins]
         self.adams[-1].rewrite(lambda rows: rows[:, index], lambda rows: rows[:, index])
 
     def append(self, means: Tensor, parents: Tensor | None) -> None:
         """Newcomers start with what makes their total offset zero: they were static."""
-        self.windows.clear()
         added = [skin(means, nodes) for nodes in self.nodes]
         self.skins = [
             (torch.cat([i, ai]), torch.cat([s, as_])) for (i, s), (ai, as_) in zip(self.skins, added, strict=True)
@@ -101,17 +87,6 @@ class Trajectory:
                 rows -= torch.einsum("nk,tnkd->tnd", share, controls[:, index])
         state = torch.zeros_like(rows)
         self.adams[-1].rewrite(lambda t: torch.cat([t, rows], 1), lambda t: torch.cat([t, state], 1))
-
-
-def _sum(known: list[tuple[int, Tensor]]) -> tuple[Tensor, int]:
-    """The sum of gradients [4, rows, 7] of some knots each, and its first knot."""
-    if len(known) == 1:
-        return known[0][1], known[0][0]
-    first, end = min(knot for knot, _ in known), max(knot for knot, _ in known) + 4
-    total = known[0][1].new_zeros(end - first, *known[0][1].shape[1:])
-    for knot, gradient in known:
-        total[knot - first : knot - first + 4] += gradient
-    return total, first
 
 
 def farthest_points(points: Tensor, count: int, seed: int) -> Tensor:
