@@ -3,8 +3,12 @@ from pathlib import Path
 
 import pytest
 
+from splatreel.capture import opening
+from splatreel.capture.base import Capture
+from splatreel.cli.main import main
 from splatreel.errors import CaptureError
 from splatreel.evaluation.profile import profiled, table
+from splatreel.recon import sequence
 from tests.evaluation import scenes
 
 
@@ -37,3 +41,23 @@ def test_a_folder_that_was_never_made_is_not_made(tmp_path: Path) -> None:
     with profiled(tmp_path / "no" / "profile.md"):
         pass
     assert not (tmp_path / "no").exists()
+
+
+def test_reconstruct_profiles_itself(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    capture = scenes.capture(tmp_path, ["cam03"])
+
+    def reconstruct(source: Capture, out: Path, *_: object, **__: object) -> sequence.Result:
+        out.mkdir()
+        source.read(0, 2, ["cam00"])
+        return sequence.Result(out / "reel", out / "work", {}, "cpu")
+
+    monkeypatch.setattr(opening, "open_capture", lambda *_, **__: capture)
+    monkeypatch.setattr(sequence, "reconstruct", reconstruct)
+    for options, expected in (([], False), (["--profile"], True)):
+        out = tmp_path / f"out{len(options)}"
+        assert main(["reconstruct", "capture", "--out", str(out), *options]) == 0
+        assert (out / "profile.md").exists() == expected
+        assert f"splatreel serve {out / 'reel'}" in capsys.readouterr().out
+    assert "s on the main thread" in (tmp_path / "out1" / "profile.md").read_text()

@@ -72,7 +72,9 @@ def oracle(
             progress.stage(title, config.keyframe.first_iterations, span)
             ledger.add(reconstruct_frame(capture, frame, config, gallery, chosen, progress))
         if timeline is not None:
-            scores.append(gallery.score(timeline.at(frame / timeline.fps), timeline.manifest.near, timeline.manifest.antialias))
+            scores.append(
+                gallery.score(timeline.at(frame / timeline.fps), timeline.manifest.near, timeline.manifest.antialias)
+            )
     yardstick = Yardstick([ledger.frames[frame] for frame in frames], scores)
     ledger.save(yardstick.reel_dict(str(reel)) if reel is not None else None)
     write_text(Path(out) / "oracle.md", yardstick.to_markdown())

@@ -73,9 +73,7 @@ def _at(start: Start, frame: int) -> Gaussians:
     return start.dynamic.moved(start.tracks[frame] - start.dynamic.means, _identity(len(start.dynamic)))
 
 
-def _wrong(
-    start: Start, static: Gaussians, tracker: Tracker, frame: int, gains: np.ndarray, draw: Draw
-) -> np.ndarray:
+def _wrong(start: Start, static: Gaussians, tracker: Tracker, frame: int, gains: np.ndarray, draw: Draw) -> np.ndarray:
     """[C, H, W] bool: where the views of a frame differ from the scene as it is tracked."""
     scene = Gaussians.concatenate([static, _at(start, frame)])
     views = zip(tracker.cameras, tracker.frames[frame], gains, strict=True)

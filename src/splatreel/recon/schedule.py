@@ -40,7 +40,9 @@ class FrameSchedule:
         if not self._round:
             copies = np.floor(np.repeat(self.wanted(), self.cameras) + self.rng.random(self.frames * self.cameras))
             pictures = np.repeat(np.arange(self.frames * self.cameras), copies.astype(np.int64))
-            self._round = self.rng.permutation(pictures).tolist() or [int(self.rng.integers(self.frames * self.cameras))]
+            self._round = self.rng.permutation(pictures).tolist() or [
+                int(self.rng.integers(self.frames * self.cameras))
+            ]
         return divmod(self._round.pop(), self.cameras)
 
     def note(self, frame: int, camera: int, loss: Tensor) -> None:

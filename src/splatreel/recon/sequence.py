@@ -197,7 +197,9 @@ class Reconstruction:
             self.gains.restart()
             trainer = self._keyframe_trainer(scene, layout, first)
             coarse_share = config.coarse_share if first else 0.0
-            train_frame(trainer, self.cameras, images, layout, iterations, coarse_share, self.config.antialias, self.progress)
+            train_frame(
+                trainer, self.cameras, images, layout, iterations, coarse_share, self.config.antialias, self.progress
+            )
             points = trainer.points.gaussians()
         points.check_finite(f"Keyframe {span.index}")
         gains = self.gains.values.detach().cpu().numpy()
@@ -251,7 +253,17 @@ class Reconstruction:
             self.progress.stage(self._title(span, "tracking"), span.count, self.plan.tracking(span.index))
             gains = self.gains.values.detach().cpu().numpy()
             static, flow = scene.static[scene.alive], make_flow(self.config.layering.flow)
-            start = follow(scene.dynamic, static, self.cameras, frames, gains, flow, layout.near, self.config.antialias, self.progress)
+            start = follow(
+                scene.dynamic,
+                static,
+                self.cameras,
+                frames,
+                gains,
+                flow,
+                layout.near,
+                self.config.antialias,
+                self.progress,
+            )
             self.progress.update(span.count, dynamic=len(start.dynamic), new=len(start.dynamic) - len(scene.dynamic))
         return Scene(scene.static, scene.alive, start.dynamic), start.tracks
 

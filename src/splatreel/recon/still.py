@@ -39,7 +39,9 @@ def reconstruct_still(
     gains = CameraGains(len(cameras), device or torch.device("cpu"), config.correct_colors)
     trainer = still_trainer(seeds.points, seeds.colors, layout, cameras, gains, config)
     progress = progress or Silent()
-    train_frame(trainer, cameras, images, layout, keyframe.first_iterations, keyframe.coarse_share, config.antialias, progress)
+    train_frame(
+        trainer, cameras, images, layout, keyframe.first_iterations, keyframe.coarse_share, config.antialias, progress
+    )
     gaussians = trainer.points.gaussians()
     gaussians.check_finite("The static reconstruction")
     return gaussians, layout
