@@ -74,6 +74,14 @@ def test_export(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert capsys.readouterr().err == f"Error: {GOLDEN}: there is no frame 999; choose 0 to {frames - 1}.\n"
 
 
+def test_export_to_other_formats(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["export", str(GOLDEN), "--frame", "3", "--out", str(tmp_path / "f.spz")]) == 0
+    assert (tmp_path / "f.spz").read_bytes()[:2] == b"\x1f\x8b"
+    assert main(["export", str(GOLDEN), "--frames", "0:2", "--format", "glb", "--out", str(tmp_path / "many")]) == 0
+    assert "2 GLB files" in capsys.readouterr().out
+    assert [p.read_bytes()[:4] for p in sorted((tmp_path / "many").iterdir())] == [b"glTF"] * 2
+
+
 def test_export_of_many_frames_and_of_a_film(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["export", str(GOLDEN), "--frames", "2:4", "--out", str(tmp_path / "frames")]) == 0
     assert sorted(p.name for p in (tmp_path / "frames").iterdir()) == ["000002.ply", "000003.ply"]

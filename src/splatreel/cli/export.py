@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Literal
 
 from tyro.conf import Positional
 
@@ -12,6 +12,8 @@ from splatreel.errors import UsageError
 
 if TYPE_CHECKING:
     from splatreel.play.timeline import Timeline
+
+FORMATS = (".ply", ".spz", ".glb")
 
 
 def export(
@@ -22,48 +24,53 @@ def export(
     frames: str | None = None,
     rendition: str | None = None,
     width: int | None = None,
+    format: Literal["ply", "spz", "glb"] = "ply",
 ) -> None:
-    """Write a reel for other programs: a frame or every frame as a standard 3DGS PLY file, or a film.
+    """Write a reel for other programs: a frame or every frame as a PLY, SPZ or glTF file, or a film.
 
     Args:
         reel: Folder of the reel.
-        out: F.ply for one frame, a folder for a PLY file a frame, F.mp4 for a film that flies through the capture's cameras.
-        frame: Which frame, counted from 0; for one PLY file.
+        out: F.ply, F.spz or F.glb for one frame, a folder for a file a frame, F.mp4 for a film through the capture's cameras.
+        frame: Which frame, counted from 0; for one file.
         frames: A:B, frames A to B - 1; by default all. For a folder or a film.
         rendition: Which one, of a reel that has several; by default the best.
         width: Width of the film in pixels; by default that of the reel's own camera.
+        format: Of the files in a folder: ply as 3DGS writes it, spz (small, 8 bits), glb (glTF with KHR_gaussian_splatting).
     """
     from splatreel.play.timeline import open_reel
 
     source = open_reel(reel_folder(reel), rendition)
     total = source.manifest.frames
-    if (out.suffix == ".ply") != (frame is not None):
-        raise UsageError(
-            "One PLY file takes --frame N; a folder of them, or a film (.mp4), takes --frames A:B or nothing."
-        )
+    if (out.suffix in FORMATS) != (frame is not None):
+        raise UsageError("One file takes --frame N; a folder of them, or a film (.mp4), takes --frames A:B or nothing.")
     first, end = (frame, frame + 1) if frame is not None else parse_frames(frames) or (0, total)
     if not 0 <= first < end <= total:
         wrong = f"frame {frame}" if frame is not None else f"frame {end - 1}"
         raise UsageError(f"{reel}: there is no {wrong}; choose 0 to {total - 1}.")
     (out if not out.suffix else out.parent).mkdir(parents=True, exist_ok=True)
-    if out.suffix == ".ply":
+    if out.suffix in FORMATS:
         count = _write_frame(source, first, out)
         print(f"{out}: {count:,} Gaussians of frame {first}")
     elif out.suffix == ".mp4":
         _write_film(source, first, end, out, width)
     elif out.suffix == "":
         for index in range(first, end):
-            _write_frame(source, index, out / f"{index:06}.ply")
-        print(f"{out}: {end - first} PLY files, frames {first} to {end - 1}")
+            _write_frame(source, index, out / f"{index:06}.{format}")
+        print(f"{out}: {end - first} {format.upper()} files, frames {first} to {end - 1}")
     else:
-        raise UsageError(f"{out}: --out takes a .ply file, an .mp4 film or a folder.")
+        raise UsageError(f"{out}: --out takes a .ply, .spz or .glb file, an .mp4 film or a folder.")
 
 
 def _write_frame(source: Timeline, frame: int, path: Path) -> int:
+    from splatreel.scene.gltf import write_glb
     from splatreel.scene.ply import write_ply
+    from splatreel.scene.spz import write_spz
 
     gaussians = source.at(frame / source.fps)
-    write_ply(path, gaussians)
+    if path.suffix == ".glb":
+        write_glb(path, gaussians, source.manifest.up)
+    else:
+        (write_spz if path.suffix == ".spz" else write_ply)(path, gaussians)
     return len(gaussians)
 
 

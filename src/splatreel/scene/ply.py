@@ -9,6 +9,7 @@ import numpy as np
 
 from splatreel.errors import GaussiansError
 from splatreel.scene import rotations
+from splatreel.scene.atomic import write_bytes
 from splatreel.scene.gaussians import Gaussians
 
 _MAX_HEADER = 1 << 16
@@ -45,15 +46,7 @@ def write_ply(path: str | Path, gaussians: Gaussians) -> None:
     header = ["ply", "format binary_little_endian 1.0", f"element vertex {len(gaussians)}"]
     header += [f"property float {name}" for name in names] + ["end_header", ""]
     data = "\n".join(header).encode() + np.concatenate(columns, 1).astype("<f4").tobytes()
-    temporary = path.with_name(f".{path.name}.{os.getpid()}.tmp")
-    try:
-        temporary.write_bytes(data)
-        os.replace(temporary, path)
-    except OSError as error:
-        temporary.unlink(missing_ok=True)
-        raise GaussiansError(
-            f"{path}: could not be written ({error.strerror}). Free space or choose a path."
-        ) from error
+    write_bytes(path, data)
 
 
 def read_ply(path: str | Path) -> Gaussians:

@@ -1,0 +1,84 @@
+"""Gaussians as binary glTF with the extension KHR_gaussian_splatting, ratified by Khronos.
+
+Attributes of a primitive of points, all as they are here: scales are standard deviations, opacities 0..1, quaternions xyzw.
+COLOR_0 is what viewers show that know points only. A node turns the world so that its up is glTF's, y.
+"""
+
+from __future__ import annotations
+
+import json
+import struct
+from pathlib import Path
+
+import numpy as np
+
+from splatreel.scene.atomic import write_bytes
+from splatreel.scene.gaussians import Gaussians
+
+_FLOAT, _BYTE, _ARRAY_BUFFER = 5126, 5121, 34962
+_TYPES = {1: "SCALAR", 3: "VEC3", 4: "VEC4"}
+_PREFIX = "KHR_gaussian_splatting:"
+_EXTENSION = {
+    "kernel": "ellipse",
+    "colorSpace": "srgb_rec709_display",
+    "sortingMethod": "cameraDistance",
+    "projection": "perspective",
+}
+
+
+def write_glb(path: str | Path, gaussians: Gaussians, up: np.ndarray) -> None:
+    """Write a .glb file atomically. up: [3] of the world. Raises `GaussiansError` if the file cannot be written."""
+    arrays = _attributes(gaussians)
+    views, accessors, offset = [], [], 0
+    for name, array in arrays.items():
+        views.append({"buffer": 0, "byteOffset": offset, "byteLength": array.nbytes, "target": _ARRAY_BUFFER})
+        accessor = {"bufferView": len(accessors), "componentType": _BYTE if name == "COLOR_0" else _FLOAT}
+        accessor |= {"count": len(array), "type": _TYPES[array.shape[1]]}
+        if name == "COLOR_0":
+            accessor["normalized"] = True
+        if name == "POSITION" and len(array):
+            accessor |= {"min": array.min(0).tolist(), "max": array.max(0).tolist()}
+        accessors.append(accessor)
+        offset += array.nbytes
+    primitive = {"attributes": {name: i for i, name in enumerate(arrays)}, "mode": 0}
+    document = {
+        "asset": {"version": "2.0", "generator": "Splatreel"},
+        "extensionsUsed": ["KHR_gaussian_splatting"],
+        "scene": 0,
+        "scenes": [{"nodes": [0]}],
+        "nodes": [{"mesh": 0, "rotation": _upright(np.asarray(up, np.float64))}],
+        "meshes": [{"primitives": [primitive | {"extensions": {"KHR_gaussian_splatting": _EXTENSION}}]}],
+        "buffers": [{"byteLength": offset}],
+        "bufferViews": views,
+        "accessors": accessors,
+    }
+    text = json.dumps(document, separators=(",", ":")).encode()
+    text += b" " * (-len(text) % 4)
+    body = b"".join(array.tobytes() for array in arrays.values())
+    chunks = struct.pack("<II", len(text), 0x4E4F534A) + text + struct.pack("<II", len(body), 0x004E4942) + body
+    write_bytes(Path(path), struct.pack("<4sII", b"glTF", 2, 12 + len(chunks)) + chunks)
+
+
+def _attributes(gaussians: Gaussians) -> dict[str, np.ndarray]:
+    """By name: [N, 1], [N, 3] or [N, 4], floats but for COLOR_0; all of them take a multiple of four bytes."""
+    color = np.concatenate([gaussians.sh[:, 0] * 0.28209479 + 0.5, gaussians.opacities[:, None]], 1)
+    arrays = {
+        "POSITION": gaussians.means,
+        "COLOR_0": np.rint(np.clip(color, 0, 1) * 255).astype(np.uint8),
+        f"{_PREFIX}ROTATION": np.roll(gaussians.quats, -1, axis=1),
+        f"{_PREFIX}SCALE": gaussians.scales,
+        f"{_PREFIX}OPACITY": gaussians.opacities[:, None],
+    }
+    for degree in range(gaussians.sh_degree + 1):
+        for order in range(2 * degree + 1):
+            arrays[f"{_PREFIX}SH_DEGREE_{degree}_COEF_{order}"] = gaussians.sh[:, degree**2 + order]
+    return arrays
+
+
+def _upright(up: np.ndarray) -> list[float]:
+    """The shortest turn, xyzw, that takes `up` to y."""
+    up = up / np.linalg.norm(up)
+    if up[1] < -0.999999:
+        return [1.0, 0.0, 0.0, 0.0]
+    quat = np.array([-up[2], 0, up[0], 1 + up[1]])
+    return (quat / np.linalg.norm(quat)).tolist()

@@ -1,0 +1,66 @@
+"""Binary glTF with KHR_gaussian_splatting, read back as any glTF reader would."""
+
+import json
+import struct
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from splatreel.scene import rotations
+from splatreel.scene.gaussians import Gaussians
+from splatreel.scene.gltf import write_glb
+from tests.golden import random_gaussians
+
+WIDTH = {"SCALAR": 1, "VEC3": 3, "VEC4": 4}
+TYPES = {5126: "<f4", 5121: "u1"}
+
+
+def read_glb(path: Path) -> tuple[dict, dict[str, np.ndarray]]:
+    """The document, and the arrays of its only primitive's attributes."""
+    data = path.read_bytes()
+    magic, version, total = struct.unpack_from("<4sII", data)
+    assert (magic, version, total) == (b"glTF", 2, len(data))
+    size, kind = struct.unpack_from("<I4s", data, 12)
+    assert (kind, size % 4) == (b"JSON", 0)
+    document = json.loads(data[20 : 20 + size])
+    held, kind = struct.unpack_from("<I4s", data, 20 + size)
+    body = data[28 + size :]
+    assert (kind, held, document["buffers"][0]["byteLength"]) == (b"BIN\0", len(body), len(body))
+    arrays = {}
+    for name, index in document["meshes"][0]["primitives"][0]["attributes"].items():
+        accessor = document["accessors"][index]
+        view = document["bufferViews"][accessor["bufferView"]]
+        assert view["byteOffset"] % 4 == 0
+        count, width = accessor["count"], WIDTH[accessor["type"]]
+        flat = np.frombuffer(body, TYPES[accessor["componentType"]], count * width, view["byteOffset"])
+        arrays[name] = flat.reshape(count, width)
+    return document, arrays
+
+
+@pytest.mark.parametrize("degree", [0, 2, 3])
+def test_comes_back_as_it_was(tmp_path: Path, degree: int) -> None:
+    given = random_gaussians(np.random.default_rng(degree), 50, degree, (1, -2, 3))
+    write_glb(tmp_path / "f.glb", given, np.array([0, -1, 0]))
+    document, arrays = read_glb(tmp_path / "f.glb")
+    splatting = {name.removeprefix("KHR_gaussian_splatting:"): array for name, array in arrays.items()}
+    assert np.array_equal(splatting["POSITION"], given.means)
+    assert np.array_equal(splatting["ROTATION"][:, [3, 0, 1, 2]], given.quats)
+    assert np.array_equal(splatting["SCALE"], given.scales)
+    assert np.array_equal(splatting["OPACITY"][:, 0], given.opacities)
+    sh = [splatting[f"SH_DEGREE_{d}_COEF_{i}"] for d in range(degree + 1) for i in range(2 * d + 1)]
+    assert np.array_equal(np.stack(sh, 1), given.sh)
+    assert np.abs(splatting["COLOR_0"][:, 3] / 255 - given.opacities).max() < 0.003
+    primitive = document["meshes"][0]["primitives"][0]
+    assert (primitive["mode"], document["extensionsUsed"]) == (0, ["KHR_gaussian_splatting"])
+    assert primitive["extensions"]["KHR_gaussian_splatting"]["colorSpace"] == "srgb_rec709_display"
+    positions = document["accessors"][primitive["attributes"]["POSITION"]]
+    assert positions["min"] == given.means.min(0).tolist()
+
+
+@pytest.mark.parametrize("up", [(0, 1, 0), (0, -1, 0), (0, 0, 2), (0.3, -0.5, 0.1)])
+def test_up_becomes_y(tmp_path: Path, up: tuple[float, float, float]) -> None:
+    write_glb(tmp_path / "f.glb", Gaussians.empty(0), np.array(up))
+    turn = np.array(read_glb(tmp_path / "f.glb")[0]["nodes"][0]["rotation"])
+    turned = rotations.to_matrix(turn[[3, 0, 1, 2]][None])[0] @ np.array(up)
+    assert np.allclose(turned / np.linalg.norm(up), [0, 1, 0], atol=1e-6)
