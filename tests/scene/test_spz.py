@@ -86,6 +86,8 @@ def test_comes_back_within_a_step(tmp_path: Path, degree: int) -> None:
 def test_no_points_make_a_file_too(tmp_path: Path) -> None:
     write_spz(tmp_path / "f.spz", Gaussians.empty(1))
     assert len(read_spz(tmp_path / "f.spz")) == 0
+    write_spz(tmp_path / "f.spz", Gaussians.empty(1), antialias=True)
+    assert gzip.decompress((tmp_path / "f.spz").read_bytes())[14] == 1
 
 
 def test_what_is_too_far_away_is_said(tmp_path: Path) -> None:

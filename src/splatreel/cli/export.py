@@ -69,8 +69,10 @@ def _write_frame(source: Timeline, frame: int, path: Path) -> int:
     gaussians = source.at(frame / source.fps)
     if path.suffix == ".glb":
         write_glb(path, gaussians, source.manifest.up)
+    elif path.suffix == ".spz":
+        write_spz(path, gaussians, source.manifest.antialias)
     else:
-        (write_spz if path.suffix == ".spz" else write_ply)(path, gaussians)
+        write_ply(path, gaussians)
     return len(gaussians)
 
 

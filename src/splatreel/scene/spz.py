@@ -29,10 +29,11 @@ _FLIPPED_SH = np.array([1, -1, -1, 1, -1, 1, 1, -1, 1, -1, 1, -1, -1, 1, -1, 1])
 """Signs of the harmonics where y and z point the other way."""
 
 
-def write_spz(path: str | Path, gaussians: Gaussians) -> None:
+def write_spz(path: str | Path, gaussians: Gaussians, antialias: bool = False) -> None:
     """Write an SPZ file atomically. Axes go from right, down, front, as PLY files of 3DGS have them, to SPZ's right, up, back.
 
-    Scales keep a step of 6 %, opacities and colours 8 bits. Raises `GaussiansError` if the file cannot be written.
+    antialias: they are to be drawn so (`render_image`), which the file's flags tell. Scales keep a step of 6 %, opacities and
+    colours 8 bits. Raises `GaussiansError` if the file cannot be written or a point is too far away.
     """
     path = Path(path)
     points = len(gaussians)
@@ -42,7 +43,7 @@ def write_spz(path: str | Path, gaussians: Gaussians) -> None:
         raise GaussiansError(
             f"{path}: a point {extent:g} from the origin is too far for an SPZ file. Write a PLY file."
         )
-    header = struct.pack("<IIIBBBB", MAGIC, VERSION, points, gaussians.sh_degree, bits, 0, 0)
+    header = struct.pack("<IIIBBBB", MAGIC, VERSION, points, gaussians.sh_degree, bits, int(antialias), 0)
     flip = np.array([1, -1, -1])
     sh = gaussians.sh * _FLIPPED_SH[None, : gaussians.sh.shape[1], None]
     parts = [
