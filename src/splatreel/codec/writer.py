@@ -82,11 +82,17 @@ class ReelWriter:
         return self._manifest
 
     def add_layer(
-        self, group: int, first_frame: int, gaussians: Gaussians, importance: np.ndarray | None = None
+        self,
+        group: int,
+        first_frame: int,
+        gaussians: Gaussians,
+        importance: np.ndarray | None = None,
+        encoded: tuple[bytes, np.ndarray] | None = None,
     ) -> tuple[Gaussians, np.ndarray]:
         """Encode the static points born at `group`; they are published together with that group.
 
         importance: [N, 3], how much of the pictures hangs on each point's shape, colour and place; None: all alike.
+        encoded: what `encode_layer` gave for the same, if it has been called.
 
         Returns the decoded points in reel order (train on against these: later groups then absorb the error), and
         order [N]: order[i] is the index of the input point that became reel point i.
@@ -96,13 +102,29 @@ class ReelWriter:
         if not len(gaussians):
             return gaussians, np.zeros(0, np.int64)
         uri = f"layers/{group:04d}.safetensors"
-        data, order = encode_layer(group, first_frame, gaussians, self.config, importance)
+        data, order = encoded or self.encode_layer(group, first_frame, gaussians, importance)
         entry = self._write(uri, data, FileEntry(uri, 0, "", first_frame, 0, len(gaussians), group))
         self._pending = entry
         return decode_layer(data, uri)[1], order
 
-    def add_group(self, group: Group, importance: np.ndarray | None = None) -> Group:
+    def encode_layer(
+        self, group: int, first_frame: int, gaussians: Gaussians, importance: np.ndarray | None = None
+    ) -> tuple[bytes, np.ndarray]:
+        """The file that `add_layer` writes, and the order; touches nothing, so that threads can do it ahead."""
+        return encode_layer(group, first_frame, gaussians, self.config, importance)
+
+    def encode_group(self, group: Group, importance: np.ndarray | None = None) -> dict[str, bytes]:
+        """By uri the files that `add_group` writes, the best first; touches nothing, so that threads can do it ahead."""
+        name = f"groups/{group.index:04d}"
+        configs = {f"{name}.safetensors": self.config} | {f"{name}.{n}.safetensors": c for n, c in self._others.items()}
+        return {uri: encode_group(group, config, importance)[0] for uri, config in configs.items()}
+
+    def add_group(
+        self, group: Group, importance: np.ndarray | None = None, encoded: dict[str, bytes] | None = None
+    ) -> Group:
         """Encode and publish a group; returns it decoded, its dynamic points in reel order. importance: see `add_layer`.
+
+        encoded: what `encode_group` gave for the same, if it has been called.
 
         Raises `ReelError` if its `alive` does not fit the layers.
         """
@@ -116,16 +138,13 @@ class ReelWriter:
                 f"Group {group.index} says of {len(group.alive)} static points whether they are alive, but the layers "
                 f"hold {static}. Add the layer of this group before it."
             )
-        uri = f"groups/{group.index:04d}.safetensors"
-        data, entry = self._write_group(uri, group, self.config, importance)
-        renditions = {
-            name: self._write_group(f"groups/{group.index:04d}.{name}.safetensors", group, config, importance)[1]
-            for name, config in self._others.items()
-        }
-        entry = replace(entry, renditions=renditions)
+        files = encoded or self.encode_group(group, importance)
+        blank = FileEntry("", 0, "", group.first_frame, group.frames, len(group.dynamic), group.index)
+        entry, *others = (self._write(uri, data, replace(blank, uri=uri)) for uri, data in files.items())
+        entry = replace(entry, renditions=dict(zip(self._others, others, strict=True)))
         self._publish(self._manifest.with_files(layers, [*self._manifest.groups, entry]))
         self._pending = None
-        return decode_group(data, uri)
+        return decode_group(files[entry.uri], entry.uri)
 
     def finish(self) -> None:
         """Declare the reel complete. Raises `ReelError` if it has no group."""
@@ -182,13 +201,6 @@ class ReelWriter:
         else:
             self._delete("manifest.json")
         self._manifest = manifest
-
-    def _write_group(
-        self, uri: str, group: Group, config: EncodeConfig, importance: np.ndarray | None
-    ) -> tuple[bytes, FileEntry]:
-        data, order = encode_group(group, config, importance)
-        blank = FileEntry(uri, 0, "", group.first_frame, group.frames, len(order), group.index)
-        return data, self._write(uri, data, blank)
 
     def _write(self, uri: str, data: bytes, entry: FileEntry) -> FileEntry:
         write_atomically(self.path / uri, data)

@@ -3,7 +3,11 @@
 from __future__ import annotations
 
 import dataclasses
+import os
+from collections import deque
 from collections.abc import Callable
+from concurrent.futures import Future, ThreadPoolExecutor
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -22,6 +26,8 @@ from splatreel.scene.group import Group
 
 TRIALS = 12
 """Encodings that `meet_rate` tries."""
+MOST_WORKERS = 8
+"""Groups encoded at a time: each is held in memory."""
 MOMENTS = 4
 """Times of a group at which the importance of its points is looked at."""
 
@@ -50,9 +56,9 @@ def load_static(work: Path, index: int) -> Gaussians:
     return Gaussians.concatenate([Gaussians.empty(0), *[layer for layer in layers if layer is not None]])
 
 
-def load_importance(work: Path, index: int) -> np.ndarray | None:
-    """Of the points of a layer as the run encoded it; None where it did not."""
-    path = group_folder(work, index) / "layer.safetensors"
+def load_importance(work: Path, index: int, kind: str) -> np.ndarray | None:
+    """Of the points of a `layer`, or the dynamic ones of a `group`, as the run encoded it; None where it did not."""
+    path = group_folder(work, index) / f"{kind}.safetensors"
     return checkpoint.load_arrays(path).get("importance") if path.exists() else None
 
 
@@ -65,11 +71,14 @@ def load_group(work: Path, index: int) -> Group:
     return Group(index, first, dynamic, arrays["dx"], arrays["dq"], alive, shade)
 
 
-def save_group(work: Path, group: Group) -> None:
+def save_group(work: Path, group: Group, importance: np.ndarray | None = None) -> None:
+    """importance: [N, 3] of its dynamic points, so that encoding it again takes no pictures."""
     arrays = checkpoint.pack(group.dynamic) | {"dx": group.dx, "dq": group.dq, "alive": group.alive}
     arrays["first_frame"] = np.array([group.first_frame])
     if group.shade is not None:
         arrays["shade"] = group.shade
+    if importance is not None:
+        arrays["importance"] = importance
     checkpoint.save_arrays(group_folder(work, group.index) / "group.safetensors", arrays)
 
 
@@ -113,6 +122,16 @@ def importance(writer: ReelWriter, static: Gaussians, group: Group) -> Shown:
     return found[: len(group.dynamic)], resting
 
 
+@dataclass(frozen=True)
+class Ready:
+    """A group on its way: with the importance of its points, and the layer born at it with its file."""
+
+    group: Group
+    shown: np.ndarray | None
+    layer: Gaussians | None
+    encoded: tuple[bytes, np.ndarray] | None
+
+
 class Publisher:
     """Encodes finished groups from their checkpoints, in order from the first. shows: importance by group, kept from trial to trial."""
 
@@ -122,18 +141,47 @@ class Publisher:
         self._order = np.zeros(0, np.int64)
 
     def publish(self, index: int) -> None:
+        self._write(self._prepare(index), None)
+
+    def publish_all(self, count: int, done: Callable[[int], None]) -> None:
+        """The first `count` groups; several are encoded at a time, in threads, by the predictive codec. done: called with how many."""
+        workers = min(os.cpu_count() or 1, MOST_WORKERS) if self.writer.config.codec == "predictive" else 1
+        waiting: deque[tuple[Ready, Future[dict[str, bytes]]]] = deque()
+        with ThreadPoolExecutor(workers) as pool:
+            for index in range(count):
+                ready = self._prepare(index)
+                waiting.append((ready, pool.submit(self.writer.encode_group, ready.group, ready.shown)))
+                while len(waiting) > (workers if index + 1 < count else 0):
+                    before, files = waiting.popleft()
+                    self._write(before, files.result())
+                    done(before.group.index + 1)
+
+    def _prepare(self, index: int) -> Ready:
         group, layer = load_group(self.work, index), load_layer(self.work, index, "raw")
+        moving, resting = self._importance(index, group, layer is None)
+        encoded = None
+        if layer is not None:
+            born = load_importance(self.work, index, "layer")
+            born = resting[-len(layer) :] if born is None and resting is not None else born
+            encoded = self.writer.encode_layer(index, group.first_frame, layer, born)
+            self._order = np.concatenate([self._order, len(self._order) + encoded[1]])
+        # The alive bits count in the order that training saw; another encoder may have put the points into another order.
+        return Ready(dataclasses.replace(group, alive=group.alive[self._order]), moving, layer, encoded)
+
+    def _importance(self, index: int, group: Group, no_layer: bool) -> Shown:
+        """As the run measured it, or measured now."""
+        saved = load_importance(self.work, index, "group")
+        if saved is not None and (no_layer or load_importance(self.work, index, "layer") is not None):
+            return saved, None
         if index not in self._shows:
             self._shows[index] = importance(self.writer, load_static(self.work, index), group)
-        moving, resting = self._shows[index]
-        if layer is not None:
-            born = None if resting is None else resting[-len(layer) :]
-            saved = load_importance(self.work, index)
-            _, order = self.writer.add_layer(index, group.first_frame, layer, born if saved is None else saved)
-            self._order = np.concatenate([self._order, len(self._order) + order])
-        # The alive bits count in the order that training saw; another encoder may have put the points into another order.
-        alive = group.alive[self._order]
-        self.writer.add_group(dataclasses.replace(group, alive=alive), moving)
+        return self._shows[index]
+
+    def _write(self, ready: Ready, files: dict[str, bytes] | None) -> None:
+        if ready.layer is not None:
+            first = ready.group.first_frame
+            self.writer.add_layer(ready.group.index, first, ready.layer, encoded=ready.encoded)
+        self.writer.add_group(ready.group, ready.shown, files)
 
     def skip(self, index: int) -> None:
         """A group that the reel holds already, in the order of its checkpoint."""
@@ -155,9 +203,7 @@ def encode(work: Path, reel: Path, config: EncodeConfig, progress: Progress, mbp
         writer = open_writer(work, reel, dataclasses.replace(config, coarseness=coarseness), resume=False)
         publisher = Publisher(writer, work, shows)
         progress.stage("encode", count)
-        for index in range(count):
-            publisher.publish(index)
-            progress.update(index + 1)
+        publisher.publish_all(count, progress.update)
         writer.finish()
         manifest = writer.manifest
         size = sum(file.bytes for file in (*manifest.layers, *manifest.groups))

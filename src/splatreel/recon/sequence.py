@@ -176,9 +176,10 @@ class Reconstruction:
             self.progress.update(iterations, dynamic=len(result.dynamic))
         result.dynamic.check_finite(f"Group {span.index}")
         group = Group(span.index, span.first, result.dynamic, result.dx, result.dq, result.alive, result.shade)
-        save_group(self.work, group)  # before it is published: what is in the reel is never trained again
         with self._timed("encode"):
-            writer.add_group(group, importance(writer, scene.static, group)[0])
+            shown = importance(writer, scene.static, group)[0]
+            save_group(self.work, group, shown)  # before it is published: what is in the reel is never trained again
+            writer.add_group(group, shown)
         return self._hand_over(span, scene.static, group)
 
     def _keyframe(self, span: Span, scene: Scene, images: np.ndarray, layout: Layout) -> Gaussians:
