@@ -1,5 +1,5 @@
 // Fuzzes the player's reader, guided by V8's block coverage: node fuzz/run.mjs CORPUS SECONDS, in player/.
-// Programs that reach new blocks stay in CORPUS, and one that breaks a rule of reader.ts, takes 20 s or 3 GB is kept there as
+// Programs that reach new blocks stay in CORPUS, and one that breaks a rule of reader.ts, takes 60 s or 3 GB is kept there as
 // crash-N, with why in crash-N.txt; node fuzz/run.mjs CORPUS/crash-N repeats it.
 import { build } from "esbuild";
 import { spawn } from "node:child_process";
@@ -8,7 +8,7 @@ import { tmpdir } from "node:os";
 import { dirname, join, resolve } from "node:path";
 import { fileURLToPath } from "node:url";
 
-const PATIENCE = 20;
+const PATIENCE = 60;
 const here = dirname(fileURLToPath(import.meta.url));
 const corpus = resolve(process.argv[2]);
 const folder = mkdtempSync(join(tmpdir(), "splatreel-fuzz-"));
@@ -42,6 +42,7 @@ function once(seconds) {
     };
     const watch = setInterval(() => {
       if (Date.now() - last < 1000 * PATIENCE) return;
+      clearInterval(watch);
       found("timeout");
       child.kill("SIGKILL");
     }, 1000);
