@@ -11,17 +11,18 @@ from tests.kernels.compare import assert_parity, camera, gaussians
 W, H = 37, 29
 
 
+@pytest.mark.parametrize("antialias", [False, True])
 @pytest.mark.parametrize("distance", [3.0, 0.5])  # at 0.5 many points are behind the camera or far outside the view
-def test_parity(distance):
+def test_parity(distance, antialias):
     viewmat, K = camera(W, H, distance)
     means, quats, scales, *_ = gaussians(300)
     assert_parity(
-        lambda *a: splat.project(*a, viewmat, K, W, H, 0.2),
-        lambda *a: twin.project(*a, viewmat, K, W, H, 0.2),
+        lambda *a: splat.project(*a, viewmat, K, W, H, 0.2, antialias),
+        lambda *a: twin.project(*a, viewmat, K, W, H, 0.2, antialias),
         [means, quats, scales],
     )
-    radii = splat.project(means, quats, scales, viewmat, K, W, H, 0.2).radii
-    assert torch.equal(radii, twin.project(means, quats, scales, viewmat, K, W, H, 0.2)[3])
+    radii = splat.project(means, quats, scales, viewmat, K, W, H, 0.2, antialias).radii
+    assert torch.equal(radii, twin.project(means, quats, scales, viewmat, K, W, H, 0.2, antialias)[3])
     assert 0 < (radii > 0).sum() < 300
 
 

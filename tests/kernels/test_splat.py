@@ -93,10 +93,10 @@ def test_too_many_neighbours_are_refused(k):
 def test_antialiased_opacities_fall_by_what_the_blur_adds_to_the_area():
     long, wide, angle = 4.0, 0.05, 0.6
     turn = torch.tensor([[math.cos(angle), -math.sin(angle)], [math.sin(angle), math.cos(angle)]])
-    blurred = turn @ torch.diag(torch.tensor([long + 0.3, wide + 0.3])) @ turn.T
+    blurred = turn @ torch.diag(torch.tensor([long + 0.1, wide + 0.1])) @ turn.T
     inverse = torch.linalg.inv(blurred)
     conics = torch.stack([inverse[0, 0], inverse[0, 1], inverse[1, 1]])[None]
-    expected = math.sqrt(long * wide / ((long + 0.3) * (wide + 0.3)))
+    expected = math.sqrt(long * wide / ((long + 0.1) * (wide + 0.1)))
     torch.testing.assert_close(splat.antialiased(torch.tensor([0.8]), conics), torch.tensor([0.8 * expected]))
     culled = splat.antialiased(torch.tensor([0.8]), torch.zeros(1, 3))
     torch.testing.assert_close(culled, torch.tensor([0.8]))
@@ -109,7 +109,7 @@ def test_an_antialiased_picture_has_gradients_that_are_its_slopes():
     points[2].requires_grad_()
 
     def opacities(scales):
-        _, conics, _, _ = twin.project(points[0], points[1], scales, viewmat, K, W, H)
+        _, conics, _, _ = twin.project(points[0], points[1], scales, viewmat, K, W, H, antialias=True)
         return splat.antialiased(points[3], conics)
 
     assert torch.autograd.gradcheck(opacities, (points[2],), eps=1e-7, atol=1e-4)

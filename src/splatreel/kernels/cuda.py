@@ -33,12 +33,13 @@ def project(
     width: int,
     height: int,
     near: float,
+    blur: float,
 ) -> tuple[Tensor, Tensor, Tensor, Tensor]:
     """As `splat.project`. gsplat leaves the rows of culled Gaussians unset: they are made zero here."""
     pose = torch.as_tensor(viewmat, dtype=torch.float32, device=means.device)[None]
     lens = torch.as_tensor(K, dtype=torch.float32, device=means.device)[None]
     radii, means2d, depths, conics, _ = _gsplat().fully_fused_projection(
-        means, None, quats, scales, pose, lens, width, height, eps2d=0.3, near_plane=near
+        means, None, quats, scales, pose, lens, width, height, eps2d=blur, near_plane=near
     )
     radii = radii[0].amax(-1).int()
     seen = radii > 0

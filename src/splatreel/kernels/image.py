@@ -6,7 +6,7 @@ import numpy as np
 
 from splatreel.errors import GaussiansError
 from splatreel.kernels.cpu import binning, harmonics, project, rasterize
-from splatreel.kernels.cpu.project import BLUR
+from splatreel.kernels.cpu.project import BLUR, FINE_BLUR
 from splatreel.scene.camera import Camera
 from splatreel.scene.gaussians import Gaussians
 
@@ -32,14 +32,14 @@ def render_image(
     if not 0 <= degree <= gaussians.sh_degree:
         raise GaussiansError(f"render_image: SH degree {degree} is not within 0..{gaussians.sh_degree}.")
     width, height = camera.width, camera.height
-    view = project.View(camera.viewmat, camera.K, width, height, near)
+    view = project.View(camera.viewmat, camera.K, width, height, near, FINE_BLUR if antialias else BLUR)
     means2d, conics, depths, radii = project.forward(gaussians.means, gaussians.quats, gaussians.scales, view)
     colors = harmonics.forward(degree, gaussians.means - camera.center, gaussians.sh)
     colors = np.maximum(colors + np.float32(0.5), 0)
     opacities = gaussians.opacities
     if antialias:
         a, b, c = conics.T
-        opacities = opacities * np.sqrt(np.maximum(1 - BLUR * (a + c) + BLUR**2 * (a * c - b * b), 0))
+        opacities = opacities * np.sqrt(np.maximum(1 - FINE_BLUR * (a + c) + FINE_BLUR**2 * (a * c - b * b), 0))
     bins = binning.bin_splats(means2d, conics, opacities, depths, radii, width, height)
     image, alpha = rasterize.forward(bins, colors)
     return image + (1 - alpha[..., None]) * np.asarray(background, np.float32)

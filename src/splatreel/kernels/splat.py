@@ -22,7 +22,7 @@ from splatreel.errors import GaussiansError
 from splatreel.kernels import cuda, twin
 from splatreel.kernels.cpu import adam as adam_kernel
 from splatreel.kernels.cpu import autograd as cpu
-from splatreel.kernels.cpu.project import BLUR, View
+from splatreel.kernels.cpu.project import BLUR, FINE_BLUR, View
 
 
 class Projection(NamedTuple):
@@ -66,17 +66,20 @@ def project(
     width: int,
     height: int,
     near: float = 0.01,
+    antialias: bool = False,
 ) -> Projection:
     """Projects Gaussians to the image; rows of culled ones are zero.
 
     means: [N, 3] world. quats: [N, 4] wxyz, normalised inside, with the gradient through it. scales: [N, 3].
     viewmat: [4, 4] world to camera, K: [3, 3] pixels; neither gets a gradient. near: least depth drawn, scene units.
+    antialias: blurred by 0.1 square pixels in place of 0.3, for opacities that are `antialiased`.
     Raises `GaussiansError` for NaN or infinity.
     """
     _check_finite(means=means, quats=quats, scales=scales)
+    blur = FINE_BLUR if antialias else BLUR
     if means.is_cuda:
-        return Projection(*cuda.project(means, quats, scales, viewmat, K, width, height, near))
-    view = View(_matrix(viewmat), _matrix(K), width, height, near)
+        return Projection(*cuda.project(means, quats, scales, viewmat, K, width, height, near, blur))
+    view = View(_matrix(viewmat), _matrix(K), width, height, near, blur)
     return Projection(*cpu.Project.apply(means, quats, scales, view))  # pyright: ignore[reportGeneralTypeIssues]
 
 
@@ -110,11 +113,10 @@ def antialiased(opacities: Tensor, conics: Tensor) -> Tensor:
     """Opacities [N] of splats that are drawn blurred, for conics [N, 3] of `project`: less, as their area is more.
 
     Without it a splat thinner than a pixel covers as much as one of a pixel, and pictures of another size than those it was trained
-    on are too thick or too thin. sqrt(det C / det(C + 0.3)), as Mip-Splatting (section 4.2) and gsplat's `antialiased`.
+    on are too thick or too thin. sqrt(det C / det(C + 0.1)), as Mip-Splatting (section 4.2); gsplat's `antialiased` has 0.3.
     """
     a, b, c = conics.unbind(1)
-    blur = float(BLUR)
-    return opacities * (1 - blur * (a + c) + blur**2 * (a * c - b * b)).clamp_min(1e-6).sqrt()
+    return opacities * (1 - FINE_BLUR * (a + c) + FINE_BLUR**2 * (a * c - b * b)).clamp_min(1e-6).sqrt()
 
 
 def rasterize(
@@ -200,7 +202,7 @@ def render(
     Call `means2d.retain_grad()` on the result before backward to get screen-space gradients, in loss per pixel.
     """
     bands = round(sh.shape[1] ** 0.5) - 1 if degree is None else degree
-    projection = project(means, quats, scales, viewmat, K, width, height, near)
+    projection = project(means, quats, scales, viewmat, K, width, height, near, antialias)
     pose = torch.as_tensor(viewmat, dtype=torch.float32, device=means.device)
     center = -pose[:3, :3].T @ pose[:3, 3]
     colors = (spherical_harmonics(bands, means - center, sh) + 0.5).clamp_min(0)

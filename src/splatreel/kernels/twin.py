@@ -25,6 +25,7 @@ def project(
     width: int,
     height: int,
     near: float = 0.01,
+    antialias: bool = False,
 ) -> tuple[Tensor, Tensor, Tensor, Tensor]:
     """As `splat.project`: means2d, conics, depths, radii."""
     pose, lens = (torch.as_tensor(m, dtype=means.dtype, device=means.device) for m in (viewmat, K))
@@ -39,7 +40,9 @@ def project(
     zero = torch.zeros_like(Z)
     jacobian = torch.stack([fx / Z, zero, -fx / Z * u, zero, fy / Z, -fy / Z * v], -1).view(-1, 2, 3)
     rotated = jacobian @ pose[:3, :3] @ _rotation(quats) * scales[:, None]
-    covariance = rotated @ rotated.mT + 0.3 * torch.eye(2, dtype=means.dtype, device=means.device)
+    covariance = rotated @ rotated.mT + (0.1 if antialias else 0.3) * torch.eye(
+        2, dtype=means.dtype, device=means.device
+    )
     cxx, cxy, cyy = covariance[:, 0, 0], covariance[:, 0, 1], covariance[:, 1, 1]
     determinant = cxx * cyy - cxy * cxy
     conics = torch.stack([cyy, -cxy, cxx], -1) / determinant[:, None]

@@ -90,7 +90,8 @@ def splats(
     near: float,
 ) -> Splats:
     """Project points and evaluate their colours for a view. sh: [N, 1, 3] and [N, K - 1, 3]; other shapes as in `Gaussians`."""
-    projected = splat.project(means, quats, scales, view.viewmat, view.K, view.width, view.height, near)
+    pinhole = view.viewmat, view.K, view.width, view.height
+    projected = splat.project(means, quats, scales, *pinhole, near, view.antialias)
     colors = splat.view_colors(means, view.center, *sh)
     if view.antialias:
         opacities = splat.antialiased(opacities, projected.conics)

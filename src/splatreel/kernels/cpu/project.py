@@ -10,19 +10,24 @@ from numba import njit, prange
 
 from splatreel.kernels.cpu.jit import HALF, ONE, PARALLEL, TWO, ZERO, F
 
-BLUR = F(0.3)  # added to the 2D covariance diagonal: no splat is thinner than about a pixel
+BLUR = 0.3  # added to the 2D covariance diagonal: no splat is thinner than about a pixel
+FINE_BLUR = 0.1  # the same of antialiased pictures: about a pixel's own area (Mip-Splatting, section 4.2)
 EXTENT = F(3.33)  # sqrt(2 ln 255): standard deviations at which an opaque splat falls to alpha 1/255
 
 
 @dataclass(frozen=True)
 class View:
-    """viewmat: [4, 4] float32 world to camera. K: [3, 3] float32 pixels. width, height: pixels. near: least depth drawn."""
+    """viewmat: [4, 4] float32 world to camera. K: [3, 3] float32 pixels. width, height: pixels. near: least depth drawn.
+
+    blur: added to the diagonal of the 2D covariances, square pixels.
+    """
 
     viewmat: np.ndarray
     K: np.ndarray
     width: int
     height: int
     near: float
+    blur: float = BLUR
 
     @property
     def lens(self) -> np.ndarray:
@@ -41,8 +46,8 @@ def forward(
     n = len(means)
     means2d, conics = np.empty((n, 2), np.float32), np.empty((n, 3), np.float32)
     depths, radii = np.empty(n, np.float32), np.empty(n, np.int32)
-    size = F(view.width), F(view.height)
-    _forward(means, quats, scales, view.viewmat, view.lens, *size, F(view.near), means2d, conics, depths, radii)
+    limits = F(view.width), F(view.height), F(view.near), F(view.blur)
+    _forward(means, quats, scales, view.viewmat, view.lens, *limits, means2d, conics, depths, radii)
     return means2d, conics, depths, radii
 
 
@@ -112,7 +117,7 @@ def _jacobian_rows(V, gx, gy, u, v):
 
 
 @njit(**PARALLEL)
-def _forward(means, quats, scales, V, lens, width, height, near, means2d, conics, depths, radii):
+def _forward(means, quats, scales, V, lens, width, height, near, blur, means2d, conics, depths, radii):
     fx, fy, cx, cy, low_x, high_x, low_y, high_y = lens
     for i in prange(means.shape[0]):
         X, Y, Z = _to_camera(V, means, i)
@@ -139,8 +144,8 @@ def _forward(means, quats, scales, V, lens, width, height, near, means2d, conics
             (k0 * r01 + k1 * r11 + k2 * r21) * s1,
             (k0 * r02 + k1 * r12 + k2 * r22) * s2,
         )
-        cxx = a0 * a0 + a1 * a1 + a2 * a2 + BLUR
-        cyy = b0 * b0 + b1 * b1 + b2 * b2 + BLUR
+        cxx = a0 * a0 + a1 * a1 + a2 * a2 + blur
+        cyy = b0 * b0 + b1 * b1 + b2 * b2 + blur
         cxy = a0 * b0 + a1 * b1 + a2 * b2
         determinant = cxx * cyy - cxy * cxy
         px, py = gx * X + cx, gy * Y + cy
