@@ -14,7 +14,6 @@ import tyro
 from record import record
 from splatreel.capture.opening import open_capture
 from splatreel.cli.options import parse_frames, reel_folder
-from splatreel.kernels.image import render_image
 from splatreel.play.timeline import open_reel
 
 RED = 0.15
@@ -42,7 +41,6 @@ def main(
     """Compare the red pixels of the decoded reel with those of every test camera, and record how well they overlap."""
     source = open_capture(capture, width=width, frames=parse_frames(frames))
     played = open_reel(reel_folder(reel))
-    how = {"near": played.manifest.near, "antialias": played.manifest.antialias}
     cameras = [camera for camera in source.cameras if camera.name in source.held_out]
     overlaps: dict[str, dict[int, float]] = {camera.name: {} for camera in cameras}
     for frame in range(source.frames):
@@ -51,7 +49,7 @@ def main(
         for camera, truth in zip(cameras, truths, strict=True):
             ball = red(truth / np.float32(255))
             if ball.mean() >= SMALLEST:
-                shown = red(render_image(gaussians, camera, **how))
+                shown = red(played.render(gaussians, camera))
                 overlaps[camera.name][frame] = float((ball & shown).sum() / (ball | shown).sum())
     source.close()
     values = {"width": width, "frames": source.frames, "cameras": {n: _summary(seen) for n, seen in overlaps.items()}}

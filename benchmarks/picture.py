@@ -29,7 +29,7 @@ def main(
     size = width, round(width * view.height / view.width)
     images = []
     for time in seconds:
-        image = splatreel.render(timeline.at(time), view, near=manifest.near, antialias=manifest.antialias)
+        image = timeline.render(timeline.at(time), view)
         pixels = np.rint(image.clip(0, 1) * 255).astype(np.uint8)
         images.append(np.asarray(Image.fromarray(pixels).resize(size, Image.Resampling.LANCZOS)))
     gap = np.full((size[1], 6, 3), 255, np.uint8)

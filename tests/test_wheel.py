@@ -15,7 +15,7 @@ import sys
 import splatreel
 reel = splatreel.open_reel(sys.argv[1])
 gaussians = reel.at(0.5 * reel.duration)
-image = splatreel.render(gaussians, reel.manifest.camera)
+image = reel.render(gaussians, reel.manifest.camera)
 assert image.shape == (reel.manifest.camera.height, reel.manifest.camera.width, 3), image.shape
 assert image.max() > 0.05, "the picture is black"
 assert "torch" not in sys.modules

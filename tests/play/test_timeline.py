@@ -1,13 +1,17 @@
 """What a reel shows at a time, most of all in the overlap of two groups."""
 
+import shutil
+
 import numpy as np
 import pytest
 
 from splatreel.codec.reader import ReelReader
 from splatreel.errors import ReelError
+from splatreel.kernels.image import render_image
 from splatreel.play.timeline import open_reel
 from splatreel.scene.gaussians import Gaussians
 from tests.codec.reels import edit_manifest, new_group, new_writer, points
+from tests.golden import PREDICTIVE
 
 FPS, FIRST, OVERLAP = 10, 4, 2
 
@@ -34,6 +38,17 @@ def test_first_frame(reel):
     np.testing.assert_array_equal(shown.means, expected.means)
     np.testing.assert_array_equal(shown.opacities, expected.opacities)
     assert (timeline.frames, timeline.fps, timeline.duration) == (10, 10, 1.0)
+
+
+def test_pictures_are_drawn_as_the_manifest_says(tmp_path):
+    shutil.copytree(PREDICTIVE, tmp_path / "reel")
+    edit_manifest(tmp_path / "reel", lambda manifest: manifest.update(near=3.5))
+    timeline = open_reel(tmp_path / "reel")
+    camera, gaussians = timeline.manifest.camera, timeline.at(0.1)
+    image = timeline.render(gaussians, camera)
+    np.testing.assert_array_equal(image, render_image(gaussians, camera, near=3.5, antialias=True))
+    assert np.abs(image - render_image(gaussians, camera, near=3.5)).mean() > 1e-3
+    assert np.abs(image - render_image(gaussians, camera, antialias=True)).mean() > 1e-3
 
 
 def test_between_two_frames(reel):

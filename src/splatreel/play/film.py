@@ -12,7 +12,6 @@ import numpy as np
 from scipy.interpolate import CubicSpline
 from scipy.spatial.transform import Rotation, RotationSpline
 
-from splatreel.kernels.image import render_image
 from splatreel.play.timeline import Timeline
 from splatreel.scene.camera import Camera
 
@@ -50,14 +49,13 @@ def write_film(
 
     Odd sides lose a row or column, as players expect. report: called with how many frames are done.
     """
-    how = {"near": reel.manifest.near, "antialias": reel.manifest.antialias}
     width, height = cameras[0].width // 2 * 2, cameras[0].height // 2 * 2
     with av.open(str(path), "w", format="mp4", options={"movflags": "faststart"}) as container:
         stream = container.add_stream("libx264", rate=Fraction(reel.fps).limit_denominator(1001))
         stream.width, stream.height, stream.pix_fmt = width, height, "yuv420p"
         stream.options = {"crf": "17", "preset": "medium"}
         for done, camera in enumerate(cameras):
-            image = render_image(reel.at((first + done) / reel.fps), camera, **how)
+            image = reel.render(reel.at((first + done) / reel.fps), camera)
             pixels = np.rint(np.clip(image[:height, :width], 0, 1) * 255).astype(np.uint8)
             container.mux(stream.encode(av.VideoFrame.from_ndarray(np.ascontiguousarray(pixels), "rgb24")))
             report(done + 1)

@@ -10,6 +10,8 @@ import numpy as np
 from splatreel.codec.manifest import Manifest
 from splatreel.codec.reader import ReelReader
 from splatreel.errors import ReelError
+from splatreel.kernels.image import render_image
+from splatreel.scene.camera import Camera
 from splatreel.scene.gaussians import Gaussians
 from splatreel.scene.group import Group
 
@@ -55,6 +57,10 @@ class Timeline:
             static, _ = self.reel.static(index)
             return _joined([static[new.alive], new.at(frame - new.first_frame)])
         return self._faded(frame, weight, self.reel.group(index - 1), new)
+
+    def render(self, gaussians: Gaussians, camera: Camera) -> np.ndarray:
+        """The picture that a camera takes of Gaussians of this reel, [H, W, 3] float32, drawn as the manifest says."""
+        return render_image(gaussians, camera, near=self.manifest.near, antialias=self.manifest.antialias)
 
     def _weight(self, frame: float, group: Group) -> float:
         overlap = self.manifest.overlap
