@@ -1,0 +1,44 @@
+"""The local viewer: a real viser server, and a browser that looks at it."""
+
+import io
+
+import numpy as np
+import pytest
+from PIL import Image
+from playwright.sync_api import Browser
+
+from splatreel.kernels.image import render_image
+from splatreel.play.renderers import renderer
+from splatreel.play.timeline import open_reel
+from splatreel.play.viewer import Viewer
+from tests.golden import GOLDEN
+
+pytestmark = pytest.mark.browser
+
+
+def test_a_browser_sees_what_the_kernels_draw(browser: Browser) -> None:
+    pytest.importorskip("viser", reason="the local viewer's test needs splatreel[viewer]")
+    reel = open_reel(GOLDEN)
+    with Viewer(reel, renderer("cpu")) as viewer:
+        page = browser.new_page(viewport={"width": 640, "height": 480})
+        page.goto(viewer.url)
+        page.get_by_role("button", name="Pause").click()
+        field = page.get_by_role("textbox").first
+        field.fill("0.3")
+        field.press("Enter")
+        for _ in range(100):
+            if viewer.clock.time == pytest.approx(0.3) and viewer.settled:
+                break
+            page.wait_for_timeout(100)
+        page.wait_for_timeout(500)  # the last picture is on its way
+        shot = np.asarray(Image.open(io.BytesIO(page.screenshot())).convert("RGB")) / 255
+        page.get_by_role("button", name="Play").click()
+        page.wait_for_timeout(300)
+        playing = viewer.clock.playing
+        page.close()
+    assert playing
+    want = np.clip(render_image(reel.at(0.3), reel.manifest.camera.resized(640, 480)), 0, 1)
+    below = slice(240, None)  # the panel and a warning cover what is above
+    error = np.mean((shot[below] - want[below]) ** 2)
+    assert want[below].std() > 0.05
+    assert -10 * np.log10(error) > 30
