@@ -6,7 +6,7 @@ import json
 from pathlib import Path
 
 import numpy as np
-from scipy.spatial import cKDTree
+from scipy.spatial import KDTree
 
 from splatreel.codec.writer import ReelWriter
 from splatreel.config import EncodeConfig
@@ -29,7 +29,7 @@ def read_points(path: Path) -> Gaussians:
     with np.load(path) as data:
         means, colors = data["means3d"].astype(np.float32), data["colors"] / 255
     rng = np.random.default_rng(0)
-    near = cKDTree(means).query(means, k=4)[0][:, 1:].mean(1)
+    near = KDTree(means).query(means, k=4)[0][:, 1:].mean(1)
     scales = np.clip(near[:, None] * rng.uniform(0.3, 1.2, (len(means), 3)), 0.001, LARGEST)
     return Gaussians(
         means=means,
