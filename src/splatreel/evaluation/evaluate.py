@@ -19,7 +19,6 @@ from splatreel.evaluation.memory import peak_memory_bytes
 from splatreel.evaluation.metrics import psnr, psnr_per_channel, ssim
 from splatreel.evaluation.pictures import comparison, write_png
 from splatreel.evaluation.report import Quality, Report
-from splatreel.kernels.image import render_image
 from splatreel.play.timeline import Timeline
 from splatreel.progress import Progress, Silent
 from splatreel.scene.camera import Camera
@@ -58,7 +57,6 @@ def evaluate(
     chosen = choose_frames(min(capture.frames, reader.frames), frames)
     picture = chosen[len(chosen) // 2]
     timeline, lpips = Timeline(reader), perceptual.load()
-    how = {"near": reader.manifest.near, "antialias": reader.manifest.antialias}
     scores: dict[tuple[int, str], Quality] = {}
     before: list[float] = []
     progress.stage("evaluate", len(chosen))
@@ -66,10 +64,10 @@ def evaluate(
         gaussians = timeline.at(frame / reader.fps)
         raw = undecoded(frame) if undecoded is not None else None
         for view, truth in zip(views, truths, strict=True):
-            image = np.clip(render_image(gaussians, view, **how), 0, 1)
+            image = np.clip(timeline.render(gaussians, view), 0, 1)
             scores[frame, view.name] = measure(image, truth, lpips)
             if raw is not None:
-                before.append(psnr(np.clip(render_image(raw, view, **how), 0, 1), truth))
+                before.append(psnr(np.clip(timeline.render(raw, view), 0, 1), truth))
             if out is not None and frame == picture:
                 write_png(out / "pictures" / f"{view.name.replace('/', '_')}.png", comparison(truth, image))
         progress.update(done, psnr=float(np.mean([q.psnr for q in scores.values()])))

@@ -20,7 +20,6 @@ from splatreel.evaluation.bd_rate import bd_rate
 from splatreel.evaluation.evaluate import check_same_capture, choose_cameras, choose_frames, read_frames
 from splatreel.evaluation.metrics import psnr
 from splatreel.evaluation.undecoded import undecoded_frames
-from splatreel.kernels.image import render_image
 from splatreel.play.timeline import Timeline
 from splatreel.progress import Progress, Silent
 from splatreel.recon.publish import encode
@@ -73,7 +72,7 @@ class Sweep:
         reader = ReelReader(run / "reel")
         check_same_capture(reader.manifest, capture, str(run))
         self.views = choose_cameras(capture, None)
-        self.how = {"near": reader.manifest.near, "antialias": reader.manifest.antialias}
+        self.draw = Timeline(reader).render
         self.frames = list(frames)
         names = [view.name for view in self.views]
         self.truths = [truth.copy() for _, truth in read_frames(capture, self.frames, names)]
@@ -105,7 +104,7 @@ class Sweep:
         for frame, images in zip(self.frames, self.truths, strict=True):
             gaussians = at(frame)
             for view, truth in zip(self.views, images, strict=True):
-                values.append(psnr(np.clip(render_image(gaussians, view, **self.how), 0, 1), truth))
+                values.append(psnr(np.clip(self.draw(gaussians, view), 0, 1), truth))
         return float(np.mean(values))
 
     def _load(self) -> dict[str, dict]:

@@ -38,8 +38,7 @@ def render_image(
     colors = np.maximum(colors + np.float32(0.5), 0)
     opacities = gaussians.opacities
     if antialias:
-        a, b, c = conics.T
-        opacities = opacities * np.sqrt(np.maximum(1 - FINE_BLUR * (a + c) + FINE_BLUR**2 * (a * c - b * b), 0))
+        opacities = opacities * np.sqrt(np.maximum(project.kept_area(*conics.T), 0))
     bins = binning.bin_splats(means2d, conics, opacities, depths, radii, width, height)
     image, alpha = rasterize.forward(bins, colors)
     return image + (1 - alpha[..., None]) * np.asarray(background, np.float32)

@@ -22,7 +22,7 @@ from splatreel.errors import GaussiansError
 from splatreel.kernels import cuda, twin
 from splatreel.kernels.cpu import adam as adam_kernel
 from splatreel.kernels.cpu import autograd as cpu
-from splatreel.kernels.cpu.project import BLUR, FINE_BLUR, View
+from splatreel.kernels.cpu.project import BLUR, FINE_BLUR, View, kept_area
 
 
 class Projection(NamedTuple):
@@ -115,8 +115,7 @@ def antialiased(opacities: Tensor, conics: Tensor) -> Tensor:
     Without it a splat thinner than a pixel covers as much as one of a pixel, and pictures of another size than those it was trained
     on are too thick or too thin. sqrt(det C / det(C + 0.1)), as Mip-Splatting (section 4.2); gsplat's `antialiased` has 0.3.
     """
-    a, b, c = conics.unbind(1)
-    return opacities * (1 - FINE_BLUR * (a + c) + FINE_BLUR**2 * (a * c - b * b)).clamp_min(1e-6).sqrt()
+    return opacities * kept_area(*conics.unbind(1)).clamp_min(1e-6).sqrt()
 
 
 def rasterize(

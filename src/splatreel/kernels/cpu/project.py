@@ -39,6 +39,11 @@ class View:
         return np.array([fx, fy, cx, cy, low_x, high_x, low_y, high_y], np.float32)
 
 
+def kept_area(xx, xy, yy):
+    """Of a conic blurred by FINE_BLUR: det C / det(C + FINE_BLUR), for arrays and tensors alike; rounding may take it below 0."""
+    return 1 - FINE_BLUR * (xx + yy) + FINE_BLUR**2 * (xx * yy - xy * xy)
+
+
 def forward(
     means: np.ndarray, quats: np.ndarray, scales: np.ndarray, view: View
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
