@@ -7,7 +7,6 @@ does not mind, and many views agree on one motion in space. The tracks are a sta
 from __future__ import annotations
 
 from functools import partial
-from itertools import pairwise
 
 import numpy as np
 import torch
@@ -24,8 +23,40 @@ ROUNDS = 3
 NEIGHBOURS = 16
 
 
+class Trail:
+    """Points on their way: where they are at the frames passed so far. start: the frame where `points` are in place."""
+
+    def __init__(self, points: Gaussians, start: int) -> None:
+        self.points, self.start = points, start
+        self.tensors = _tensors(points)
+        self.neighbours = _neighbours(self.tensors[0])
+        self._forth, self._back = ([(self.tensors[0], torch.zeros_like(self.tensors[0]))] for _ in range(2))
+
+    def last(self, forth: bool) -> tuple[Tensor, Tensor]:
+        """Where the points are, [N, 3], and how they moved there, at the frame farthest from the start in that direction."""
+        return (self._forth if forth else self._back)[-1]
+
+    def go(self, forth: bool, motion: Tensor) -> None:
+        """One frame on. motion: [N, 3]."""
+        (self._forth if forth else self._back).append((self.last(forth)[0] + motion, motion))
+
+    @property
+    def here(self) -> Gaussians:
+        """The points at the last frame."""
+        return self.points.moved(self.last(True)[0].numpy() - self.points.means, identity(len(self.points)))
+
+    @property
+    def positions(self) -> np.ndarray:
+        """[T, N, 3] at every frame passed, the earliest first."""
+        return torch.stack([place for place, _ in [*self._back[:0:-1], *self._forth]]).numpy()
+
+
 class Tracker:
-    """Follows points through a group's frames [T, C, H, W, 3] uint8. static: what may hide them; near: near plane, world units."""
+    """Follows points through a group's frames [T, C, H, W, 3] uint8. static: what may hide them; near: near plane, world units.
+
+    All trails take a step together: the flow of one pair of frames is in memory, not that of a group. Points that no view sees go on
+    as they were going.
+    """
 
     def __init__(self, static: Gaussians, cameras: list[Camera], frames: np.ndarray, flow: Flow, near: float) -> None:
         self.cameras, self.frames, self.flow, self.near = cameras, frames, flow, near
@@ -33,45 +64,47 @@ class Tracker:
         # What hides what is told well enough at half size.
         self.lookouts = [camera.resized((camera.width + 1) // 2, (camera.height + 1) // 2) for camera in cameras]
         self.walls = [_depth(_tensors(static), camera, near) for camera in self.lookouts]
-        self._fields: dict[tuple[int, int, int], np.ndarray] = {}
 
-    def track(self, points: Gaussians, start: int = 0) -> np.ndarray:
-        """Positions [T, N, 3] at every frame of points that are in place at frame `start`.
+    def forth(self, trails: list[Trail], frame: int) -> None:
+        """From a frame to the next."""
+        self._step(trails, frame, frame + 1)
 
-        Points that no view sees go on as they were going.
-        """
-        count = len(self.frames)
-        forth = self._chain(points, list(range(start, count)))
-        back = self._chain(points, list(range(start, -1, -1)))
-        return torch.stack([*back[:0:-1], *forth]).numpy()
+    def back(self, trails: list[Trail]) -> None:
+        """From the start of each to the first frame."""
+        for frame in range(max((trail.start for trail in trails), default=0), 0, -1):
+            self._step([trail for trail in trails if trail.start >= frame], frame, frame - 1)
 
     def depths(self, points: Gaussians) -> np.ndarray:
         """[C, H, W] what every view sees of the static points and these, infinite for nothing."""
-        moving = [_depth(_tensors(points), camera, self.near) for camera in self.lookouts]
-        small = torch.stack([torch.minimum(a, b) for a, b in zip(self.walls, moving, strict=True)])
         height, width = self.frames.shape[2:4]
+        small = self._seen(_tensors(points))
         return small.repeat_interleave(2, 1).repeat_interleave(2, 2)[:, :height, :width].numpy()
 
-    def _chain(self, points: Gaussians, order: list[int]) -> list[Tensor]:
-        means, *shape = _tensors(points)
-        neighbours = _neighbours(means)
-        path, motion = [means], torch.zeros_like(means)
-        for here, there in pairwise(order):
-            moving = [_depth((path[-1], shape[0], shape[1], shape[2]), camera, self.near) for camera in self.lookouts]
-            depths = torch.stack([torch.minimum(wall, depth) for wall, depth in zip(self.walls, moving, strict=True)])
-            fields = np.stack(each_view(partial(self._field, here, there), len(self.cameras), self.flow))
-            known = path[-1].numpy(), motion.numpy(), self.poses, self.lenses, fields, depths.numpy()
+    def _step(self, trails: list[Trail], here: int, there: int) -> None:
+        work = partial(self._field, here, there)
+        fields = np.stack(each_view(work, len(self.cameras), self.flow))
+        for trail in trails:
+            (place, before), (_, *shape) = trail.last(there > here), trail.tensors
+            depths = self._seen((place, shape[0], shape[1], shape[2]))
+            known = place.numpy(), before.numpy(), self.poses, self.lenses, fields, depths.numpy()
             agreed, certainty = sceneflow.solve(*known, self.near)
-            motion = _smooth(torch.from_numpy(agreed), torch.from_numpy(certainty), neighbours)
-            path.append(path[-1] + motion)
-        return path
+            motion = _smooth(torch.from_numpy(agreed), torch.from_numpy(certainty), trail.neighbours)
+            trail.go(there > here, motion)
+
+    def _seen(self, points: tuple[Tensor, Tensor, Tensor, Tensor]) -> Tensor:
+        """[C, ceil(H / 2), ceil(W / 2)] depths of the static points and these."""
+        moving = [_depth(points, camera, self.near) for camera in self.lookouts]
+        return torch.stack([torch.minimum(wall, depth) for wall, depth in zip(self.walls, moving, strict=True)])
 
     def _field(self, here: int, there: int, camera: int) -> np.ndarray:
-        key = here, there, camera
-        if key not in self._fields:
-            field = self.flow(self.frames[here, camera], self.frames[there, camera])
-            self._fields[key] = field.astype(np.float16)
-        return self._fields[key]
+        return self.flow(self.frames[here, camera], self.frames[there, camera]).astype(np.float16)
+
+
+def identity(count: int) -> np.ndarray:
+    """Quaternions [N, 4] that turn nothing."""
+    quats = np.zeros((count, 4), np.float32)
+    quats[:, 0] = 1
+    return quats
 
 
 def _tensors(gaussians: Gaussians) -> tuple[Tensor, Tensor, Tensor, Tensor]:

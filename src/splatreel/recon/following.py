@@ -11,7 +11,7 @@ import numpy as np
 from splatreel.kernels.image import render_image
 from splatreel.motion.appear import find, wrong_pixels
 from splatreel.motion.flow import Flow
-from splatreel.motion.track import Tracker
+from splatreel.motion.track import Tracker, Trail, identity
 from splatreel.progress import Progress
 from splatreel.recon.keyframe import SH_C0
 from splatreel.scene.camera import Camera
@@ -52,52 +52,49 @@ def follow(
     gains: [C, 3] colour gain of each camera. near, antialias: how pictures of the points are drawn.
     """
     tracker = Tracker(static, cameras, frames, flow, near)
-    start = Start(dynamic, tracker.track(dynamic))
+    trails = [Trail(dynamic, 0)]
     draw = partial(render_image, near=near, antialias=antialias)
-    known = _wrong(start, static, tracker, 0, gains, draw)
+    known = _wrong(dynamic, static, tracker, 0, gains, draw)
     room = max(ROOM, len(dynamic))
-    for frame in range(STEP, len(frames), STEP):
-        progress.update(frame, dynamic=len(start.dynamic))
-        newcomers = _appeared(start, static, tracker, frame, gains, known, draw)
-        room -= len(newcomers)
-        if len(newcomers) and room >= 0:
-            tracks = tracker.track(newcomers, frame)
-            at_keyframe = newcomers.moved(tracks[0] - newcomers.means, _identity(len(newcomers)))
-            start = Start(
-                Gaussians.concatenate([start.dynamic, at_keyframe]), np.concatenate([start.tracks, tracks], axis=1)
-            )
-    return start
+    for frame in range(1, len(frames)):
+        tracker.forth(trails, frame - 1)
+        if frame % STEP == 0:
+            progress.update(frame, dynamic=sum(len(trail.points) for trail in trails))
+            moved = Gaussians.concatenate([trail.here for trail in trails])
+            newcomers = _appeared(moved, static, tracker, frame, gains, known, draw)
+            room -= len(newcomers)
+            if len(newcomers) and room >= 0:
+                trails.append(Trail(newcomers, frame))
+    tracker.back(trails)
+    tracks = [trail.positions for trail in trails]
+    starts = [
+        trail.points.moved(track[0] - trail.points.means, identity(len(trail.points)))
+        for trail, track in zip(trails[1:], tracks[1:], strict=True)
+    ]
+    return Start(Gaussians.concatenate([dynamic, *starts]), np.concatenate(tracks, axis=1))
 
 
-def _at(start: Start, frame: int) -> Gaussians:
-    return start.dynamic.moved(start.tracks[frame] - start.dynamic.means, _identity(len(start.dynamic)))
-
-
-def _wrong(start: Start, static: Gaussians, tracker: Tracker, frame: int, gains: np.ndarray, draw: Draw) -> np.ndarray:
-    """[C, H, W] bool: where the views of a frame differ from the scene as it is tracked."""
-    scene = Gaussians.concatenate([static, _at(start, frame)])
+def _wrong(
+    moving: Gaussians, static: Gaussians, tracker: Tracker, frame: int, gains: np.ndarray, draw: Draw
+) -> np.ndarray:
+    """[C, H, W] bool: where the views of a frame differ from the scene as it is tracked. moving: the dynamic points there."""
+    scene = Gaussians.concatenate([static, moving])
     views = zip(tracker.cameras, tracker.frames[frame], gains, strict=True)
     return np.stack([wrong_pixels(draw(scene, c) * gain, image) for c, image, gain in views])
 
 
 def _appeared(
-    start: Start, static: Gaussians, tracker: Tracker, frame: int, gains: np.ndarray, known: np.ndarray, draw: Draw
+    moving: Gaussians, static: Gaussians, tracker: Tracker, frame: int, gains: np.ndarray, known: np.ndarray, draw: Draw
 ) -> Gaussians:
     """Gaussians, in place at a frame, of what the views show there and the scene does not.
 
-    known: [C, H, W] bool, what was wrong at the keyframe already, where the points had been trained: mirrors, not newcomers.
+    moving: the dynamic points there. known: [C, H, W] bool, what was wrong at the keyframe already, where the points had been
+    trained: mirrors, not newcomers.
     """
-    wrong = _wrong(start, static, tracker, frame, gains, draw) & ~known
-    images, moved = tracker.frames[frame], _at(start, frame)
-    found = find(tracker.cameras, images, wrong, tracker.depths(moved), tracker.near, seed=frame)
-    count, bands = len(found.points), start.dynamic.sh.shape[1]
+    wrong = _wrong(moving, static, tracker, frame, gains, draw) & ~known
+    found = find(tracker.cameras, tracker.frames[frame], wrong, tracker.depths(moving), tracker.near, seed=frame)
+    count, bands = len(found.points), moving.sh.shape[1]
     sh = np.zeros((count, bands, 3), np.float32)
     sh[:, 0] = (found.colors - 0.5) / SH_C0
     scales = np.repeat(found.sizes[:, None], 3, 1)
-    return Gaussians(found.points, _identity(count), scales, np.full(count, 0.7, np.float32), sh)
-
-
-def _identity(count: int) -> np.ndarray:
-    quats = np.zeros((count, 4), np.float32)
-    quats[:, 0] = 1
-    return quats
+    return Gaussians(found.points, identity(count), scales, np.full(count, 0.7, np.float32), sh)
