@@ -3,6 +3,7 @@ import { build } from "esbuild";
 import { copyFile, mkdir, readFile, rm, writeFile } from "node:fs/promises";
 import { dirname, join, resolve } from "node:path";
 import { fileURLToPath } from "node:url";
+import { assembly } from "./assembly.mjs";
 
 const here = dirname(fileURLToPath(import.meta.url));
 const out = resolve(process.argv[2] ?? join(here, "../src/splatreel/play/static"));
@@ -23,6 +24,7 @@ const common = {
   target: "es2022",
   charset: "utf8",
   legalComments: "none",
+  plugins: [assembly],
   loader: { ".css": "text", ".svg": "text" },
   logLevel: "warning",
 };

@@ -7,13 +7,14 @@ import { existsSync, mkdirSync, mkdtempSync, readdirSync, readFileSync, rmSync, 
 import { tmpdir } from "node:os";
 import { dirname, join, resolve } from "node:path";
 import { fileURLToPath } from "node:url";
+import { assembly } from "../assembly.mjs";
 
 const PATIENCE = 60;
 const here = dirname(fileURLToPath(import.meta.url));
 const corpus = resolve(process.argv[2]);
 const folder = mkdtempSync(join(tmpdir(), "splatreel-fuzz-"));
 const target = join(folder, "reader.cjs");
-await build({ entryPoints: [join(here, "reader.ts")], outfile: target, bundle: true, format: "cjs", platform: "node", target: "node20", logLevel: "warning" });
+await build({ entryPoints: [join(here, "reader.ts")], outfile: target, bundle: true, plugins: [assembly], format: "cjs", platform: "node", target: "node20", logLevel: "warning" });
 let executions = 0;
 let findings = 0;
 const began = Date.now();

@@ -3,7 +3,10 @@ import { buffersOf, decodeFile, type DecodedFile } from "./decode";
 import { download, type Source } from "./download";
 import { decodeDraco } from "./draco";
 import { ReelError, messageOf } from "./errors";
+import { plain, type Kernels } from "./kernels";
 import type { Track } from "./mp4";
+import { wasmKernels } from "./wasm";
+import code from "../wasm/kernels.wasm";
 
 /** Get and decode a file, or stop doing so. */
 export type DecodeRequest = { id: number; source: Source } | { id: number; cancel: true };
@@ -18,6 +21,7 @@ export type DecodeReply = { id: number } & (
 
 const scope = self as unknown as { onmessage: (event: MessageEvent<DecodeRequest>) => void; postMessage(message: DecodeReply, transfer?: Transferable[]): void };
 const running = new Map<number, AbortController>();
+const kernels = fastest();
 
 scope.onmessage = async ({ data }) => {
   const { id } = data;
@@ -32,13 +36,22 @@ scope.onmessage = async ({ data }) => {
     const { source } = data;
     const bytes = await download(source, watcher, controller.signal);
     const began = performance.now();
-    const file = await decodeFile(bytes, source.url, decodeDraco, decodeInWorker);
+    const file = await decodeFile(bytes, source.url, decodeDraco, decodeInWorker, await kernels);
     scope.postMessage({ id, file, milliseconds: performance.now() - began }, buffersOf(file));
   } catch (error) {
     scope.postMessage({ id, error: messageOf(error) });
   }
   running.delete(id);
 };
+
+/** Those by WebAssembly where the browser has it, with vectors, and the page's policy lets it run. */
+async function fastest(): Promise<Kernels> {
+  try {
+    return wasmKernels(await WebAssembly.compile(code));
+  } catch {
+    return plain;
+  }
+}
 
 const idle: Worker[] = [];
 

@@ -4,8 +4,9 @@ import { flags, tensor } from "./dequantize";
 import { ReelError, inSection, messageOf } from "./errors";
 import { decodeGaussians, type DecodePoints, type Gaussians } from "./gaussians";
 import { decodeOffsets, type DecodeTrack, type Offsets } from "./offsets";
+import { plain, type Kernels } from "./kernels";
 import { decodeMotion, decodePredictive } from "./predictive";
-import { decodeShade } from "./shade";
+import { decodeShade, inOrder } from "./shade";
 
 export interface DecodedFile {
   points: Gaussians;
@@ -16,11 +17,11 @@ export interface DecodedFile {
 }
 
 /** Decode a layer or group file. Errors name the file. */
-export async function decodeFile(bytes: Uint8Array, name: string, decodePoints: DecodePoints, decodeTrack: DecodeTrack): Promise<DecodedFile> {
+export async function decodeFile(bytes: Uint8Array, name: string, decodePoints: DecodePoints, decodeTrack: DecodeTrack, kernels: Kernels = plain): Promise<DecodedFile> {
   const file = parseContainer(bytes, name);
   try {
     const [{ points, offsets }, alive] = await Promise.all([
-      file.sections.means?.codec === "lattice" ? decodePredicted(file) : decodePaper(file, decodePoints, decodeTrack),
+      file.sections.means?.codec === "lattice" ? decodePredicted(file, kernels) : decodePaper(file, decodePoints, decodeTrack, kernels),
       file.sections.alive ? flags(file, "alive") : new Uint8Array(),
     ]);
     return { points, alive, offsets };
@@ -29,14 +30,14 @@ export async function decodeFile(bytes: Uint8Array, name: string, decodePoints: 
   }
 }
 
-async function decodePredicted(file: Container): Promise<Omit<DecodedFile, "alive">> {
-  const { points, here } = await decodePredictive(file);
+async function decodePredicted(file: Container, kernels: Kernels): Promise<Omit<DecodedFile, "alive">> {
+  const { points, here } = await decodePredictive(file, kernels);
   if (file.kind !== "group") return { points, offsets: null };
   const motion = await decodeMotion(file, here);
   return { points, offsets: { ...motion, shade: await decodeShade(file, motion.frames, here) } };
 }
 
-async function decodePaper(file: Container, decodePoints: DecodePoints, decodeTrack: DecodeTrack): Promise<Omit<DecodedFile, "alive">> {
+async function decodePaper(file: Container, decodePoints: DecodePoints, decodeTrack: DecodeTrack, kernels: Kernels): Promise<Omit<DecodedFile, "alive">> {
   const section = file.sections.offsets;
   if (file.kind === "group" && file.points > 0 && !section) throw new ReelError("it has no section offsets");
   if (section && section.codec !== "h265") {
@@ -46,7 +47,7 @@ async function decodePaper(file: Container, decodePoints: DecodePoints, decodeTr
     decodeGaussians(file, decodePoints),
     section && file.points > 0 ? inSection("offsets", () => decodeOffsets(tensor(file, "offsets"), section, file, decodeTrack)) : null,
   ]);
-  return { points, offsets: offsets && { ...offsets, shade: await decodeShade(file, offsets.frames, null) } };
+  return { points, offsets: offsets && { ...offsets, shade: file.sections.shade ? await decodeShade(file, offsets.frames, inOrder(file.points, kernels)) : null } };
 }
 
 /** The buffers of a decoded file, to be handed to another thread without copying. */

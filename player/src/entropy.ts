@@ -11,39 +11,50 @@ const TOKENS = 128;
 /** Plain bits of the longest number below 2^31. */
 const LONGEST = 29;
 
+/** A stream taken apart. */
+export interface Stream {
+  /** [contexts * 4096] token << 25 | frequency << 12 | place in the token's interval. */
+  lookup: Uint32Array;
+  states: Uint32Array;
+  words: Uint16Array;
+  /** With eight zeros after its end, so that whole windows can be read. */
+  raw: Uint8Array;
+  rawBytes: number;
+}
+
+export function streamOf(data: Uint8Array, contexts: number): Stream {
+  if (data.byteLength < HEADER_BYTES) throw new ReelError("a stream is too short");
+  const view = new DataView(data.buffer, data.byteOffset, data.byteLength);
+  const lanes = 1 << data[0];
+  const tableBytes = view.getUint16(2, true);
+  const words = view.getUint32(4, true);
+  const rawBytes = view.getUint32(8, true);
+  const statesAt = HEADER_BYTES + tableBytes;
+  const wordsAt = statesAt + 4 * lanes;
+  const rawAt = wordsAt + 2 * words;
+  if (data[0] > 10 || data[1] !== contexts || rawAt + rawBytes !== data.byteLength) throw new ReelError("a stream does not fit its header");
+  // Copies begin where numbers of their size may.
+  return {
+    lookup: lookupOf(data.subarray(HEADER_BYTES, statesAt), contexts),
+    states: new Uint32Array(data.slice(statesAt, wordsAt).buffer),
+    words: new Uint16Array(data.slice(wordsAt, rawAt).buffer),
+    raw: padded(data.subarray(rawAt)),
+    rawBytes,
+  };
+}
+
 export class EntropyDecoder {
   private word = 0;
   private bit = 0;
   private lane = 0;
+  private readonly lookup: Uint32Array;
+  private readonly states: Uint32Array;
+  private readonly words: Uint16Array;
+  private readonly raw: Uint8Array;
+  private readonly rawBytes: number;
 
-  private constructor(
-    /** [contexts * 4096] token << 25 | frequency << 12 | place in the token's interval. */
-    private readonly lookup: Uint32Array,
-    private readonly states: Uint32Array,
-    private readonly words: Uint16Array,
-    /** With zeros after its end, so that whole windows can be read. */
-    private readonly raw: Uint8Array,
-    private readonly rawBytes: number,
-  ) {}
-
-  static open(data: Uint8Array, contexts: number): EntropyDecoder {
-    if (data.byteLength < HEADER_BYTES) throw new ReelError("a stream is too short");
-    const view = new DataView(data.buffer, data.byteOffset, data.byteLength);
-    const lanes = 1 << data[0];
-    const tableBytes = view.getUint16(2, true);
-    const words = view.getUint32(4, true);
-    const rawBytes = view.getUint32(8, true);
-    const statesAt = HEADER_BYTES + tableBytes;
-    const wordsAt = statesAt + 4 * lanes;
-    const rawAt = wordsAt + 2 * words;
-    if (data[0] > 10 || data[1] !== contexts || rawAt + rawBytes !== data.byteLength) throw new ReelError("a stream does not fit its header");
-    return new EntropyDecoder(
-      lookupOf(data.subarray(HEADER_BYTES, statesAt), contexts),
-      Uint32Array.from({ length: lanes }, (_, i) => view.getUint32(statesAt + 4 * i, true)),
-      Uint16Array.from({ length: words }, (_, i) => view.getUint16(wordsAt + 2 * i, true)),
-      padded(data.subarray(rawAt)),
-      rawBytes,
-    );
+  constructor(data: Uint8Array, contexts: number) {
+    ({ lookup: this.lookup, states: this.states, words: this.words, raw: this.raw, rawBytes: this.rawBytes } = streamOf(data, contexts));
   }
 
   /** The next number, below 2^31. Throws for larger ones. */
@@ -153,7 +164,7 @@ function lookupOf(tables: Uint8Array, contexts: number): Uint32Array {
       const frequency = length === 0 ? 0 : (1 << (length - 1)) | bits.take(length - 1);
       if (place + frequency > end) throw new ReelError("frequencies do not sum to 4096");
       const base = ((token << 25) | (frequency << SCALE_BITS)) >>> 0;
-      for (let i = 0; i < frequency; i++) result[place++] = base + i;
+  for (let i = 0; i < frequency; i++) result[place++] = base + i;
     }
     if (place !== end && place !== end - SCALE) throw new ReelError("frequencies do not sum to 4096");
   }

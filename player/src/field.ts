@@ -12,8 +12,9 @@ const LARGEST = 4095;
 /** and those of neighbours up to this many steps of class 0. */
 const LARGEST_SIZE = 65535;
 const EDGES = [1, 2, 3, 4, 6, 8, 12, 16, 24, 32, 48, 64, 96, 128, 192, 256, 512];
-const CONTEXTS = EDGES.length + 1;
-const CONTEXT_OF = Uint8Array.from({ length: LARGEST + 1 }, (_, size) => EDGES.filter((edge) => edge <= size).length);
+export const CONTEXTS = EDGES.length + 1;
+/** The context of a size. */
+export const CONTEXT_OF = Uint8Array.from({ length: LARGEST + 1 }, (_, size) => EDGES.filter((edge) => edge <= size).length);
 
 /** In which order points are decoded, and from which others each is predicted. */
 export interface Levels {
@@ -30,8 +31,7 @@ export function levelsOf(lattice: ArrayLike<number>): Levels {
   const order = new Uint32Array(count);
   const neighbours = new Uint32Array(NEIGHBOURS * count);
   const weights = new Uint16Array(NEIGHBOURS * count);
-  let stride = 1;
-  while (Math.floor(count / (2 * stride)) >= FIRST_LEVEL) stride *= 2;
+  let stride = firstStride(count);
   let at = 0;
   for (let i = 0; i < count; i += stride) order[at++] = i;
   for (; stride > 1; stride /= 2) {
@@ -41,6 +41,13 @@ export function levelsOf(lattice: ArrayLike<number>): Levels {
     }
   }
   return { order, neighbours, weights };
+}
+
+/** How far points of the first level are apart. */
+export function firstStride(count: number): number {
+  let stride = 1;
+  while (Math.floor(count / (2 * stride)) >= FIRST_LEVEL) stride *= 2;
+  return stride;
 }
 
 const found = new Float64Array(NEIGHBOURS);
@@ -80,7 +87,7 @@ function nearest(lattice: ArrayLike<number>, count: number, point: number, strid
 
 /** Whole numbers [N, columns]. shifts: [N], the steps of a point are 2^shift. ends: [N], how many of its columns a point has; all by default. */
 export function decodeField(data: Uint8Array, columns: number, levels: Levels, shifts: Uint8Array, ends?: Int32Array): Int32Array {
-  const decoder = EntropyDecoder.open(data, CONTEXTS);
+  const decoder = new EntropyDecoder(data, CONTEXTS);
   const { order, neighbours, weights } = levels;
   const found = new Int32Array(order.length * columns);
   const sizes = new Uint16Array(order.length * columns);

@@ -3,29 +3,32 @@ import type { Container, Section } from "./container";
 import { sectionOf, tensor } from "./dequantize";
 import { EntropyDecoder, unzigzag } from "./entropy";
 import { ReelError, inSection } from "./errors";
-import { decodeField, levelsOf, type Levels } from "./field";
+import type { Levels } from "./field";
 import type { Gaussians } from "./gaussians";
+import type { Kernels } from "./kernels";
+import { coded, SHARES, type Form, type Klt } from "./klt";
 import type { Offsets } from "./offsets";
 
 /** Kinds of quantities: a point has a class of each, and steps of 2^class. */
 const SHAPE = 0;
 export const COLOR = 1;
 const MOTION = 2;
-/** Of brightness, red against blue, and green against both in the three colours. */
-export const SHARES = [1 / Math.sqrt(3), 1 / Math.sqrt(2), 1 / Math.sqrt(6)];
+const MOVES: Form = { turn: "nothing", rest: [0, 0, 0, 0], most: 65535 };
+const TURNS: Form = { turn: "quaternion", rest: [1, 0, 0, 0], most: 255 };
 
 /** What decoding the values of points needs to know of them. */
 export interface Neighbourhood {
   levels: Levels;
   /** [3][N] */
   classes: Uint8Array[];
+  kernels: Kernels;
 }
 
-export async function decodePredictive(file: Container): Promise<{ points: Gaussians; here: Neighbourhood }> {
+export async function decodePredictive(file: Container, kernels: Kernels): Promise<{ points: Gaussians; here: Neighbourhood }> {
   const count = file.points;
   const { means, lattice } = await inSection("means", () => decodeMeans(file, count));
-  const levels = levelsOf(lattice);
-  const here = { levels, classes: await decodeClasses(file, levels) };
+  const levels = kernels.levelsOf(lattice);
+  const here = { levels, classes: await decodeClasses(file, levels, kernels), kernels };
   const xyz = await values(file, "quats", SHAPE, 3, here);
   const scales = await values(file, "scales", SHAPE, 3, here);
   const opacities = await values(file, "opacities", SHAPE, 1, here);
@@ -52,7 +55,7 @@ export async function decodePredictive(file: Container): Promise<{ points: Gauss
     shBase[t + 2] = bright - red - green;
     opacities[i] = Math.min(Math.max(opacities[i], 0), 1);
   }
-  const plain = { means, quats, scales: Float32Array.from(scales), opacities: Float32Array.from(opacities), shBase: Float32Array.from(shBase) };
+  const plain = { means, quats, scales: new Float32Array(scales), opacities: new Float32Array(opacities), shBase: new Float32Array(shBase) };
   return { points: { count, ...plain, ...rest }, here };
 }
 
@@ -60,71 +63,17 @@ export async function decodePredictive(file: Container): Promise<{ points: Gauss
 export async function decodeMotion(file: Container, here: Neighbourhood): Promise<Omit<Offsets, "shade">> {
   const { frames, points: count } = file;
   if (!(Number.isInteger(frames) && frames >= 1 && frames * count <= 2 ** 26)) throw new ReelError(`it claims ${frames} frames`);
-  const moves = await inSection("dx", () => transformed(file, "dx", MOTION, frames, 3, here));
-  const turns = await inSection("dq", () => transformed(file, "dq", MOTION, frames, 3, here));
-  const all = Uint32Array.from({ length: count }, (_, i) => i);
-  const turning = all.filter((i) => turns.ends[i] > 0);
-  const dx = new Uint16Array(4 * frames * count);
-  const x = wholes(curves(moves, all, 3), 3, [], all, dx, 65535);
-  const dq = new Uint8Array(4 * frames * count);
-  const q = wholes(quaternions(curves(turns, turning, 3)), 4, [1, 0, 0, 0], turning, dq, 255);
-  return { frames, dx, dxMin: x.min, dxStep: x.step, dq, dqMin: q.min, dqStep: q.step };
-}
-
-/** Quaternions [M, 4] of rotation vectors [M, 3]. */
-function quaternions(turns: Float32Array): Float32Array {
-  const result = new Float32Array((turns.length / 3) * 4);
-  for (let from = 0, to = 0; from < turns.length; from += 3, to += 4) {
-    const x = turns[from];
-    const y = turns[from + 1];
-    const z = turns[from + 2];
-    const angle = Math.sqrt(x * x + y * y + z * z);
-    const share = angle > 1e-12 ? Math.sin(angle / 2) / angle : 0.5;
-    // q and -q turn alike, and of neighbouring frames the nearer ones are to be blended: the sign follows the vector.
-    result[to] = Math.cos(angle / 2);
-    result[to + 1] = x * share;
-    result[to + 2] = y * share;
-    result[to + 3] = z * share;
-  }
-  return result;
-}
-
-/**
- * Numbers [T, points, channels] as whole ones of 0 to `steps` over each channel's range, into data [T, N, 4]. rest: what the points of N
- * have that are not among `points`.
- */
-export function wholes(from: Float32Array, channels: number, rest: number[], points: Uint32Array, data: Uint16Array | Uint8Array, steps: number): { min: number[]; step: number[] } {
-  const row = channels * points.length;
-  const frames = row > 0 ? from.length / row : 0;
-  const stride = data.length / Math.max(frames, 1);
-  const low = Array.from({ length: channels }, (_, c) => rest[c] ?? Infinity);
-  const high = Array.from({ length: channels }, (_, c) => rest[c] ?? -Infinity);
-  // Frame by frame: what is read of one for the first channel is still at hand for the last.
-  for (let t = 0; t < frames; t++) {
-    for (let c = 0; c < channels; c++) {
-      let least = low[c];
-      let most = high[c];
-      for (let i = t * row + c; i < (t + 1) * row; i += channels) {
-        const value = from[i];
-        if (value < least) least = value;
-        if (value > most) most = value;
-      }
-      low[c] = least;
-      high[c] = most;
-    }
-  }
-  const scale = low.map((least, c) => (high[c] > least ? steps / (high[c] - least) : 0));
-  const stay = rest.map((value, c) => Math.round((value - low[c]) * scale[c]));
-  if (points.length < stride / 4) for (let to = 0; to < data.length; to++) data[to] = stay[to & 3];
-  for (let t = 0; t < frames; t++) {
-    for (let c = 0; c < channels; c++) {
-      const least = low[c];
-      const share = scale[c];
-      const start = t * stride + c;
-      for (let n = 0, i = t * row + c; n < points.length; n++, i += channels) data[start + 4 * points[n]] = (from[i] - least) * share + 0.5;
-    }
-  }
-  return { min: low, step: low.map((least, c) => (high[c] - least) / steps) };
+  const moves = await inSection("dx", () => here.kernels.decodeTexture(kltOf(file, "dx", MOTION, frames, 3, here), MOVES));
+  const turns = await inSection("dq", () => here.kernels.decodeTexture(kltOf(file, "dq", MOTION, frames, 3, here), TURNS));
+  return {
+    frames,
+    dx: moves.data as Uint16Array,
+    dxMin: moves.min.slice(0, 3),
+    dxStep: moves.step.slice(0, 3),
+    dq: turns.data as Uint8Array,
+    dqMin: turns.min,
+    dqStep: turns.step,
+  };
 }
 
 function decodeMeans(file: Container, count: number): { means: Float32Array; lattice: Float64Array } {
@@ -132,7 +81,7 @@ function decodeMeans(file: Container, count: number): { means: Float32Array; lat
   const low = section.min as number[];
   const step = stepOf(section);
   if (!Array.isArray(low) || low.length !== 3 || !low.every(Number.isFinite)) throw new ReelError("its positions have no origin");
-  const decoder = EntropyDecoder.open(tensor(file, "means"), 1);
+  const decoder = new EntropyDecoder(tensor(file, "means"), 1);
   const lattice = new Float64Array(3 * count);
   const means = new Float32Array(3 * count);
   let code = 0;
@@ -160,9 +109,9 @@ function everyThird(code: number): number {
   return (bits | (bits >> 16)) & 0x1ff;
 }
 
-async function decodeClasses(file: Container, levels: Levels): Promise<Uint8Array[]> {
+async function decodeClasses(file: Container, levels: Levels, kernels: Kernels): Promise<Uint8Array[]> {
   const count = file.points;
-  const relative = await values(file, "classes", 0, 3, { levels, classes: [new Uint8Array(count)] });
+  const relative = await values(file, "classes", 0, 3, { levels, classes: [new Uint8Array(count)], kernels });
   const classes = [SHAPE, COLOR, MOTION].map(() => new Uint8Array(count));
   for (let i = 0; i < count; i++) {
     for (const kind of [SHAPE, COLOR, MOTION]) {
@@ -178,13 +127,15 @@ async function decodeRest(file: Container, here: Neighbourhood): Promise<Pick<Ga
   const shDegree = sectionOf(file, "sh_rest", "klt").degree as number;
   if (![1, 2, 3].includes(shDegree)) throw new ReelError(`it has spherical harmonics of degree ${shDegree}`);
   const size = 3 * ((shDegree + 1) ** 2 - 1);
-  const rest = await inSection("sh_rest", () => transformed(file, "sh_rest", COLOR, size, 1, here));
+  const rest = await inSection("sh_rest", () => {
+    const klt = kltOf(file, "sh_rest", COLOR, size, 1, here);
+    return { points: coded(klt.ends), rows: here.kernels.decodeRows(klt) };
+  });
   // Points without coefficients share the first entry, which is zero; the others have an entry each.
-  const some = Uint32Array.from({ length: file.points }, (_, i) => i).filter((i) => rest.ends[i] > 0);
   const shRest = new Uint32Array(file.points);
-  some.forEach((point, entry) => (shRest[point] = entry + 1));
-  const codebook = new Float32Array(size * (some.length + 1));
-  expand(rest, some, 1, codebook.subarray(size), 1, size);
+  rest.points.forEach((point, entry) => (shRest[point] = entry + 1));
+  const codebook = new Float32Array(size + rest.rows.length);
+  codebook.set(rest.rows, size);
   return { shRest, codebook, shDegree };
 }
 
@@ -193,21 +144,14 @@ function values(file: Container, name: string, kind: number, columns: number, he
   const section = sectionOf(file, name, "field");
   return inSection(name, () => {
     const step = stepOf(section);
-    const result = new Float64Array(decodeField(tensor(file, name), columns, here.levels, here.classes[kind]));
+    const result = new Float64Array(here.kernels.decodeField(tensor(file, name), columns, here.levels, here.classes[kind]));
     for (let i = 0; i < result.length; i++) result[i] *= step;
     return result;
   });
 }
 
-/** What a `klt` section holds: coefficients [N, K channels], of which a point has the first `ends` [N], and their basis [D, K] in world units. */
-interface Transformed {
-  dimensions: number;
-  basis: Float64Array;
-  found: Int32Array;
-  ends: Int32Array;
-}
-
-export function transformed(file: Container, name: string, kind: number, dimensions: number, channels: number, here: Neighbourhood): Transformed {
+/** A `klt` section of D dimensions, its basis and ends decoded. */
+export function kltOf(file: Container, name: string, kind: number, dimensions: number, channels: number, here: Neighbourhood): Klt {
   const section = sectionOf(file, name, "klt");
   const step = stepOf(section);
   const data = tensor(file, name);
@@ -216,51 +160,12 @@ export function transformed(file: Container, name: string, kind: number, dimensi
   if (sizes.reduce((sum, size) => sum + size, 12) !== data.byteLength) throw new ReelError("it does not hold its streams");
   const [first, second] = [12 + sizes[0], 12 + sizes[0] + sizes[1]];
   const columns = decodeBasis(data.subarray(12, first), section, dimensions);
-  const ends = decodeField(data.subarray(first, second), 1, here.levels, new Uint8Array(file.points));
+  const ends = here.kernels.decodeField(data.subarray(first, second), 1, here.levels, new Uint8Array(file.points));
   const most = columns.length * channels;
   if (!ends.every((end) => end >= 0 && end <= most)) throw new ReelError(`it has points of more columns than ${most}`);
-  const found = decodeField(data.subarray(second), most, here.levels, here.classes[kind], ends);
   const basis = new Float64Array(dimensions * columns.length);
   columns.forEach((column, k) => column.forEach((value, d) => (basis[d * columns.length + k] = value * step)));
-  return { dimensions, basis, found, ends };
-}
-
-/** Values [D, points, channels] of some of the points. */
-export function curves(of: Transformed, points: Uint32Array, channels: number): Float32Array {
-  const result = new Float32Array(of.dimensions * points.length * channels);
-  expand(of, points, channels, result, points.length * channels, channels);
-  return result;
-}
-
-/** Values of some of the points: that of dimension d, the n-th of the points and channel c at d across + n along + c. */
-function expand({ dimensions, basis, found, ends }: Transformed, points: Uint32Array, channels: number, result: Float32Array, across: number, along: number): void {
-  const stride = basis.length / dimensions;
-  const own = new Float64Array(channels * stride);
-  const last = dimensions - 1;
-  for (let n = 0; n < points.length; n++) {
-    const used = Math.ceil(ends[points[n]] / channels);
-    const from = channels * stride * points[n];
-    for (let c = 0; c < channels; c++) for (let k = 0; k < used; k++) own[c * stride + k] = found[from + k * channels + c];
-    // Four dimensions at a time: what is read of the point serves all, and no sum waits for another. The last may come twice.
-    for (let first = 0; first < dimensions; first += 4) {
-      const d = Math.max(Math.min(first, dimensions - 4), 0);
-      const [d1, d2, d3] = [Math.min(d + 1, last), Math.min(d + 2, last), Math.min(d + 3, last)];
-      for (let c = 0, to = n * along; c < channels; c++, to++) {
-        let [s, s1, s2, s3] = [0, 0, 0, 0];
-        for (let k = 0, a = d * stride, a1 = d1 * stride, a2 = d2 * stride, a3 = d3 * stride; k < used; k++) {
-          const value = own[c * stride + k];
-          s += basis[a + k] * value;
-          s1 += basis[a1 + k] * value;
-          s2 += basis[a2 + k] * value;
-          s3 += basis[a3 + k] * value;
-        }
-        result[d * across + to] = s;
-        result[d1 * across + to] = s1;
-        result[d2 * across + to] = s2;
-        result[d3 * across + to] = s3;
-      }
-    }
-  }
+  return { data: data.subarray(second), ends, channels, basis, dimensions, levels: here.levels, shifts: here.classes[kind] };
 }
 
 function stepOf(section: Section): number {
@@ -273,7 +178,7 @@ function stepOf(section: Section): number {
 function decodeBasis(data: Uint8Array, section: Section, dimensions: number): Float64Array[] {
   const shifts = section.shifts as number[];
   if (!Array.isArray(shifts) || shifts.length < 1 || shifts.length > dimensions || !shifts.every((s) => s >= 0 && s <= 20)) throw new ReelError("it has a basis of the wrong size");
-  const decoder = EntropyDecoder.open(data, 1);
+  const decoder = new EntropyDecoder(data, 1);
   const basis = shifts.map((shift) => Float64Array.from({ length: dimensions }, () => unzigzag(decoder.next(0)) * 2 ** -shift));
   decoder.finish();
   return basis;
