@@ -1,22 +1,75 @@
-"""Serves a folder to a browser on this machine."""
+"""Serves a folder to a browser on this machine, as fast as it goes or like a slow network."""
 
+import re
 import threading
+import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from functools import partial
 from http.server import SimpleHTTPRequestHandler, ThreadingHTTPServer
 from pathlib import Path
+from typing import BinaryIO
+
+_CHUNK = 8192
 
 
-class _Quiet(SimpleHTTPRequestHandler):
+class Line:
+    """What all answers share: a rate, a delay of each, and files that are held back."""
+
+    def __init__(self, mbit: float = float("inf"), latency: float = 0.0) -> None:
+        """mbit: Mbit/s; latency: seconds."""
+        self.rate = mbit * 1e6 / 8
+        self.latency = latency
+        self.held: re.Pattern[str] | None = None
+        self.released = threading.Event()
+        self._free = 0.0
+        self._lock = threading.Lock()
+
+    def wait(self, path: str) -> None:
+        """Before an answer."""
+        time.sleep(self.latency)
+        if self.held and self.held.search(path):
+            self.released.wait()
+
+    def pass_through(self, count: int) -> None:
+        """Returns when so many bytes have had their turn."""
+        with self._lock:
+            self._free = max(self._free, time.monotonic()) + count / self.rate
+            due = self._free
+        time.sleep(max(due - time.monotonic(), 0))
+
+
+class _Handler(SimpleHTTPRequestHandler):
+    protocol_version = "HTTP/1.1"
+
+    def __init__(self, *args: object, line: Line, **options: object) -> None:
+        self.line = line
+        super().__init__(*args, **options)  # type: ignore[arg-type]
+
+    def do_GET(self) -> None:
+        self.line.wait(self.path)
+        super().do_GET()
+
+    def copyfile(self, source: BinaryIO, outputfile: BinaryIO) -> None:  # type: ignore[override]
+        while data := source.read(_CHUNK):
+            self.line.pass_through(len(data))
+            outputfile.write(data)
+
     def log_message(self, format: str, *args: object) -> None:
         """The terminal is for results."""
 
 
+class _Server(ThreadingHTTPServer):
+    daemon_threads = True
+
+    def handle_error(self, request: object, client_address: object) -> None:
+        """A page that goes away in the middle of an answer is no news."""
+
+
 @contextmanager
-def serve_folder(folder: Path) -> Iterator[str]:
+def serve_folder(folder: Path, line: Line | None = None) -> Iterator[str]:
     """The address of a folder's files, until the block ends."""
-    server = ThreadingHTTPServer(("127.0.0.1", 0), partial(_Quiet, directory=str(folder)))
+    server = _Server(("127.0.0.1", 0), partial(_Handler, directory=str(folder), line=line or Line()))
     threading.Thread(target=server.serve_forever, daemon=True).start()
     try:
         yield f"http://127.0.0.1:{server.server_address[1]}/"

@@ -7,6 +7,7 @@ import json
 import shutil
 import statistics
 import subprocess
+import sys
 import tempfile
 from pathlib import Path
 
@@ -14,6 +15,9 @@ from http_folder import serve_folder
 from playwright.sync_api import Browser, sync_playwright
 
 from scene import read_points, write_scene
+
+sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
+from record import record
 
 HERE = Path(__file__).parent
 STATIC = HERE.parents[1] / "src" / "splatreel" / "play" / "static"
@@ -24,7 +28,10 @@ FLAGS = [
     "--disable-background-networking",
     "--disable-component-update",
     "--disable-sync",
+    "--disable-frame-rate-limit",
+    "--disable-gpu-vsync",
 ]
+"""Pictures come as fast as they are drawn, not 60 a second at most."""
 
 
 def main() -> None:
@@ -38,19 +45,27 @@ def main() -> None:
     parser.add_argument(
         "--gpu", action="store_true", help="let the browser use the graphics device; else it draws by software"
     )
+    parser.add_argument("--record", metavar="NOTE", help="append to benchmarks/results.jsonl")
     arguments = parser.parse_args()
-    chromium = next((p for n in ("chromium", "chromium-browser", "google-chrome") if (p := shutil.which(n))), None)
     with tempfile.TemporaryDirectory() as name, sync_playwright() as driver:
         folder = Path(name)
         shutil.copytree(STATIC, folder, dirs_exist_ok=True)
         bundle(folder, arguments.players)
         flags = FLAGS if arguments.gpu else [*FLAGS, "--disable-gpu"]
-        browser = driver.chromium.launch(executable_path=chromium, args=flags)
+        browser = driver.chromium.launch(executable_path=chromium(), args=flags)
         for count in arguments.counts:
             truth = write_scene(read_points(arguments.points), count, folder, arguments.size, arguments.pictures)
             with serve_folder(folder) as url:
                 for player, results in turns(browser, url, arguments, truth).items():
-                    print(json.dumps({"points": count, "player": player} | summary(results)), flush=True)
+                    values = {"points": count, "player": player} | summary(results)
+                    print(json.dumps(values), flush=True)
+                    if arguments.record is not None:
+                        record("player", values, arguments.record)
+
+
+def chromium() -> str | None:
+    """The browser of this machine; None: Playwright's own."""
+    return next((p for n in ("chromium", "chromium-browser", "google-chrome") if (p := shutil.which(n))), None)
 
 
 def bundle(folder: Path, players: list[str]) -> None:

@@ -40,6 +40,8 @@ export async function hasHeadset(): Promise<boolean> {
   return (await system()?.isSessionSupported("immersive-vr").catch(() => false)) ?? false;
 }
 
+const WIDE = { fx: 0.05, fy: 0.05, cx: 0.5, cy: 0.5 };
+
 export class Headset {
   private constructor(private readonly session: XrSession) {}
 
@@ -73,7 +75,8 @@ export class Headset {
         return [{ framebuffer: layer.framebuffer, x, y, view: room.view(view.transform.inverse.matrix, view.projectionMatrix, width, height, camera.near) }];
       });
       if (eyes.length === 0) return;
-      const head = room.view(pose.transform.inverse.matrix, pose.views[0].projectionMatrix, 1, 1, camera.near);
+      // Of so short a lens that it leaves nothing out that an eye sees.
+      const head = { ...room.view(pose.transform.inverse.matrix, pose.views[0].projectionMatrix, 1, 1, camera.near), ...WIDE };
       player.present(now, head, eyes);
     };
     session.requestAnimationFrame(draw);

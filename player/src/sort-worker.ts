@@ -1,5 +1,6 @@
-/** Keeps the positions of every loaded file and answers with the far-to-near order of what shows. */
-import { DepthRun, merge, type DepthAxis, type SortableGroup, type SortableLayer } from "./sort";
+/** Keeps the positions of every loaded file and answers with the far-to-near order of what is in view. */
+import type { Frustum } from "./frustum";
+import { DepthRun, merge, type SortableGroup, type SortableLayer } from "./sort";
 import { staticFlags, type Shown } from "./timeline";
 
 /** What is drawn: how many layers, and which groups. Without a group, every point of the layers. */
@@ -13,7 +14,7 @@ export type SortMessage =
   | { type: "layer"; index: number; layer: SortableLayer }
   | { type: "group"; index: number; group: SortableGroup }
   | { type: "drop"; index: number }
-  | { type: "sort"; scene: Scene; axis: DepthAxis; near: number; buffer: Uint32Array | null };
+  | { type: "sort"; scene: Scene; view: Frustum; buffer: Uint32Array | null };
 
 export interface SortReply {
   order: Uint32Array;
@@ -37,15 +38,15 @@ scope.onmessage = ({ data }) => {
   else if (data.type === "drop") groups.delete(data.index);
   else {
     const began = performance.now();
-    sortStill(data.scene, data.axis, data.near);
-    sortMoving(data.scene, data.axis, data.near);
+    sortStill(data.scene, data.view);
+    sortMoving(data.scene, data.view);
     const { order, count } = merge(still, moving, data.buffer);
     scope.postMessage({ order, count, milliseconds: performance.now() - began }, [order.buffer]);
   }
 };
 
-function sortStill(scene: Scene, axis: DepthAxis, near: number): void {
-  const key = `${sceneKey(scene)} ${axis} ${near}`;
+function sortStill(scene: Scene, view: Frustum): void {
+  const key = `${sceneKey(scene)} ${Object.values(view)}`;
   if (key === stillKey) return;
   stillKey = key;
   const statics = layers.slice(0, scene.layers);
@@ -55,16 +56,16 @@ function sortStill(scene: Scene, axis: DepthAxis, near: number): void {
   let first = 0;
   for (const layer of statics) {
     const count = layer.means.length / 3;
-    still.addLayer(layer, flags?.subarray(first, first + count) ?? null, axis, near);
+    still.addLayer(layer, flags?.subarray(first, first + count) ?? null, view);
     first += count;
   }
   still.sort();
 }
 
-function sortMoving(scene: Scene, axis: DepthAxis, near: number): void {
+function sortMoving(scene: Scene, view: Frustum): void {
   const shown = [scene.current, scene.previous].filter((item) => item !== null);
   moving.reset(shown.reduce((sum, item) => sum + groups.get(item.group)!.means.length / 3, 0));
-  for (const item of shown) moving.addGroup(groups.get(item.group)!, item.frame, axis, near);
+  for (const item of shown) moving.addGroup(groups.get(item.group)!, item.frame, view);
   moving.sort();
 }
 

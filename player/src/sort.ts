@@ -1,15 +1,19 @@
-/** Far-to-near order of the points that show, by their depths: static and moving ones apart, then merged. */
+/** Far-to-near order of the points in view, by their depths: static and moving ones apart, then merged. */
+import type { Frustum } from "./frustum";
 import { NO_POINT, TEXTURE_WIDTH } from "./layout";
 
 export interface SortableLayer {
   /** Index of the layer's first point among all drawable points, and among the static ones. */
   base: number;
   means: Float32Array;
+  /** [N] how far splats reach, world units. */
+  radii: Float32Array;
 }
 
 export interface SortableGroup {
   base: number;
   means: Float32Array;
+  radii: Float32Array;
   frames: number;
   /** [T, N, 4] as in Offsets; empty if the group has no dynamic points. */
   dx: Uint16Array;
@@ -17,9 +21,6 @@ export interface SortableGroup {
   dxStep: number[];
   alive: Uint8Array;
 }
-
-/** Depth of a point is dot(axis.xyz, mean) + axis.w, along the camera's forward direction. */
-export type DepthAxis = [number, number, number, number];
 
 /** Points with their depths, then far to near. Its buffers grow as needed and are used again. */
 export class DepthRun {
@@ -41,45 +42,33 @@ export class DepthRun {
     this.keys = new Uint16Array(capacity);
   }
 
-  /** Static points whose flag is not 0. flags: of this layer's points. */
-  addLayer(layer: SortableLayer, flags: Uint8Array | null, axis: DepthAxis, near: number): void {
-    const { means, base } = layer;
-    const [x, y, z, w] = axis;
+  /** Static points in view whose flag is not 0. flags: of this layer's points. */
+  addLayer({ means, radii, base }: SortableLayer, flags: Uint8Array | null, view: Frustum): void {
     for (let i = 0, at = 0; at < means.length; i++, at += 3) {
       if (flags && flags[i] === 0) continue;
-      const depth = x * means[at] + y * means[at + 1] + z * means[at + 2] + w;
-      if (depth >= near) this.add(base + i, depth);
+      this.add(base + i, means[at], means[at + 1], means[at + 2], radii[i], view);
     }
   }
 
-  /** A group's dynamic points at a frame counted from its first. */
-  addGroup(group: SortableGroup, frame: number, axis: DepthAxis, near: number): void {
-    const { means, base, dx } = group;
+  /** A group's dynamic points in view at a frame counted from its first. */
+  addGroup({ means, radii, base, frames, dx, dxMin, dxStep }: SortableGroup, frame: number, view: Frustum): void {
     const count = means.length / 3;
     const low = Math.floor(frame);
     const between = frame - low;
-    const from = 4 * count * low;
-    const to = 4 * count * Math.min(low + 1, group.frames - 1);
-    const [x, y, z] = axis;
-    const w = axis[3] + x * group.dxMin[0] + y * group.dxMin[1] + z * group.dxMin[2];
-    const sx = x * group.dxStep[0];
-    const sy = y * group.dxStep[1];
-    const sz = z * group.dxStep[2];
-    for (let i = 0; i < count; i++) {
-      const a = from + 4 * i;
-      const b = to + 4 * i;
-      const before = sx * dx[a] + sy * dx[a + 1] + sz * dx[a + 2];
-      const after = sx * dx[b] + sy * dx[b + 1] + sz * dx[b + 2];
-      const still = x * means[3 * i] + y * means[3 * i + 1] + z * means[3 * i + 2];
-      const depth = still + w + before + (after - before) * between;
-      if (depth >= near) this.add(base + i, depth);
+    const [minX, minY, minZ] = dxMin;
+    const [stepX, stepY, stepZ] = dxStep;
+    for (let i = 0, at = 0, a = 4 * count * low, b = 4 * count * Math.min(low + 1, frames - 1); i < count; i++, at += 3, a += 4, b += 4) {
+      const x = means[at] + minX + stepX * (dx[a] + (dx[b] - dx[a]) * between);
+      const y = means[at + 1] + minY + stepY * (dx[a + 1] + (dx[b + 1] - dx[a + 1]) * between);
+      const z = means[at + 2] + minZ + stepZ * (dx[a + 2] + (dx[b + 2] - dx[a + 2]) * between);
+      this.add(base + i, x, y, z, radii[i], view);
     }
   }
 
-  /** Sort far to near, by counting: about four points a bin, at most 2^16 bins. */
+  /** Sort far to near, by counting: about one point a bin, at most 2^16 bins. */
   sort(): void {
     const { ids, depths, keys, count, spareIds, spareDepths } = this;
-    const bins = 2 ** Math.min(Math.max(Math.round(Math.log2(count / 4)), 10), 16);
+    const bins = 2 ** Math.min(Math.max(Math.round(Math.log2(count)), 10), 16);
     if (this.starts.length <= bins) this.starts = new Uint32Array(bins + 1);
     const { starts } = this;
     let least = Infinity;
@@ -103,7 +92,15 @@ export class DepthRun {
     [this.ids, this.spareIds, this.depths, this.spareDepths] = [spareIds, ids, spareDepths, depths];
   }
 
-  private add(id: number, depth: number): void {
+  private add(id: number, x: number, y: number, z: number, radius: number, { viewmat: m, near, left, right, top, bottom, reachX, reachY }: Frustum): void {
+    const depth = m[8] * x + m[9] * y + m[10] * z + m[11];
+    if (!(depth >= near)) return;
+    const across = m[0] * x + m[1] * y + m[2] * z + m[3];
+    const spareX = radius * reachX;
+    if (across - right * depth > spareX || left * depth - across > spareX) return;
+    const down = m[4] * x + m[5] * y + m[6] * z + m[7];
+    const spareY = radius * reachY;
+    if (down - bottom * depth > spareY || top * depth - down > spareY) return;
     this.ids[this.count] = id;
     this.depths[this.count++] = depth;
   }

@@ -1,6 +1,8 @@
 /** The page's side of the sort worker: one request at a time, buffers handed back and forth. */
 import { startWorker } from "./assets";
 import type { DecodedFile } from "./decode";
+import { EXTENT, frustumOf } from "./frustum";
+import type { Gaussians } from "./gaussians";
 import type { View } from "./renderer";
 import type { Scene, SortMessage, SortReply } from "./sort-worker";
 
@@ -25,29 +27,30 @@ export class Sorter {
   /** Hand over a layer's positions; base is its first point in the draw order. */
   addLayer(index: number, base: number, file: DecodedFile): void {
     const { means } = file.points;
-    this.post({ type: "layer", index, layer: { base, means } }, [means.buffer as ArrayBuffer]);
+    const radii = radiiOf(file.points);
+    this.post({ type: "layer", index, layer: { base, means, radii } }, [means.buffer, radii.buffer] as ArrayBuffer[]);
   }
 
   /** Hand over a group's positions and offsets, which leave this thread; what is alive in it is copied. */
   addGroup(index: number, base: number, file: DecodedFile): void {
     const { means } = file.points;
     const { dx, dxMin, dxStep, frames } = file.offsets ?? { dx: new Uint16Array(), dxMin: [0, 0, 0], dxStep: [0, 0, 0], frames: 1 };
-    const group = { base, means, frames, dx, dxMin, dxStep, alive: file.alive };
-    this.post({ type: "group", index, group }, [means.buffer as ArrayBuffer, dx.buffer as ArrayBuffer]);
+    const radii = radiiOf(file.points);
+    const group = { base, means, radii, frames, dx, dxMin, dxStep, alive: file.alive };
+    this.post({ type: "group", index, group }, [means.buffer, radii.buffer, dx.buffer] as ArrayBuffer[]);
   }
 
   dropGroup(index: number): void {
     this.post({ type: "drop", index });
   }
 
-  /** The far-to-near order of a scene. Only while not busy; give the order back with `recycle`. */
+  /** The far-to-near order of what a view sees of a scene. Only while not busy; give the order back with `recycle`. */
   sort(scene: Scene, view: View): Promise<SortReply> {
-    const [, , , , , , , , x, y, z, w] = view.viewmat;
     const buffer = this.spare;
     this.spare = null;
     return new Promise((resolve) => {
       this.waiting = resolve;
-      this.post({ type: "sort", scene, axis: [x, y, z, w], near: view.near, buffer }, buffer ? [buffer.buffer as ArrayBuffer] : []);
+      this.post({ type: "sort", scene, view: frustumOf(view), buffer }, buffer ? [buffer.buffer as ArrayBuffer] : []);
     });
   }
 
@@ -62,4 +65,11 @@ export class Sorter {
   private post(message: SortMessage, transfer: Transferable[] = []): void {
     this.worker.postMessage(message, transfer);
   }
+}
+
+/** How far splats reach, world units: as if all were opaque, which a change of opacity may make them. */
+function radiiOf({ scales, count }: Gaussians): Float32Array<ArrayBuffer> {
+  const radii = new Float32Array(count);
+  for (let i = 0; i < count; i++) radii[i] = EXTENT * Math.max(scales[3 * i], scales[3 * i + 1], scales[3 * i + 2]);
+  return radii;
 }

@@ -1,8 +1,12 @@
 import assert from "node:assert/strict";
 import { test } from "node:test";
+import { EXTENT, frustumOf } from "../src/frustum";
 import { DepthRun, merge } from "../src/sort";
 
-const axis: [number, number, number, number] = [0, 0, 1, 0];
+const IDENTITY = [1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1];
+/** Sees all that is in front of it. */
+const ahead = frustumOf({ viewmat: IDENTITY, fx: 1, fy: 1, cx: 500, cy: 500, width: 1000, height: 1000, near: 0.01 });
+const points = (...means: number[]) => ({ means: Float32Array.from(means), radii: new Float32Array(means.length / 3) });
 
 function sorted(...runs: DepthRun[]): number[] {
   for (const run of runs) run.sort();
@@ -14,23 +18,22 @@ function sorted(...runs: DepthRun[]): number[] {
 test("far to near, without the hidden and those behind the camera", () => {
   const sorter = new DepthRun();
   sorter.reset(5);
-  const means = Float32Array.of(0, 0, 1, 0, 0, 5, 0, 0, 3, 0, 0, -2, 0, 0, 4);
-  sorter.addLayer({ base: 100, means }, Uint8Array.of(3, 1, 0, 3, 2), axis, 0.01);
+  sorter.addLayer({ base: 100, ...points(0, 0, 1, 0, 0, 5, 0, 0, 3, 0, 0, -2, 0, 0, 4) }, Uint8Array.of(3, 1, 0, 3, 2), ahead);
   assert.deepEqual(sorted(sorter), [101, 104, 100]);
 });
 
 test("moving points sort by where they are between two frames", () => {
   const sorter = new DepthRun();
   const dx = Uint16Array.of(0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 100, 0, 0, 0, 0, 0);
-  const group = { base: 0, means: Float32Array.of(0, 0, 5, 0, 0, 8), frames: 2, dx, dxMin: [0, 0, 0], dxStep: [1, 1, 0.1], alive: new Uint8Array() };
+  const group = { base: 0, ...points(0, 0, 5, 0, 0, 8), frames: 2, dx, dxMin: [0, 0, 0], dxStep: [1, 1, 0.1], alive: new Uint8Array() };
   sorter.reset(2);
-  sorter.addGroup(group, 0.2, axis, 0.01);
+  sorter.addGroup(group, 0.2, ahead);
   assert.deepEqual(sorted(sorter), [1, 0]);
   sorter.reset(2);
-  sorter.addGroup(group, 0.5, axis, 0.01);
+  sorter.addGroup(group, 0.5, ahead);
   assert.deepEqual(sorted(sorter), [0, 1]);
   sorter.reset(2);
-  sorter.addGroup(group, 1, axis, 0.01);
+  sorter.addGroup(group, 1, ahead);
   assert.deepEqual(sorted(sorter), [0, 1]);
 });
 
@@ -39,7 +42,7 @@ test("nothing and equal depths are fine", () => {
   sorter.reset(0);
   assert.deepEqual(sorted(sorter), []);
   sorter.reset(2);
-  sorter.addLayer({ base: 0, means: Float32Array.of(0, 0, 1, 0, 0, 1) }, null, axis, 0.01);
+  sorter.addLayer({ base: 0, ...points(0, 0, 1, 0, 0, 1) }, null, ahead);
   assert.deepEqual(sorted(sorter), [0, 1]);
 });
 
@@ -51,7 +54,7 @@ test("static and moving points together are far to near, however they are merged
     const runs = means.map((values, i) => {
       const run = new DepthRun();
       run.reset(values.length / 3);
-      run.addLayer({ base: i * m, means: values }, null, axis, 0.01);
+      run.addLayer({ base: i * m, ...points(...values) }, null, ahead);
       return run;
     });
     const all = [...means[0], ...means[1]];
@@ -59,4 +62,30 @@ test("static and moving points together are far to near, however they are merged
     assert.deepEqual([...order].sort((a, b) => a - b), Array.from({ length: m + n }, (_, i) => i));
     for (let i = 1; i < order.length; i++) assert.ok(all[3 * order[i] + 2] <= all[3 * order[i - 1] + 2] + 0.02);
   }
+});
+
+test("what reaches into the picture is kept, what lies beyond its margin is not", () => {
+  // A camera that looks along x from (-10, 0, 0), as in the shader: the linearised splat's reach about its centre.
+  const viewmat = [0, -1, 0, 0, 0, 0, -1, 0, 1, 0, 0, 10, 0, 0, 0, 1];
+  const [fx, fy, cx, cy, width, height] = [500, 400, 300, 250, 640, 480];
+  const view = frustumOf({ viewmat, fx, fy, cx, cy, width, height, near: 0.1 });
+  let seed = 3;
+  const next = (): number => (seed = (seed * 48271) % 2147483647) / 2147483647;
+  const scales = Float32Array.from({ length: 4000 }, () => 0.5 * next() ** 3);
+  const means = Float32Array.from({ length: 12000 }, () => 30 * next() - 15);
+  const run = new DepthRun();
+  run.reset(4000);
+  run.addLayer({ base: 0, means, radii: scales.map((scale) => EXTENT * scale) }, null, view);
+  const kept = new Set(sorted(run));
+  let outside = 0;
+  for (let i = 0; i < 4000; i++) {
+    const [x, y, z] = [-means[3 * i + 1], -means[3 * i + 2], means[3 * i] + 10];
+    const slope = [(x / z) * fx, (y / z) * fy].map((value, a) => Math.min(Math.max(value, [-cx, -cy][a] - 0.15 * [width, height][a]), [width - cx, height - cy][a] + 0.15 * [width, height][a]));
+    const reach = [0, 1].map((a) => EXTENT * Math.sqrt(scales[i] ** 2 * ([fx, fy][a] ** 2 + slope[a] ** 2) / z ** 2 + 0.3));
+    const centre = [(x / z) * fx + cx, (y / z) * fy + cy];
+    const seen = z >= 0.1 && centre.every((at, a) => at + reach[a] >= 0 && at - reach[a] <= [width, height][a]);
+    if (seen) assert.ok(kept.has(i), `${i} reaches into the picture`);
+    else outside++;
+  }
+  assert.ok(outside > 1000 && 4000 - kept.size > 0.6 * outside, `${4000 - kept.size} of ${outside} outside were left out`);
 });
