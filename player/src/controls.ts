@@ -85,8 +85,9 @@ export function attachControls(surface: HTMLElement, player: Player, signal: Abo
 }
 
 /** Turn to what is seen at a point of the canvas, CSS pixels, and orbit about it from now on. */
-function focusAt({ camera, stage, view, canvas }: Player, x: number, y: number): void {
-  if (!camera || !stage || !view) return;
+function focusAt({ camera, stage, canvas }: Player, x: number, y: number): void {
+  const view = stage?.view;
+  if (!camera || !view) return;
   const ratio = view.width / canvas.clientWidth;
   const depth = stage.depthAt(x * ratio, y * ratio);
   if (depth !== null) camera.focus([((x * ratio - view.cx) / view.fx) * depth, ((y * ratio - view.cy) / view.fy) * depth, depth]);

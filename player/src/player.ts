@@ -95,6 +95,7 @@ export class Player extends EventTarget {
     let session: Session | null = null;
     try {
       session = this.session = new Session(this.canvas, this.sessionEvents());
+      if (session.stage.software) this.resolution.hesitate();
       const manifest = await session.find(this.source);
       if (!session.closed) this.open(session, manifest);
     } catch (error) {
@@ -150,7 +151,9 @@ export class Player extends EventTarget {
     this.emit("seeking");
     this.emit("timeupdate");
     this.update();
-    this.invalidate();
+    // The old picture stays as it is until the new one is sorted.
+    this.resolution.move();
+    this.stage?.resort();
   }
 
   get loop(): boolean {
@@ -258,6 +261,7 @@ export class Player extends EventTarget {
 
   /** The camera or the size changed: draw again. */
   invalidate(): void {
+    this.resolution.move();
     this.stage?.invalidate();
   }
 
@@ -314,6 +318,7 @@ export class Player extends EventTarget {
     const here = stream.has(current.group) && (previous === null || stream.has(previous.group));
     if (here !== this.stalled) return;
     this.stalled = !here;
+    if (here) stage.resort();
     this.emit(here ? "playing" : "waiting");
   }
 
@@ -349,6 +354,7 @@ export class Player extends EventTarget {
     const before = stage.pictures;
     stage.draw(this.isSeeking || this.stalled ? null : this.clock.frame, view, eyes);
     if (this.resolution.drawn(stage.pictures > before, now)) this.stream?.judge(this.resolution.struggling);
+    if (!eyes && this.ready && this.resolution.rest(now)) stage.redraw();
   }
 
   private advance(step: number): void {

@@ -48,6 +48,8 @@ export class Renderer {
   private readonly layers: PointTextures[] = [];
   private readonly groups = new Map<number, { textures: PointTextures; alive: Uint8Array }>();
   private flagsKey = "";
+  /** The browser draws without a graphics device. */
+  readonly software: boolean;
   /** Splats thinner than a pixel are drawn fainter. */
   antialias = false;
   /** Points in the order. */
@@ -57,6 +59,7 @@ export class Renderer {
     const gl = canvas.getContext("webgl2", { alpha: false, antialias: false, depth: false, powerPreference: "high-performance" });
     if (!gl) throw new ReelError("This browser or device offers no WebGL 2, which the player draws with.");
     this.gl = gl;
+    this.software = isSoftware(gl);
     this.project = new Program(gl, projectVertex, projectFragment);
     this.splat = new Program(gl, splatVertex, splatFragment);
     this.target = gl.createFramebuffer();
@@ -291,6 +294,11 @@ export class Renderer {
     gl.texParameteri(gl.TEXTURE_2D, gl.TEXTURE_MAG_FILTER, gl.NEAREST);
     return texture;
   }
+}
+
+function isSoftware(gl: WebGL2RenderingContext): boolean {
+  const names = gl.getExtension("WEBGL_debug_renderer_info");
+  return /swiftshader|llvmpipe|softpipe|basic render/i.test(String(gl.getParameter(names ? names.UNMASKED_RENDERER_WEBGL : gl.RENDERER)));
 }
 
 /** Camera uniforms; the range is where the Jacobian is evaluated, 1.3 times the field of view as in 3DGS. */

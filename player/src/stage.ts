@@ -20,6 +20,8 @@ export class Stage {
   sortMilliseconds = 0;
   /** Pictures drawn so far. */
   pictures = 0;
+  /** Of the last one. */
+  view: View | null = null;
 
   private readonly renderer: Renderer;
   private readonly sorter: Sorter;
@@ -47,17 +49,21 @@ export class Stage {
 
   addLayer(index: number, file: DecodedFile): void {
     this.sorter.addLayer(index, this.renderer.addLayer(index, file), file);
-    this.invalidate();
+    if (!this.scene?.current) this.resort();
   }
 
   addGroup(index: number, file: DecodedFile): void {
     this.sorter.addGroup(index, this.renderer.addGroup(index, file), file);
-    this.invalidate();
   }
 
   dropGroup(index: number): void {
     this.renderer.dropGroup(index);
     this.sorter.dropGroup(index);
+  }
+
+  /** Pictures are drawn without a graphics device. */
+  get software(): boolean {
+    return this.renderer.software;
   }
 
   /** The graphics device is gone. */
@@ -74,6 +80,16 @@ export class Stage {
   invalidate(): void {
     this.dirty = true;
     this.unsorted = true;
+  }
+
+  /** Other points are to be shown: sort, and draw once that is done. */
+  resort(): void {
+    this.unsorted = true;
+  }
+
+  /** Draw again what is sorted: only the number of pixels changed. */
+  redraw(): void {
+    this.dirty = true;
   }
 
   /** Groups that are on screen, or will be with the next order. */
@@ -112,6 +128,7 @@ export class Stage {
     if (!this.dirty || !scene || !manifest) return;
     this.dirty = false;
     this.pictures++;
+    this.view = view;
     const paint = (shown: Scene, weight: number): void => (eyes ? this.renderer.drawEyes(shown, weight, eyes) : this.renderer.draw(shown, weight, view));
     if (scene.current === null) return paint(scene, 1);
     const { groups, overlap } = manifest;

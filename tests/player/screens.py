@@ -78,7 +78,7 @@ def statistics(page: Page) -> None:
 def wait(page: Page) -> None:
     """The second group does not come."""
     wait_for_picture(page)
-    page.evaluate(f"{PLAYER}.resolution.quality = 'full'; {PLAYER}.currentTime = 0.3")
+    page.evaluate(f"{PLAYER}.resolution.quality = 'full'; {PLAYER}.invalidate(); {PLAYER}.currentTime = 0.3")
     page.wait_for_function(f"{PLAYER}.waiting")
     page.wait_for_timeout(1800)  # until it is explained
 
