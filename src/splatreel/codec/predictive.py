@@ -36,10 +36,10 @@ class Steps:
     """
 
     position: float = 0.04
-    motion: float = 0.15
+    motion: float = 0.18
     turn: float = 0.06
     quat: float = 0.01
-    scale: float = 0.07
+    scale: float = 0.06
     opacity: float = 0.01
     color: float = 0.025
     rest: float = 0.016
@@ -50,9 +50,9 @@ STEPS = Steps()
 SHADE = np.diag([1.0, 1.0, 1.0, 2.0])
 SHADE[:3, :3] = COLORS
 """From c_base and opacity to what is coded: opacity counts twice as much as colour, about what it changes in a picture."""
-FOLLOW = np.array([1.0, 1.0, 0.7])
+FOLLOW = np.array([1.0, 1.0, 0.85])
 """How far the steps of shape, colour and motion follow importance; less than 1 was better for motion on views held out."""
-COARSEST = 4
+COARSEST = 3
 """The largest class an encoder gives: what hardly shows now would show, were it off by too much."""
 SHAPE, COLOR, MOTION = range(3)
 RELATIVE = np.array([0, 1, 1])
