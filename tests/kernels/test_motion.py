@@ -1,4 +1,4 @@
-"""Splines, quaternion products and ARAP against the twin."""
+"""Splines and ARAP against the twin."""
 
 import numpy as np
 import pytest
@@ -32,12 +32,6 @@ def test_only_the_four_knots_of_a_moment_get_a_gradient():
     splat.splines([controls], 2, np.full(4, 0.25, np.float32), []).sum().backward()
     assert controls.grad is not None
     assert controls.grad[:, 0, 0].tolist() == [0, 0, 0.25, 0.25, 0.25, 0.25, 0]
-
-
-@pytest.mark.parametrize("count", [0, 1, 200])
-def test_turn(count):
-    """Neither factor need be a unit quaternion; only the second is normalised."""
-    assert_parity(splat.turn, twin.turn, [normal(count, 4), 3 * normal(count, 4, seed=1)])
 
 
 @pytest.mark.parametrize("unit", [1.0, 5.0])

@@ -3,8 +3,6 @@
 import pytest
 import torch
 
-from splatreel.kernels.twin import multiply
-from splatreel.recon.deformation import deform
 from splatreel.recon.hashgrid import HashGrid
 from splatreel.recon.trajectory import Trajectory, farthest_points, skin
 
@@ -137,11 +135,3 @@ def test_nodes_spread_and_weights_are_local():
     torch.testing.assert_close(weights.sum(1), torch.ones(500))
     nearest = torch.cdist(means, nodes).argmin(1)
     assert (index[:, 0] == nearest).all()
-
-
-def test_deform_rotates_after_the_point():
-    half = torch.tensor([[0.5**0.5, 0, 0, 0.5**0.5]])
-    means, quats = deform(torch.zeros(1, 3), half, torch.ones(1, 3), 2 * half)
-    torch.testing.assert_close(means, torch.ones(1, 3))
-    torch.testing.assert_close(quats, multiply(half, half))
-    torch.testing.assert_close(quats, torch.tensor([[0.0, 0, 0, 1]]), atol=1e-6, rtol=0)

@@ -118,6 +118,51 @@ def antialiased(opacities: Tensor, conics: Tensor) -> Tensor:
     return opacities * kept_area(*conics.unbind(1)).clamp_min(1e-6).sqrt()
 
 
+def deformed(
+    points: Sequence[Tensor],
+    offsets: tuple[Tensor, Tensor],
+    shade: Tensor | None,
+    pinhole: tuple[Tensor, Tensor, int, int],
+    center: Tensor,
+    near: float,
+    antialias: bool = False,
+) -> tuple[Tensor, Tensor, Tensor, Tensor, Tensor, Tensor]:
+    """Points of one moment as a view sees them: means2d, conics, colors, opacities, depths and radii, as `rasterize` takes them.
+
+    points: means, quats, log_scales, logit_opacities [N], sh_base [N, 1, 3] and sh_rest [N, K - 1, 3]. offsets: dx [N, 3] and
+    dq [N, 4], which need not be unit (paper section 4.2: x + dx, q * dq). shade: [N, 4], what c_base and the opacity's logit gain.
+    pinhole: as `project` takes it; center: [3], the camera's. Gradients go to points, offsets and shade. Raises `GaussiansError` for
+    NaN or infinity.
+    """
+    means, quats, log_scales, *_ = points
+    _check_finite(means=means, quats=quats, log_scales=log_scales, dx=offsets[0], dq=offsets[1])
+    if means.is_cuda:
+        return _deformed(points, offsets, shade, pinhole, center, near, antialias)
+    viewmat, K, width, height = pinhole
+    view = View(_matrix(viewmat), _matrix(K), width, height, near, FINE_BLUR if antialias else BLUR)
+    return cpu.Deformed.apply(view, center, shade, *points, *offsets)  # pyright: ignore[reportReturnType]
+
+
+def _deformed(
+    points: Sequence[Tensor],
+    offsets: tuple[Tensor, Tensor],
+    shade: Tensor | None,
+    pinhole: tuple[Tensor, Tensor, int, int],
+    center: Tensor,
+    near: float,
+    antialias: bool,
+) -> tuple[Tensor, Tensor, Tensor, Tensor, Tensor, Tensor]:
+    means, quats, log_scales, logits, base, rest = points
+    if shade is not None:
+        base, logits = base + shade[:, None, :3], logits + shade[:, 3]
+    means, opacities = means + offsets[0], logits.sigmoid()
+    means2d, conics, depths, radii = project(
+        means, twin.turn(quats, offsets[1]), log_scales.exp(), *pinhole, near, antialias
+    )
+    colors = view_colors(means, center, base, rest)
+    return means2d, conics, colors, antialiased(opacities, conics) if antialias else opacities, depths, radii
+
+
 def rasterize(
     means2d: Tensor,
     conics: Tensor,
@@ -285,13 +330,6 @@ def splines(controls: Sequence[Tensor], knot: int, weights: np.ndarray, skins: S
     if controls[-1].is_cuda:
         return twin.splines(controls, knot, weights, skins)
     return cpu.Splines.apply(knot, weights, skins, *controls)  # pyright: ignore[reportReturnType]
-
-
-def turn(quats: Tensor, dq: Tensor) -> Tensor:
-    """Hamilton products quats * dq / |dq| of quaternions [N, 4], wxyz: each turns by dq first."""
-    if quats.is_cuda:
-        return twin.turn(quats, dq)
-    return cpu.Turn.apply(quats, dq)  # pyright: ignore[reportReturnType]
 
 
 def arap(means: Tensor, dx: Tensor, dq: Tensor, neighbour: Tensor, weights: Tensor, unit: float) -> Tensor:

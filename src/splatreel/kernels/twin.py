@@ -85,6 +85,28 @@ def view_colors(means: Tensor, center: Tensor, base: Tensor, rest: Tensor) -> Te
     return (spherical_harmonics(degree, means.detach() - center, torch.cat([base, rest], 1)) + 0.5).clamp_min(0)
 
 
+def deformed(
+    points: Sequence[Tensor],
+    offsets: tuple[Tensor, Tensor],
+    shade: Tensor | None,
+    pinhole: tuple[Any, Any, int, int],
+    center: Tensor,
+    near: float,
+    antialias: bool = False,
+) -> tuple[Tensor, Tensor, Tensor, Tensor, Tensor, Tensor]:
+    """As `splat.deformed`."""
+    means, quats, log_scales, logits, base, rest = points
+    if shade is not None:
+        base, logits = base + shade[:, None, :3], logits + shade[:, 3]
+    means, opacities = means + offsets[0], logits.sigmoid()
+    projected = project(means, turn(quats, offsets[1]), log_scales.exp(), *pinhole, near, antialias)
+    means2d, conics, depths, radii = projected
+    if antialias:
+        xx, xy, yy = conics.unbind(1)
+        opacities = opacities * (1 - 0.1 * (xx + yy) + 0.01 * (xx * yy - xy * xy)).clamp_min(1e-6).sqrt()
+    return means2d, conics, view_colors(means, center, base, rest), opacities, depths.detach(), radii
+
+
 def rasterize(
     means2d: Tensor,
     conics: Tensor,
@@ -201,7 +223,7 @@ def splines(controls: Sequence[Tensor], knot: int, weights: np.ndarray, skins: S
 
 
 def turn(quats: Tensor, dq: Tensor) -> Tensor:
-    """As `splat.turn`; also what CUDA uses."""
+    """Hamilton products quats * dq / |dq| of quaternions [N, 4], wxyz: each turns by dq first; also what CUDA uses."""
     return multiply(quats, functional.normalize(dq, dim=-1))
 
 

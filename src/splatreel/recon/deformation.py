@@ -6,8 +6,6 @@ from typing import Protocol
 
 from torch import Tensor
 
-from splatreel.kernels import splat
-
 
 class Deformation(Protocol):
     """Offsets of a group's dynamic points over its frames; trained together with the points.
@@ -34,8 +32,3 @@ class Deformation(Protocol):
     def append(self, means: Tensor, parents: Tensor | None) -> None:
         """Points were added at means [M, 3]: copies of the rows parents [M], or newcomers that rest (None)."""
         ...
-
-
-def deform(means: Tensor, quats: Tensor, dx: Tensor, dq: Tensor) -> tuple[Tensor, Tensor]:
-    """x + dx and q * dq (paper 4.2). means, dx: [N, 3]; quats, dq: [N, 4]."""
-    return means + dx, splat.turn(quats, dq)

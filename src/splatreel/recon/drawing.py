@@ -8,7 +8,7 @@ import torch
 from torch import Tensor
 
 from splatreel.kernels import splat
-from splatreel.recon.points import to_params
+from splatreel.recon.points import NAMES, to_params
 from splatreel.scene.camera import Camera
 from splatreel.scene.gaussians import Gaussians
 
@@ -96,6 +96,15 @@ def splats(
     if view.antialias:
         opacities = splat.antialiased(opacities, projected.conics)
     return Splats(projected.means2d, projected.conics, colors, opacities, projected.depths, projected.radii)
+
+
+def deformed(
+    params: dict[str, Tensor], offsets: tuple[Tensor, Tensor], shade: Tensor | None, view: View, near: float
+) -> Splats:
+    """Points of one moment for a view. params: unconstrained, as `TrainablePoints` has them; offsets, shade: see `splat.deformed`."""
+    pinhole = view.viewmat, view.K, view.width, view.height
+    points = [params[name] for name in NAMES]
+    return Splats(*splat.deformed(points, offsets, shade, pinhole, view.center, near, view.antialias))
 
 
 class Backdrop:

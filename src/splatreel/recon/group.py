@@ -14,9 +14,9 @@ from splatreel.kernels import splat
 from splatreel.progress import Progress
 from splatreel.recon import losses
 from splatreel.recon.colors import CameraGains
-from splatreel.recon.deformation import Deformation, deform
+from splatreel.recon.deformation import Deformation
 from splatreel.recon.density import GradientMeter
-from splatreel.recon.drawing import Backdrop, Drawing, Splats, View, draw, filled, splats
+from splatreel.recon.drawing import Backdrop, Drawing, Splats, View, deformed, draw, filled
 from splatreel.recon.hashgrid import HashGrid
 from splatreel.recon.points import TrainablePoints
 from splatreel.recon.schedule import FrameSchedule
@@ -165,13 +165,7 @@ class GroupTrainer:
         return loss.detach()
 
     def _deformed(self, dx: Tensor, dq: Tensor, shade: Tensor | None, view: View) -> Splats:
-        p = self.points
-        means, quats = deform(p.means, p.quats, dx, dq)
-        opacities, (base, rest) = p.opacities, p.sh
-        if shade is not None:
-            opacities = (p.params["logit_opacities"] + shade[:, 3]).sigmoid()
-            base = base + shade[:, None, :3]
-        return splats(means, quats, p.scales, opacities, (base, rest), view, self.frames.near)
+        return deformed(self.points.params, (dx, dq), shade, view, self.frames.near)
 
     def _at(self, frame: float, view: View) -> Splats:
         """The moving points at a frame, as a view sees them."""

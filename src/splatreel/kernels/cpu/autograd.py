@@ -17,7 +17,7 @@ from torch import Tensor
 from torch.autograd import Function
 from torch.autograd.function import once_differentiable
 
-from splatreel.kernels.cpu import binning, harmonics, hashgrid, motion, project, rasterize, similarity
+from splatreel.kernels.cpu import binning, deform, harmonics, hashgrid, motion, project, rasterize, similarity
 
 CHUNK = 3  # channels the rasteriser blends at once; other counts but 1 are padded and take several passes
 
@@ -79,6 +79,27 @@ class ViewColors(Function):
     @once_differentiable
     def backward(ctx: Any, d_colors: Tensor):
         return None, None, *_tensors(*harmonics.colors_backward(*_arrays(*ctx.saved_tensors, d_colors)))
+
+
+class Deformed(Function):
+    @staticmethod
+    def forward(ctx: Any, view: project.View, center: Tensor, shade: Tensor | None, *points: Tensor):
+        saved = *points, points[0].new_zeros(0, 4) if shade is None else shade, center
+        ctx.view, ctx.shaded = view, shade is not None
+        *moment, middle = _arrays(*saved)
+        opacities, ctx.seen = deform.forward(deform.Moment(*moment), middle, view)
+        ctx.save_for_backward(*saved)
+        means2d, conics, colors, depths, radii = _tensors(*ctx.seen[:5])
+        ctx.mark_non_differentiable(depths, radii)
+        return means2d, conics, colors, torch.from_numpy(opacities), depths, radii
+
+    @staticmethod
+    @once_differentiable
+    def backward(ctx: Any, *d_splats: Tensor):
+        *moment, center = _arrays(*ctx.saved_tensors)
+        found = deform.backward(deform.Moment(*moment), ctx.seen, center, ctx.view, *_arrays(*d_splats[:4]))
+        *d_points, d_dq, d_shade = _tensors(*found)
+        return None, None, d_shade if ctx.shaded else None, *d_points, d_points[0], d_dq
 
 
 class Rasterize(Function):
@@ -210,18 +231,6 @@ class Splines(Function):
     @once_differentiable
     def backward(ctx: Any, d_out: Tensor):
         return None, None, None, *_tensors(*motion.splines_backward(ctx.shapes, *ctx.basis, *_arrays(d_out)))
-
-
-class Turn(Function):
-    @staticmethod
-    def forward(ctx: Any, quats: Tensor, dq: Tensor):
-        ctx.save_for_backward(quats, dq)
-        return torch.from_numpy(motion.turn(*_arrays(quats, dq)))
-
-    @staticmethod
-    @once_differentiable
-    def backward(ctx: Any, d_product: Tensor):
-        return tuple(_tensors(*motion.turn_backward(*_arrays(*ctx.saved_tensors, d_product))))
 
 
 class Arap(Function):

@@ -155,29 +155,41 @@ def _toward(means, center, i):
     return x * inverse, y * inverse, z * inverse
 
 
+@njit(inline="always")
+def color_one(i, means, center, base, rest, basis, colors):
+    """Point i of `colors`; base: its own, [3]. basis: room for [16]."""
+    x, y, z = _toward(means, center, i)
+    _basis(rest.shape[1] + 1, x, y, z, basis)
+    for c in range(3):
+        value = HALF + C0 * base[c]
+        for k in range(rest.shape[1]):
+            value += basis[k + 1] * rest[i, k, c]
+        colors[i, c] = max(value, ZERO)
+
+
+@njit(inline="always")
+def color_one_backward(i, means, center, colors, d_colors, basis, d_base, d_rest):
+    """Point i of `colors_backward`."""
+    x, y, z = _toward(means, center, i)
+    _basis(d_rest.shape[1] + 1, x, y, z, basis)
+    r = d_colors[i, 0] if colors[i, 0] > ZERO else ZERO
+    g = d_colors[i, 1] if colors[i, 1] > ZERO else ZERO
+    b = d_colors[i, 2] if colors[i, 2] > ZERO else ZERO
+    d_base[i, 0, 0], d_base[i, 0, 1], d_base[i, 0, 2] = C0 * r, C0 * g, C0 * b
+    for k in range(d_rest.shape[1]):
+        weight = basis[k + 1]
+        d_rest[i, k, 0], d_rest[i, k, 1], d_rest[i, k, 2] = weight * r, weight * g, weight * b
+
+
 @njit(**PARALLEL)
 def _colors(means, center, base, rest, colors):
     for i in prange(means.shape[0]):
-        x, y, z = _toward(means, center, i)
         basis = np.empty(16, np.float32)
-        _basis(rest.shape[1] + 1, x, y, z, basis)
-        for c in range(3):
-            value = HALF + C0 * base[i, 0, c]
-            for k in range(rest.shape[1]):
-                value += basis[k + 1] * rest[i, k, c]
-            colors[i, c] = max(value, ZERO)
+        color_one(i, means, center, base[i, 0], rest, basis, colors)
 
 
 @njit(**PARALLEL)
 def _colors_backward(means, center, colors, d_colors, d_base, d_rest):
     for i in prange(means.shape[0]):
-        x, y, z = _toward(means, center, i)
         basis = np.empty(16, np.float32)
-        _basis(d_rest.shape[1] + 1, x, y, z, basis)
-        r = d_colors[i, 0] if colors[i, 0] > ZERO else ZERO
-        g = d_colors[i, 1] if colors[i, 1] > ZERO else ZERO
-        b = d_colors[i, 2] if colors[i, 2] > ZERO else ZERO
-        d_base[i, 0, 0], d_base[i, 0, 1], d_base[i, 0, 2] = C0 * r, C0 * g, C0 * b
-        for k in range(d_rest.shape[1]):
-            weight = basis[k + 1]
-            d_rest[i, k, 0], d_rest[i, k, 1], d_rest[i, k, 2] = weight * r, weight * g, weight * b
+        color_one_backward(i, means, center, colors, d_colors, basis, d_base, d_rest)

@@ -43,20 +43,6 @@ def splines_backward(
     return gradients
 
 
-def turn(quats: np.ndarray, dq: np.ndarray) -> np.ndarray:
-    """Hamilton products quats * dq / |dq|, [N, 4]."""
-    product = np.empty_like(quats)
-    _turn(quats, dq, product)
-    return product
-
-
-def turn_backward(quats: np.ndarray, dq: np.ndarray, d_product: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Gradients to quats and dq."""
-    d_quats, d_dq = np.empty_like(quats), np.empty_like(dq)
-    _turn_backward(quats, dq, d_product, d_quats, d_dq)
-    return d_quats, d_dq
-
-
 def arap(
     means: np.ndarray, dx: np.ndarray, dq: np.ndarray, neighbour: np.ndarray, weights: np.ndarray, unit: float
 ) -> tuple[float, np.ndarray, np.ndarray]:
@@ -128,24 +114,23 @@ def _before_unit(w, x, y, z, inverse, gw, gx, gy, gz):
     )
 
 
-@njit(**PARALLEL)
-def _turn(quats, dq, product):
-    for i in prange(quats.shape[0]):
-        w, x, y, z, _ = _unit(dq, i)
-        product[i, 0], product[i, 1], product[i, 2], product[i, 3] = _product(
-            quats[i, 0], quats[i, 1], quats[i, 2], quats[i, 3], w, x, y, z
-        )
+@njit(inline="always")
+def turn_one(i, quats, dq, product):
+    """Hamilton product quats * dq / |dq| of point i."""
+    w, x, y, z, _ = _unit(dq, i)
+    product[i, 0], product[i, 1], product[i, 2], product[i, 3] = _product(
+        quats[i, 0], quats[i, 1], quats[i, 2], quats[i, 3], w, x, y, z
+    )
 
 
-@njit(**PARALLEL)
-def _turn_backward(quats, dq, d_product, d_quats, d_dq):
-    """The gradient of a product to a factor is the gradient times the conjugate of the other factor, on its side."""
-    for i in prange(quats.shape[0]):
-        w, x, y, z, inverse = _unit(dq, i)
-        gw, gx, gy, gz = d_product[i, 0], d_product[i, 1], d_product[i, 2], d_product[i, 3]
-        d_quats[i, 0], d_quats[i, 1], d_quats[i, 2], d_quats[i, 3] = _product(gw, gx, gy, gz, w, -x, -y, -z)
-        nw, nx, ny, nz = _product(quats[i, 0], -quats[i, 1], -quats[i, 2], -quats[i, 3], gw, gx, gy, gz)
-        d_dq[i, 0], d_dq[i, 1], d_dq[i, 2], d_dq[i, 3] = _before_unit(w, x, y, z, inverse, nw, nx, ny, nz)
+@njit(inline="always")
+def turn_one_backward(i, quats, dq, d_product, d_quats, d_dq):
+    """Its gradient: to a factor of a product, it is that to the product times the conjugate of the other factor, on its side."""
+    w, x, y, z, inverse = _unit(dq, i)
+    gw, gx, gy, gz = d_product[i, 0], d_product[i, 1], d_product[i, 2], d_product[i, 3]
+    d_quats[i, 0], d_quats[i, 1], d_quats[i, 2], d_quats[i, 3] = _product(gw, gx, gy, gz, w, -x, -y, -z)
+    nw, nx, ny, nz = _product(quats[i, 0], -quats[i, 1], -quats[i, 2], -quats[i, 3], gw, gx, gy, gz)
+    d_dq[i, 0], d_dq[i, 1], d_dq[i, 2], d_dq[i, 3] = _before_unit(w, x, y, z, inverse, nw, nx, ny, nz)
 
 
 @njit(**PARALLEL)

@@ -38,6 +38,11 @@ class View:
         low_y, high_y = -cy / fy - margin_y, (self.height - cy) / fy + margin_y
         return np.array([fx, fy, cx, cy, low_x, high_x, low_y, high_y], np.float32)
 
+    @property
+    def limits(self) -> tuple[np.float32, np.float32, np.float32, np.float32]:
+        """width, height, near, blur."""
+        return F(self.width), F(self.height), F(self.near), F(self.blur)
+
 
 def kept_area(xx, xy, yy):
     """Of a conic blurred by FINE_BLUR: det C / det(C + FINE_BLUR), for arrays and tensors alike; rounding may take it below 0."""
@@ -51,8 +56,7 @@ def forward(
     n = len(means)
     means2d, conics = np.empty((n, 2), np.float32), np.empty((n, 3), np.float32)
     depths, radii = np.empty(n, np.float32), np.empty(n, np.int32)
-    limits = F(view.width), F(view.height), F(view.near), F(view.blur)
-    _forward(means, quats, scales, view.viewmat, view.lens, *limits, means2d, conics, depths, radii)
+    _forward(means, quats, scales, view.viewmat, view.lens, view.limits, means2d, conics, depths, radii)
     return means2d, conics, depths, radii
 
 
@@ -121,46 +125,53 @@ def _jacobian_rows(V, gx, gy, u, v):
     )
 
 
-@njit(**PARALLEL)
-def _forward(means, quats, scales, V, lens, width, height, near, blur, means2d, conics, depths, radii):
+@njit(inline="always")
+def project_one(i, means, quats, scales, V, lens, limits, means2d, conics, depths, radii):
+    """Point i of `forward`. limits: width, height, near, blur."""
     fx, fy, cx, cy, low_x, high_x, low_y, high_y = lens
+    width, height, near, blur = limits
+    X, Y, Z = _to_camera(V, means, i)
+    means2d[i, 0] = means2d[i, 1] = conics[i, 0] = conics[i, 1] = conics[i, 2] = depths[i] = ZERO
+    radii[i] = 0
+    if near > Z:
+        return
+    w, x, y, z, _ = _unit(quats, i)
+    r00, r01, r02, r10, r11, r12, r20, r21, r22 = _rotation(w, x, y, z)
+    s0, s1, s2 = scales[i, 0], scales[i, 1], scales[i, 2]
+    inverse_z = ONE / Z
+    gx, gy = fx * inverse_z, fy * inverse_z
+    u = min(max(X * inverse_z, low_x), high_x)
+    v = min(max(Y * inverse_z, low_y), high_y)
+    j0, j1, j2, k0, k1, k2 = _jacobian_rows(V, gx, gy, u, v)
+    # The 2D covariance is [a; b] [a; b]^T with a, b the Jacobian rows times rotation times scales.
+    a0, a1, a2 = (
+        (j0 * r00 + j1 * r10 + j2 * r20) * s0,
+        (j0 * r01 + j1 * r11 + j2 * r21) * s1,
+        (j0 * r02 + j1 * r12 + j2 * r22) * s2,
+    )
+    b0, b1, b2 = (
+        (k0 * r00 + k1 * r10 + k2 * r20) * s0,
+        (k0 * r01 + k1 * r11 + k2 * r21) * s1,
+        (k0 * r02 + k1 * r12 + k2 * r22) * s2,
+    )
+    cxx = a0 * a0 + a1 * a1 + a2 * a2 + blur
+    cyy = b0 * b0 + b1 * b1 + b2 * b2 + blur
+    cxy = a0 * b0 + a1 * b1 + a2 * b2
+    determinant = cxx * cyy - cxy * cxy
+    px, py = gx * X + cx, gy * Y + cy
+    rx, ry = math.ceil(EXTENT * math.sqrt(cxx)), math.ceil(EXTENT * math.sqrt(cyy))
+    if determinant <= ZERO or px + rx <= ZERO or px - rx >= width or py + ry <= ZERO or py - ry >= height:
+        return
+    inverse = ONE / determinant
+    means2d[i, 0], means2d[i, 1], depths[i] = px, py, Z
+    conics[i, 0], conics[i, 1], conics[i, 2] = cyy * inverse, -cxy * inverse, cxx * inverse
+    radii[i] = np.int32(min(max(rx, ry), F(1e9)))
+
+
+@njit(**PARALLEL)
+def _forward(means, quats, scales, V, lens, limits, means2d, conics, depths, radii):
     for i in prange(means.shape[0]):
-        X, Y, Z = _to_camera(V, means, i)
-        means2d[i, 0] = means2d[i, 1] = conics[i, 0] = conics[i, 1] = conics[i, 2] = depths[i] = ZERO
-        radii[i] = 0
-        if near > Z:
-            continue
-        w, x, y, z, _ = _unit(quats, i)
-        r00, r01, r02, r10, r11, r12, r20, r21, r22 = _rotation(w, x, y, z)
-        s0, s1, s2 = scales[i, 0], scales[i, 1], scales[i, 2]
-        inverse_z = ONE / Z
-        gx, gy = fx * inverse_z, fy * inverse_z
-        u = min(max(X * inverse_z, low_x), high_x)
-        v = min(max(Y * inverse_z, low_y), high_y)
-        j0, j1, j2, k0, k1, k2 = _jacobian_rows(V, gx, gy, u, v)
-        # The 2D covariance is [a; b] [a; b]^T with a, b the Jacobian rows times rotation times scales.
-        a0, a1, a2 = (
-            (j0 * r00 + j1 * r10 + j2 * r20) * s0,
-            (j0 * r01 + j1 * r11 + j2 * r21) * s1,
-            (j0 * r02 + j1 * r12 + j2 * r22) * s2,
-        )
-        b0, b1, b2 = (
-            (k0 * r00 + k1 * r10 + k2 * r20) * s0,
-            (k0 * r01 + k1 * r11 + k2 * r21) * s1,
-            (k0 * r02 + k1 * r12 + k2 * r22) * s2,
-        )
-        cxx = a0 * a0 + a1 * a1 + a2 * a2 + blur
-        cyy = b0 * b0 + b1 * b1 + b2 * b2 + blur
-        cxy = a0 * b0 + a1 * b1 + a2 * b2
-        determinant = cxx * cyy - cxy * cxy
-        px, py = gx * X + cx, gy * Y + cy
-        rx, ry = math.ceil(EXTENT * math.sqrt(cxx)), math.ceil(EXTENT * math.sqrt(cyy))
-        if determinant <= ZERO or px + rx <= ZERO or px - rx >= width or py + ry <= ZERO or py - ry >= height:
-            continue
-        inverse = ONE / determinant
-        means2d[i, 0], means2d[i, 1], depths[i] = px, py, Z
-        conics[i, 0], conics[i, 1], conics[i, 2] = cyy * inverse, -cxy * inverse, cxx * inverse
-        radii[i] = np.int32(min(max(rx, ry), F(1e9)))
+        project_one(i, means, quats, scales, V, lens, limits, means2d, conics, depths, radii)
 
 
 @njit(inline="always")
@@ -189,55 +200,66 @@ def _quaternion_gradient(w, x, y, z, inverse, n00, n01, n02, n10, n11, n12, n20,
     )
 
 
+@njit(inline="always")
+def project_one_backward(
+    i, means, quats, scales, V, lens, conics, radii, d_means2d, d_conics, d_depth, d_means, d_quats, d_scales
+):
+    """Point i of `backward`. d_depth: of this point."""
+    fx, fy, _, _, low_x, high_x, low_y, high_y = lens
+    if radii[i] <= 0:
+        for c in range(3):
+            d_means[i, c] = d_scales[i, c] = ZERO
+        for c in range(4):
+            d_quats[i, c] = ZERO
+        return
+    X, Y, Z = _to_camera(V, means, i)
+    w, x, y, z, inverse_norm = _unit(quats, i)
+    r00, r01, r02, r10, r11, r12, r20, r21, r22 = _rotation(w, x, y, z)
+    s0, s1, s2 = scales[i, 0], scales[i, 1], scales[i, 2]
+    inverse_z = ONE / Z
+    gx, gy = fx * inverse_z, fy * inverse_z
+    slope_x, slope_y = X * inverse_z, Y * inverse_z
+    u, v = min(max(slope_x, low_x), high_x), min(max(slope_y, low_y), high_y)
+    j0, j1, j2, k0, k1, k2 = _jacobian_rows(V, gx, gy, u, v)
+    m00, m01, m02, m10, m11, m12 = r00 * s0, r01 * s1, r02 * s2, r10 * s0, r11 * s1, r12 * s2
+    m20, m21, m22 = r20 * s0, r21 * s1, r22 * s2
+    a0, a1, a2 = j0 * m00 + j1 * m10 + j2 * m20, j0 * m01 + j1 * m11 + j2 * m21, j0 * m02 + j1 * m12 + j2 * m22
+    b0, b1, b2 = k0 * m00 + k1 * m10 + k2 * m20, k0 * m01 + k1 * m11 + k2 * m21, k0 * m02 + k1 * m12 + k2 * m22
+    dxx, dxy, dyy = _covariance_gradient(conics, d_conics, i)
+    p0, p1, p2 = TWO * dxx * a0 + dxy * b0, TWO * dxx * a1 + dxy * b1, TWO * dxx * a2 + dxy * b2
+    q0, q1, q2 = TWO * dyy * b0 + dxy * a0, TWO * dyy * b1 + dxy * a1, TWO * dyy * b2 + dxy * a2
+
+    # Through the Jacobian: rows j = gx (V0 - u V2) and k = gy (V1 - v V2).
+    dj0, dj1, dj2 = m00 * p0 + m01 * p1 + m02 * p2, m10 * p0 + m11 * p1 + m12 * p2, m20 * p0 + m21 * p1 + m22 * p2
+    dk0, dk1, dk2 = m00 * q0 + m01 * q1 + m02 * q2, m10 * q0 + m11 * q1 + m12 * q2, m20 * q0 + m21 * q1 + m22 * q2
+    j_along, k_along = V[2, 0] * dj0 + V[2, 1] * dj1 + V[2, 2] * dj2, V[2, 0] * dk0 + V[2, 1] * dk1 + V[2, 2] * dk2
+    dx, dy = d_means2d[i, 0], d_means2d[i, 1]
+    d_gx = V[0, 0] * dj0 + V[0, 1] * dj1 + V[0, 2] * dj2 - u * j_along + X * dx
+    d_gy = V[1, 0] * dk0 + V[1, 1] * dk1 + V[1, 2] * dk2 - v * k_along + Y * dy
+    du = -gx * j_along if low_x <= slope_x <= high_x else ZERO
+    dv = -gy * k_along if low_y <= slope_y <= high_y else ZERO
+    dX, dY = gx * dx + du * inverse_z, gy * dy + dv * inverse_z
+    dZ = d_depth - inverse_z * (gx * d_gx + gy * d_gy + du * slope_x + dv * slope_y)
+    for c in range(3):
+        d_means[i, c] = V[0, c] * dX + V[1, c] * dY + V[2, c] * dZ
+
+    # Through rotation times scales: n is the gradient to that product.
+    n00, n01, n02 = j0 * p0 + k0 * q0, j0 * p1 + k0 * q1, j0 * p2 + k0 * q2
+    n10, n11, n12 = j1 * p0 + k1 * q0, j1 * p1 + k1 * q1, j1 * p2 + k1 * q2
+    n20, n21, n22 = j2 * p0 + k2 * q0, j2 * p1 + k2 * q1, j2 * p2 + k2 * q2
+    d_scales[i, 0] = r00 * n00 + r10 * n10 + r20 * n20
+    d_scales[i, 1] = r01 * n01 + r11 * n11 + r21 * n21
+    d_scales[i, 2] = r02 * n02 + r12 * n12 + r22 * n22
+    n00, n10, n20, n01, n11, n21 = n00 * s0, n10 * s0, n20 * s0, n01 * s1, n11 * s1, n21 * s1
+    d_quats[i, 0], d_quats[i, 1], d_quats[i, 2], d_quats[i, 3] = _quaternion_gradient(
+        w, x, y, z, inverse_norm, n00, n01, n02 * s2, n10, n11, n12 * s2, n20, n21, n22 * s2
+    )
+
+
 @njit(**PARALLEL)
 def _backward(means, quats, scales, V, lens, conics, radii, d_means2d, d_conics, d_depths, d_means, d_quats, d_scales):
-    fx, fy, _, _, low_x, high_x, low_y, high_y = lens
     for i in prange(means.shape[0]):
-        if radii[i] <= 0:
-            for c in range(3):
-                d_means[i, c] = d_scales[i, c] = ZERO
-            for c in range(4):
-                d_quats[i, c] = ZERO
-            continue
-        X, Y, Z = _to_camera(V, means, i)
-        w, x, y, z, inverse_norm = _unit(quats, i)
-        r00, r01, r02, r10, r11, r12, r20, r21, r22 = _rotation(w, x, y, z)
-        s0, s1, s2 = scales[i, 0], scales[i, 1], scales[i, 2]
-        inverse_z = ONE / Z
-        gx, gy = fx * inverse_z, fy * inverse_z
-        slope_x, slope_y = X * inverse_z, Y * inverse_z
-        u, v = min(max(slope_x, low_x), high_x), min(max(slope_y, low_y), high_y)
-        j0, j1, j2, k0, k1, k2 = _jacobian_rows(V, gx, gy, u, v)
-        m00, m01, m02, m10, m11, m12 = r00 * s0, r01 * s1, r02 * s2, r10 * s0, r11 * s1, r12 * s2
-        m20, m21, m22 = r20 * s0, r21 * s1, r22 * s2
-        a0, a1, a2 = j0 * m00 + j1 * m10 + j2 * m20, j0 * m01 + j1 * m11 + j2 * m21, j0 * m02 + j1 * m12 + j2 * m22
-        b0, b1, b2 = k0 * m00 + k1 * m10 + k2 * m20, k0 * m01 + k1 * m11 + k2 * m21, k0 * m02 + k1 * m12 + k2 * m22
-        dxx, dxy, dyy = _covariance_gradient(conics, d_conics, i)
-        p0, p1, p2 = TWO * dxx * a0 + dxy * b0, TWO * dxx * a1 + dxy * b1, TWO * dxx * a2 + dxy * b2
-        q0, q1, q2 = TWO * dyy * b0 + dxy * a0, TWO * dyy * b1 + dxy * a1, TWO * dyy * b2 + dxy * a2
-
-        # Through the Jacobian: rows j = gx (V0 - u V2) and k = gy (V1 - v V2).
-        dj0, dj1, dj2 = m00 * p0 + m01 * p1 + m02 * p2, m10 * p0 + m11 * p1 + m12 * p2, m20 * p0 + m21 * p1 + m22 * p2
-        dk0, dk1, dk2 = m00 * q0 + m01 * q1 + m02 * q2, m10 * q0 + m11 * q1 + m12 * q2, m20 * q0 + m21 * q1 + m22 * q2
-        j_along, k_along = V[2, 0] * dj0 + V[2, 1] * dj1 + V[2, 2] * dj2, V[2, 0] * dk0 + V[2, 1] * dk1 + V[2, 2] * dk2
-        dx, dy = d_means2d[i, 0], d_means2d[i, 1]
-        d_gx = V[0, 0] * dj0 + V[0, 1] * dj1 + V[0, 2] * dj2 - u * j_along + X * dx
-        d_gy = V[1, 0] * dk0 + V[1, 1] * dk1 + V[1, 2] * dk2 - v * k_along + Y * dy
-        du = -gx * j_along if low_x <= slope_x <= high_x else ZERO
-        dv = -gy * k_along if low_y <= slope_y <= high_y else ZERO
-        dX, dY = gx * dx + du * inverse_z, gy * dy + dv * inverse_z
-        dZ = d_depths[i] - inverse_z * (gx * d_gx + gy * d_gy + du * slope_x + dv * slope_y)
-        for c in range(3):
-            d_means[i, c] = V[0, c] * dX + V[1, c] * dY + V[2, c] * dZ
-
-        # Through rotation times scales: n is the gradient to that product.
-        n00, n01, n02 = j0 * p0 + k0 * q0, j0 * p1 + k0 * q1, j0 * p2 + k0 * q2
-        n10, n11, n12 = j1 * p0 + k1 * q0, j1 * p1 + k1 * q1, j1 * p2 + k1 * q2
-        n20, n21, n22 = j2 * p0 + k2 * q0, j2 * p1 + k2 * q1, j2 * p2 + k2 * q2
-        d_scales[i, 0] = r00 * n00 + r10 * n10 + r20 * n20
-        d_scales[i, 1] = r01 * n01 + r11 * n11 + r21 * n21
-        d_scales[i, 2] = r02 * n02 + r12 * n12 + r22 * n22
-        n00, n10, n20, n01, n11, n21 = n00 * s0, n10 * s0, n20 * s0, n01 * s1, n11 * s1, n21 * s1
-        d_quats[i, 0], d_quats[i, 1], d_quats[i, 2], d_quats[i, 3] = _quaternion_gradient(
-            w, x, y, z, inverse_norm, n00, n01, n02 * s2, n10, n11, n12 * s2, n20, n21, n22 * s2
+        d_depth = d_depths[i]
+        project_one_backward(
+            i, means, quats, scales, V, lens, conics, radii, d_means2d, d_conics, d_depth, d_means, d_quats, d_scales
         )

@@ -1,0 +1,162 @@
+"""Points of one moment as a view sees them: deformed, shaded, projected and coloured in one pass, and the gradient of it all.
+
+One by one these are two dozen passes over memory, and as many calls: half of what an iteration of a group spends outside of blending.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+from numba import njit, prange
+from scipy.special import expit
+
+from splatreel.kernels.cpu.harmonics import color_one, color_one_backward
+from splatreel.kernels.cpu.jit import HALF, ONE, PARALLEL, TWO, ZERO, F
+from splatreel.kernels.cpu.motion import turn_one, turn_one_backward
+from splatreel.kernels.cpu.project import FINE_BLUR, View, project_one, project_one_backward
+
+FINE = F(FINE_BLUR)
+LEAST_AREA = F(1e-6)
+
+Arrays = tuple[np.ndarray, ...]
+
+
+class Moment(NamedTuple):
+    """Canonical points, unconstrained, and what changes them: means [N, 3], quats [N, 4], log_scales [N, 3], logit_opacities [N],
+    base [N, 1, 3], rest [N, K - 1, 3], dx [N, 3], dq [N, 4], shade [N, 4], or [0, 4] for none.
+    """
+
+    means: np.ndarray
+    quats: np.ndarray
+    log_scales: np.ndarray
+    logit_opacities: np.ndarray
+    base: np.ndarray
+    rest: np.ndarray
+    dx: np.ndarray
+    dq: np.ndarray
+    shade: np.ndarray
+
+
+class Seen(NamedTuple):
+    """What `backward` needs again. The first five are the splats: means2d [N, 2], conics [N, 3], colors [N, 3], depths and radii [N].
+
+    means, quats, scales: of the deformed points; opaque: [N] their opacities, before what antialiasing takes.
+    """
+
+    means2d: np.ndarray
+    conics: np.ndarray
+    colors: np.ndarray
+    depths: np.ndarray
+    radii: np.ndarray
+    means: np.ndarray
+    quats: np.ndarray
+    scales: np.ndarray
+    opaque: np.ndarray
+
+
+def forward(moment: Moment, center: np.ndarray, view: View) -> tuple[np.ndarray, Seen]:
+    """The splats' opacities [N], and the rest. A view with a blur of FINE_BLUR is antialiased."""
+    n, shade = len(moment.means), moment.shade
+    logits = moment.logit_opacities + shade[:, 3] if len(shade) else moment.logit_opacities
+    opacities, opaque, scales = np.empty(n, np.float32), expit(logits), np.exp(moment.log_scales)
+    flat = (np.empty((n, size), np.float32) for size in (2, 3, 3))
+    seen = Seen(
+        *flat, np.empty(n, np.float32), np.empty(n, np.int32), *_like(moment.means, moment.quats), scales, opaque
+    )
+    pinhole = view.viewmat, view.lens, view.limits, center
+    _forward(moment, seen, view.blur == FINE_BLUR, *pinhole, opacities)
+    return opacities, seen
+
+
+def backward(
+    moment: Moment,
+    seen: Seen,
+    center: np.ndarray,
+    view: View,
+    d_means2d: np.ndarray,
+    d_conics: np.ndarray,
+    d_colors: np.ndarray,
+    d_opacities: np.ndarray,
+) -> Arrays:
+    """Gradients to the fields of the moment, dx apart, whose gradient is that of the means."""
+    d_moment = _like(*moment[:6], moment.dq, moment.shade)
+    room = _like(d_conics, moment.quats)
+    d_seen = d_means2d, d_conics, d_colors, d_opacities
+    _backward(moment, seen, view.blur == FINE_BLUR, view.viewmat, view.lens, center, d_seen, room, d_moment)
+    return d_moment
+
+
+def _like(*arrays: np.ndarray) -> Arrays:
+    return tuple(np.empty_like(array) for array in arrays)
+
+
+@njit(inline="always")
+def _kept_area(conics, i):
+    """As `project.kept_area`, at least LEAST_AREA."""
+    a, b, c = conics[i, 0], conics[i, 1], conics[i, 2]
+    return max(ONE - FINE * (a + c) + FINE * FINE * (a * c - b * b), LEAST_AREA)
+
+
+@njit(**PARALLEL)
+def _forward(moment, seen, antialias, V, lens, limits, center, opacities):
+    canonical, turns, _, _, base, rest, dx, dq, shade = moment
+    means2d, conics, colors, depths, radii, means, quats, scales, opaque = seen
+    shaded = shade.shape[0] > 0
+    for i in prange(canonical.shape[0]):
+        basis, shown = np.empty(16, np.float32), np.empty(3, np.float32)
+        for c in range(3):
+            means[i, c] = canonical[i, c] + dx[i, c]
+            shown[c] = base[i, 0, c] + (shade[i, c] if shaded else ZERO)
+        turn_one(i, turns, dq, quats)
+        project_one(i, means, quats, scales, V, lens, limits, means2d, conics, depths, radii)
+        color_one(i, means, center, shown, rest, basis, colors)
+        opacities[i] = opaque[i] * (math.sqrt(_kept_area(conics, i)) if antialias else ONE)
+
+
+@njit(**PARALLEL)
+def _backward(moment, seen, antialias, V, lens, center, d_seen, room, d_moment):
+    _, turns, _, _, _, _, _, dq, shade = moment
+    _, conics, colors, _, radii, means, quats, scales, opaque = seen
+    d_means2d, d_conics, d_colors, d_opacities = d_seen
+    d_blurred, d_product = room
+    d_means, d_quats, d_log_scales, d_logits, d_base, d_rest, d_dq, d_shade = d_moment
+    shaded = shade.shape[0] > 0
+    for i in prange(means.shape[0]):
+        basis, d_opaque = np.empty(16, np.float32), d_opacities[i]
+        for c in range(3):
+            d_blurred[i, c] = d_conics[i, c]
+        if antialias:
+            area = _kept_area(conics, i)
+            root = math.sqrt(area)
+            slope = d_opaque * opaque[i] * HALF / root if area > LEAST_AREA else ZERO
+            d_blurred[i, 0] += slope * FINE * (FINE * conics[i, 2] - ONE)
+            d_blurred[i, 1] -= slope * FINE * FINE * TWO * conics[i, 1]
+            d_blurred[i, 2] += slope * FINE * (FINE * conics[i, 0] - ONE)
+            d_opaque *= root
+        project_one_backward(
+            i,
+            means,
+            quats,
+            scales,
+            V,
+            lens,
+            conics,
+            radii,
+            d_means2d,
+            d_blurred,
+            ZERO,
+            d_means,
+            d_product,
+            d_log_scales,
+        )
+        turn_one_backward(i, turns, dq, d_product, d_quats, d_dq)
+        color_one_backward(i, means, center, colors, d_colors, basis, d_base, d_rest)
+        d_logits[i] = d_opaque * opaque[i] * (ONE - opaque[i])
+        for c in range(3):
+            d_log_scales[i, c] *= scales[i, c]
+            if shaded:
+                d_shade[i, c] = d_base[i, 0, c]
+        if shaded:
+            d_shade[i, 3] = d_logits[i]
