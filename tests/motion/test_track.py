@@ -1,5 +1,7 @@
 """A patch of points moves in front of a wall: its tracks are known exactly."""
 
+import tracemalloc
+
 import numpy as np
 import pytest
 from scipy.spatial import KDTree
@@ -172,6 +174,22 @@ def test_no_point_and_one_point() -> None:
     flow = TrueFlow(truth)
     assert follow(Tracker(WALL, CAMERAS, flow.frames(), flow, NEAR), Gaussians.empty(), 1).shape == (4, 0, 3)
     assert furthest(track(truth[:, middle], PATCH[middle]), truth[:, middle]) < 1
+
+
+def test_tracking_holds_the_flow_of_one_pair_of_frames() -> None:
+    few = PATCH[::20]
+    frames = np.zeros((24, len(CAMERAS), HEIGHT, WIDTH, 3), np.uint8)
+    tracker = Tracker(WALL, CAMERAS, frames, lambda a, b: np.zeros((HEIGHT, WIDTH, 2), np.float32), NEAR)
+    peaks = []
+    for last in (2, 23):
+        tracemalloc.start()
+        trail = Trail(few, 0)
+        for frame in range(last):
+            tracker.forth([trail], frame)
+        peaks.append(tracemalloc.get_traced_memory()[1])
+        tracemalloc.stop()
+    pair = len(CAMERAS) * HEIGHT * WIDTH * 2 * 2
+    assert peaks[1] < peaks[0] + 2 * pair
 
 
 def test_depths_are_those_of_the_nearer_surface() -> None:

@@ -156,7 +156,8 @@ class GroupTrainer:
         (loss + cost).backward()
         if tiles is not None:  # else it is the loss of another set of pixels
             self.schedule.note(frame, camera, loss)
-        self._measure(drawing, view, measured)
+        if adapts:  # nobody asks otherwise
+            self._measure(drawing, view, measured)
         self.points.scale_rates({}, default=0.1**share)
         self.points.step()
         self.model.step(share)

@@ -60,11 +60,10 @@ def forward(moment: Moment, center: np.ndarray, view: View) -> tuple[np.ndarray,
     """The splats' opacities [N], and the rest. A view with a blur of FINE_BLUR is antialiased."""
     n, shade = len(moment.means), moment.shade
     logits = moment.logit_opacities + shade[:, 3] if len(shade) else moment.logit_opacities
-    opacities, opaque, scales = np.empty(n, np.float32), expit(logits), np.exp(moment.log_scales)
-    flat = (np.empty((n, size), np.float32) for size in (2, 3, 3))
-    seen = Seen(
-        *flat, np.empty(n, np.float32), np.empty(n, np.int32), *_like(moment.means, moment.quats), scales, opaque
-    )
+    means2d, conics, colors = (np.empty((n, size), np.float32) for size in (2, 3, 3))
+    depths, radii, opacities = np.empty(n, np.float32), np.empty(n, np.int32), np.empty(n, np.float32)
+    means, quats = np.empty_like(moment.means), np.empty_like(moment.quats)
+    seen = Seen(means2d, conics, colors, depths, radii, means, quats, np.exp(moment.log_scales), expit(logits))
     pinhole = view.viewmat, view.lens, view.limits, center
     _forward(moment, seen, view.blur == FINE_BLUR, *pinhole, opacities)
     return opacities, seen
