@@ -276,12 +276,12 @@ export class Player extends EventTarget {
   }
 
   private open(session: Session, manifest: Manifest): void {
+    session.open(manifest);
     this.clock.manifest = manifest;
     this.camera = new OrbitCamera(manifest);
     this.camera.calm = matchMedia("(prefers-reduced-motion: reduce)").matches;
     if (this.start?.view) this.camera.state = this.start.view;
     this.clock.seek(this.start?.seconds ?? (manifest.live ? this.clock.edge : 0));
-    session.open(manifest);
     this.rendition = this.choice;
     this.emit("loadedmetadata");
     this.emit("durationchange");

@@ -72,6 +72,12 @@ export class Renderer {
     gl.bindVertexArray(null);
   }
 
+  /** Wait for what the driver still does. Throws `ReelError` where it cannot draw the player's pictures. */
+  begin(): void {
+    this.project.check();
+    this.splat.check();
+  }
+
   get lost(): boolean {
     return this.gl.isContextLost();
   }
@@ -323,17 +329,23 @@ function rowOfQuads(): Uint16Array {
 
 class Program {
   private readonly program: WebGLProgram;
+  private readonly stages: WebGLShader[];
   private readonly locations = new Map<string, WebGLUniformLocation | null>();
 
+  /** Returns at once: drivers compile on threads of their own until somebody asks for the result. */
   constructor(private readonly gl: WebGL2RenderingContext, vertex: string, fragment: string) {
     this.program = gl.createProgram();
-    const stages = [compile(gl, gl.VERTEX_SHADER, vertex), compile(gl, gl.FRAGMENT_SHADER, fragment)];
-    for (const stage of stages) gl.attachShader(this.program, stage);
+    this.stages = [compile(gl, gl.VERTEX_SHADER, vertex), compile(gl, gl.FRAGMENT_SHADER, fragment)];
+    for (const stage of this.stages) gl.attachShader(this.program, stage);
     gl.linkProgram(this.program);
-    for (const stage of stages) gl.deleteShader(stage);
-    if (!gl.getProgramParameter(this.program, gl.LINK_STATUS) && !gl.isContextLost()) {
-      throw new ReelError(`This device's graphics driver refuses the player's shaders: ${gl.getProgramInfoLog(this.program)}`);
-    }
+  }
+
+  /** Wait until it is compiled. Throws `ReelError` where the driver refuses it. */
+  check(): void {
+    const { gl, program, stages } = this;
+    if (gl.getProgramParameter(program, gl.LINK_STATUS) || gl.isContextLost()) return stages.forEach((stage) => gl.deleteShader(stage));
+    const why = [...stages.map((stage) => gl.getShaderInfoLog(stage)), gl.getProgramInfoLog(program)].filter(Boolean).join(" ");
+    throw new ReelError(`This device's graphics driver refuses the player's shaders: ${why}`);
   }
 
   use(): void {
@@ -362,8 +374,5 @@ function compile(gl: WebGL2RenderingContext, type: number, source: string): WebG
   const shader = gl.createShader(type)!;
   gl.shaderSource(shader, source);
   gl.compileShader(shader);
-  if (!gl.getShaderParameter(shader, gl.COMPILE_STATUS) && !gl.isContextLost()) {
-    throw new ReelError(`This device's graphics driver refuses the player's shaders: ${gl.getShaderInfoLog(shader)}`);
-  }
   return shader;
 }

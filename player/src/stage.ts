@@ -41,10 +41,11 @@ export class Stage {
     return this.opened;
   }
 
-  /** Set once it is here; the graphics device and the worker get ready before. */
+  /** Set once it is here; the graphics device and the worker get ready before. Throws `ReelError` where the device cannot draw. */
   set manifest(manifest: Manifest | null) {
     this.opened = manifest;
     this.renderer.antialias = manifest?.antialias === true;
+    this.renderer.begin();
   }
 
   addLayer(index: number, file: DecodedFile): void {

@@ -190,3 +190,16 @@ def test_a_lost_graphics_device_is_said_and_comes_back(page: Page, server: Serve
     reel = open_reel(GOLDEN)
     want = np.clip(render_image(reel.at(0.3), reel.manifest.camera), 0, 1)
     assert psnr(picture(page, 0.3, reel.manifest.camera), want) >= 45
+
+
+def test_a_driver_that_refuses_the_shaders_is_said(page: Page, server: Server):
+    page.add_init_script("""
+      const source = WebGL2RenderingContext.prototype.shaderSource;
+      WebGL2RenderingContext.prototype.shaderSource = function (shader, text) {
+        source.call(this, shader, text.replace("void main", "void nothing"));
+      };
+    """)
+    page.goto(server.url)
+    alert = page.locator("splat-reel").get_by_role("alert")
+    alert.wait_for()
+    assert "graphics driver refuses the player's shaders: ERROR" in alert.inner_text()
