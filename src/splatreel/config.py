@@ -54,6 +54,8 @@ class KeyframeConfig:
     refine_iterations: int = 5_000
     coarse_share: float = 0.0
     """Share of the iterations of the first keyframe trained at half size."""
+    steady: bool = False
+    """Average the keyframe's pictures over its group where nothing moves: less noise to learn by heart; goes past the paper."""
     pace: float = 1.0
     """Learning rates in multiples of those of 3DGS, which are for 30,000 iterations; the higher SH bands keep theirs."""
     sh_degree: int = 3
@@ -61,6 +63,9 @@ class KeyframeConfig:
     points_per_pixel: float = 10.0
     """Never more points than this many for each pixel of one image: small images cannot tell more apart."""
     cull_opacity: float = 0.05
+    lambda_opacity: float = 0.0
+    """Weight of the points' opacities, summed over the points and divided by the pixels of an image: what explains little fades; goes
+    past the paper."""
     densify_gradient: float = 2e-4
     densify_every: int = 100
 
@@ -206,6 +211,7 @@ def preset(quality: Quality) -> Config:
             first_iterations=2000,
             refine_iterations=400,
             coarse_share=0.5,
+            steady=True,
             pace=4.0,
             max_points=60_000,
             points_per_pixel=0.6,

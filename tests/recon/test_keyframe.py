@@ -1,5 +1,7 @@
 """Keyframes of a tiny scene that our own renderer drew."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 import torch
@@ -109,6 +111,23 @@ def test_faint_points_and_monsters_are_pruned_but_never_all() -> None:
             trainer.points.params["logit_opacities"].fill_(-9)
         trainer._prune(UNIT, 1.0)
         assert len(trainer.points) == len(THING) - 15
+
+
+def test_what_explains_nothing_fades_when_opacity_has_a_price() -> None:
+    """Points behind the wall show in no picture."""
+    hidden = np.random.default_rng(3).uniform([-1, -1, 1.5], [1, 1, 2.5], (40, 3))
+    places = np.concatenate([rough_start().means.detach().numpy(), hidden])
+
+    def left(price: float) -> Gaussians:
+        config = replace(CONFIG, lambda_opacity=price, pace=4.0)
+        points = starting_points(places, np.full(places.shape, 0.5), config, UNIT, CPU)
+        trainer = KeyframeTrainer(points, gains(), config, max_points=len(places))
+        trainer.train(stage(), 150, 150, Silent())
+        return trainer.points.gaussians()
+
+    free, priced = left(0.0), left(0.1)
+    assert free.opacities[free.means[:, 2] > 1.2].sum() > 1.3 * priced.opacities[priced.means[:, 2] > 1.2].sum()
+    assert psnr(priced, UNSEEN) > psnr(free, UNSEEN) - 1
 
 
 def test_training_in_two_stages_goes_on_where_it_was() -> None:

@@ -117,7 +117,8 @@ class KeyframeTrainer:
         moving = splats(p.means, p.quats, p.scales, p.opacities, p.sh, view, stage.near)
         drawing = draw(moving, view, behind.scenery(camera) if behind else None)
         loss = splat.photometric_loss(drawing.image, stage.images[camera], gain=self.gains.of(camera))
-        loss.backward()
+        price = self.config.lambda_opacity * p.opacities.sum() / (view.width * view.height)
+        (loss + price).backward()
         grad = drawing.means2d.grad
         assert grad is not None
         p.step()

@@ -16,6 +16,7 @@ from splatreel.codec.writer import ReelWriter
 from splatreel.config import Config
 from splatreel.errors import ReconstructionError, UsageError
 from splatreel.motion.flow import make_flow
+from splatreel.motion.steady import steady
 from splatreel.progress import Progress, Silent
 from splatreel.recon import checkpoint
 from splatreel.recon.claim import Claim
@@ -153,7 +154,7 @@ class Reconstruction:
 
     def _group(self, span: Span, scene: Scene, frames: np.ndarray, layout: Layout, writer: ReelWriter) -> Scene:
         """All stages of one group; returns the scene at the next keyframe."""
-        points = self._keyframe(span, scene, frames[0], layout)
+        points = self._keyframe(span, scene, frames, layout)
         scene = Scene(scene.static, scene.alive, points)
         layers = self._layer(span, scene, frames, layout)
         scene = self._settle(span, scene, layers, writer)
@@ -182,7 +183,7 @@ class Reconstruction:
             writer.add_group(group, shown)
         return self._hand_over(span, scene.static, group)
 
-    def _keyframe(self, span: Span, scene: Scene, images: np.ndarray, layout: Layout) -> Gaussians:
+    def _keyframe(self, span: Span, scene: Scene, frames: np.ndarray, layout: Layout) -> Gaussians:
         """(a): the Gaussians of the keyframe. Group 0: everything; later: the dynamic points, before frozen static ones."""
         path = self._folder(span) / "keyframe.safetensors"
         if path.exists():
@@ -196,6 +197,7 @@ class Reconstruction:
                 return scene.dynamic
             self.progress.stage(self._title(span, "keyframe"), iterations, self.plan.keyframe(span.index))
             self.gains.restart()
+            images = steady(frames) if config.steady else frames[0]
             trainer = self._keyframe_trainer(scene, layout, first)
             coarse_share = config.coarse_share if first else 0.0
             train_frame(

@@ -1,0 +1,37 @@
+"""Pictures of a keyframe without their noise: what rests is averaged over the frames of its group."""
+
+from __future__ import annotations
+
+from concurrent.futures import ThreadPoolExecutor
+
+import cv2
+import numpy as np
+
+from splatreel import threads
+
+SAME = 8 / 255
+"""Mean absolute difference of the colours of a pixel's surroundings from which on a frame has nothing to say about a keyframe's pixel."""
+
+
+def steady(frames: np.ndarray) -> np.ndarray:
+    """The keyframe's pictures, each pixel averaged over the frames in which its surroundings look as they do at the keyframe.
+
+    frames: [T, C, H, W, 3] uint8, the keyframe first. Returns [C, H, W, 3] uint8. Noise falls by up to the root of T, and slow
+    changes of light, which static points cannot follow, are met in their middle; what moves is left as it was. A frame weighs by
+    Tukey's bisquare of its difference: 1 where it is none, 0 from `SAME` on.
+    """
+    with ThreadPoolExecutor(threads.count()) as pool:
+        return np.stack(list(pool.map(lambda camera: _steady(frames[:, camera]), range(frames.shape[1]))))
+
+
+def _steady(frames: np.ndarray) -> np.ndarray:
+    """The same of one camera: [T, H, W, 3] to [H, W, 3]."""
+    first = frames[0].astype(np.float32)
+    total, weight = first.copy(), np.ones(first.shape[:2], np.float32)
+    for frame in frames[1:]:
+        change = frame - first
+        apart = np.abs(cv2.GaussianBlur(change, (5, 5), 0)).mean(-1) / (255 * SAME)
+        share = np.square(1 - np.square(np.minimum(apart, 1)))
+        total += share[..., None] * frame
+        weight += share
+    return np.rint(total / weight[..., None]).clip(0, 255).astype(np.uint8)
