@@ -64,8 +64,8 @@ class KeyframeConfig:
     """Never more points than this many for each pixel of one image: small images cannot tell more apart."""
     cull_opacity: float = 0.05
     lambda_opacity: float = 0.0
-    """Weight of the points' opacities, summed over the points and divided by the pixels of an image: what explains little fades; goes
-    past the paper."""
+    """Weight of the points' opacities once densification is over, summed and divided by the pixels of an image: what explains little
+    fades, floaters first; goes past the paper."""
     densify_gradient: float = 2e-4
     densify_every: int = 100
 
@@ -212,6 +212,7 @@ def preset(quality: Quality) -> Config:
             refine_iterations=400,
             coarse_share=0.5,
             steady=True,
+            lambda_opacity=0.01,
             pace=4.0,
             max_points=60_000,
             points_per_pixel=0.6,

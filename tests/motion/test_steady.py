@@ -15,7 +15,9 @@ def filmed(noise: float, seed: int = 0) -> tuple[np.ndarray, np.ndarray]:
 
 def test_noise_of_what_rests_falls() -> None:
     film, clean = filmed(4.0)
-    before, after = (np.abs(pictures[1] - clean[1]).mean() for pictures in (film[0].astype(float), steady(film).astype(float)))
+    before, after = (
+        np.abs(pictures[1] - clean[1]).mean() for pictures in (film[0].astype(float), steady(film).astype(float))
+    )
     assert after < 0.35 * before
 
 

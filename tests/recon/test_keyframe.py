@@ -125,7 +125,7 @@ def test_what_explains_nothing_fades_when_opacity_has_a_price() -> None:
         trainer.train(stage(), 150, 150, Silent())
         return trainer.points.gaussians()
 
-    free, priced = left(0.0), left(0.1)
+    free, priced = left(0.0), left(0.3)
     assert free.opacities[free.means[:, 2] > 1.2].sum() > 1.3 * priced.opacities[priced.means[:, 2] > 1.2].sum()
     assert psnr(priced, UNSEEN) > psnr(free, UNSEEN) - 1
 

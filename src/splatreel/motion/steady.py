@@ -10,7 +10,7 @@ import numpy as np
 from splatreel import threads
 
 SAME = 8 / 255
-"""Mean absolute difference of the colours of a pixel's surroundings from which on a frame has nothing to say about a keyframe's pixel."""
+"""Mean absolute difference of the colours around a pixel, from which on a frame says nothing about the keyframe."""
 
 
 def steady(frames: np.ndarray) -> np.ndarray:

@@ -63,8 +63,12 @@ def starting_points(
     return TrainablePoints(params, default_rates(unit, config.pace))
 
 
+GROWTH = 0.6
+"""Share of the iterations in which points are densified; from then on opacity has its price: earlier, it hinders what is to grow."""
+
+
 class KeyframeTrainer:
-    """Optimises points on the images of one frame, with densification in the first 60 % of the iterations."""
+    """Optimises points on the images of one frame, with densification in the first part of the iterations."""
 
     def __init__(
         self,
@@ -97,11 +101,11 @@ class KeyframeTrainer:
             if not cameras:
                 cameras = list(self.rng.permutation(len(stage.views)))
             camera = int(cameras.pop())
-            loss, grad = self._step(stage, camera, behind)
+            loss, grad = self._step(stage, camera, behind, self.config.lambda_opacity * (self.done > GROWTH * total))
             self.done += 1
             share = self.done / total
             self._anneal(share)
-            if share <= 0.6:
+            if share <= GROWTH:
                 meter.add(grad[: len(self.points)], stage.views[camera].width, stage.views[camera].height)
                 if self.done % self.config.densify_every == 0 and self.done >= 2 * self.config.densify_every:
                     self._densify(meter, stage.unit, share)
@@ -112,13 +116,14 @@ class KeyframeTrainer:
                 progress.update(self.done, loss=float(loss), points=len(self.points))
         self._prune(stage.unit, self.done / total)
 
-    def _step(self, stage: Stage, camera: int, behind: Backdrop | None) -> tuple[Tensor, Tensor]:
+    def _step(self, stage: Stage, camera: int, behind: Backdrop | None, price: float) -> tuple[Tensor, Tensor]:
+        """price: of all opacities, per pixel. Returns the loss and the gradient of the places on the image."""
         p, view = self.points, stage.views[camera]
         moving = splats(p.means, p.quats, p.scales, p.opacities, p.sh, view, stage.near)
         drawing = draw(moving, view, behind.scenery(camera) if behind else None)
         loss = splat.photometric_loss(drawing.image, stage.images[camera], gain=self.gains.of(camera))
-        price = self.config.lambda_opacity * p.opacities.sum() / (view.width * view.height)
-        (loss + price).backward()
+        cost = price * p.opacities.sum() / (view.width * view.height) if price else 0.0
+        (loss + cost).backward()
         grad = drawing.means2d.grad
         assert grad is not None
         p.step()
