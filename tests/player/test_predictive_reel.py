@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 pytest.importorskip("playwright.sync_api", reason="the browser tests need the playwright package")
-from playwright.sync_api import Page
+from playwright.sync_api import Page, Route
 
 from splatreel.kernels.image import render_image
 from splatreel.play.server import Server, serve
@@ -22,6 +22,30 @@ pytestmark = pytest.mark.browser
 def server() -> Iterator[Server]:
     with serve(PREDICTIVE, port=0) as running:
         yield running
+
+
+SPY = """
+const {compile, Instance} = WebAssembly;
+WebAssembly.compile = (bytes) => ALLOWED ? compile(bytes) : Promise.reject(new Error("not by this page's policy"));
+WebAssembly.Instance = function (...parts) {
+  const instance = new Instance(...parts);
+  console.log(Object.keys(instance.exports).includes("field") ? "kernels started" : "something else started");
+  return instance;
+};
+"""
+
+
+@pytest.mark.parametrize("allowed", [True, False])
+def test_decodes_by_webassembly_where_it_may(page: Page, server: Server, allowed: bool) -> None:
+    def spied(route: Route) -> None:
+        answer = route.fetch()
+        route.fulfill(response=answer, body=SPY.replace("ALLOWED", str(allowed).lower()) + answer.text())
+
+    said: list[str] = []
+    page.on("console", lambda message: said.append(message.text))
+    page.route("**/decode-worker.js", spied)
+    open_player(page, server)
+    assert ("kernels started" in said) is allowed
 
 
 def test_pictures_match_the_python_render(page: Page, server: Server) -> None:
