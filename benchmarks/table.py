@@ -17,6 +17,7 @@ ROWS = {
     "demo hashgrid": "built-in capture, the paper's hash grid",
     "basketball 320": "Panoptic basketball, 320 wide",
     "basketball 640": "Panoptic basketball, 640 wide",
+    "dominoes": "dominoes: a ring of cameras, fast and small",
 }
 """Benchmarks that always have a row, measured or not. Those of single frames get one when they have been recorded."""
 ORACLE, ON_ITS_OWN = "oracle", "each frame on its own"

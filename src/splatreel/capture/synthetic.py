@@ -146,7 +146,7 @@ def _write(folder: Path, recipe: dict, progress: Callable[[float], None]) -> Non
             stop.set()
             pool.shutdown(wait=False, cancel_futures=True)
             raise
-    np.save(folder / "poses_bounds.npy", np.stack([_llff_row(c) for c in cameras]))
+    np.save(folder / "poses_bounds.npy", np.stack([llff_row(c, NEAR, FAR) for c in cameras]))
     sidecar = {"held_out": list(HELD_OUT), "fps": recipe["fps"], "made_by": recipe}
     (folder / SIDECAR).write_text(json.dumps(sidecar, indent=2) + "\n", encoding="utf-8")
 
@@ -155,21 +155,21 @@ def _film(folder: Path, camera: Camera, recipe: dict) -> Iterator[int]:
     """Write one camera's video; yields the number of each frame as it is written."""
     still = toyroom.standing(recipe["seed"])
     seen = trace_still(camera, still, toyroom.LIGHT)
-    with _VideoWriter(folder / f"{camera.name}.mp4", camera, recipe["fps"]) as video:
+    with VideoWriter(folder / f"{camera.name}.mp4", camera, recipe["fps"]) as video:
         for t in range(recipe["frames"]):
             video.add(trace_frame(camera, seen, still, toyroom.moving(t / recipe["fps"]), toyroom.LIGHT))
             yield t
 
 
-def _llff_row(camera: Camera) -> np.ndarray:
+def llff_row(camera: Camera, near: float, far: float) -> np.ndarray:
     """[17] float64: the 3x5 matrix of axes (down, right, backwards), centre and (height, width, focal), then near and far."""
     right, down, forward = camera.viewmat[:3, :3].astype(np.float64)
     hwf = [camera.height, camera.width, camera.K[0, 0]]
     matrix = np.stack([down, right, -forward, camera.center, hwf], 1)
-    return np.concatenate([matrix.ravel(), [NEAR, FAR]])
+    return np.concatenate([matrix.ravel(), [near, far]])
 
 
-class _VideoWriter:
+class VideoWriter:
     """An H.264 file of nearly lossless quality; one thread, so that the bytes do not depend on the machine."""
 
     def __init__(self, path: Path, camera: Camera, fps: int) -> None:
@@ -179,7 +179,7 @@ class _VideoWriter:
         self._stream.codec_context.thread_count = 1
         self._stream.codec_context.options = {"crf": "6", "preset": "medium", "g": str(fps), "flags": "+bitexact"}
 
-    def __enter__(self) -> _VideoWriter:
+    def __enter__(self) -> VideoWriter:
         return self
 
     def add(self, image: np.ndarray) -> None:

@@ -27,7 +27,7 @@ def _linear(color: Color) -> list[float]:
     return [((c + 0.055) / 1.055) ** 2.4 for c in color]
 
 
-class _Builder:
+class Builder:
     """Collects solids and packs them as `Shapes`."""
 
     def __init__(self) -> None:
@@ -90,7 +90,7 @@ def turn_x(angle: float) -> np.ndarray:
 def standing(seed: int = 0) -> Shapes:
     """The solids that never move. seed: varies the textures' phases and the blocks' places a little."""
     rng = np.random.default_rng(seed)
-    b = _Builder()
+    b = Builder()
     _room(b, rng)
     _books(b, rng)
     _mirror(b)
@@ -98,7 +98,7 @@ def standing(seed: int = 0) -> Shapes:
     return b.shapes()
 
 
-def _room(b: _Builder, rng: np.random.Generator) -> None:
+def _room(b: Builder, rng: np.random.Generator) -> None:
     phase = rng.uniform(0, 1)
     b.body(shadows=False)  # floor and walls surround the lamp
     b.add(BOX, (0, -0.5, 0), (5, 0.5, 5), (WOOD, (0.78, 0.56, 0.34)), tx.PLANKS, 2.6, phase, occlusion=0)
@@ -133,7 +133,7 @@ def _room(b: _Builder, rng: np.random.Generator) -> None:
     b.add(BOX, (0.55, 1.55, -1.76), (0.48, 0.35, 0.04), picture, tx.PAINTING, occlusion=0)
 
 
-def _books(b: _Builder, rng: np.random.Generator) -> None:
+def _books(b: Builder, rng: np.random.Generator) -> None:
     """A board on the wall with books of two colours each."""
     b.body()
     b.add(BOX, (-0.85, 1.14, -1.62), (0.75, 0.03, 0.18), (WOOD,), occlusion=0.15)
@@ -150,7 +150,7 @@ def _books(b: _Builder, rng: np.random.Generator) -> None:
     )
 
 
-def _mirror(b: _Builder) -> None:
+def _mirror(b: Builder) -> None:
     """A standing mirror at the left, turned to the middle of the room."""
     turn = turn_y(0.62) @ turn_x(-0.06)
     center = np.array([-1.42, 0.62, -0.85])
@@ -167,7 +167,7 @@ def _mirror(b: _Builder) -> None:
     )
 
 
-def _toys(b: _Builder, rng: np.random.Generator) -> None:
+def _toys(b: Builder, rng: np.random.Generator) -> None:
     b.body()
     b.add(CYLINDER, (0.02, 0.19, -0.75), (0.3, 0.19, 0.3), (CREAM, BLUE), tx.STRIPES, 33.0)
     b.add(CYLINDER, (0.02, 0.41, -0.75), (0.1, 0.035, 0.1), (BLACK,), occlusion=0.2)
@@ -189,7 +189,7 @@ def _toys(b: _Builder, rng: np.random.Generator) -> None:
 
 def moving(seconds: float) -> Shapes:
     """The solids that ever move, as they are at a time; always the same ones in the same order."""
-    b = _Builder()
+    b = Builder()
     _globe(b, seconds)
     _ball(b, seconds)
     _plane(b, seconds)
@@ -204,14 +204,14 @@ def in_motion(seconds: float) -> np.ndarray:
     return np.any([np.abs(now[:, part] - soon[:, part]).max(1) > 1e-9 for part in place], axis=0)
 
 
-def _globe(b: _Builder, t: float) -> None:
+def _globe(b: Builder, t: float) -> None:
     """The slow turner: two thirds of a radian a second."""
     colors = ((0.14, 0.42, 0.68), (0.5, 0.62, 0.22), WHITE)
     b.body()
     b.add(ELLIPSOID, (0.02, 0.8, -0.75), (0.38,) * 3, colors, tx.GLOBE, 2.0, 3.0, turn=turn_z(-0.3) @ turn_y(0.66 * t))
 
 
-def _ball(b: _Builder, t: float) -> None:
+def _ball(b: Builder, t: float) -> None:
     """The fast thing: to and fro between two bumpers, bouncing; 6 to 8 pixels a frame at the default size."""
     radius, reach, speed, hop = 0.16, 1.44, 2.7, 0.62
     way = (speed * t + 0.6) % (4 * reach)
@@ -223,7 +223,7 @@ def _ball(b: _Builder, t: float) -> None:
     b.add(ELLIPSOID, (x, y, 0.75), (radius,) * 3, (RED, WHITE, YELLOW), tx.SECTORS, 3.0, turn=turn)
 
 
-def _plane(b: _Builder, t: float) -> None:
+def _plane(b: Builder, t: float) -> None:
     """Flies in from the right about PLANE_ENTERS, then circles."""
     radius, speed = 0.85, 1.7
     x_straight = 2.0 - speed * (t - PLANE_ENTERS)
@@ -245,7 +245,7 @@ def _plane(b: _Builder, t: float) -> None:
     part(ELLIPSOID, (0.05, 0.08, 0), (0.1, 0.06, 0.055), ((0.6, 0.8, 0.9),))
 
 
-def _train(b: _Builder, t: float) -> None:
+def _train(b: Builder, t: float) -> None:
     """Rests until TRAIN_STARTS, then runs to and fro in front of the globe's stand."""
     x = -0.95 + 0.8 * (1 - math.cos(1.35 * max(0.0, t - TRAIN_STARTS)))
     roll = -(x + 0.95) / 0.09

@@ -1,0 +1,159 @@
+"""Dominoes: a third film, beside the built-in capture and basketball, and unkind on purpose.
+
+Eighteen cameras in a ring, each with its own colours and noise; small dominoes fall within a second (the paper's own failure case),
+a figure waves, a ball is thrown across; the wallpaper looks the same everywhere.
+
+python benchmarks/dominoes.py
+"""
+
+import dataclasses
+import json
+import math
+import os
+import tempfile
+import time
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+
+import numpy as np
+import tyro
+
+from run import run
+from splatreel import threads
+from splatreel.capture import textures as tx
+from splatreel.capture import toyroom as toys
+from splatreel.capture.opening import open_capture
+from splatreel.capture.raytracer import trace_frame, trace_still
+from splatreel.capture.solids import BOX, ELLIPSOID, Shapes
+from splatreel.capture.synthetic import VideoWriter, llff_row
+from splatreel.capture.toyroom import Builder, turn_y, turn_z
+from splatreel.config import Quality, preset
+from splatreel.scene.camera import Camera
+
+LIGHT = np.array([0.8, 5.5, 1.2])
+FPS, CAMERAS, DOMINOES = 30, 18, 14
+HELD_OUT = ("cam04", "cam11")
+NOISE, GAIN = 3.0, 0.04
+"""Standard deviations: of the pixels, in grey levels; of the logarithm of the training cameras' colour gains."""
+SKIN = (0.9, 0.7, 0.58)
+
+
+def main(
+    quality: Quality = "standard", frames: int = 45, seed: int = 0, out: Path | None = None, note: str = ""
+) -> None:
+    """Film, reconstruct, evaluate, record. Pictures are 320x180."""
+    out = out or Path(f"out/benchmark-dominoes-{quality}-{frames}-{seed}")
+    started = time.monotonic()
+    if not (out / "capture").exists():
+        film(out / "capture", 320, 180, frames)
+    filming = time.monotonic() - started
+    config = dataclasses.replace(preset(quality), seed=seed)
+    run("dominoes", open_capture(out / "capture"), out, config, None, note, filming)
+
+
+def film(path: Path, width: int, height: int, frames: int) -> None:
+    """Write a Neu3DV folder, whole or not at all; the same bytes every time."""
+    path.parent.mkdir(parents=True, exist_ok=True)
+    rig, still = ring(width, height), standing()
+    with tempfile.TemporaryDirectory(dir=path.parent) as temporary:
+        folder = Path(temporary) / path.name
+        folder.mkdir()
+
+        def shoot(number: int) -> None:
+            camera, rng = rig[number], np.random.default_rng(number)
+            gain = np.ones(3) if camera.name in HELD_OUT else np.exp(rng.normal(0, GAIN, 3))
+            seen = trace_still(camera, still, LIGHT)
+            with VideoWriter(folder / f"{camera.name}.mp4", camera, FPS) as video:
+                for t in range(frames):
+                    clean = trace_frame(camera, seen, still, moving(t / FPS), LIGHT)
+                    noisy = clean * gain + rng.normal(0, NOISE, clean.shape)
+                    video.add(noisy.clip(0, 255).astype(np.uint8))
+
+        with ThreadPoolExecutor(threads.count()) as pool:
+            list(pool.map(shoot, range(len(rig))))
+        np.save(folder / "poses_bounds.npy", np.stack([llff_row(camera, 1.5, 14.0) for camera in rig]))
+        (folder / "splatreel.json").write_text(json.dumps({"held_out": HELD_OUT, "fps": FPS}), encoding="utf-8")
+        os.replace(folder, path)
+
+
+def ring(width: int, height: int) -> list[Camera]:
+    """Cameras all around, at four heights, that look at the table."""
+    cameras = []
+    for i in range(CAMERAS):
+        angle = 2 * math.pi * i / CAMERAS
+        center = np.array([4.6 * math.sin(angle), 1.5 + 0.9 * (i % 2) + 0.2 * (i % 3), 4.6 * math.cos(angle)])
+        forward = np.array([0, 0.7, -0.2]) - center
+        forward /= np.linalg.norm(forward)
+        right = np.cross(forward, [0.0, 1.0, 0.0])
+        right /= np.linalg.norm(right)
+        viewmat = np.eye(4)
+        viewmat[:3, :3] = np.stack([right, np.cross(forward, right), forward])
+        viewmat[:3, 3] = -viewmat[:3, :3] @ center
+        K = np.array([[0.95 * width, 0, width / 2], [0, 0.95 * width, height / 2], [0, 0, 1]])
+        cameras.append(Camera(f"cam{i:02d}", viewmat, K, width, height))
+    return cameras
+
+
+def standing() -> Shapes:
+    """A papered room, a table, five boxes."""
+    b = Builder()
+    b.body(shadows=False)
+    b.add(BOX, (0, -0.5, 0), (7.2, 0.5, 7.2), (toys.WOOD, (0.78, 0.56, 0.34)), tx.PLANKS, 2.0, 0.3, occlusion=0)
+    paper = ((0.55, 0.73, 0.72), (0.66, 0.81, 0.77), toys.CREAM)
+    for side in (-1, 1):
+        b.add(BOX, (0, 2, 7.2 * side), (7.2, 2.6, 0.2), paper, tx.WALLPAPER, 1.3, 0.1, occlusion=0)
+        b.add(BOX, (7.2 * side, 2, 0), (0.2, 2.6, 7.2), paper, tx.WALLPAPER, 1.3, 0.6, occlusion=0)
+    b.add(BOX, (0, 0.2, 0), (1.3, 0.2, 0.8), (toys.CREAM, toys.BLUE), tx.CHECKS, 6.0, 0.2, occlusion=0.2)
+    places = ((-2.5, -2.0), (2.6, -1.8), (2.2, 2.4), (-2.4, 2.1), (0.0, -3.0))
+    colors = (toys.RED, toys.TEAL, toys.PURPLE, toys.GREEN, toys.ORANGE)
+    for i, ((x, z), color) in enumerate(zip(places, colors, strict=True)):
+        b.body()
+        b.add(BOX, (x, 0.45, z), (0.35, 0.45, 0.3), (color, toys.CREAM, toys.YELLOW), tx.EMBLEM, turn=turn_y(0.5 * i))
+    return b.shapes()
+
+
+def moving(seconds: float) -> Shapes:
+    b = Builder()
+    _dominoes(b, seconds)
+    _figure(b, seconds)
+    _ball(b, seconds)
+    return b.shapes()
+
+
+def _dominoes(b: Builder, t: float) -> None:
+    """From a quarter of a second on one falls every twentieth, in 0.16 seconds."""
+    colors = (toys.RED, toys.YELLOW, toys.WHITE, toys.BLUE, toys.GREEN)
+    for i in range(DOMINOES):
+        lean = 1.15 * min(max((t - 0.25 - 0.05 * i) / 0.16, 0.0), 1.0) ** 1.7
+        turn, half = turn_z(-lean), (0.025, 0.17, 0.085)
+        place = np.array([-1.0 + 0.155 * i, 0.4, 0.35]) + turn @ (0, half[1], 0)
+        b.body()
+        b.add(BOX, tuple(place), half, (colors[i % 5], toys.BLACK), tx.DOTS, 9.0, turn=turn, occlusion=0.1)
+
+
+def _figure(b: Builder, t: float) -> None:
+    """Sways and swings its arms."""
+    x, z, sway = -0.2, -1.5, 0.06 * math.sin(3 * t)
+    b.body()
+    b.add(ELLIPSOID, (x + sway, 1.0, z), (0.22, 0.42, 0.15), (toys.PURPLE, toys.PINK), tx.STRIPES, 20.0)
+    b.add(ELLIPSOID, (x + 1.6 * sway, 1.58, z), (0.13, 0.16, 0.14), (SKIN, (0.3, 0.2, 0.15)), tx.BANDS, 0.4)
+    for side in (-1, 1):
+        b.add(BOX, (x + 0.1 * side, 0.35, z), (0.08, 0.35, 0.08), (toys.BLUE,))
+        turn = turn_z(side * (0.7 + 0.9 * math.sin(5 * t + side)))
+        place = np.array([x + sway + 0.22 * side, 1.25, z]) + turn @ (0, -0.3, 0)
+        b.add(ELLIPSOID, tuple(place), (0.06, 0.33, 0.06), (toys.PURPLE, SKIN), tx.STRIPES, 12.0, turn=turn)
+
+
+def _ball(b: Builder, t: float) -> None:
+    """Rests in the air for half a second, then flies across and hops on."""
+    u = max(t - 0.5, 0.0)
+    x, y = -2.4 + 3.6 * u, 1.3 + 3.2 * u - 4.9 * u * u
+    if y < 0.14:
+        y = 0.14 + 0.15 * abs(math.sin(6 * u))
+    b.body()
+    colors = (toys.ORANGE, toys.BLACK, toys.WHITE)
+    b.add(ELLIPSOID, (x, y, 0.9), (0.13,) * 3, colors, tx.SECTORS, 3.0, turn=turn_z(-7 * u))
+
+
+if __name__ == "__main__":
+    tyro.cli(main)
