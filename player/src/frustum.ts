@@ -28,3 +28,14 @@ export function frustumOf({ viewmat, fx, fy, cx, cy, width, height, near }: View
   const reach = (low: number, high: number): number => Math.hypot(1, LARGEST_SLOPE * Math.max(-low, high));
   return { viewmat: viewmat.slice(0, 12), near, left, right, top, bottom, reachX: reach(left, right), reachY: reach(top, bottom) };
 }
+
+/** Whether what was sorted for one view is all that another one sees, at a depth and beyond. */
+export function covers(sorted: View, { viewmat: n, fx, fy, cx, cy, width, height }: View, depth: number): boolean {
+  const { viewmat: m, left, right, top, bottom } = frustumOf(sorted);
+  return [0, 1, 2, 3].every((corner) => {
+    const seen = [(((corner & 1) * width - cx) / fx) * depth - n[3], (((corner >> 1) * height - cy) / fy) * depth - n[7], depth - n[11]];
+    const point = [0, 1, 2].map((a) => n[a] * seen[0] + n[4 + a] * seen[1] + n[8 + a] * seen[2]);
+    const [x, y, z] = [0, 4, 8].map((row) => m[row] * point[0] + m[row + 1] * point[1] + m[row + 2] * point[2] + m[row + 3]);
+    return z > 0 && x >= left * z && x <= right * z && y >= top * z && y <= bottom * z;
+  });
+}

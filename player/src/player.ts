@@ -387,6 +387,7 @@ export class Player extends EventTarget {
   /** Show a scene: then a seek may be over, and the first picture may be whole. */
   private async show(stage: Stage, scene: Scene, view: View): Promise<void> {
     if (!(await stage.sort(scene, view)) || this.stalled || scene.current === null) return;
+    if (!this.ready && !this.presented) stage.draw(this.clock.frame, view); // canplay: it has been drawn
     if (this.isSeeking && scene.current.group === this.clock.moment.current.group) {
       this.isSeeking = false;
       this.emit("seeked");

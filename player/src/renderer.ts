@@ -48,6 +48,7 @@ export class Renderer {
   private readonly layers: PointTextures[] = [];
   private readonly groups = new Map<number, { textures: PointTextures; alive: Uint8Array }>();
   private flagsKey = "";
+  private last: { scene: Scene; weight: number; view: View } | null = null;
   /** The browser draws without a graphics device. */
   readonly software: boolean;
   /** Splats thinner than a pixel are drawn fainter. */
@@ -134,6 +135,7 @@ export class Renderer {
   /** Draw a scene for each of several views, all in one framebuffer. */
   drawEyes(scene: Scene, weight: number, eyes: Eye[]): void {
     const { gl } = this;
+    this.last = { scene, weight, view: eyes[eyes.length - 1].view };
     this.updateFlags(scene);
     gl.bindFramebuffer(gl.FRAMEBUFFER, eyes[0].framebuffer);
     gl.clearColor(0, 0, 0, 1);
@@ -172,9 +174,12 @@ export class Renderer {
     return result;
   }
 
-  /** Depth at a pixel of the last picture of a scene: of the splat at which half of the light is absorbed. */
-  depthAt({ layers, current, previous }: Scene, x: number, y: number): number | null {
-    const { gl } = this;
+  /** Depth at a pixel of the last picture: of the splat at which half of the light is absorbed. */
+  depthAt(x: number, y: number): number | null {
+    const { gl, last } = this;
+    if (!last || !this.holds(last.scene)) return null;
+    const { layers, current, previous } = last.scene;
+    this.projectPoints(last.scene, last.weight, last.view); // the textures may have grown since
     const groups = [current, previous].map((shown) => shown && this.groups.get(shown.group)?.textures);
     const hits: Hit[] = [];
     gl.bindFramebuffer(gl.FRAMEBUFFER, this.target);

@@ -1,6 +1,8 @@
 /** What is on screen: one scene, sorted by the worker and drawn by the GPU. The picture always belongs to the order it is drawn in. */
 import type { DecodedFile } from "./decode";
+import { covers } from "./frustum";
 import type { Manifest } from "./manifest";
+import { add, eyeOf, length, scale, subtract } from "./matrix";
 import { Renderer, type Eye, type View } from "./renderer";
 import type { Scene } from "./sort-worker";
 import { Sorter } from "./sorter";
@@ -26,6 +28,7 @@ export class Stage {
   private readonly renderer: Renderer;
   private readonly sorter: Sorter;
   private drawnFrame = 0;
+  private sortedFor: View | null = null;
   private unsorted = true;
   private dirty = false;
   private closed = false;
@@ -119,6 +122,7 @@ export class Stage {
     this.renderer.setOrder(reply.order, reply.count);
     this.sorter.recycle(reply.order);
     this.scene = scene;
+    this.sortedFor = view;
     this.dirty = true;
     return true;
   }
@@ -129,8 +133,9 @@ export class Stage {
     if (!this.dirty || !scene || !manifest) return;
     this.dirty = false;
     this.pictures++;
-    this.view = view;
-    const paint = (shown: Scene, weight: number): void => (eyes ? this.renderer.drawEyes(shown, weight, eyes) : this.renderer.draw(shown, weight, view));
+    // Where the view leaves what it was sorted for, the picture is one behind rather than cut off.
+    const shownView = (this.view = eyes || this.isCovered(view) ? view : this.sortedFor!);
+    const paint = (shown: Scene, weight: number): void => (eyes ? this.renderer.drawEyes(shown, weight, eyes) : this.renderer.draw(shown, weight, shownView));
     if (scene.current === null) return paint(scene, 1);
     const { groups, overlap } = manifest;
     const { group } = scene.current;
@@ -143,6 +148,13 @@ export class Stage {
     paint({ ...scene, current: moment.current, previous }, previous ? moment.weight : 1);
   }
 
+  /** Whether all that a view sees is in the order, at half the way to the scene's middle and beyond. */
+  private isCovered(view: View): boolean {
+    const [low, high] = this.manifest!.bounds;
+    const way = length(subtract(scale(add(low, high), 0.5), eyeOf(view.viewmat)));
+    return this.sortedFor === null || covers(this.sortedFor, view, Math.max(way / 2, view.near));
+  }
+
   /** Sort and draw a scene at once, and read the picture back. */
   async snapshot(scene: Scene, weight: number, view: View): Promise<Picture> {
     await this.settled();
@@ -153,7 +165,7 @@ export class Stage {
 
   /** Depth of what is seen at a pixel of the last picture, world units; null where there is nothing. */
   depthAt(x: number, y: number): number | null {
-    return this.scene ? this.renderer.depthAt(this.scene, x, y) : null;
+    return this.renderer.depthAt(x, y);
   }
 
   destroy(): void {

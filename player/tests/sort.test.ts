@@ -1,6 +1,6 @@
 import assert from "node:assert/strict";
 import { test } from "node:test";
-import { EXTENT, frustumOf } from "../src/frustum";
+import { covers, EXTENT, frustumOf } from "../src/frustum";
 import { DepthRun, merge } from "../src/sort";
 
 const IDENTITY = [1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1];
@@ -88,4 +88,15 @@ test("what reaches into the picture is kept, what lies beyond its margin is not"
     else outside++;
   }
   assert.ok(outside > 1000 && 4000 - kept.size > 0.6 * outside, `${4000 - kept.size} of ${outside} outside were left out`);
+});
+
+test("an order covers views that turn or move a little", () => {
+  const view = { viewmat: IDENTITY, fx: 500, fy: 500, cx: 320, cy: 180, width: 640, height: 360, near: 0.1 };
+  const turned = (angle: number) => ({ ...view, viewmat: [Math.cos(angle), 0, -Math.sin(angle), 0, 0, 1, 0, 0, Math.sin(angle), 0, Math.cos(angle), 0, 0, 0, 0, 1] });
+  const moved = (x: number) => ({ ...view, viewmat: [1, 0, 0, -x, ...IDENTITY.slice(4)] });
+  assert.ok(covers(view, view, 1) && covers(view, { ...view, fx: 250, fy: 250, cx: 160, cy: 90, width: 320, height: 180 }, 1));
+  assert.ok(covers(view, turned(0.05), 2) && covers(view, turned(-0.05), 2));
+  assert.ok(!covers(view, turned(0.3), 2) && !covers(view, turned(-0.3), 2) && !covers(view, turned(Math.PI), 2));
+  assert.ok(covers(view, moved(0.1), 2) && !covers(view, moved(0.1), 0.5) && !covers(view, moved(-1), 2));
+  assert.ok(!covers(view, { ...view, fx: 350, fy: 350 }, 2), "a wider lens");
 });
