@@ -212,7 +212,7 @@ def preset(quality: Quality) -> Config:
             refine_iterations=400,
             coarse_share=0.5,
             steady=True,
-            lambda_opacity=0.02,
+            lambda_opacity=0.01,
             pace=4.0,
             max_points=60_000,
             points_per_pixel=0.6,

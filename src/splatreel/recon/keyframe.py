@@ -64,7 +64,8 @@ def starting_points(
 
 
 GROWTH = 0.6
-"""Share of the iterations in which points are densified; from then on opacity has its price: earlier, it hinders what is to grow."""
+"""Share of the iterations in which points are densified; from then on opacity has its price: earlier, it hinders what is to grow.
+Before a backdrop it has none: what moves has few points, and needs them."""
 
 
 class KeyframeTrainer:
@@ -101,7 +102,8 @@ class KeyframeTrainer:
             if not cameras:
                 cameras = list(self.rng.permutation(len(stage.views)))
             camera = int(cameras.pop())
-            loss, grad = self._step(stage, camera, behind, self.config.lambda_opacity * (self.done > GROWTH * total))
+            priced = behind is None and self.done > GROWTH * total
+            loss, grad = self._step(stage, camera, behind, self.config.lambda_opacity if priced else 0.0)
             self.done += 1
             share = self.done / total
             self._anneal(share)
