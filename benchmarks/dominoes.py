@@ -25,7 +25,7 @@ from splatreel.capture import toyroom as toys
 from splatreel.capture.opening import open_capture
 from splatreel.capture.raytracer import trace_frame, trace_still
 from splatreel.capture.solids import BOX, ELLIPSOID, Shapes
-from splatreel.capture.synthetic import VideoWriter, llff_row
+from splatreel.capture.synthetic import VideoWriter, facing, llff_row
 from splatreel.capture.toyroom import Builder, turn_y, turn_z
 from splatreel.config import Quality, preset
 from splatreel.scene.camera import Camera
@@ -84,13 +84,7 @@ def ring(width: int, height: int) -> list[Camera]:
         center = np.array([4.6 * math.sin(angle), 1.5 + 0.9 * (i % 2) + 0.2 * (i % 3), 4.6 * math.cos(angle)])
         forward = np.array([0, 0.7, -0.2]) - center
         forward /= np.linalg.norm(forward)
-        right = np.cross(forward, [0.0, 1.0, 0.0])
-        right /= np.linalg.norm(right)
-        viewmat = np.eye(4)
-        viewmat[:3, :3] = np.stack([right, np.cross(forward, right), forward])
-        viewmat[:3, 3] = -viewmat[:3, :3] @ center
-        K = np.array([[0.95 * width, 0, width / 2], [0, 0.95 * width, height / 2], [0, 0, 1]])
-        cameras.append(Camera(f"cam{i:02d}", viewmat, K, width, height))
+        cameras.append(facing(f"cam{i:02d}", center, forward, 0.95 * width, width, height))
     return cameras
 
 

@@ -107,15 +107,20 @@ function quaternions(values: Float32Array): void {
   }
 }
 
+/** (b, r, g) at a place become red, green and blue. */
+export function primaries(values: Float32Array | Float64Array, at: number): void {
+  const bright = values[at] * SHARES[0];
+  const red = values[at + 1] * SHARES[1];
+  const green = values[at + 2] * SHARES[2];
+  values[at] = bright + red - green;
+  values[at + 1] = bright + 2 * green;
+  values[at + 2] = bright - red - green;
+}
+
 /** (b, r, g, o) become red, green, blue and o / 2. */
 function colors(values: Float32Array): void {
   for (let i = 0; i < values.length; i += 4) {
-    const bright = values[i] * SHARES[0];
-    const red = values[i + 1] * SHARES[1];
-    const green = values[i + 2] * SHARES[2];
-    values[i] = bright + red - green;
-    values[i + 1] = bright + 2 * green;
-    values[i + 2] = bright - red - green;
+    primaries(values, i);
     values[i + 3] /= 2;
   }
 }

@@ -6,7 +6,7 @@ import { ReelError, inSection } from "./errors";
 import type { Levels } from "./field";
 import type { Gaussians } from "./gaussians";
 import type { Kernels } from "./kernels";
-import { coded, SHARES, type Form, type Klt } from "./klt";
+import { coded, primaries, type Form, type Klt } from "./klt";
 import type { Offsets } from "./offsets";
 
 /** Kinds of quantities: a point has a class of each, and steps of 2^class. */
@@ -47,12 +47,7 @@ export async function decodePredictive(file: Container, kernels: Kernels): Promi
     quats[f + 2] = y / norm;
     quats[f + 3] = z / norm;
     for (let a = t; a < t + 3; a++) scales[a] = 2 ** Math.min(Math.max(scales[a], -126), 126);
-    const bright = shBase[t] * SHARES[0];
-    const red = shBase[t + 1] * SHARES[1];
-    const green = shBase[t + 2] * SHARES[2];
-    shBase[t] = bright + red - green;
-    shBase[t + 1] = bright + 2 * green;
-    shBase[t + 2] = bright - red - green;
+    primaries(shBase, t);
     opacities[i] = Math.min(Math.max(opacities[i], 0), 1);
   }
   const plain = { means, quats, scales: new Float32Array(scales), opacities: new Float32Array(opacities), shBase: new Float32Array(shBase) };

@@ -34,4 +34,4 @@ def _steady(frames: np.ndarray) -> np.ndarray:
         share = np.square(1 - np.square(np.minimum(apart, 1)))
         total += share[..., None] * frame
         weight += share
-    return np.rint(total / weight[..., None]).clip(0, 255).astype(np.uint8)
+    return np.rint(total / weight[..., None]).astype(np.uint8)
