@@ -25,11 +25,25 @@ def test_dis_measures_a_shift() -> None:
     np.testing.assert_allclose(np.median(flow[20:-20, 20:-20], (0, 1)), [3, 2], atol=0.2)
 
 
+def test_dis_finds_what_is_small_and_fast_where_a_guess_says_to_look() -> None:
+    a, thing = textured() // 2, textured(8, 8, seed=1)
+    b = a.copy()
+    a[40:48, 30:38], b[44:52, 60:68] = thing, thing
+    guess = np.zeros((96, 128, 2), np.float32)
+    guess[38:50, 28:40] = 28, 2
+    given, flow = guess.copy(), DisFlow()
+    alone, guided = (np.median(found[42:46, 32:36], (0, 1)) for found in (flow(a, b), flow(a, b, guess)))
+    assert np.abs(alone - [30, 4]).max() > 10
+    np.testing.assert_allclose(guided, [30, 4], atol=0.5)
+    np.testing.assert_array_equal(guess, given, err_msg="the guess is only read")
+
+
 def test_dis_takes_tiny_images() -> None:
     a = textured(9, 20)
-    flow = DisFlow()(a, a)
-    assert flow.shape == (9, 20, 2)
-    assert np.abs(flow).max() < 0.2
+    for guess in (None, np.zeros((9, 20, 2), np.float32)):
+        flow = DisFlow()(a, a, guess)
+        assert flow.shape == (9, 20, 2)
+        assert np.abs(flow).max() < 0.2
 
 
 def test_unknown_flow_is_refused() -> None:

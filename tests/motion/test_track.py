@@ -78,7 +78,7 @@ class TrueFlow:
         images[:, :, 0, 0, 1] = np.arange(len(CAMERAS))
         return images
 
-    def __call__(self, a: np.ndarray, b: np.ndarray) -> np.ndarray:
+    def __call__(self, a: np.ndarray, b: np.ndarray, guess: np.ndarray | None = None) -> np.ndarray:
         camera = CAMERAS[a[0, 0, 1]]
         here, there = (project(self.truth[image[0, 0, 0]], camera)[0] for image in (a, b))
         centers = np.stack(np.meshgrid(np.arange(WIDTH) + 0.5, np.arange(HEIGHT) + 0.5), -1)
@@ -160,12 +160,36 @@ def test_points_nobody_sees_keep_their_velocity() -> None:
     covered = [render_image(white(screen), camera, near=NEAR).mean(-1) > 0.5 for camera in CAMERAS]
     flow = TrueFlow(truth)
 
-    def screened(a: np.ndarray, b: np.ndarray) -> np.ndarray:
+    def screened(a: np.ndarray, b: np.ndarray, guess: np.ndarray | None = None) -> np.ndarray:
         return np.where(covered[a[0, 0, 1]][..., None], 0, flow(a, b))
 
     tracker = Tracker(Gaussians.concatenate([WALL, screen]), CAMERAS, flow.frames(), screened, NEAR)
     late = np.diff(follow(tracker, small), axis=0)[6:]
     np.testing.assert_allclose(late, np.broadcast_to(step, late.shape), atol=0.03)
+
+
+def test_what_is_thrown_is_kept_where_it_moves_as_far_as_it_is_large() -> None:
+    small = PATCH[np.abs(PATCH.means).max(1) < 0.25]
+    way = np.arange(8) * (0.06 + 0.035 * np.arange(8))
+    truth = (small.means + (way - 1.2)[:, None, None] * [1, 0, 0]).astype(np.float32)
+    assert np.ptp(small.means[:, 0]) < 1.1 * np.diff(way)[-1]
+    images = [
+        [render_image(Gaussians.concatenate([WALL, at(small, means)]), camera, near=NEAR) for camera in CAMERAS]
+        for means in truth
+    ]
+    frames, dis = (np.clip(images, 0, 1) * 255).astype(np.uint8), DisFlow()
+
+    def unguided(a: np.ndarray, b: np.ndarray, guess: np.ndarray | None = None) -> np.ndarray:
+        return dis(a, b)
+
+    kept, lost = (
+        np.median(
+            np.linalg.norm(follow(Tracker(WALL, CAMERAS, frames, flow, NEAR), at(small, truth[0])) - truth, axis=2), 1
+        )
+        for flow in (dis, unguided)
+    )
+    assert kept.max() < 0.2
+    assert lost[-1] > 0.5
 
 
 def test_no_point_and_one_point() -> None:
@@ -179,7 +203,7 @@ def test_no_point_and_one_point() -> None:
 def test_tracking_holds_the_flow_of_one_pair_of_frames() -> None:
     few = PATCH[::20]
     frames = np.zeros((24, len(CAMERAS), HEIGHT, WIDTH, 3), np.uint8)
-    tracker = Tracker(WALL, CAMERAS, frames, lambda a, b: np.zeros((HEIGHT, WIDTH, 2), np.float32), NEAR)
+    tracker = Tracker(WALL, CAMERAS, frames, lambda a, b, guess=None: np.zeros((HEIGHT, WIDTH, 2), np.float32), NEAR)
     peaks = []
     for last in (2, 23):
         tracemalloc.start()

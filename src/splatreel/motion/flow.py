@@ -24,9 +24,12 @@ RAFT_LEAST = 128
 
 
 class Flow(Protocol):
-    """Where the pixels of frame a go in frame b. a, b: [H, W, 3] uint8 sRGB. Returns [H, W, 2] float32, x and y in pixels."""
+    """Where the pixels of frame a go in frame b. a, b: [H, W, 3] uint8 sRGB. Returns [H, W, 2] float32, x and y in pixels.
 
-    def __call__(self, a: np.ndarray, b: np.ndarray) -> np.ndarray: ...
+    guess: [H, W, 2], where they are likely to go; what is small and fast is out of reach of a coarse-to-fine search without it.
+    """
+
+    def __call__(self, a: np.ndarray, b: np.ndarray, guess: np.ndarray | None = None) -> np.ndarray: ...
 
 
 def make_flow(name: str) -> Flow:
@@ -61,12 +64,12 @@ class DisFlow:
             self._own.dis.setFinestScale(0)
         return self._own.dis
 
-    def __call__(self, a: np.ndarray, b: np.ndarray) -> np.ndarray:
+    def __call__(self, a: np.ndarray, b: np.ndarray, guess: np.ndarray | None = None) -> np.ndarray:
         grays = [cv2.cvtColor(np.ascontiguousarray(x), cv2.COLOR_RGB2GRAY) for x in (a, b)]
         least = min(a.shape[:2])
-        if least < 16:  # below DIS's patch pyramid
-            grays = [cv2.resize(g, None, fx=16 / least, fy=16 / least) for g in grays]
-        flow = self._dis.calc(*grays, None)
+        if least < 16:  # below DIS's patch pyramid; nothing goes far in such images
+            grays, guess = [cv2.resize(g, None, fx=16 / least, fy=16 / least) for g in grays], None
+        flow = self._dis.calc(*grays, None if guess is None else guess.astype(np.float32))  # a copy: it is written to
         if least < 16:
             flow = cv2.resize(flow, (a.shape[1], a.shape[0]), interpolation=cv2.INTER_AREA) * (least / 16)
         return np.ascontiguousarray(flow, np.float32)
@@ -89,7 +92,8 @@ class RaftFlow:
         self.updates = updates
         self.model = (model if model is not None else _load_raft(weights)).to(self.device).eval()
 
-    def __call__(self, a: np.ndarray, b: np.ndarray) -> np.ndarray:
+    def __call__(self, a: np.ndarray, b: np.ndarray, guess: np.ndarray | None = None) -> np.ndarray:
+        """It compares all pixels with all, and needs no guess."""
         import torch
 
         height, width = a.shape[:2]

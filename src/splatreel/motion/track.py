@@ -22,6 +22,9 @@ ROUNDS = 3
 """Of reweighting, when neighbours settle on one motion."""
 NEIGHBOURS = 16
 
+Splats = tuple[Tensor, Tensor, Tensor, Tensor]
+"""Means, quaternions, scales and opacities."""
+
 
 class Trail:
     """Points on their way: where they are at the frames passed so far. start: the frame where `points` are in place."""
@@ -63,7 +66,7 @@ class Tracker:
         self.poses, self.lenses = np.stack([c.viewmat for c in cameras]), np.stack([c.K for c in cameras])
         # What hides what is told well enough at half size.
         self.lookouts = [camera.resized((camera.width + 1) // 2, (camera.height + 1) // 2) for camera in cameras]
-        self.walls = [_depth(_tensors(static), camera, near) for camera in self.lookouts]
+        self.walls = [_glance(_tensors(static), None, camera, near)[0] for camera in self.lookouts]
 
     def forth(self, trails: list[Trail], frame: int) -> None:
         """From a frame to the next."""
@@ -77,27 +80,37 @@ class Tracker:
     def depths(self, points: Gaussians) -> np.ndarray:
         """[C, H, W] what every view sees of the static points and these, infinite for nothing."""
         height, width = self.frames.shape[2:4]
-        small = self._seen(_tensors(points))
-        return small.repeat_interleave(2, 1).repeat_interleave(2, 2)[:, :height, :width].numpy()
+        small = self._seen(_tensors(points), None)[0]
+        return _enlarged(small)[:, :height, :width].numpy()
 
     def _step(self, trails: list[Trail], here: int, there: int) -> None:
-        work = partial(self._field, here, there)
+        ends = [trail.last(there > here) for trail in trails]
+        if not ends:
+            return
+        places, before = (torch.cat(column) for column in zip(*ends, strict=True))
+        shapes = (torch.cat(column) for column in zip(*(trail.tensors[1:] for trail in trails), strict=True))
+        depths, guesses = self._seen((places, *shapes), before)
+        work = partial(self._field, here, there, guesses)
         fields = np.stack(each_view(work, len(self.cameras), self.flow))
-        for trail in trails:
-            (place, before), (_, *shape) = trail.last(there > here), trail.tensors
-            depths = self._seen((place, shape[0], shape[1], shape[2]))
-            known = place.numpy(), before.numpy(), self.poses, self.lenses, fields, depths.numpy()
+        for trail, (place, motion) in zip(trails, ends, strict=True):
+            known = place.numpy(), motion.numpy(), self.poses, self.lenses, fields, depths.numpy()
             agreed, certainty = sceneflow.solve(*known, self.near)
-            motion = _smooth(torch.from_numpy(agreed), torch.from_numpy(certainty), trail.neighbours)
-            trail.go(there > here, motion)
+            trail.go(there > here, _smooth(torch.from_numpy(agreed), torch.from_numpy(certainty), trail.neighbours))
 
-    def _seen(self, points: tuple[Tensor, Tensor, Tensor, Tensor]) -> Tensor:
-        """[C, ceil(H / 2), ceil(W / 2)] depths of the static points and these."""
-        moving = [_depth(points, camera, self.near) for camera in self.lookouts]
-        return torch.stack([torch.minimum(wall, depth) for wall, depth in zip(self.walls, moving, strict=True)])
+    def _seen(self, points: Splats, motion: Tensor | None) -> tuple[Tensor, Tensor]:
+        """[C, ceil(H / 2), ceil(W / 2)] depths of the static points and these; [.., 2] where a motion [N, 3] of these takes pixels."""
+        depths, ways = [], []
+        for wall, camera in zip(self.walls, self.lookouts, strict=True):
+            depth, way = _glance(points, motion, camera, self.near)
+            depths.append(torch.minimum(wall, depth))
+            ways.append(torch.where((depth <= wall)[..., None], way, 0))
+        return torch.stack(depths), torch.stack(ways)
 
-    def _field(self, here: int, there: int, camera: int) -> np.ndarray:
-        return self.flow(self.frames[here, camera], self.frames[there, camera]).astype(np.float16)
+    def _field(self, here: int, there: int, guesses: Tensor, camera: int) -> np.ndarray:
+        """Flow of a view. What moves is looked for first where it would be if it went on as it did."""
+        height, width = self.frames.shape[2:4]
+        guess = 2 * _enlarged(guesses[camera][None])[0, :height, :width].numpy()
+        return self.flow(self.frames[here, camera], self.frames[there, camera], guess).astype(np.float16)
 
 
 def identity(count: int) -> np.ndarray:
@@ -107,7 +120,7 @@ def identity(count: int) -> np.ndarray:
     return quats
 
 
-def _tensors(gaussians: Gaussians) -> tuple[Tensor, Tensor, Tensor, Tensor]:
+def _tensors(gaussians: Gaussians) -> Splats:
     names = ("means", "quats", "scales", "opacities")
     arrays = [torch.from_numpy(getattr(gaussians, name)) for name in names]
     return arrays[0], arrays[1], arrays[2], arrays[3]
@@ -118,14 +131,27 @@ def _neighbours(means: Tensor) -> Tensor | None:
     return splat.nearest_neighbours(means, count)[0] if count > 0 else None
 
 
+def _enlarged(images: Tensor) -> Tensor:
+    """Twice the height and width of images [C, H, W, ...]."""
+    return images.repeat_interleave(2, 1).repeat_interleave(2, 2)
+
+
 @torch.no_grad()
-def _depth(points: tuple[Tensor, Tensor, Tensor, Tensor], camera: Camera, near: float) -> Tensor:
-    """[H, W] depth where points cover a pixel by more than half, infinite elsewhere."""
+def _glance(points: Splats, motion: Tensor | None, camera: Camera, near: float) -> tuple[Tensor, Tensor]:
+    """What a view sees of points, where they cover a pixel by more than half.
+
+    Returns depth [H, W], infinite elsewhere, and where a motion [N, 3] takes the pixels [H, W, 2], in pixels; none elsewhere.
+    """
     means, quats, scales, opacities = points
-    size = camera.width, camera.height
-    p = splat.project(means, quats, scales, camera.viewmat, camera.K, *size, near)
-    sums, alpha = splat.rasterize(p.means2d, p.conics, p.depths[:, None], opacities, p.depths, p.radii, *size)
-    return torch.where(alpha > 0.5, sums[..., 0] / alpha.clamp_min(0.5), torch.inf)
+    view = camera.viewmat, camera.K, camera.width, camera.height
+    p = splat.project(means, quats, scales, *view, near)
+    values = torch.cat([p.depths[:, None], torch.zeros_like(p.means2d)], 1)
+    if motion is not None:
+        after = splat.project(means + motion, quats, scales, *view, near)
+        values[:, 1:] = torch.where((after.radii > 0)[:, None], after.means2d - p.means2d, 0)
+    sums, alpha = splat.rasterize(p.means2d, p.conics, values, opacities, p.depths, p.radii, *view[2:])
+    mean, shown = sums / alpha.clamp_min(0.5)[..., None], alpha > 0.5
+    return torch.where(shown, mean[..., 0], torch.inf), torch.where(shown[..., None], mean[..., 1:], 0)
 
 
 def _smooth(motion: Tensor, certainty: Tensor, neighbours: Tensor | None) -> Tensor:
