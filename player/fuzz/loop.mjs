@@ -1,11 +1,13 @@
-// The inside of run.mjs: node loop.mjs BUNDLE CORPUS SECONDS, one line on stdout an execution; or BUNDLE PROGRAM, just that one.
+// The inside of run.mjs: node loop.mjs BUNDLE CORPUS SECONDS, on stdout lines with how many executions there were more; or BUNDLE PROGRAM, just that one.
 import { createHash } from "node:crypto";
-import { readdirSync, readFileSync, statSync, writeFileSync, writeSync } from "node:fs";
+import { ftruncateSync, openSync, readdirSync, readFileSync, statSync, writeFileSync, writeSync } from "node:fs";
 import { Session } from "node:inspector";
 import { createRequire } from "node:module";
 import { join } from "node:path";
 
 const MOST_BYTES = 3e9;
+/** Executions for which coverage is asked once, which takes longer than one of them. */
+const BATCH = 32;
 const [bundle, corpus, seconds] = process.argv.slice(2);
 const session = new Session();
 session.connect();
@@ -19,16 +21,16 @@ ask("Profiler.startPreciseCoverage", { callCount: true, detailed: true });
 const { fuzz } = createRequire(import.meta.url)(bundle);
 
 const seen = new Set();
-/** How many (block, power of two of how often it ran) the execution has reached first. */
-function news() {
+/** How many blocks have been reached since it was asked last, that were not before. remember: they are known from now on. */
+function news(remember) {
   let count = 0;
   for (const script of ask("Profiler.takePreciseCoverage").result) {
     if (!script.url.endsWith("reader.cjs")) continue;
     for (const { ranges } of script.functions) {
       for (const range of ranges) {
-        const key = `${range.startOffset}-${range.endOffset}-${Math.ceil(Math.log2(range.count + 1))}`;
+        const key = range.startOffset * 2 ** 24 + range.endOffset;
         if (range.count === 0 || seen.has(key)) continue;
-        seen.add(key);
+        if (remember) seen.add(key);
         count++;
       }
     }
@@ -37,14 +39,36 @@ function news() {
 }
 
 const programs = [];
+let current;
+let told = Date.now();
+let untold = 0;
 async function execute(program) {
-  writeFileSync(join(corpus, ".current"), program);
+  current ??= openSync(join(corpus, ".current"), "w");
+  ftruncateSync(current, 0);
+  writeSync(current, program, 0, program.length, 0);
   await fuzz(program);
+  untold++;
+  if (Date.now() - told < 500) return;
+  told = Date.now();
   if (process.memoryUsage().rss > MOST_BYTES) throw new Error("the process takes more than 3 GB");
-  writeSync(1, "\n");
-  if (news() === 0) return;
-  programs.push(program);
-  writeFileSync(join(corpus, createHash("sha1").update(program).digest("hex")), program);
+  tell();
+}
+
+function tell() {
+  writeSync(1, `${untold} ${process.cpuUsage().user + process.cpuUsage().system} ${seen.size}\n`);
+  untold = 0;
+}
+
+/** Execute all, and where something new was reached each by itself, to find the programs to keep. */
+async function executeAll(batch) {
+  for (const program of batch) await execute(program);
+  if (news(false) === 0) return;
+  for (const program of batch) {
+    await execute(program);
+    if (news(true) === 0) continue;
+    programs.push(program);
+    writeFileSync(join(corpus, createHash("sha1").update(program).digest("hex")), program);
+  }
 }
 
 const random = (below) => Math.floor(Math.random() * below);
@@ -66,8 +90,9 @@ function mutated(program) {
 if (statSync(corpus).isFile()) await fuzz(readFileSync(corpus));
 else {
   const end = Date.now() + 1000 * Number(seconds);
-  for (let i = 0; i < 10; i++) await execute(Buffer.of(i));
-  for (const name of readdirSync(corpus).filter((name) => /^[0-9a-f]{40}$/.test(name))) await execute(readFileSync(join(corpus, name)));
-  while (Date.now() < end) await execute(mutated(programs[random(programs.length)]));
+  await executeAll(Array.from({ length: 10 }, (_, i) => Buffer.of(i)));
+  await executeAll(readdirSync(corpus).filter((name) => /^[0-9a-f]{40}$/.test(name)).map((name) => readFileSync(join(corpus, name))));
+  while (Date.now() < end) await executeAll(Array.from({ length: BATCH }, () => mutated(programs[random(programs.length)])));
+  tell();
 }
 process.exit(0);

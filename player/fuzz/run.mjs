@@ -16,6 +16,8 @@ const folder = mkdtempSync(join(tmpdir(), "splatreel-fuzz-"));
 const target = join(folder, "reader.cjs");
 await build({ entryPoints: [join(here, "reader.ts")], outfile: target, bundle: true, plugins: [assembly], format: "cjs", platform: "node", target: "node20", logLevel: "warning" });
 let executions = 0;
+let cpu = 0;
+let blocks = 0;
 let findings = 0;
 const began = Date.now();
 if (existsSync(corpus) && statSync(corpus).isFile()) process.exitCode = await new Promise((done) => spawn("node", [join(here, "loop.mjs"), target, corpus], { stdio: "inherit" }).on("exit", done));
@@ -23,7 +25,8 @@ else {
   mkdirSync(corpus, { recursive: true });
   const end = began + 1000 * Number(process.argv[3]);
   while (Date.now() < end) await once(Math.round((end - Date.now()) / 1000));
-  console.log(`${executions} executions in ${Math.round((Date.now() - began) / 1000)} s, ${readdirSync(corpus).length} programs, ${findings} findings`);
+  const kept = readdirSync(corpus).filter((name) => /^[0-9a-f]{40}$/.test(name)).length;
+  console.log(`${executions} executions, ${Math.round(cpu)} s of processor time in ${Math.round((Date.now() - began) / 1000)} s, ${blocks} blocks, ${kept} programs, ${findings} findings`);
   process.exitCode = findings ? 1 : 0;
 }
 rmSync(folder, { recursive: true });
@@ -33,6 +36,7 @@ function once(seconds) {
   return new Promise((done) => {
     const child = spawn("node", ["--max-old-space-size=3000", join(here, "loop.mjs"), target, corpus, String(seconds)], { stdio: ["ignore", "pipe", "pipe"] });
     let last = Date.now();
+    let used = 0;
     let errors = "";
     const found = (why) => {
       const name = join(corpus, `crash-${Date.now()}`);
@@ -49,11 +53,17 @@ function once(seconds) {
     }, 1000);
     child.stdout.on("data", (data) => {
       last = Date.now();
-      executions += data.toString().split("\n").length - 1;
+      for (const line of data.toString().trim().split("\n")) {
+        const [more, microseconds, reached] = line.split(" ").map(Number);
+        executions += more;
+        used = microseconds / 1e6;
+        blocks = reached;
+      }
     });
     child.stderr.on("data", (data) => (errors += data));
     child.on("exit", (code) => {
       clearInterval(watch);
+      cpu += used;
       if (code) found(errors || `exit code ${code}`);
       done();
     });

@@ -12,6 +12,7 @@ import json
 import struct
 import zlib
 from dataclasses import dataclass, field
+from functools import cache
 from typing import Any
 
 from splatreel.codec.container import unpack_file
@@ -55,9 +56,8 @@ class Draft:
 
     @classmethod
     def of(cls, data: bytes) -> Draft:
-        size = int.from_bytes(data[:8], "little")
-        own = json.loads(json.loads(data[8 : 8 + size])["__metadata__"]["splatreel"])
-        return cls(own, {name: section.data for name, section in unpack_file(data)[1].items()})
+        own, sections = _parts(data)
+        return cls(json.loads(own), dict(sections))
 
     def pack(self) -> bytes:
         header: dict[str, Any] = {"__metadata__": {"splatreel": json.dumps(self.own)}}
@@ -71,6 +71,14 @@ class Draft:
             at += len(data)
         text = json.dumps(header).encode()
         return struct.pack("<Q", len(text)) + text + b"".join(self.sections.values())
+
+
+@cache
+def _parts(data: bytes) -> tuple[str, dict[str, bytes]]:
+    """The metadata as text and the sections of a file, read once: a fuzzer asks thousands of times a second."""
+    size = int.from_bytes(data[:8], "little")
+    own = json.loads(data[8 : 8 + size])["__metadata__"]["splatreel"]
+    return own, {name: section.data for name, section in unpack_file(data)[1].items()}
 
 
 def run(data: bytes) -> tuple[str, bytes]:
@@ -115,10 +123,15 @@ def edit(draft: Draft, program: Program) -> None:
 
 def edit_json(document: dict[str, Any], program: Program) -> None:
     """Replace or remove a value somewhere in a document."""
-    found = list(places(document))
-    if not found:
-        return
-    owner, key = found[program.below(len(found))]
+    owner: Any = document
+    while keys := list(owner if isinstance(owner, dict) else range(len(owner))):
+        key = keys[program.below(len(keys))]
+        if not (isinstance(owner[key], dict | list) and owner[key] and program.number() % 8):
+            return _edit_value(owner, key, program)
+        owner = owner[key]
+
+
+def _edit_value(owner: Any, key: Any, program: Program) -> None:
     kind = program.number() % 4
     if kind == 0:
         del owner[key]
@@ -128,14 +141,6 @@ def edit_json(document: dict[str, Any], program: Program) -> None:
         owner[key] += program.number() - 128
     else:
         owner[key] = copy.deepcopy(VALUES[program.below(len(VALUES))])
-
-
-def places(document: Any):
-    """(owner, key) of every value in a document of dictionaries and lists."""
-    keys = list(document) if isinstance(document, dict) else range(len(document)) if isinstance(document, list) else []
-    for key in keys:
-        yield document, key
-        yield from places(document[key])
 
 
 def damaged(data: bytes, program: Program, always: bool = False) -> bytes:
