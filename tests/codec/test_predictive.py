@@ -133,6 +133,13 @@ def test_coarser_is_smaller_and_importance_saves():
     assert unequal < 0.85 * whole
 
 
+def test_where_all_steps_are_coarse_those_of_hidden_points_grow_less():
+    importance = np.geomspace(1, 1e-5, 60)[:, None].repeat(3, 1)
+    fine, coarse = (predictive.classes_of(importance, 60, coarseness) for coarseness in (0.6, 2.5))
+    assert (fine.max(), coarse.max()) == (3, 2)
+    assert (coarse == np.minimum(fine, 2)).all()
+
+
 def test_important_points_keep_their_precision():
     importance = np.full((300, 3), 1e-3)
     importance[:60] = 1.0

@@ -39,7 +39,7 @@ def encode(
         run: Output folder of `reconstruct` or `demo`, with its work folder.
         out: Folder of the new reel.
         codec: predictive, or h265 as in the paper, which the options from --crf on are for.
-        rate: Of the predictive codec: low has half the precision of medium, high has twice it.
+        rate: Of the predictive codec: high has twice the precision of medium, low about half its bytes.
         renditions: Rates, such as high,medium,low, that all groups are written in for a player to choose from; layers are the best's.
         target_mbps: Megabits a second of video that the whole reel shall have, instead of a rate; met within 5 %.
         crf: Quality of the lossy offset tracks; lower is better and larger.

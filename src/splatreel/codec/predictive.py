@@ -52,8 +52,8 @@ SHADE[:3, :3] = COLORS
 """From c_base and opacity to what is coded: opacity counts twice as much as colour, about what it changes in a picture."""
 FOLLOW = np.array([1.0, 1.0, 0.85])
 """How far the steps of shape, colour and motion follow importance; less than 1 was better for motion on views held out."""
-COARSEST = 3
-"""The largest class an encoder gives: what hardly shows now would show, were it off by too much."""
+COARSEST = 3, 2
+"""The largest class an encoder gives at a coarseness up to 1, and above: what hardly shows now would show, were it off by too much."""
 SHAPE, COLOR, MOTION = range(3)
 RELATIVE = np.array([0, 1, 1])
 """Classes of colour and motion are stored less that of shape, since what hardly shows hardly shows in any way."""
@@ -79,13 +79,13 @@ class Neighbourhood:
         return named(name, decode_field, section.data, shape, self.levels, self.classes[:, kind]) * step
 
 
-def classes_of(importance: np.ndarray | None, count: int) -> np.ndarray:
+def classes_of(importance: np.ndarray | None, count: int, coarseness: float = 1.0) -> np.ndarray:
     """Classes [N, 3] int64: steps grow as importance [N, 3] falls, from that of the tenth of the points that matters most."""
     if importance is None:
         return np.zeros((count, 3), np.int64)
     top = np.maximum(np.quantile(importance, 0.9, axis=0), 1e-30)
     octaves = np.log2(top / np.maximum(importance, top * 1e-6))
-    return np.clip(np.rint(octaves * FOLLOW), 0, COARSEST).astype(np.int64)
+    return np.clip(np.rint(octaves * FOLLOW), 0, COARSEST[coarseness > 1]).astype(np.int64)
 
 
 @dataclass(frozen=True)
@@ -110,7 +110,7 @@ def encode_points(
     size = float(np.exp(np.median(np.log(np.maximum(gaussians.scales, 1e-30)))))
     data, parameters, order, lattice = encode_positions(gaussians.means, STEPS.position * coarse * size)
     points, turn = canonical(gaussians[order])
-    classes = classes_of(None if importance is None else importance[order], len(order))
+    classes = classes_of(None if importance is None else importance[order], len(order), coarse)
     if not moving:
         classes[:, MOTION] = classes[:, SHAPE]
     levels = levels_of(lattice)

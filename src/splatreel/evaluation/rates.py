@@ -37,8 +37,8 @@ CONFIGURATIONS: dict[str, EncodeConfig] = {
     "predictive 0.3 (--rate high)": EncodeConfig(coarseness=0.3),
     "predictive 0.6 (--rate medium)": EncodeConfig(),
     "predictive 0.8": EncodeConfig(coarseness=0.8),
-    "predictive 1.2 (--rate low)": EncodeConfig(coarseness=1.2),
-    "predictive 2": EncodeConfig(coarseness=2.0),
+    "predictive 1.2": EncodeConfig(coarseness=1.2),
+    "predictive 2.5 (--rate low)": EncodeConfig(coarseness=2.5),
     "predictive 4": EncodeConfig(coarseness=4.0),
 }
 MOTION = ("offsets", "dx", "dq", "shade")
