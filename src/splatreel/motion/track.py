@@ -88,8 +88,8 @@ class Tracker:
         if not ends:
             return
         places, before = (torch.cat(column) for column in zip(*ends, strict=True))
-        shapes = (torch.cat(column) for column in zip(*(trail.tensors[1:] for trail in trails), strict=True))
-        depths, guesses = self._seen((places, *shapes), before)
+        quats, scales, opacities = (torch.cat([trail.tensors[k] for trail in trails]) for k in (1, 2, 3))
+        depths, guesses = self._seen((places, quats, scales, opacities), before)
         work = partial(self._field, here, there, guesses)
         fields = np.stack(each_view(work, len(self.cameras), self.flow))
         for trail, (place, motion) in zip(trails, ends, strict=True):
