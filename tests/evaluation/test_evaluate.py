@@ -29,6 +29,8 @@ def test_a_good_reel_scores_high_and_is_reported_whole(reel: Path, tmp_path: Pat
     assert 40 < report.psnr < report.psnr_undecoded
     assert report.psnr_undecoded > 55  # only the rounding to 8 bits is between them
     assert report.psnr_per_channel >= report.psnr
+    assert 0 < report.flicker < 2
+    assert report.flicker_borders is None
     assert 0.99 < report.ssim <= 1
     assert (report.frames, report.width, report.height) == (scenes.FRAMES, scenes.WIDTH, scenes.HEIGHT)
     assert (report.points_static, report.points_dynamic) == (90, 200)

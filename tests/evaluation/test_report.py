@@ -12,6 +12,8 @@ FIELDS = {
     "psnr_per_channel",
     "psnr",
     "psnr_undecoded",
+    "flicker",
+    "flicker_borders",
     "points_static",
     "peak_memory_bytes",
     "width",
@@ -35,6 +37,8 @@ def report(**changes: object) -> Report:
         ssim=0.95,
         lpips=None,
         psnr_undecoded=31.52,
+        flicker=0.8,
+        flicker_borders=0.84,
         reel_bytes=2_500_000,
         first_view_bytes=900_000,
         bytes_per_second=1_250_000.0,
@@ -67,6 +71,9 @@ def test_markdown_states_the_numbers() -> None:
     assert "31.52 dB" in text
     assert "2.5 MB, 1.25 MB a second" in text
     assert "| cam00 | 31.50 | 0.9500 |  |" in text
+    assert "off by 0.80 grey levels, 0.84 where groups meet" in text
+    assert "0.80 grey levels |" in report(flicker_borders=None).to_markdown()
+    assert "Flicker | not measured" in report(flicker=None).to_markdown()
     assert "before encoding | not measured" in report(psnr_undecoded=None).to_markdown()
 
 

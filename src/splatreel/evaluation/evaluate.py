@@ -15,6 +15,7 @@ from splatreel.codec.manifest import Manifest
 from splatreel.codec.reader import ReelReader
 from splatreel.errors import UsageError
 from splatreel.evaluation import perceptual
+from splatreel.evaluation.flicker import Flicker, border_frames
 from splatreel.evaluation.memory import peak_memory_bytes
 from splatreel.evaluation.metrics import psnr, psnr_per_channel, ssim
 from splatreel.evaluation.pictures import comparison, write_png
@@ -59,6 +60,7 @@ def evaluate(
     timeline, lpips = Timeline(reader), perceptual.load()
     scores: dict[tuple[int, str], Quality] = {}
     before: list[float] = []
+    flicker = Flicker(border_frames(reader.manifest))
     progress.stage("evaluate", len(chosen))
     for done, (frame, truths) in enumerate(read_frames(capture, chosen, [v.name for v in views]), 1):
         gaussians = timeline.at(frame / reader.fps)
@@ -66,13 +68,14 @@ def evaluate(
         for view, truth in zip(views, truths, strict=True):
             image = np.clip(timeline.render(gaussians, view), 0, 1)
             scores[frame, view.name] = measure(image, truth, lpips)
+            flicker.add(frame, view.name, image, truth)
             if raw is not None:
                 before.append(psnr(np.clip(timeline.render(raw, view), 0, 1), truth))
             if out is not None and frame == picture:
                 write_png(out / "pictures" / f"{view.name.replace('/', '_')}.png", comparison(truth, image))
         progress.update(done, psnr=float(np.mean([q.psnr for q in scores.values()])))
     spent = {**(seconds or {}), "evaluate": round(time.monotonic() - started, 3)}
-    report = summarise(reader, reel_info(reel, rendition), scores, before, views[0], spent, device)
+    report = summarise(reader, reel_info(reel, rendition), scores, before, flicker, views[0], spent, device)
     if out is not None:
         report.write(out)
     return report
@@ -95,6 +98,7 @@ def summarise(
     info: ReelInfo,
     scores: dict[tuple[int, str], Quality],
     before: list[float],
+    flicker: Flicker,
     view: Camera,
     seconds: dict[str, float],
     device: str,
@@ -106,6 +110,8 @@ def summarise(
     return Report(
         **asdict(Quality.mean(list(scores.values()))),
         psnr_undecoded=float(np.mean(before)) if before else None,
+        flicker=flicker.mean(at_borders=False),
+        flicker_borders=flicker.mean(at_borders=True),
         reel_bytes=info.bytes,
         first_view_bytes=info.first_view_bytes,
         bytes_per_second=info.bytes_per_second,

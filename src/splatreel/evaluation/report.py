@@ -35,7 +35,8 @@ class Report:
 
     psnr: dB, each image's pixels and channels pooled, mean over frames and held-out cameras; psnr_per_channel: the
     mean of the channels' own PSNR instead. psnr_undecoded: the same as psnr before encoding, None if that model is not
-    at hand. reel_bytes: all files of the reel; first_view_bytes: what a player loads for its first picture;
+    at hand. flicker, flicker_borders: mean absolute error of the steps from frame to frame, grey levels of 255, within groups and where one
+    fades into the next; None where no two such frames were evaluated. reel_bytes: all files of the reel; first_view_bytes: what a player loads for its first picture;
     bytes_per_second: of video, without the first layers, which are loaded once. seconds: wall time of each stage.
     points_static, points_dynamic: mean of a group. peak_memory_bytes: of the process. cameras: [{name, psnr,
     psnr_per_channel, ssim, lpips}]; per_frame: the same with `frame` for the name.
@@ -46,6 +47,8 @@ class Report:
     ssim: float
     lpips: float | None
     psnr_undecoded: float | None
+    flicker: float | None
+    flicker_borders: float | None
     reel_bytes: int
     first_view_bytes: int
     bytes_per_second: float
@@ -73,6 +76,7 @@ class Report:
             ),
             ("SSIM", f"{self.ssim:.4f}"),
             ("LPIPS (VGG)", "not measured: no weights" if self.lpips is None else f"{self.lpips:.4f}"),
+            ("Flicker", flickers(self.flicker, self.flicker_borders)),
             ("Reel", f"{megabytes(self.reel_bytes)}, {megabytes(self.bytes_per_second)} a second of video"),
             ("First picture", megabytes(self.first_view_bytes)),
             ("Points, mean of a group", f"{self.points_static:,.0f} static, {self.points_dynamic:,.0f} dynamic"),
@@ -105,6 +109,14 @@ class Report:
             raise UsageError(
                 f"{path}: not a report of this version ({error}). Run `splatreel evaluate` again."
             ) from error
+
+
+def flickers(within: float | None, borders: float | None) -> str:
+    """Both in a line, as far as they were measured."""
+    if within is None:
+        return "not measured: no two frames in a row"
+    beyond = "" if borders is None else f", {borders:.2f} where groups meet"
+    return f"steps from frame to frame are off by {within:.2f} grey levels{beyond}"
 
 
 def megabytes(count: float) -> str:

@@ -1,0 +1,49 @@
+"""Pictures whose steps are off by a known amount."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+
+from splatreel.codec.reader import ReelReader
+from splatreel.evaluation.flicker import Flicker, border_frames
+from tests.evaluation import scenes
+
+
+def pictures(levels: list[float]) -> list[np.ndarray]:
+    return [np.full((4, 6, 3), level / 255, np.float32) for level in levels]
+
+
+def test_what_moves_with_the_truth_does_not_flicker() -> None:
+    flicker = Flicker(set())
+    truths = pictures([10, 30, 90, 20])
+    for frame, truth in enumerate(truths):
+        flicker.add(frame, "a", truth + 0.1, truth)
+    assert flicker.mean(at_borders=False) == pytest.approx(0, abs=1e-3)
+    assert flicker.mean(at_borders=True) is None
+
+
+def test_steps_are_told_apart_by_where_they_lead() -> None:
+    flicker = Flicker({2})
+    truth = pictures([50])[0]
+    for frame, image in enumerate(pictures([50, 51, 56, 56])):
+        for camera in ("a", "b"):
+            flicker.add(frame, camera, image, truth)
+    assert flicker.mean(at_borders=True) == pytest.approx(5, abs=1e-3)
+    assert flicker.mean(at_borders=False) == pytest.approx(0.5, abs=1e-3)
+
+
+def test_frames_that_do_not_follow_each_other_make_no_step() -> None:
+    flicker = Flicker(set())
+    for frame, image in zip([0, 4, 8], pictures([0, 50, 100]), strict=True):
+        flicker.add(frame, "a", image, image * 0)
+    assert flicker.mean(at_borders=False) is None
+
+
+def test_borders_are_the_steps_of_a_cross_fade_or_the_cut(tmp_path) -> None:
+    manifest = ReelReader(scenes.write_reel(tmp_path / "reel")).manifest
+    assert border_frames(manifest) == set(), "one group has none"
+    first = manifest.groups[0]
+    two = [first, dataclasses.replace(first, first_frame=30)]
+    assert border_frames(dataclasses.replace(manifest, groups=two, overlap=3)) == {31, 32, 33}
+    assert border_frames(dataclasses.replace(manifest, groups=two, overlap=0)) == {30}
