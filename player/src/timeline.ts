@@ -40,7 +40,8 @@ export function momentAt(groups: Span[], overlap: number, fps: number, seconds: 
 /** The moment at a frame of the video if `group` is taken as the current one, whether or not its time has come. */
 export function momentOf(groups: Span[], overlap: number, frame: number, group: number): Moment {
   const since = frame - groups[group].firstFrame;
-  const weight = overlap > 0 ? Math.min(Math.max(since / overlap, 0), 1) : 1;
+  const share = overlap > 0 ? Math.min(Math.max(since / overlap, 0), 1) : 1;
+  const weight = share * share * (3 - 2 * share);
   const fading = weight < 1 && group > 0;
   return {
     current: { group, frame: clampFrame(groups[group], frame) },

@@ -18,7 +18,7 @@ test("neighbours cross-fade over the overlap", () => {
   const moment = momentAt(groups, 5, 10, 3.2);
   assert.deepEqual(moment.current, { group: 1, frame: 2 });
   assert.deepEqual(moment.previous, { group: 0, frame: 32 });
-  assert.ok(Math.abs(moment.weight - 0.4) < 1e-9);
+  assert.ok(Math.abs(moment.weight - 0.352) < 1e-9);
   assert.equal(momentAt(groups, 5, 10, 3.5).previous, null);
 });
 

@@ -58,7 +58,7 @@ def test_between_two_frames(reel):
     assert len(shown) == 11
 
 
-@pytest.mark.parametrize(("frame", "weight"), [(4.0, 0.0), (4.5, 0.25), (5.0, 0.5)])
+@pytest.mark.parametrize(("frame", "weight"), [(4.0, 0.0), (4.5, 0.15625), (5.0, 0.5)])
 def test_overlap(reel, frame, weight):
     """Static points alive in both groups stay; the rest of the old group leaves as the rest of the new one comes."""
     reader = ReelReader(reel)
