@@ -1,14 +1,16 @@
 """Adam against torch's own, over steps with and without gradients."""
 
+import numpy as np
 import pytest
 import torch
 
-from splatreel.kernels import splat, twin
+from splatreel.kernels import adam, twin
 
 RATE, EPS = 0.02, 1e-15
+ONCE = np.ones(1, np.float32)
 
 
-@pytest.mark.parametrize("kernel", [splat.adam, twin.adam])
+@pytest.mark.parametrize("kernel", [adam.adam, twin.adam])
 @pytest.mark.parametrize("shape", [(1,), (7, 3), (90, 45, 3), (25, 300, 7), (3, 0, 3)])
 def test_steps_are_those_of_torch(kernel, shape):
     generator = torch.Generator().manual_seed(0)
@@ -22,7 +24,33 @@ def test_steps_are_those_of_torch(kernel, shape):
         theirs.grad = torch.zeros(shape)
         theirs.grad[first : first + len(gradient)] = gradient
         optimizer.step()
-        kernel(ours, mean, square, gradient, first, (RATE, 0.9, 0.999, EPS, number))
+        moment = RATE, 0.9, 0.999, EPS, number
+        kernel([adam.Step(ours, mean, square, gradient, ONCE, first, moment)])
         torch.testing.assert_close(ours, theirs.detach(), rtol=1e-5, atol=1e-5)
     torch.testing.assert_close(mean, optimizer.state[theirs]["exp_avg"], rtol=1e-4, atol=1e-7)
     torch.testing.assert_close(square, optimizer.state[theirs]["exp_avg_sq"], rtol=1e-4, atol=1e-7)
+
+
+@pytest.mark.parametrize("kernel", [adam.adam, twin.adam])
+def test_many_tensors_and_rows_that_share_a_gradient(kernel):
+    """All in one call: one whole tensor, and knots whose gradients are one gradient times factors, across chunks and past the end."""
+    generator = torch.Generator().manual_seed(0)
+    factors = np.array([0.1, 0.5, -0.3, 0.2], np.float32)
+    shapes = (5000, 3), (9, 700, 4), (0, 3)
+    ours = [torch.randn(shape, generator=generator) for shape in shapes]
+    theirs = [tensor.clone().requires_grad_() for tensor in ours]
+    optimizer = torch.optim.Adam(theirs, lr=RATE, eps=EPS)
+    moments = [(torch.zeros(shape), torch.zeros(shape)) for shape in shapes]
+    for number, first in enumerate((0, 3, 5, 7), 1):
+        whole, shared = torch.randn(5000, 3, generator=generator), torch.randn(1, 700, 4, generator=generator)
+        theirs[0].grad, theirs[1].grad = whole, torch.zeros(shapes[1])
+        theirs[2].grad = torch.zeros(0, 3)
+        for k, factor in enumerate(factors.tolist()):
+            if first + k < 9:
+                theirs[1].grad[first + k] = factor * shared[0]
+        optimizer.step()
+        parts = zip(ours, moments, (whole, shared, theirs[2].grad), (ONCE, factors, ONCE), (0, first, 0), strict=True)
+        moment = RATE, 0.9, 0.999, EPS, number
+        kernel([adam.Step(p, m, s, g, f, start, moment) for p, (m, s), g, f, start in parts])
+        for a, b in zip(ours, theirs, strict=True):
+            torch.testing.assert_close(a, b.detach(), rtol=1e-5, atol=1e-5)

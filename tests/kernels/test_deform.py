@@ -47,10 +47,21 @@ def test_parity_without_shade():
     assert_parity(seen(splat, True, False), seen(twin, True, False), moment(200)[:-1], 5e-5)
 
 
-def test_the_pieces_give_the_same():
+@pytest.mark.parametrize("antialias", [False, True])
+def test_parity_of_points_that_stay(antialias):
+    def of(module):
+        return lambda *points: module.deformed(points, None, None, PINHOLE, CENTER.to(points[0].dtype), 0.5, antialias)[
+            :4
+        ]
+
+    assert_parity(of(splat), of(twin), moment(200, 9)[:6], 5e-5)
+
+
+@pytest.mark.parametrize("moved", [False, True])
+def test_the_pieces_give_the_same(moved):
     """What CUDA is given, made of the kernels one by one."""
     *points, dx, dq, shade = moment(300)
-    arguments = points, (dx, dq), shade, PINHOLE, CENTER, 0.5, True
+    arguments = points, (dx, dq) if moved else None, shade if moved else None, PINHOLE, CENTER, 0.5, True
     for a, b in zip(splat.deformed(*arguments), splat._deformed(*arguments), strict=True):
         torch.testing.assert_close(a, b)
 

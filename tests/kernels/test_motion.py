@@ -4,34 +4,49 @@ import numpy as np
 import pytest
 import torch
 
-from splatreel.kernels import splat, twin
-from tests.kernels.compare import assert_parity
+from splatreel.kernels import motion, splat, twin
+from tests.kernels.compare import assert_close, assert_parity
 
 
 def normal(*shape, seed=0):
     return torch.randn(*shape, generator=torch.Generator().manual_seed(seed))
 
 
-@pytest.mark.parametrize("rows", [(90,), (5, 90), (5, 20, 90), (1, 1, 1), (2, 0)])
+WEIGHTS = np.array([0.1, 0.5, 0.3, 0.1], np.float32)
+
+
+def moving(nodes: int, points: int):
+    """Control values of nodes and points, and their skin."""
+    generator, size = torch.Generator().manual_seed(1), (points, min(4, nodes))
+    skin = torch.randint(max(nodes, 1), size, generator=generator), torch.rand(size, generator=generator)
+    return [normal(7, nodes, 7, seed=nodes), normal(7, points, 7, seed=points)], skin
+
+
 @pytest.mark.parametrize("knot", [0, 3])
-def test_splines(rows, knot):
-    controls = [normal(7, count, 7, seed=count) for count in rows]
-    generator = torch.Generator().manual_seed(1)
-    size = (rows[-1], min(4, *rows)) if rows[-1] else (0, 4)
-    skins = [
-        (torch.randint(nodes, size, generator=generator), torch.rand(size, generator=generator)) for nodes in rows[:-1]
-    ]
-    weights = np.array([0.1, 0.5, 0.3, 0.1], np.float32)
-    assert_parity(
-        lambda *c: splat.splines(c, knot, weights, skins), lambda *c: twin.splines(c, knot, weights, skins), controls
-    )
+@pytest.mark.parametrize(("nodes", "points"), [(0, 90), (5, 90), (64, 700), (1, 1), (2, 0)])
+def test_offsets(nodes, points, knot):
+    """And their gradient is the one of the twin, which autograd finds, by the weights of the four knots."""
+    controls, skin = moving(nodes, points)
+    found = motion.offsets((controls[0], controls[1]), knot, WEIGHTS, skin, 2.5)
+    doubles = [level.double().requires_grad_() for level in controls]
+    wanted = twin.offsets((doubles[0], doubles[1]), knot, WEIGHTS, (skin[0], skin[1].double()), 2.5)
+    slopes = normal(points, 3, seed=8), normal(points, 4, seed=9)
+    torch.autograd.backward(wanted, [slope.double() for slope in slopes])
+    for index, (a, b) in enumerate(zip(found, wanted, strict=True)):
+        assert_close(a, b, 1e-6, f"offset {index}")
+    for module in (motion, twin):
+        for gradient, level in zip(module.offsets_gradient(*slopes, skin, nodes, 2.5), doubles, strict=True):
+            assert level.grad is not None
+            for k, weight in enumerate(WEIGHTS.tolist()):
+                assert_close(weight * gradient, level.grad[knot + k], 1e-5, f"gradient to knot {k}")
 
 
-def test_only_the_four_knots_of_a_moment_get_a_gradient():
-    controls = normal(7, 3, 2).requires_grad_()
-    splat.splines([controls], 2, np.full(4, 0.25, np.float32), []).sum().backward()
-    assert controls.grad is not None
-    assert controls.grad[:, 0, 0].tolist() == [0, 0, 0.25, 0.25, 0.25, 0.25, 0]
+def test_spline():
+    controls = normal(9, 40, 4)
+    for knot in (0, 5):
+        assert_close(
+            motion.spline(controls, knot, WEIGHTS), twin.spline(controls.double(), knot, WEIGHTS), 1e-6, "value"
+        )
 
 
 @pytest.mark.parametrize("unit", [1.0, 5.0])

@@ -11,7 +11,7 @@ def learn(shade: Shade, wanted, iterations: int, frames: int) -> None:
     for i in range(iterations):
         frame = i % frames
         now = shade.at(frame)
-        (100 * (now - wanted(frame)).square().mean() + shade.cost(now)).backward()
+        (100 * (now - wanted(frame)).square().mean()).backward()
         shade.step(i / iterations)
 
 
@@ -34,7 +34,7 @@ def test_what_changes_nothing_in_the_picture_goes_back_to_nothing():
     with torch.no_grad():
         shade.controls.add_(2.0)
     for i in range(200):
-        shade.cost(shade.at(i % 10)).backward()
+        (0 * shade.at(i % 10)).sum().backward()
         shade.step(i / 200)
     assert shade.at(5).abs().max() < 0.01
 

@@ -10,7 +10,7 @@ import numpy as np
 import torch
 
 from splatreel.kernels import splat
-from splatreel.recon.drawing import Backdrop, View, draw, splats
+from splatreel.recon.drawing import Backdrop, View, deformed, draw
 from splatreel.recon.points import TrainablePoints, default_rates
 from splatreel.scene.camera import Camera
 from splatreel.scene.gaussians import Gaussians
@@ -58,7 +58,7 @@ def _step(gaussians: Gaussians, view: View, still: Backdrop | None = None) -> Ca
     target = torch.zeros((view.height, view.width, 3), dtype=torch.uint8)
 
     def step(layered: bool = True) -> None:
-        moving = splats(p.means, p.quats, p.scales, p.opacities, p.sh, view, NEAR)
+        moving = deformed(p.params, None, None, view, NEAR)
         drawing = draw(moving, view, still.scenery(0) if still else None, layered)
         splat.photometric_loss(drawing.image, target).backward()
         p.clear()

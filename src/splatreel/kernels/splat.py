@@ -1,4 +1,4 @@
-"""Differentiable Gaussian splatting on torch tensors: the one door to every fast kernel.
+"""Differentiable Gaussian splatting on torch tensors: the door to the fast kernels; `motion` and `adam` have two more.
 
 The device of the tensors picks the implementation: numba kernels with hand-written gradients on the CPU, gsplat on CUDA.
 Both follow gsplat's rules: 0.3 px^2 added to the 2D covariance diagonal, alpha = min(0.999, opacity exp(-sigma)), alphas
@@ -20,7 +20,6 @@ from torch import Tensor
 from splatreel import threads
 from splatreel.errors import GaussiansError
 from splatreel.kernels import cuda, twin
-from splatreel.kernels.cpu import adam as adam_kernel
 from splatreel.kernels.cpu import autograd as cpu
 from splatreel.kernels.cpu.project import BLUR, FINE_BLUR, View, kept_area
 
@@ -120,7 +119,7 @@ def antialiased(opacities: Tensor, conics: Tensor) -> Tensor:
 
 def deformed(
     points: Sequence[Tensor],
-    offsets: tuple[Tensor, Tensor],
+    offsets: tuple[Tensor, Tensor] | None,
     shade: Tensor | None,
     pinhole: tuple[Tensor, Tensor, int, int],
     center: Tensor,
@@ -130,22 +129,23 @@ def deformed(
     """Points of one moment as a view sees them: means2d, conics, colors, opacities, depths and radii, as `rasterize` takes them.
 
     points: means, quats, log_scales, logit_opacities [N], sh_base [N, 1, 3] and sh_rest [N, K - 1, 3]. offsets: dx [N, 3] and
-    dq [N, 4], which need not be unit (paper section 4.2: x + dx, q * dq). shade: [N, 4], what c_base and the opacity's logit gain.
-    pinhole: as `project` takes it; center: [3], the camera's. Gradients go to points, offsets and shade. Raises `GaussiansError` for
-    NaN or infinity.
+    dq [N, 4], which need not be unit (paper section 4.2: x + dx, q * dq), or None. shade: [N, 4], what c_base and the opacity's logit
+    gain, or None. pinhole: as `project` takes it; center: [3], the camera's. Gradients go to points, offsets and shade. Raises
+    `GaussiansError` for NaN or infinity.
     """
     means, quats, log_scales, *_ = points
-    _check_finite(means=means, quats=quats, log_scales=log_scales, dx=offsets[0], dq=offsets[1])
+    moved = {} if offsets is None else {"dx": offsets[0], "dq": offsets[1]}
+    _check_finite(means=means, quats=quats, log_scales=log_scales, **moved)
     if means.is_cuda:
         return _deformed(points, offsets, shade, pinhole, center, near, antialias)
     viewmat, K, width, height = pinhole
     view = View(_matrix(viewmat), _matrix(K), width, height, near, FINE_BLUR if antialias else BLUR)
-    return cpu.Deformed.apply(view, center, shade, *points, *offsets)  # pyright: ignore[reportReturnType]
+    return cpu.Deformed.apply(view, center, *(offsets or (None, None)), shade, *points)  # pyright: ignore[reportReturnType]
 
 
 def _deformed(
     points: Sequence[Tensor],
-    offsets: tuple[Tensor, Tensor],
+    offsets: tuple[Tensor, Tensor] | None,
     shade: Tensor | None,
     pinhole: tuple[Tensor, Tensor, int, int],
     center: Tensor,
@@ -155,10 +155,10 @@ def _deformed(
     means, quats, log_scales, logits, base, rest = points
     if shade is not None:
         base, logits = base + shade[:, None, :3], logits + shade[:, 3]
-    means, opacities = means + offsets[0], logits.sigmoid()
-    means2d, conics, depths, radii = project(
-        means, twin.turn(quats, offsets[1]), log_scales.exp(), *pinhole, near, antialias
-    )
+    if offsets is not None:
+        means, quats = means + offsets[0], twin.turn(quats, offsets[1])
+    opacities = logits.sigmoid()
+    means2d, conics, depths, radii = project(means, quats, log_scales.exp(), *pinhole, near, antialias)
     colors = view_colors(means, center, base, rest)
     return means2d, conics, colors, antialiased(opacities, conics) if antialias else opacities, depths, radii
 
@@ -317,21 +317,6 @@ def hashgrid(coords: Tensor, table: Tensor, resolutions: Tensor | np.ndarray) ->
     return cpu.HashGrid.apply(coords, table, cells)  # pyright: ignore[reportReturnType]
 
 
-Skin = tuple[Tensor, Tensor]
-"""index [N, K] int64, share [N, K]: the nodes that a point moves with, and how much. Neither gets a gradient."""
-
-
-def splines(controls: Sequence[Tensor], knot: int, weights: np.ndarray, skins: Sequence[Skin]) -> Tensor:
-    """Splines in time at one moment: of shared nodes, blended over the points by their skins, and of the points themselves.
-
-    controls: [knots, R, D] a level; the last level is the points' own, R = N. knot, weights: the first of the four knots that
-    count at that moment, and their weights [4] float32. skins: one a level but the last. Returns the sum of all levels, [N, D].
-    """
-    if controls[-1].is_cuda:
-        return twin.splines(controls, knot, weights, skins)
-    return cpu.Splines.apply(knot, weights, skins, *controls)  # pyright: ignore[reportReturnType]
-
-
 def arap(means: Tensor, dx: Tensor, dq: Tensor, neighbour: Tensor, weights: Tensor, unit: float) -> Tensor:
     """As rigid as possible (paper section 4.2): neighbours rotate alike, translate alike and keep their distance.
 
@@ -341,26 +326,6 @@ def arap(means: Tensor, dx: Tensor, dq: Tensor, neighbour: Tensor, weights: Tens
     if means.is_cuda:
         return twin.arap(means, dx, dq, neighbour, weights, unit)
     return cpu.Arap.apply(means, dx, dq, neighbour, weights, unit)  # pyright: ignore[reportReturnType]
-
-
-def adam(
-    parameter: Tensor,
-    mean: Tensor,
-    square: Tensor,
-    gradient: Tensor,
-    first: int,
-    moment: tuple[float, float, float, float, int],
-) -> None:
-    """One step of Adam, in place. parameter, and the moments of its gradient, mean and square: [R, ...], contiguous.
-
-    gradient: [G, ...], of the rows from `first` on; other rows have none, and go on by their momentum. moment: the learning rate, the
-    decays of mean and square, eps, and the number of this step, from 1.
-    """
-    if parameter.is_cuda:
-        return twin.adam(parameter, mean, square, gradient, first, moment)
-    p, m, s, g = parameter.numpy(), mean.numpy(), square.numpy(), gradient.contiguous().numpy()
-    row = p[0].size if len(p) else 0
-    return adam_kernel.step(p.reshape(-1), m.reshape(-1), s.reshape(-1), g.reshape(-1), first * row, moment)
 
 
 def _matrix(value: Tensor | np.ndarray) -> np.ndarray:

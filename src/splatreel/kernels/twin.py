@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import torch
@@ -87,7 +87,7 @@ def view_colors(means: Tensor, center: Tensor, base: Tensor, rest: Tensor) -> Te
 
 def deformed(
     points: Sequence[Tensor],
-    offsets: tuple[Tensor, Tensor],
+    offsets: tuple[Tensor, Tensor] | None,
     shade: Tensor | None,
     pinhole: tuple[Any, Any, int, int],
     center: Tensor,
@@ -98,9 +98,10 @@ def deformed(
     means, quats, log_scales, logits, base, rest = points
     if shade is not None:
         base, logits = base + shade[:, None, :3], logits + shade[:, 3]
-    means, opacities = means + offsets[0], logits.sigmoid()
-    projected = project(means, turn(quats, offsets[1]), log_scales.exp(), *pinhole, near, antialias)
-    means2d, conics, depths, radii = projected
+    if offsets is not None:
+        means, quats = means + offsets[0], turn(quats, offsets[1])
+    opacities = logits.sigmoid()
+    means2d, conics, depths, radii = project(means, quats, log_scales.exp(), *pinhole, near, antialias)
     if antialias:
         xx, xy, yy = conics.unbind(1)
         opacities = opacities * (1 - 0.1 * (xx + yy) + 0.01 * (xx * yy - xy * xy)).clamp_min(1e-6).sqrt()
@@ -213,13 +214,30 @@ def hashgrid(coords: Tensor, table: Tensor, resolutions: Tensor | np.ndarray) ->
     return torch.cat(outputs, -1)
 
 
-def splines(controls: Sequence[Tensor], knot: int, weights: np.ndarray, skins: Sequence[Any]) -> Tensor:
-    """As `splat.splines`; also what CUDA uses."""
-    w = torch.as_tensor(weights, device=controls[-1].device).to(controls[-1].dtype)
-    *nodes, total = (torch.einsum("k,krd->rd", w, level[knot : knot + 4]) for level in controls)
-    for values, (index, share) in zip(nodes, skins, strict=True):
-        total = total + (values[index] * share[..., None]).sum(1)
-    return total
+def spline(controls: Tensor, knot: int, weights: np.ndarray) -> Tensor:
+    """As `splat.spline`, with gradients; also what CUDA uses."""
+    w = torch.as_tensor(weights, device=controls.device).to(controls.dtype)
+    return torch.einsum("k,krd->rd", w, controls[knot : knot + 4])
+
+
+def offsets(
+    controls: tuple[Tensor, Tensor], knot: int, weights: np.ndarray, skin: tuple[Tensor, Tensor], unit: float
+) -> tuple[Tensor, Tensor]:
+    """As `splat.offsets`, with gradients; also what CUDA uses."""
+    nodes, points = (spline(level, knot, weights) for level in controls)
+    index, share = skin
+    total = points + (nodes[index] * share[..., None]).sum(1)
+    return unit * total[:, :3], total[:, 3:] + torch.tensor([1.0, 0, 0, 0], device=total.device)
+
+
+def offsets_gradient(
+    d_dx: Tensor, d_dq: Tensor, skin: tuple[Tensor, Tensor], nodes: int, unit: float
+) -> tuple[Tensor, Tensor]:
+    """As `splat.offsets_gradient`; also what CUDA uses."""
+    index, share = skin
+    d_points = torch.cat([unit * d_dx, d_dq], 1)
+    spread = (share[..., None] * d_points[:, None]).flatten(0, 1)
+    return d_points.new_zeros(nodes, 7).index_add_(0, index.flatten(), spread), d_points
 
 
 def turn(quats: Tensor, dq: Tensor) -> Tensor:
@@ -249,20 +267,33 @@ def arap(means: Tensor, dx: Tensor, dq: Tensor, neighbour: Tensor, weights: Tens
     return (weights * (turned + (shift.abs().sum(1) + stretch.abs()) / unit)).mean()
 
 
+class Step(NamedTuple):
+    """One step of Adam. parameter, and the moments of its gradient, mean and square: [R, ...], contiguous.
+
+    gradient: [G, ...], of the rows from `start` on, as often as there are factors: of rows start + k G to start + (k + 1) G it is
+    factors[k] times that. Other rows have none, and go on by their momentum. moment: the learning rate, the decays of mean and square,
+    eps, and the number of this step, from 1. factors: [f] float32.
+    """
+
+    parameter: Tensor
+    mean: Tensor
+    square: Tensor
+    gradient: Tensor
+    factors: np.ndarray
+    start: int
+    moment: tuple[float, float, float, float, int]
+
+
 @torch.no_grad()
-def adam(
-    parameter: Tensor,
-    mean: Tensor,
-    square: Tensor,
-    gradient: Tensor,
-    first: int,
-    moment: tuple[float, float, float, float, int],
-) -> None:
+def adam(steps: Sequence[Step]) -> None:
     """As `splat.adam`; also what CUDA uses."""
-    rate, decay, square_decay, eps, number = moment
-    mean.mul_(decay)
-    square.mul_(square_decay)
-    mean[first : first + len(gradient)].add_(gradient, alpha=1 - decay)
-    square[first : first + len(gradient)].addcmul_(gradient, gradient, value=1 - square_decay)
-    denominator = square.sqrt().div_(math.sqrt(1 - square_decay**number)).add_(eps)
-    parameter.addcdiv_(mean, denominator, value=-rate / (1 - decay**number))
+    for parameter, mean, square, gradient, factors, start, (rate, decay, square_decay, eps, number) in steps:
+        mean.mul_(decay)
+        square.mul_(square_decay)
+        for k, factor in enumerate(factors.tolist()):
+            rows = slice(start + k * len(gradient), start + (k + 1) * len(gradient))
+            slope = factor * gradient[: len(mean[rows])]
+            mean[rows].add_(slope, alpha=1 - decay)
+            square[rows].addcmul_(slope, slope, value=1 - square_decay)
+        denominator = square.sqrt().div_(math.sqrt(1 - square_decay**number)).add_(eps)
+        parameter.addcdiv_(mean, denominator, value=-rate / (1 - decay**number))

@@ -2,14 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable, Sequence
 
+import numpy as np
 import torch
 from torch import Tensor
 
-from splatreel.kernels import splat
+from splatreel.kernels import adam as kernel
 
 DECAYS = 0.9, 0.999
+ONCE = np.ones(1, np.float32)
+
+Moment = tuple[int, np.ndarray, Tensor]
+"""The first of the four knots that a moment depends on, their weights [4] float32, and the gradient to the splines' values then."""
 
 
 class Adam:
@@ -22,15 +27,25 @@ class Adam:
 
     def step(self) -> None:
         """Follow the gradient of the tensor, if it has one, and clear it."""
-        gradient, self.tensor.grad = self.tensor.grad, None
-        if gradient is not None:
-            self.follow(gradient, 0, len(self.tensor))
+        step([self])
 
-    def follow(self, gradient: Tensor, first: int, end: int) -> None:
-        """Take a step by a gradient [R, ...] of the rows from `first` on; of the others, those before `end` go on by their momentum."""
+    def take(self) -> kernel.Step | None:
+        """The step that follows the gradient of the tensor, which is cleared; None if it has none."""
+        gradient, self.tensor.grad = self.tensor.grad, None
+        return None if gradient is None else self.follow(gradient, 0)
+
+    def follow(self, gradient: Tensor, first: int, end: int | None = None, factors: np.ndarray = ONCE) -> kernel.Step:
+        """The step by the gradient [G, ...] of the rows from `first` on, as often as there are factors: see `kernel.Step`.
+
+        Rows from `end` on are left as they are; others without a gradient go on by their momentum.
+        """
         self.steps += 1
-        rows = self.tensor.detach()[:end], self.mean[:end], self.square[:end]
-        splat.adam(*rows, gradient[: max(end - first, 0)], first, (self.rate, *DECAYS, self.eps, self.steps))
+        parameter, mean, square = self.tensor.detach(), self.mean, self.square
+        if end is not None:
+            parameter, mean, square = parameter[:end], mean[:end], square[:end]
+        return kernel.Step(
+            parameter, mean, square, gradient, factors, first, (self.rate, *DECAYS, self.eps, self.steps)
+        )
 
     def rewrite(self, of_tensor: Callable[[Tensor], Tensor], of_moment: Callable[[Tensor], Tensor]) -> None:
         """Replace the tensor and its moments by what is made of them."""
@@ -39,38 +54,27 @@ class Adam:
 
 
 class KnotAdam(Adam):
-    """Of the control values of splines, tensor [knots, rows, D]; its gradients come for four knots at a time."""
-
-    def __init__(self, tensor: Tensor, rate: float, eps: float) -> None:
-        super().__init__(tensor, rate, eps)
-        self.windows: list[tuple[int, Tensor]] = []
+    """Of the control values of splines, tensor [knots, rows, D]."""
 
     @property
     def values(self) -> Tensor:
         return self.tensor.detach()
 
-    def window(self, knot: int) -> Tensor:
-        """The control values [4, rows, D] from a knot on: a leaf whose gradient the next step follows."""
-        window = self.values[knot : knot + 4]
-        if torch.is_grad_enabled():
-            window.requires_grad_()
-            self.windows.append((knot, window))
-        return window
+    def at(self, moments: Sequence[Moment], end: int | None = None) -> kernel.Step | None:
+        """The step by the gradients [rows, D] of some moments, None if there are none. end: knots from there on stay as they are."""
+        if not moments:
+            return None
+        first, weights, gradient = moments[0]
+        if len(moments) == 1:
+            return self.follow(gradient[None], first, end, weights)
+        first, last = min(knot for knot, _, _ in moments), max(knot for knot, _, _ in moments)
+        total = self.values.new_zeros(last + 4 - first, *self.tensor.shape[1:])
+        for knot, weights, gradient in moments:
+            for k, weight in enumerate(weights.tolist()):
+                total[knot - first + k].add_(gradient, alpha=weight)
+        return self.follow(total, first, end)
 
-    def step(self, end: int | None = None) -> None:
-        """Follow the gradients of all windows since the last step. end: knots from there on are left as they are."""
-        known = [(knot, window.grad) for knot, window in self.windows if window.grad is not None]
-        self.windows.clear()
-        if len(known) == 1:
-            ((first, gradient),) = known
-            self.follow(gradient, first, end or len(self.tensor))
-        elif known:
-            first, last = min(knot for knot, _ in known), max(knot for knot, _ in known)
-            total = self.values.new_zeros(last + 4 - first, *self.tensor.shape[1:])
-            for knot, gradient in known:
-                total[knot - first : knot - first + 4] += gradient
-            self.follow(total, first, end or len(self.tensor))
 
-    def rewrite(self, of_tensor: Callable[[Tensor], Tensor], of_moment: Callable[[Tensor], Tensor]) -> None:
-        self.windows.clear()
-        super().rewrite(of_tensor, of_moment)
+def step(adams: Iterable[Adam]) -> None:
+    """All of them follow the gradients of their tensors, in one pass."""
+    kernel.adam([taken for adam in adams if (taken := adam.take()) is not None])

@@ -99,7 +99,7 @@ def splats(
 
 
 def deformed(
-    params: dict[str, Tensor], offsets: tuple[Tensor, Tensor], shade: Tensor | None, view: View, near: float
+    params: dict[str, Tensor], offsets: tuple[Tensor, Tensor] | None, shade: Tensor | None, view: View, near: float
 ) -> Splats:
     """Points of one moment for a view. params: unconstrained, as `TrainablePoints` has them; offsets, shade: see `splat.deformed`."""
     pinhole = view.viewmat, view.K, view.width, view.height

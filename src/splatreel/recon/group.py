@@ -150,10 +150,7 @@ class GroupTrainer:
         if (iteration + 1) % SHOW_EVERY == 0:
             tiles = None  # the whole loss is only there to be looked at
         loss = splat.photometric_loss(drawing.image, target, self.config.group.lambda_dssim, gain, tiles)
-        cost = self._regularisers(iteration, frame, dx, dq)
-        if self.shade is not None and shade is not None:
-            cost = cost + self.shade.cost(shade)
-        (loss + cost).backward()
+        torch.autograd.backward([loss, *self._regularisers(iteration, frame, dx, dq)])
         if tiles is not None:  # else it is the loss of another set of pixels
             self.schedule.note(frame, camera, loss)
         if adapts:  # nobody asks otherwise
@@ -173,17 +170,16 @@ class GroupTrainer:
         shade = None if self.shade is None else self.shade.at(frame)
         return self._deformed(*self.model.offsets(self.points.means, frame), shade, view)
 
-    def _regularisers(self, iteration: int, frame: int, dx: Tensor, dq: Tensor) -> Tensor:
+    def _regularisers(self, iteration: int, frame: int, dx: Tensor, dq: Tensor) -> list[Tensor]:
         """ARAP on one random neighbour of every point in every second iteration, temporal smoothness in every eighth.
 
         Both are weighted up in turn: unbiased, and cheap.
         """
-        group, total = self.config.group, dx.new_zeros(())
+        group, costs = self.config.group, []
         if group.lambda_arap and len(self.points) > 1 and iteration % 2 == 0:
-            column = int(self.rng.integers(self.neighbours.shape[1]))
-            other, weights = self.neighbours[:, column], self.pair_weights[:, column]
-            arap = losses.arap(self.points.means, dx, dq, other, weights, self.frames.unit)
-            total = total + 2 * group.lambda_arap * arap
+            rank = int(self.rng.integers(len(self.neighbours)))
+            other, weights = self.neighbours[rank], self.pair_weights[rank]
+            costs.append(losses.arap(self.points.means, dx, dq, other, weights, self.frames.unit))
         if group.lambda_temporal and self.frames.count > 2 and iteration % 8 == 1:
             last = min(self.schedule.frontier(iteration), self.frames.count - 1)
             start = min(frame, max(last - group.temporal_window, 0))
@@ -191,8 +187,8 @@ class GroupTrainer:
             if end > start:
                 delta = float(self.rng.uniform())
                 smooth = losses.temporal(self.model, self.points.means, start, end, delta, self.frames.unit)
-                total = total + 8 * group.lambda_temporal * smooth
-        return total
+                costs.append(8 * group.lambda_temporal * smooth)
+        return costs
 
     def _measure(self, drawing: Drawing, view: View, everything: bool) -> None:
         grad = drawing.means2d.grad
@@ -208,9 +204,11 @@ class GroupTrainer:
         self.static_meter = GradientMeter(len(self.backdrop), device)
         if count > 1:
             k = min(self.config.layering.neighbours, count - 1)
-            self.neighbours, distance = splat.nearest_neighbours(self.points.means.detach(), k)
+            neighbours, distance = splat.nearest_neighbours(self.points.means.detach(), k)
             reach = 2 * distance[:, -1:].median().clamp_min(1e-9)
-            self.pair_weights = torch.exp(-((distance / reach) ** 2))
+            closeness = torch.exp(-((distance / reach) ** 2))  # rows of one rank each, as an iteration draws them
+            self.neighbours = neighbours.T.contiguous()
+            self.pair_weights = (2 * self.config.group.lambda_arap * closeness).T.contiguous()
 
     def _adapt(self) -> None:
         """Adaptive static-point conversion (paper 4.1), then clone dynamic points that the images still pull at (4.2)."""

@@ -14,7 +14,7 @@ from splatreel.kernels import splat
 from splatreel.progress import Progress
 from splatreel.recon.colors import CameraGains
 from splatreel.recon.density import GradientMeter, children, select_growth
-from splatreel.recon.drawing import Backdrop, View, draw, splats
+from splatreel.recon.drawing import Backdrop, View, deformed, draw
 from splatreel.recon.points import TrainablePoints, default_rates
 from splatreel.scene.gaussians import Gaussians
 
@@ -121,7 +121,7 @@ class KeyframeTrainer:
     def _step(self, stage: Stage, camera: int, behind: Backdrop | None, price: float) -> tuple[Tensor, Tensor]:
         """price: of all opacities, per pixel. Returns the loss and the gradient of the places on the image."""
         p, view = self.points, stage.views[camera]
-        moving = splats(p.means, p.quats, p.scales, p.opacities, p.sh, view, stage.near)
+        moving = deformed(p.params, None, None, view, stage.near)
         drawing = draw(moving, view, behind.scenery(camera) if behind else None)
         loss = splat.photometric_loss(drawing.image, stage.images[camera], gain=self.gains.of(camera))
         cost = price * p.opacities.sum() / (view.width * view.height) if price else 0.0

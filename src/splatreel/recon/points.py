@@ -8,7 +8,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from splatreel.recon.adam import Adam
+from splatreel.recon.adam import Adam, step
 from splatreel.scene.gaussians import Gaussians
 
 NAMES = ("means", "quats", "log_scales", "logit_opacities", "sh_base", "sh_rest")
@@ -63,8 +63,7 @@ class TrainablePoints:
             adam.rate = self.base_rates[name] * factors.get(name, default)
 
     def step(self) -> None:
-        for adam in self.adams.values():
-            adam.step()
+        step(self.adams.values())
 
     def clear(self) -> None:
         """Forget the gradients."""

@@ -6,10 +6,11 @@ Light and shadow pass over things, flames flicker, things come and go. Every poi
 
 from __future__ import annotations
 
+import numpy as np
 import torch
 from torch import Tensor
 
-from splatreel.kernels import splat
+from splatreel.kernels import adam, motion
 from splatreel.recon.adam import KnotAdam
 from splatreel.recon.spline import Spline
 
@@ -27,19 +28,19 @@ class Shade:
         self.spline = Spline(frames, frames_per_knot=FRAMES_PER_KNOT)
         self.rates, self.weights = torch.tensor(RATES, device=device), torch.tensor(LAMBDA, device=device)
         self.adam = KnotAdam(torch.zeros(self.spline.knots, count, 4, device=device), rate=1.0, eps=1e-12)
+        self.moments: list[tuple[int, np.ndarray, Tensor]] = []
 
     @property
     def controls(self) -> Tensor:
         return self.adam.values
 
     def at(self, frame: float) -> Tensor:
-        """[N, 4] gains on c_base and on the logit of the opacity."""
+        """[N, 4] gains on c_base and on the logit of the opacity: a leaf, whose gradient the next step follows."""
         knot, weights = self.spline.at(frame)
-        return splat.splines([self.adam.window(knot)], 0, weights, []) * self.rates
-
-    def cost(self, shade: Tensor) -> Tensor:
-        """What a moment's changes [N, 4] cost in the loss."""
-        return (shade.abs() * self.weights).mean()
+        shade = motion.spline(self.controls, knot, weights) * self.rates
+        if torch.is_grad_enabled():
+            self.moments.append((knot, weights, shade.requires_grad_()))
+        return shade
 
     @property
     def highest(self) -> Tensor:
@@ -47,15 +48,25 @@ class Shade:
         return self.controls[..., 3].amax(0) * self.rates[3]
 
     def step(self, share: float) -> None:
-        """As `Deformation.step`."""
+        """As `Deformation.step`. Every change also costs its share of the mean of `LAMBDA` times its size."""
+        known = [
+            (knot, weights, (shade.grad + shade.detach().sign() * (self.weights / shade.numel())) * self.rates)
+            for knot, weights, shade in self.moments
+            if shade.grad is not None
+        ]
+        self.moments.clear()
         self.adam.rate = 0.05**share
-        self.adam.step()
+        taken = self.adam.at(known)
+        if taken is not None:
+            adam.adam([taken])
 
     def keep(self, index: Tensor) -> None:
+        self.moments.clear()
         self.adam.rewrite(lambda rows: rows[:, index], lambda rows: rows[:, index])
 
     def append(self, count: int, parents: Tensor | None) -> None:
         """As `Deformation.append`: newcomers do not change."""
+        self.moments.clear()
         added = self.controls[:, parents] if parents is not None else None
         rest = self.controls.new_zeros(len(self.controls), count, 4)
         self.adam.rewrite(

@@ -9,6 +9,7 @@ between. Buffers belong to the call that made them: any number of renders can wa
 
 from __future__ import annotations
 
+from functools import lru_cache
 from typing import Any
 
 import numpy as np
@@ -30,6 +31,16 @@ def _array(tensor: Tensor) -> np.ndarray:
     if tensor.dtype != torch.float32:
         tensor = tensor.to(torch.float32)
     return tensor.detach().contiguous().numpy()
+
+
+def _gradient(found: Tensor | None, values: np.ndarray) -> np.ndarray:
+    """The gradient to some values; zeros where nothing hangs on them, as mostly on alpha, without filling them anew each time."""
+    return _array(found) if found is not None else _zeros(values.shape)
+
+
+@lru_cache(maxsize=8)
+def _zeros(shape: tuple[int, ...]) -> np.ndarray:
+    return np.zeros(shape, np.float32)
 
 
 def _tensors(*arrays: np.ndarray) -> list[Tensor]:
@@ -83,9 +94,11 @@ class ViewColors(Function):
 
 class Deformed(Function):
     @staticmethod
-    def forward(ctx: Any, view: project.View, center: Tensor, shade: Tensor | None, *points: Tensor):
-        saved = *points, points[0].new_zeros(0, 4) if shade is None else shade, center
-        ctx.view, ctx.shaded = view, shade is not None
+    def forward(ctx: Any, view: project.View, center: Tensor, dx, dq, shade, *points: Tensor):
+        ctx.given = [change is not None for change in (dx, dq, shade)]
+        none = (points[0].new_zeros(0, size) for size in (3, 4, 4))
+        changes = [change if change is not None else rows for change, rows in zip((dx, dq, shade), none, strict=True)]
+        ctx.view, saved = view, (*points, *changes, center)
         *moment, middle = _arrays(*saved)
         opacities, ctx.seen = deform.forward(deform.Moment(*moment), middle, view)
         ctx.save_for_backward(*saved)
@@ -99,7 +112,8 @@ class Deformed(Function):
         *moment, center = _arrays(*ctx.saved_tensors)
         found = deform.backward(deform.Moment(*moment), ctx.seen, center, ctx.view, *_arrays(*d_splats[:4]))
         *d_points, d_dq, d_shade = _tensors(*found)
-        return None, None, d_shade if ctx.shaded else None, *d_points, d_points[0], d_dq
+        d_changes = [d if given else None for d, given in zip((d_points[0], d_dq, d_shade), ctx.given, strict=True)]
+        return None, None, *d_changes, *d_points
 
 
 class Rasterize(Function):
@@ -110,13 +124,15 @@ class Rasterize(Function):
         image = torch.from_numpy(_join([image for image, _ in parts], colors.shape[1]))
         alpha = torch.from_numpy(parts[0][1])
         ctx.bins = bins
+        ctx.set_materialize_grads(False)
         ctx.save_for_backward(colors, image, alpha)
         return image, alpha
 
     @staticmethod
     @once_differentiable
-    def backward(ctx: Any, d_image: Tensor, d_alpha: Tensor):
-        colors, image, alpha, d_image_, d_alpha_ = _arrays(*ctx.saved_tensors, d_image, d_alpha)
+    def backward(ctx: Any, d_image: Tensor | None, d_alpha: Tensor | None):
+        colors, image, alpha = _arrays(*ctx.saved_tensors)
+        d_image_, d_alpha_ = _gradient(d_image, image), _gradient(d_alpha, alpha)
         geometry, d_colors = [], []
         for part in zip(_split(colors), _split(image), _split(d_image_), strict=True):
             *gradients, d_color = rasterize.backward(ctx.bins, *part, alpha=alpha, d_alpha=d_alpha_)
@@ -138,15 +154,16 @@ class RasterizeAmong(Function):
         image, alpha = _tensors(*rasterize.forward(bins, *_arrays(colors), frozen=frozen))
         tiles = torch.from_numpy(bins.counts.reshape(-(-height // binning.TILE), -1) > 0)
         ctx.bins, ctx.frozen = bins, frozen
+        ctx.set_materialize_grads(False)
         ctx.save_for_backward(colors, image, alpha)
         ctx.mark_non_differentiable(tiles)
         return image, alpha, tiles
 
     @staticmethod
     @once_differentiable
-    def backward(ctx: Any, d_image: Tensor, d_alpha: Tensor, _: None):
-        colors, *pictures = _arrays(*ctx.saved_tensors, d_image, d_alpha)
-        image, alpha, d_image_, d_alpha_ = pictures
+    def backward(ctx: Any, d_image: Tensor | None, d_alpha: Tensor | None, _: None):
+        colors, image, alpha = _arrays(*ctx.saved_tensors)
+        d_image_, d_alpha_ = _gradient(d_image, image), _gradient(d_alpha, alpha)
         gradients = rasterize.backward(ctx.bins, colors, image, d_image_, alpha, d_alpha_, ctx.frozen)
         d_means2d, d_conics, d_opacities, d_colors = _tensors(*gradients)
         return d_means2d, d_conics, d_colors, d_opacities, None, None, None
@@ -220,19 +237,6 @@ class HashGrid(Function):
         return d_coords, d_table, None
 
 
-class Splines(Function):
-    @staticmethod
-    def forward(ctx: Any, knot: int, weights: np.ndarray, skins, *controls: Tensor):
-        ctx.basis = knot, weights, [(index.numpy(), share.numpy()) for index, share in skins]
-        ctx.shapes = [tuple(level.shape) for level in controls]
-        return torch.from_numpy(motion.splines(_arrays(*controls), *ctx.basis))
-
-    @staticmethod
-    @once_differentiable
-    def backward(ctx: Any, d_out: Tensor):
-        return None, None, None, *_tensors(*motion.splines_backward(ctx.shapes, *ctx.basis, *_arrays(d_out)))
-
-
 class Arap(Function):
     @staticmethod
     def forward(ctx: Any, means: Tensor, dx: Tensor, dq: Tensor, neighbour: Tensor, weights: Tensor, unit: float):
@@ -245,4 +249,6 @@ class Arap(Function):
     @once_differentiable
     def backward(ctx: Any, d_loss: Tensor):
         d_dx, d_dq = ctx.gradients
-        return None, d_dx * d_loss, d_dq * d_loss, None, None, None
+        if float(d_loss) != 1:
+            d_dx, d_dq = d_dx * d_loss, d_dq * d_loss
+        return None, d_dx, d_dq, None, None, None

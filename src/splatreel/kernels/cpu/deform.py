@@ -10,7 +10,6 @@ from typing import NamedTuple
 
 import numpy as np
 from numba import njit, prange
-from scipy.special import expit
 
 from splatreel.kernels.cpu.harmonics import color_one, color_one_backward
 from splatreel.kernels.cpu.jit import HALF, ONE, PARALLEL, TWO, ZERO, F
@@ -25,7 +24,7 @@ Arrays = tuple[np.ndarray, ...]
 
 class Moment(NamedTuple):
     """Canonical points, unconstrained, and what changes them: means [N, 3], quats [N, 4], log_scales [N, 3], logit_opacities [N],
-    base [N, 1, 3], rest [N, K - 1, 3], dx [N, 3], dq [N, 4], shade [N, 4], or [0, 4] for none.
+    base [N, 1, 3], rest [N, K - 1, 3], dx [N, 3], dq [N, 4], shade [N, 4]; the last three may have no rows, for none.
     """
 
     means: np.ndarray
@@ -63,7 +62,8 @@ def forward(moment: Moment, center: np.ndarray, view: View) -> tuple[np.ndarray,
     means2d, conics, colors = (np.empty((n, size), np.float32) for size in (2, 3, 3))
     depths, radii, opacities = np.empty(n, np.float32), np.empty(n, np.int32), np.empty(n, np.float32)
     means, quats = np.empty_like(moment.means), np.empty_like(moment.quats)
-    seen = Seen(means2d, conics, colors, depths, radii, means, quats, np.exp(moment.log_scales), expit(logits))
+    opaque = 1 / (1 + np.exp(np.minimum(-logits, F(80))))
+    seen = Seen(means2d, conics, colors, depths, radii, means, quats, np.exp(moment.log_scales), opaque)
     pinhole = view.viewmat, view.lens, view.limits, center
     _forward(moment, seen, view.blur == FINE_BLUR, *pinhole, opacities)
     return opacities, seen
@@ -102,13 +102,17 @@ def _kept_area(conics, i):
 def _forward(moment, seen, antialias, V, lens, limits, center, opacities):
     canonical, turns, _, _, base, rest, dx, dq, shade = moment
     means2d, conics, colors, depths, radii, means, quats, scales, opaque = seen
-    shaded = shade.shape[0] > 0
+    moved, shaded = dx.shape[0] > 0, shade.shape[0] > 0
     for i in prange(canonical.shape[0]):
         basis, shown = np.empty(16, np.float32), np.empty(3, np.float32)
         for c in range(3):
-            means[i, c] = canonical[i, c] + dx[i, c]
+            means[i, c] = canonical[i, c] + (dx[i, c] if moved else ZERO)
             shown[c] = base[i, 0, c] + (shade[i, c] if shaded else ZERO)
-        turn_one(i, turns, dq, quats)
+        if moved:
+            turn_one(i, turns, dq, quats)
+        else:
+            for c in range(4):
+                quats[i, c] = turns[i, c]
         project_one(i, means, quats, scales, V, lens, limits, means2d, conics, depths, radii)
         color_one(i, means, center, shown, rest, basis, colors)
         opacities[i] = opaque[i] * (math.sqrt(_kept_area(conics, i)) if antialias else ONE)
@@ -121,7 +125,7 @@ def _backward(moment, seen, antialias, V, lens, center, d_seen, room, d_moment):
     d_means2d, d_conics, d_colors, d_opacities = d_seen
     d_blurred, d_product = room
     d_means, d_quats, d_log_scales, d_logits, d_base, d_rest, d_dq, d_shade = d_moment
-    shaded = shade.shape[0] > 0
+    moved, shaded = dq.shape[0] > 0, shade.shape[0] > 0
     for i in prange(means.shape[0]):
         basis, d_opaque = np.empty(16, np.float32), d_opacities[i]
         for c in range(3):
@@ -150,7 +154,11 @@ def _backward(moment, seen, antialias, V, lens, center, d_seen, room, d_moment):
             d_product,
             d_log_scales,
         )
-        turn_one_backward(i, turns, dq, d_product, d_quats, d_dq)
+        if moved:
+            turn_one_backward(i, turns, dq, d_product, d_quats, d_dq)
+        else:
+            for c in range(4):
+                d_quats[i, c] = d_product[i, c]
         color_one_backward(i, means, center, colors, d_colors, basis, d_base, d_rest)
         d_logits[i] = d_opaque * opaque[i] * (ONE - opaque[i])
         for c in range(3):

@@ -1,13 +1,12 @@
 """Moving points: cubic splines in time blended over shared nodes, quaternion products, and how rigidly neighbours move.
 
 Each is a handful of operations a point, which torch would spread over dozens of passes through memory. Sums over the points that
-share a node run on one thread, in the order of the points: the same bits for any number of threads.
+share a node or a neighbour are taken in an order that does not depend on the threads: the same bits for any number of them.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 
 import numpy as np
 from numba import njit, prange
@@ -18,29 +17,34 @@ Skin = tuple[np.ndarray, np.ndarray]
 """index [N, K] int64 and share [N, K]: the nodes of every point and their weights."""
 
 
-def splines(controls: Sequence[np.ndarray], knot: int, weights: np.ndarray, skins: Sequence[Skin]) -> np.ndarray:
-    """Controls [knots, R, D] of all levels, the points' own last -> [N, D]."""
-    *nodes, points = (level[knot : knot + 4] for level in controls)
-    out = np.empty(points.shape[1:], np.float32)
-    _mix(points, weights, out)
-    for level, (index, share) in zip(nodes, skins, strict=True):
-        _blend(np.tensordot(weights, level, 1), index, share, out)
+BANDS = 16
+"""Parts of the points that sum up their nodes' gradients on their own, however many threads there are."""
+
+
+def spline(controls: np.ndarray, weights: np.ndarray) -> np.ndarray:
+    """Controls [4, R, D] of the knots that count, and their weights -> [R, D]."""
+    out = np.empty(controls.shape[1:], np.float32)
+    _spline(controls, weights, out)
     return out
 
 
-def splines_backward(
-    shapes: Sequence[tuple[int, ...]], knot: int, weights: np.ndarray, skins: Sequence[Skin], d_out: np.ndarray
-) -> list[np.ndarray]:
-    """Gradients to the controls; four knots of each level have one, the others are zero."""
-    gradients = []
-    for level, shape in enumerate(shapes):
-        d_values = d_out if level == len(skins) else np.zeros(shape[1:], np.float32)
-        if level < len(skins):
-            _blend_backward(d_out, *skins[level], d_values)
-        d_controls = np.zeros(shape, np.float32)
-        np.multiply.outer(weights, d_values, out=d_controls[knot : knot + 4])
-        gradients.append(d_controls)
-    return gradients
+def offsets(
+    nodes: np.ndarray, points: np.ndarray, weights: np.ndarray, skin: Skin, unit: float
+) -> tuple[np.ndarray, np.ndarray]:
+    """Controls [4, M, 7] and [4, N, 7] -> dx [N, 3] and dq [N, 4]."""
+    n = points.shape[1]
+    dx, dq = np.empty((n, 3), np.float32), np.empty((n, 4), np.float32)
+    _offsets(spline(nodes, weights), points, weights, *skin, F(unit), dx, dq)
+    return dx, dq
+
+
+def offsets_gradient(
+    d_dx: np.ndarray, d_dq: np.ndarray, skin: Skin, nodes: int, unit: float
+) -> tuple[np.ndarray, np.ndarray]:
+    """Gradients [M, 7] and [N, 7] to the values of the nodes' and the points' splines."""
+    d_points, sums = np.empty((len(d_dx), 7), np.float32), np.zeros((BANDS, nodes, 7), np.float32)
+    _offsets_gradient(d_dx, d_dq, *skin, F(unit), sums, d_points)
+    return sums.sum(0), d_points
 
 
 def arap(
@@ -58,30 +62,42 @@ def arap(
     return float(losses.sum(dtype=np.float64)), d_dx, d_dq
 
 
+@njit(inline="always")
+def _value(controls, weights, i, d):
+    early = weights[0] * controls[0, i, d] + weights[1] * controls[1, i, d]
+    return early + weights[2] * controls[2, i, d] + weights[3] * controls[3, i, d]
+
+
 @njit(**PARALLEL)
-def _mix(points, weights, out):
+def _spline(controls, weights, out):
     for i in prange(out.shape[0]):
         for d in range(out.shape[1]):
-            early = weights[0] * points[0, i, d] + weights[1] * points[1, i, d]
-            out[i, d] = early + weights[2] * points[2, i, d] + weights[3] * points[3, i, d]
+            out[i, d] = _value(controls, weights, i, d)
 
 
 @njit(**PARALLEL)
-def _blend(nodes, index, share, out):
-    for i in prange(out.shape[0]):
-        for k in range(index.shape[1]):
-            node, weight = index[i, k], share[i, k]
-            for d in range(out.shape[1]):
-                out[i, d] += weight * nodes[node, d]
+def _offsets(nodes, points, weights, index, share, unit, dx, dq):
+    for i in prange(dx.shape[0]):
+        for d in range(7):
+            value = _value(points, weights, i, d)
+            for k in range(index.shape[1]):
+                value += share[i, k] * nodes[index[i, k], d]
+            if d < 3:
+                dx[i, d] = unit * value
+            else:
+                dq[i, d - 3] = value + (ONE if d == 3 else ZERO)
 
 
-@njit(**SERIAL)
-def _blend_backward(d_out, index, share, d_nodes):
-    for i in range(d_out.shape[0]):
-        for k in range(index.shape[1]):
-            node, weight = index[i, k], share[i, k]
-            for d in range(d_out.shape[1]):
-                d_nodes[node, d] += weight * d_out[i, d]
+@njit(**PARALLEL)
+def _offsets_gradient(d_dx, d_dq, index, share, unit, sums, d_points):
+    n = d_dx.shape[0]
+    for band in prange(BANDS):
+        for i in range(band * n // BANDS, (band + 1) * n // BANDS):
+            for d in range(7):
+                slope = unit * d_dx[i, d] if d < 3 else d_dq[i, d - 3]
+                d_points[i, d] = slope
+                for k in range(index.shape[1]):
+                    sums[band, index[i, k], d] += share[i, k] * slope
 
 
 @njit(inline="always")

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numba import njit, prange
@@ -29,7 +30,7 @@ class View:
     near: float
     blur: float = BLUR
 
-    @property
+    @cached_property
     def lens(self) -> np.ndarray:
         """fx, fy, cx, cy, then the range of x/z and of y/z for the Jacobian: 1.3 times the field of view, as gsplat."""
         fx, fy, cx, cy = (float(self.K[index]) for index in ((0, 0), (1, 1), (0, 2), (1, 2)))

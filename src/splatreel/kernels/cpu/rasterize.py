@@ -11,7 +11,7 @@ from numba import njit, prange
 from splatreel.kernels.cpu import blending
 from splatreel.kernels.cpu.binning import LOG2_E, Bins
 from splatreel.kernels.cpu.blending import PIXELS
-from splatreel.kernels.cpu.jit import HALF, PARALLEL, TWO, ZERO, F
+from splatreel.kernels.cpu.jit import HALF, PARALLEL, SERIAL, TWO, ZERO, F
 
 
 @dataclass(frozen=True)
@@ -83,12 +83,27 @@ def _held(bins: Bins, colors: np.ndarray, frozen: Frozen | None) -> Drawn:
 
 def _balanced(bins: Bins, frozen: Frozen | None) -> np.ndarray:
     """The tiles to draw, fullest first, dealt out so that the contiguous share each thread takes holds about equal work."""
-    counts = bins.counts if frozen is None else bins.counts + (bins.counts > 0) * frozen.bins.counts
-    fullest_first = np.argsort(-counts, kind="stable")
-    if frozen is not None:
-        fullest_first = fullest_first[: np.count_nonzero(bins.counts)]
-    threads = numba.get_num_threads()
-    return np.concatenate([fullest_first[k::threads] for k in range(threads)])
+    held = np.zeros_like(bins.offsets) if frozen is None else frozen.bins.offsets
+    return _deal(bins.offsets, held, frozen is not None, numba.get_num_threads())
+
+
+@njit(**SERIAL)
+def _deal(offsets, held, some, threads):
+    """some: only tiles that something in `offsets` touches."""
+    n = offsets.shape[0] - 1
+    counts, tiles, size = np.empty(n, np.int64), np.empty(n, np.int64), 0
+    for tile in range(n):
+        count = offsets[tile + 1] - offsets[tile]
+        if count > 0 or not some:
+            counts[size], tiles[size] = -(count + held[tile + 1] - held[tile]), tile
+            size += 1
+    fullest_first = np.argsort(counts[:size], kind="mergesort")
+    dealt, position = np.empty(size, np.int64), 0
+    for thread in range(threads):
+        for k in range(thread, size, threads):
+            dealt[position] = tiles[fullest_first[k]]
+            position += 1
+    return dealt
 
 
 def _scratch() -> np.ndarray:

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 from numba import njit, prange
 
-from splatreel.kernels.cpu.jit import ONE, PARALLEL, TWO, ZERO, F, U
+from splatreel.kernels.cpu.jit import ONE, PARALLEL, SERIAL, TWO, ZERO, F, U
 
 RADIUS = 5
 _window = np.exp(-0.5 * (np.arange(2 * RADIUS + 1) - RADIUS) ** 2 / 1.5**2)
@@ -56,11 +56,9 @@ def loss_and_gradient(
     scale = F(1 / 255) if target.dtype == np.uint8 else ONE
     gains = np.tile(np.ones(3, np.float32) if gain is None else gain, width)
     rows, across = -(-height // ROWS), -(-lines[1] // COLUMNS)
-    drawn = np.ones((rows, across * TILES), np.bool_)
-    if tiles is not None:
-        drawn[:] = False
-        drawn[:, : tiles.shape[1]] = tiles
-    changed, compared = (np.flatnonzero(m.reshape(-1, TILES).any(1)) for m in (drawn, _grown(drawn)))
+    drawn = np.zeros((rows, across * TILES), np.bool_)
+    drawn[:, : -(-width // ROWS)] = True if tiles is None else tiles
+    changed, compared = _blocks(drawn)
     maps = np.empty((3, *lines), np.float32)  # what is not compared stays unset: no wanted gradient hangs on it
     d_image = np.empty(lines, np.float32) if tiles is None else np.zeros(lines, np.float32)
     similarity, differences = np.empty(len(compared), np.float32), np.empty(len(changed), np.float32)
@@ -68,18 +66,27 @@ def loss_and_gradient(
     _ssim_maps(x, y, gains, scale, compared, maps, similarity)
     l1_weight, ssim_weight = (1 - lambda_dssim) / image.size, lambda_dssim / image.size
     weights = F(l1_weight), F(ssim_weight)
-    _gradient(x, y, gains, scale, changed, drawn.ravel(), maps, *weights, d_image, differences, products)
+    _gradient(x, y, gains, scale, changed, drawn.reshape(-1), maps, *weights, d_image, differences, products)
     l1, ssim = differences.sum(dtype=np.float64), similarity.sum(dtype=np.float64)
     loss = float(l1_weight * l1 + lambda_dssim - ssim_weight * ssim)
     d_gain = products.reshape(-1, 3).sum(0, dtype=np.float64).astype(np.float32)
     return Gradient(loss, d_image.reshape(image.shape), d_gain)
 
 
-def _grown(tiles: np.ndarray) -> np.ndarray:
-    """Tiles and those around them: the window reaches five pixels over the border."""
-    padded = np.pad(tiles, 1)
-    rows = padded[:-2] | padded[1:-1] | padded[2:]
-    return rows[:, :-2] | rows[:, 1:-1] | rows[:, 2:]
+@njit(**SERIAL)
+def _blocks(tiles):
+    """Blocks that hold some of these tiles, and blocks that hold one of them or around them: the window reaches five pixels over the
+    border."""
+    rows, across = tiles.shape[0], tiles.shape[1] // TILES
+    holds, near = np.zeros(rows * across, np.bool_), np.zeros(rows * across, np.bool_)
+    for row in range(rows):
+        for column in range(tiles.shape[1]):
+            if tiles[row, column]:
+                holds[row * across + column // TILES] = True
+                for r in range(max(row - 1, 0), min(row + 2, rows)):
+                    for c in range(max(column - 1, 0), min(column + 2, tiles.shape[1])):
+                        near[r * across + c // TILES] = True
+    return np.flatnonzero(holds), np.flatnonzero(near)
 
 
 @njit(inline="always")
