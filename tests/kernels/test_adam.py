@@ -17,7 +17,7 @@ def test_steps_are_those_of_torch(kernel, shape):
     ours = torch.randn(shape, generator=generator)
     theirs = ours.clone().requires_grad_()
     optimizer = torch.optim.Adam([theirs], lr=RATE, eps=EPS)
-    mean, square = torch.zeros(shape), torch.zeros(shape)
+    trained = adam.Trained(ours, torch.zeros(shape), torch.zeros(shape))
     for number in range(1, 9):
         first = number % len(ours)
         gradient = torch.randn((min(4, len(ours) - first), *shape[1:]), generator=generator)
@@ -25,10 +25,10 @@ def test_steps_are_those_of_torch(kernel, shape):
         theirs.grad[first : first + len(gradient)] = gradient
         optimizer.step()
         moment = RATE, 0.9, 0.999, EPS, number
-        kernel([adam.Step(ours, mean, square, gradient, ONCE, first, moment)])
+        kernel([adam.Step(trained, gradient, ONCE, first, len(ours), moment)])
         torch.testing.assert_close(ours, theirs.detach(), rtol=1e-5, atol=1e-5)
-    torch.testing.assert_close(mean, optimizer.state[theirs]["exp_avg"], rtol=1e-4, atol=1e-7)
-    torch.testing.assert_close(square, optimizer.state[theirs]["exp_avg_sq"], rtol=1e-4, atol=1e-7)
+    torch.testing.assert_close(trained.mean, optimizer.state[theirs]["exp_avg"], rtol=1e-4, atol=1e-7)
+    torch.testing.assert_close(trained.square, optimizer.state[theirs]["exp_avg_sq"], rtol=1e-4, atol=1e-7)
 
 
 @pytest.mark.parametrize("kernel", [adam.adam, twin.adam])
@@ -40,7 +40,7 @@ def test_many_tensors_and_rows_that_share_a_gradient(kernel):
     ours = [torch.randn(shape, generator=generator) for shape in shapes]
     theirs = [tensor.clone().requires_grad_() for tensor in ours]
     optimizer = torch.optim.Adam(theirs, lr=RATE, eps=EPS)
-    moments = [(torch.zeros(shape), torch.zeros(shape)) for shape in shapes]
+    trained = [adam.Trained(tensor, torch.zeros_like(tensor), torch.zeros_like(tensor)) for tensor in ours]
     for number, first in enumerate((0, 3, 5, 7), 1):
         whole, shared = torch.randn(5000, 3, generator=generator), torch.randn(1, 700, 4, generator=generator)
         theirs[0].grad, theirs[1].grad = whole, torch.zeros(shapes[1])
@@ -49,8 +49,8 @@ def test_many_tensors_and_rows_that_share_a_gradient(kernel):
             if first + k < 9:
                 theirs[1].grad[first + k] = factor * shared[0]
         optimizer.step()
-        parts = zip(ours, moments, (whole, shared, theirs[2].grad), (ONCE, factors, ONCE), (0, first, 0), strict=True)
+        parts = zip(trained, (whole, shared, theirs[2].grad), (ONCE, factors, ONCE), (0, first, 0), strict=True)
         moment = RATE, 0.9, 0.999, EPS, number
-        kernel([adam.Step(p, m, s, g, f, start, moment) for p, (m, s), g, f, start in parts])
+        kernel([adam.Step(t, g, f, start, len(t.mean), moment) for t, g, f, start in parts])
         for a, b in zip(ours, theirs, strict=True):
             torch.testing.assert_close(a, b.detach(), rtol=1e-5, atol=1e-5)

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -267,27 +269,42 @@ def arap(means: Tensor, dx: Tensor, dq: Tensor, neighbour: Tensor, weights: Tens
     return (weights * (turned + (shift.abs().sum(1) + stretch.abs()) / unit)).mean()
 
 
-class Step(NamedTuple):
-    """One step of Adam. parameter, and the moments of its gradient, mean and square: [R, ...], contiguous.
-
-    gradient: [G, ...], of the rows from `start` on, as often as there are factors: of rows start + k G to start + (k + 1) G it is
-    factors[k] times that. Other rows have none, and go on by their momentum. moment: the learning rate, the decays of mean and square,
-    eps, and the number of this step, from 1. factors: [f] float32.
-    """
+@dataclass(frozen=True)
+class Trained:
+    """parameter, and the moments of its gradient, mean and square: [R, ...], contiguous, changed in place."""
 
     parameter: Tensor
     mean: Tensor
     square: Tensor
+
+    @cached_property
+    def flat(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """The same memory as arrays [n], on the CPU."""
+        parameter, mean, square = (t.numpy().reshape(-1) for t in (self.parameter, self.mean, self.square))
+        return parameter, mean, square
+
+
+class Step(NamedTuple):
+    """One step of Adam. gradient: [G, ...], of the rows from `start` on, as often as there are factors [f] float32.
+
+    Of the rows start + k G to start + (k + 1) G it is factors[k] times that. Other rows before `end` have none, and go on by their
+    momentum; those from there on stay as they are. moment: the learning rate, the decays of mean and square, eps, and the number of
+    this step, from 1.
+    """
+
+    trained: Trained
     gradient: Tensor
     factors: np.ndarray
     start: int
+    end: int
     moment: tuple[float, float, float, float, int]
 
 
 @torch.no_grad()
 def adam(steps: Sequence[Step]) -> None:
-    """As `splat.adam`; also what CUDA uses."""
-    for parameter, mean, square, gradient, factors, start, (rate, decay, square_decay, eps, number) in steps:
+    """As `adam.adam`; also what CUDA uses."""
+    for trained, gradient, factors, start, end, (rate, decay, square_decay, eps, number) in steps:
+        parameter, mean, square = trained.parameter[:end], trained.mean[:end], trained.square[:end]
         mean.mul_(decay)
         square.mul_(square_decay)
         for k, factor in enumerate(factors.tolist()):

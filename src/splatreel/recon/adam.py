@@ -24,6 +24,7 @@ class Adam:
         self.tensor = tensor.detach().clone().contiguous().requires_grad_(True)
         self.mean, self.square = (torch.zeros_like(tensor, requires_grad=False) for _ in range(2))
         self.rate, self.eps, self.steps = rate, eps, 0
+        self._trained = kernel.Trained(self.tensor.detach(), self.mean, self.square)
 
     def step(self) -> None:
         """Follow the gradient of the tensor, if it has one, and clear it."""
@@ -35,22 +36,16 @@ class Adam:
         return None if gradient is None else self.follow(gradient, 0)
 
     def follow(self, gradient: Tensor, first: int, end: int | None = None, factors: np.ndarray = ONCE) -> kernel.Step:
-        """The step by the gradient [G, ...] of the rows from `first` on, as often as there are factors: see `kernel.Step`.
-
-        Rows from `end` on are left as they are; others without a gradient go on by their momentum.
-        """
+        """The step by the gradient [G, ...] of the rows from `first` on, see `kernel.Step`."""
         self.steps += 1
-        parameter, mean, square = self.tensor.detach(), self.mean, self.square
-        if end is not None:
-            parameter, mean, square = parameter[:end], mean[:end], square[:end]
-        return kernel.Step(
-            parameter, mean, square, gradient, factors, first, (self.rate, *DECAYS, self.eps, self.steps)
-        )
+        moment = self.rate, *DECAYS, self.eps, self.steps
+        return kernel.Step(self._trained, gradient, factors, first, len(self.mean) if end is None else end, moment)
 
     def rewrite(self, of_tensor: Callable[[Tensor], Tensor], of_moment: Callable[[Tensor], Tensor]) -> None:
         """Replace the tensor and its moments by what is made of them."""
         self.tensor = of_tensor(self.tensor.detach()).contiguous().requires_grad_(True)
         self.mean, self.square = of_moment(self.mean).contiguous(), of_moment(self.square).contiguous()
+        self._trained = kernel.Trained(self.tensor.detach(), self.mean, self.square)
 
 
 class KnotAdam(Adam):
@@ -58,7 +53,7 @@ class KnotAdam(Adam):
 
     @property
     def values(self) -> Tensor:
-        return self.tensor.detach()
+        return self._trained.parameter
 
     def at(self, moments: Sequence[Moment], end: int | None = None) -> kernel.Step | None:
         """The step by the gradients [rows, D] of some moments, None if there are none. end: knots from there on stay as they are."""
