@@ -44,6 +44,9 @@ class LayeringConfig:
     """lambda_adp^grad, normalised device units, at a width of 1352: the splats of smaller images are larger and pull harder."""
     adapt_neighbours: float = 0.6
     """lambda_adp^nn: the share of dynamic neighbours that makes a static point dynamic."""
+    adapt_changes: float = 0.0
+    """Only static points are converted that show this share of what they show where the pictures of the group change; goes past
+    the paper."""
 
 
 @dataclass(frozen=True)
@@ -218,6 +221,7 @@ def preset(quality: Quality) -> Config:
             points_per_pixel=0.6,
         ),
         antialias=True,
+        layering=LayeringConfig(adapt_changes=0.3),
         group=GroupConfig(iterations_per_frame=110, track=True, shade=True, faint_share=0.01, progressive=0.0),
     )
     if quality == "standard":

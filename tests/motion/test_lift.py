@@ -5,7 +5,7 @@ import pytest
 
 from splatreel.config import LayeringConfig
 from splatreel.errors import ReconstructionError
-from splatreel.motion.lift import lift
+from splatreel.motion.lift import lift, shares
 from splatreel.scene.camera import Camera
 from splatreel.scene.gaussians import Gaussians
 
@@ -96,3 +96,12 @@ def test_one_point_and_no_point() -> None:
 def test_masks_of_another_size_are_refused() -> None:
     with pytest.raises(ReconstructionError, match=r"\(3, 24, 32\)"):
         lift(wall(), cameras(), np.ones((3, 24, 32), bool), NEAR, VOTE)
+
+
+def test_shares_are_of_what_cameras_see() -> None:
+    points = wall()
+    found, x = shares(points, cameras(), right_masks(), NEAR), points.means[:-1, 0]
+    assert np.isnan(found[-1]), "it is behind all cameras"
+    assert found[:-1][x > 0.7].min() > 0.9
+    assert found[:-1][x < 0.3].max() < 0.1
+    assert shares(Gaussians.empty(), cameras(), right_masks(), NEAR).shape == (0,)

@@ -51,10 +51,17 @@ def config(deformation="trajectory", iterations=30, **layering) -> Config:
     )
 
 
-def trainer(filmed: GroupFrames, config: Config, dynamic: Gaussians = THING, static: Gaussians = WALL, tracks=None):
+def trainer(
+    filmed: GroupFrames,
+    config: Config,
+    dynamic: Gaussians = THING,
+    static: Gaussians = WALL,
+    tracks=None,
+    convertible=None,
+):
     alive = np.ones(len(static), bool)
     gains = CameraGains(len(CAMERAS), CPU, enabled=False)
-    return GroupTrainer(filmed, dynamic, static, alive, gains, config, seed=0, tracks=tracks)
+    return GroupTrainer(filmed, dynamic, static, alive, gains, config, seed=0, tracks=tracks, convertible=convertible)
 
 
 class Losses(Silent):
@@ -149,6 +156,14 @@ def test_a_pull_alone_makes_a_static_point_dynamic(filmed: GroupFrames) -> None:
     alive = loose.train(Silent()).alive
     assert (~alive[len(WALL) :]).mean() > 0.3
     assert (~alive[: len(WALL)]).mean() < 0.05, "the wall stands still"
+
+
+def test_what_must_stay_is_not_converted(filmed: GroupFrames) -> None:
+    settings = config(iterations=8, adapt_every=10, adapt_gradient=0.0, adapt_neighbours=2.0)
+    may = np.arange(len(WALL)) % 2 == 0
+    alive = trainer(filmed, settings, convertible=may).train(Silent()).alive
+    assert alive[~may].all()
+    assert not alive[may].all()
 
 
 def test_points_join_up_to_the_room_there_is(filmed: GroupFrames) -> None:

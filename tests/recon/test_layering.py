@@ -1,7 +1,11 @@
 import numpy as np
+import torch
 
-from splatreel.recon.layering import separate
-from tests.recon.scenes import random_gaussians
+from splatreel.config import LayeringConfig
+from splatreel.kernels.image import render_image
+from splatreel.recon.layering import convertible, separate
+from splatreel.scene.gaussians import Gaussians
+from tests.recon.scenes import random_gaussians, ring
 
 
 def test_points_change_layer_by_their_labels():
@@ -21,3 +25,23 @@ def test_nothing_moves_and_everything_moves():
     assert (len(still.dynamic), len(still.settled), still.alive.sum()) == (0, 2, 3)
     moving = separate(static, alive, dynamic, np.ones(5, bool))
     assert (len(moving.dynamic), len(moving.settled), moving.alive.sum()) == (5, 0, 0)
+
+
+def test_only_what_shows_where_pictures_change_is_convertible():
+    """A row of six points: the last two go dark. One more is behind all cameras, and one is not alive."""
+    means = np.concatenate([[[x, 0, 0] for x in np.linspace(-1.5, 1.5, 6)], [[0, 0, -50], [0, 0.5, 0]]])
+    points = Gaussians(
+        means, np.tile([1.0, 0, 0, 0], (8, 1)), np.full((8, 3), 0.1), np.full(8, 0.9), np.full((8, 1, 3), 1.5)
+    )
+    alive = np.arange(8) < 7
+    dark = np.where(np.isin(np.arange(8), [4, 5]), -0.8, 0.0)
+    cameras = ring(3, width=64, height=48)
+    scenes = [points[alive], points.shaded(np.stack([dark, dark, dark, 0 * dark], 1).astype(np.float32))[alive]]
+    films = [[render_image(scene, camera, near=0.1) for camera in cameras] for scene in scenes]
+    frames = (np.clip(films, 0, 1) * 255).astype(np.uint8)
+    found = [
+        convertible(points, alive, cameras, frames, 0.1, LayeringConfig(adapt_changes=share), torch.device("cpu"))
+        for share in (0.3, 0.0)
+    ]
+    assert found[0].tolist() == [False, False, False, False, True, True, True, False]
+    assert found[1].tolist() == alive.tolist()

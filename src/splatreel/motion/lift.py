@@ -54,8 +54,7 @@ def lift(
         )
     if len(points) == 0 or not masks.any():
         return np.zeros(len(points), np.float32)
-    arrays = (points.means, points.quats, points.scales, points.opacities)
-    splats = _Splats(*(torch.from_numpy(a).to(device) for a in arrays))
+    splats = _splats(points, device)
     targets = torch.from_numpy(np.asarray(masks, np.float32)).to(device)
     weights = _contributions(splats, cameras, targets, near)
     seen = weights.total > LEAST_CONTRIBUTION
@@ -64,6 +63,22 @@ def lift(
     else:
         labels = _optimise(splats, cameras, targets, near, config, seed)
     return torch.where(seen, labels, 0).cpu().numpy().astype(np.float32)
+
+
+def shares(
+    points: Gaussians, cameras: list[Camera], masks: np.ndarray, near: float, device: torch.device | str = "cpu"
+) -> np.ndarray:
+    """How much of what each point adds to the pictures falls into masks [C, H, W] bool; [N] 0..1, NaN where no camera sees it."""
+    if len(points) == 0:
+        return np.zeros(0, np.float32)
+    weights = _contributions(_splats(points, device), cameras, torch.from_numpy(masks).float().to(device), near)
+    share = weights.inside / weights.total.clamp_min(LEAST_CONTRIBUTION)
+    return torch.where(weights.total > LEAST_CONTRIBUTION, share, torch.nan).cpu().numpy()
+
+
+def _splats(points: Gaussians, device: torch.device | str) -> _Splats:
+    arrays = (points.means, points.quats, points.scales, points.opacities)
+    return _Splats(*(torch.from_numpy(a).to(device) for a in arrays))
 
 
 def _contributions(splats: _Splats, cameras: list[Camera], masks: Tensor, near: float) -> _Contributions:

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from concurrent.futures import ThreadPoolExecutor
 
-import cv2
 import numpy as np
 
 from splatreel import threads
+from splatreel.motion.change import difference
 
 SAME = 8 / 255
 """Mean absolute difference of the colours around a pixel, from which on a frame says nothing about the keyframe."""
@@ -29,9 +29,7 @@ def _steady(frames: np.ndarray) -> np.ndarray:
     first = frames[0].astype(np.float32)
     total, weight = first.copy(), np.ones(first.shape[:2], np.float32)
     for frame in frames[1:]:
-        change = frame - first
-        apart = np.abs(cv2.GaussianBlur(change, (5, 5), 0)).mean(-1) / (255 * SAME)
-        share = np.square(1 - np.square(np.minimum(apart, 1)))
+        share = np.square(1 - np.square(np.minimum(difference(frame, first) / SAME, 1)))
         total += share[..., None] * frame
         weight += share
     return np.rint(total / weight[..., None]).astype(np.uint8)

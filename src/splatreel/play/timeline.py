@@ -65,7 +65,9 @@ class Timeline:
     def _weight(self, frame: float, group: Group) -> float:
         overlap = self.manifest.overlap
         share = min((frame - group.first_frame) / overlap, 1.0) if overlap else 1.0
-        return share * share * (3 - 2 * share)  # opaque points in front of the others show half of their colour at a tenth of weight
+        return (
+            share * share * (3 - 2 * share)
+        )  # opaque points in front of the others show half of their colour at a tenth of weight
 
     def _faded(self, frame: float, weight: float, old: Group, new: Group) -> Gaussians:
         static, _ = self.reel.static(new.index)

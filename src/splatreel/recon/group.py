@@ -95,6 +95,7 @@ class GroupTrainer:
         config: Config,
         seed: int,
         tracks: np.ndarray | None = None,
+        convertible: np.ndarray | None = None,
     ) -> None:
         device = frames.images.device
         self.frames, self.config, self.gains = frames, config, gains
@@ -102,6 +103,7 @@ class GroupTrainer:
         self.points = TrainablePoints.from_gaussians(dynamic, rates, device)
         self.backdrop = Backdrop(static, frames.views, frames.near, device)
         self.backdrop.set_alive(torch.from_numpy(alive).to(device))
+        self.convertible = torch.from_numpy(alive if convertible is None else convertible).to(device)
         start = None if tracks is None else torch.from_numpy(tracks).to(device)
         self.model = make_deformation(config.group.deformation, self.points.means.detach(), frames, seed, start)
         self.shade = Shade(frames.count, len(self.points), device) if config.group.shade else None
@@ -217,7 +219,7 @@ class GroupTrainer:
         coarseness = FULL_WIDTH / self.frames.views[0].width
         convert = alive & (self.static_meter.mean() > layering.adapt_gradient * coarseness)
         convert |= alive & self._surrounded(alive)
-        chosen = torch.nonzero(convert)[:, 0]
+        chosen = torch.nonzero(convert & self.convertible)[:, 0]
         if len(chosen) > self.room:
             chosen = chosen[torch.topk(self.static_meter.mean()[chosen], self.room).indices]
         grow = self.moving_meter.mean() > layering.adapt_gradient * coarseness

@@ -8,8 +8,9 @@ import numpy as np
 import torch
 
 from splatreel.config import LayeringConfig
+from splatreel.motion.change import changes
 from splatreel.motion.flow import make_flow
-from splatreel.motion.lift import lift
+from splatreel.motion.lift import lift, shares
 from splatreel.motion.masks import make_segmenter, motion_masks
 from splatreel.scene.camera import Camera
 from splatreel.scene.gaussians import Gaussians
@@ -46,6 +47,26 @@ def label_points(
         return np.zeros(len(points), bool)
     labels = lift(points, cameras, masks, near, config, device)
     return labels > config.label_threshold
+
+
+def convertible(
+    static: Gaussians,
+    alive: np.ndarray,
+    cameras: list[Camera],
+    frames: np.ndarray,
+    near: float,
+    config: LayeringConfig,
+    device: torch.device,
+) -> np.ndarray:
+    """Which of the living static points may turn out to move during a group, [S] bool: those that show where pictures change.
+
+    frames: [T, C, H, W, 3] uint8 of the group. What no camera sees may: it can be hidden at the keyframe.
+    """
+    allowed = alive.copy()
+    if config.adapt_changes and alive.any():
+        found = shares(static[alive], cameras, changes(frames), near, device)
+        allowed[alive] = ~(found < config.adapt_changes)  # of NaN, all comparisons are false
+    return allowed
 
 
 def separate(static: Gaussians, alive: np.ndarray, dynamic: Gaussians, moves: np.ndarray) -> Layers:

@@ -27,7 +27,7 @@ from splatreel.recon.following import follow
 from splatreel.recon.group import GroupFrames, GroupTrainer
 from splatreel.recon.importance import weigh
 from splatreel.recon.keyframe import KeyframeTrainer
-from splatreel.recon.layering import Layers, label_points, separate
+from splatreel.recon.layering import Layers, convertible, label_points, separate
 from splatreel.recon.layout import Layout
 from splatreel.recon.plan import Plan
 from splatreel.recon.points import TrainablePoints, default_rates
@@ -162,16 +162,19 @@ class Reconstruction:
         with self._timed("group"):
             iterations = self.config.group.iterations_per_frame * span.count
             self.progress.stage(self._title(span, "motion"), iterations, self.plan.motion(span.index))
-            data = GroupFrames(self._on_device(frames), self._views(), layout.near, layout.unit)
+            static, alive, near = scene.static, scene.alive, layout.near
+            movable = convertible(static, alive, self.cameras, frames, near, self.config.layering, self.device)
+            data = GroupFrames(self._on_device(frames), self._views(), near, layout.unit)
             trainer = GroupTrainer(
                 data,
                 scene.dynamic,
-                scene.static,
-                scene.alive,
+                static,
+                alive,
                 self.gains,
                 self.config,
                 self.config.seed + span.index,
                 tracks,
+                movable,
             )
             result = trainer.train(self.progress)
             self.progress.update(iterations, dynamic=len(result.dynamic))

@@ -1,0 +1,34 @@
+"""Films of two cameras: a square crosses a ramp before the first, nothing happens before the second."""
+
+import numpy as np
+
+from splatreel.motion.change import changes
+
+
+def filmed(noise: float, flicker: float = 0.0, frames: int = 12) -> np.ndarray:
+    rng = np.random.default_rng(0)
+    film = np.broadcast_to(np.linspace(60, 190, 64)[:, None], (frames, 2, 48, 64, 3)).copy()
+    for t in range(1, frames):
+        film[t, 0, 10:20, 5 + 3 * t : 15 + 3 * t] = 250
+    film += flicker * rng.normal(size=(frames, 1, 1, 1, 1)) + noise * rng.normal(size=film.shape)
+    return np.rint(film).clip(0, 255).astype(np.uint8)
+
+
+def test_what_something_crosses_changes_and_nothing_else() -> None:
+    found = changes(filmed(3.0))
+    assert found.shape == (2, 48, 64)
+    assert found[0, 12:18, 10:46].all()
+    assert not found[0, 24:].any()
+    assert not found[1].any()
+
+
+def test_strong_noise_and_flicker_are_no_change() -> None:
+    for film in (filmed(12.0), filmed(2.0, flicker=10)):
+        found = changes(film)
+        assert found[0, 12:18, 10:46].mean() > 0.9
+        assert found[0, 24:].mean() < 0.05
+        assert found[1].mean() < 0.05
+
+
+def test_one_frame_has_no_changes() -> None:
+    assert not changes(filmed(3.0)[:1]).any()
