@@ -98,6 +98,7 @@ def test_bytes_at_a_loss() -> None:
     rows = [rates.Row("x", size, 0, 30 - loss, loss, {}) for size, loss in ((1000, 0.1), (4000, 0.0))]
     assert bytes_at(rows, 0.05) == pytest.approx(2000)
     assert bytes_at(rows, 0.2) is None
+    assert bytes_at([*rows, rates.Row("x", 2000, 0, 30, -0.1, {})], 0.0) == pytest.approx(1000 * 2**0.5)
     assert curves(rows) == {"paper": [], "predictive": []}
 
 

@@ -7,6 +7,7 @@ import json
 import tempfile
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
@@ -143,12 +144,16 @@ def rate_distortion(sweep: Sweep, names: Sequence[str] | None = None) -> list[Ro
 
 
 def bytes_at(rows: list[Row], loss: float) -> float | None:
-    """Bytes that the configurations in rows have at a loss, in between by the logarithm; None outside of what they cover."""
-    points = sorted((row.loss, np.log(row.bytes)) for row in rows)
-    losses = [point[0] for point in points]
-    if not points or not losses[0] <= loss <= losses[-1]:
-        return None
-    return float(np.exp(np.interp(loss, losses, [point[1] for point in points])))
+    """The fewest bytes at which the configurations in rows lose no more than `loss`, in between by the logarithm of the bytes.
+
+    Coarser steps may lose less on views held out: where the curve turns, its smaller end counts. None outside of what they cover.
+    """
+    points = sorted((np.log(row.bytes), row.loss) for row in rows)
+    for (small, most), (large, least) in pairwise(points):
+        if most >= loss >= least:
+            share = (most - loss) / (most - least) if most > least else 0.0
+            return float(np.exp(small + share * (large - small)))
+    return None
 
 
 def curves(rows: list[Row]) -> dict[str, list[tuple[float, float]]]:
