@@ -13,6 +13,8 @@ import type { Offsets } from "./offsets";
 const SHAPE = 0;
 export const COLOR = 1;
 const MOTION = 2;
+/** Numbers of a basis, K D, at most. */
+const MOST_BASIS = 2 ** 20;
 const MOVES: Form = { turn: "nothing", rest: [0, 0, 0, 0], most: 65535 };
 const TURNS: Form = { turn: "quaternion", rest: [1, 0, 0, 0], most: 255 };
 
@@ -173,6 +175,8 @@ function stepOf(section: Section): number {
 function decodeBasis(data: Uint8Array, section: Section, dimensions: number): Float64Array[] {
   const shifts = section.shifts as number[];
   if (!Array.isArray(shifts) || shifts.length < 1 || shifts.length > dimensions || !shifts.every((s) => s >= 0 && s <= 20)) throw new ReelError("it has a basis of the wrong size");
+  // One of zeros takes no bytes, however large it claims to be.
+  if (shifts.length * dimensions > MOST_BASIS) throw new ReelError(`it has a basis of ${shifts.length} x ${dimensions} numbers`);
   const decoder = new EntropyDecoder(data, 1);
   const basis = shifts.map((shift) => Float64Array.from({ length: dimensions }, () => unzigzag(decoder.next(0)) * 2 ** -shift));
   decoder.finish();

@@ -6,14 +6,20 @@ KIND-NAME.bin, KIND being layer, group or manifest. What fuzzing finds is added 
 from __future__ import annotations
 
 import json
+import struct
 import zlib
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
+from splatreel.codec import klt
 from tests.fuzz.edits import Draft
 from tests.fuzz.seeds import files
 
+_LENGTHS = struct.Struct("<III")
+"""Of the three streams of a `klt` section."""
 FOLDER = Path(__file__).parent.parent / "data" / "hostile"
 LIES: dict[str, tuple[str, Callable[[Draft], object]]] = {
     "layer-millions-of-points": ("layer-predictive", lambda d: d.own.update(points=8_000_000)),
@@ -34,6 +40,7 @@ LIES: dict[str, tuple[str, Callable[[Draft], object]]] = {
     "group-video-cut-off": ("group-h265", lambda d: d.sections.update(offsets=d.sections["offsets"][:900])),
     "group-maps-too-large": ("group-h265", lambda d: d.own["sections"]["offsets"].update(width=8192, height=8192)),
     "group-basis-of-no-columns": ("group-predictive", lambda d: d.own["sections"]["dx"].update(shifts=[])),
+    "group-basis-of-millions": ("group-predictive", lambda d: _millions_in_a_basis(d)),
     "group-no-motion": ("group-h265", lambda d: d.own["sections"].pop("offsets")),
 }
 """By name the seed, and what is done to it."""
@@ -49,6 +56,17 @@ MANIFEST_LIES: dict[str, Callable[[dict[str, Any]], object]] = {
     "manifest-bounds-of-one-corner": lambda m: m.update(bounds=[[0, 0, 0]]),
     "manifest-later-version": lambda m: m.update(version=2),
 }
+
+
+def _millions_in_a_basis(draft: Draft) -> None:
+    """A basis of 3000 x 3000 zeros, which take no bytes: 72 MB for each array of them."""
+    frames = 3000
+    draft.own["frames"] = frames
+    draft.own["sections"]["dx"]["shifts"] = [4] * frames
+    _, *sizes = _LENGTHS.unpack_from(draft.sections["dx"])
+    basis = klt.encode_basis(np.zeros((frames, frames), np.int64))
+    rest = draft.sections["dx"][-sum(sizes) :]
+    draft.sections["dx"] = _LENGTHS.pack(len(basis), *sizes) + basis + rest
 
 
 def main() -> None:

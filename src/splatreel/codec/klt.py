@@ -11,6 +11,8 @@ from splatreel.codec.quantize import Parameters, integer
 from splatreel.errors import ReelError
 
 _MAX_SHIFT = 20
+MOST_NUMBERS = 1 << 20
+"""In a basis: one of zeros takes no bytes, however large it claims to be."""
 _BLOCK = 32
 """Points whose sums are kept at hand before they are written out frame by frame."""
 _SPARE = 8
@@ -20,11 +22,11 @@ _SPARE = 8
 def analyse(samples: np.ndarray, step: float) -> tuple[np.ndarray, list[int]]:
     """The basis [D, K] int64 of samples [M, D] and shifts [K]: column k in units of 2^-shifts[k].
 
-    Directions in which the samples spread by less than a twentieth of a step are left out; K is at least 1.
+    Directions in which the samples spread by less than a twentieth of a step are left out; K is at least 1, K D at most `MOST_NUMBERS`.
     """
     spread, basis = np.linalg.eigh(samples.T @ samples / max(len(samples), 1))
     spread, basis = np.sqrt(np.maximum(spread[::-1], 0)), basis[:, ::-1]
-    count = max(int((spread > step / 20).sum()), 1)
+    count = min(max(int((spread > step / 20).sum()), 1), MOST_NUMBERS // len(spread))
     shifts = np.clip(np.ceil(np.log2(np.maximum(spread[:count] * _SPARE / step, 1))), 4, _MAX_SHIFT).astype(np.int64)
     return np.rint(basis[:, :count] * 2.0**shifts).astype(np.int64), shifts.tolist()
 
@@ -48,6 +50,8 @@ def decode_basis(data: bytes, parameters: Parameters, name: str, dimensions: int
     shifts = parameters.get(name)
     if not isinstance(shifts, list) or not 1 <= len(shifts) <= dimensions:
         raise ReelError(f"has {name} that are not 1 to {dimensions} numbers.")
+    if len(shifts) * dimensions > MOST_NUMBERS:
+        raise ReelError(f"has {name} for a basis of {len(shifts)} x {dimensions} numbers, more than {MOST_NUMBERS}.")
     shifts = [integer({name: shift}, name, 0, _MAX_SHIFT) for shift in shifts]
     stream = Stream(data, 1)
     basis = unzigzag(stream.read(len(shifts) * dimensions))
