@@ -229,7 +229,7 @@ def offsets(
     nodes, points = (spline(level, knot, weights) for level in controls)
     index, share = skin
     total = points + (nodes[index] * share[..., None]).sum(1)
-    return unit * total[:, :3], total[:, 3:] + torch.tensor([1.0, 0, 0, 0], device=total.device)
+    return unit * total[:, :3], torch.cat([total[:, 3:4] + 1, total[:, 4:]], 1)
 
 
 def offsets_gradient(
