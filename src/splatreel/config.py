@@ -69,6 +69,8 @@ class KeyframeConfig:
     lambda_opacity: float = 0.0
     """Weight of the points' opacities once densification is over, summed and divided by the pixels of an image: what explains little
     fades, floaters first; goes past the paper."""
+    lambda_spread: float = 0.0
+    """Weight of the variance of the log depths that a pixel shows, then too: floaters before a surface fade; goes past the paper."""
     densify_gradient: float = 2e-4
     densify_every: int = 100
 
@@ -216,6 +218,7 @@ def preset(quality: Quality) -> Config:
             coarse_share=0.5,
             steady=True,
             lambda_opacity=0.01,
+            lambda_spread=1.0,
             pace=4.0,
             max_points=60_000,
             points_per_pixel=0.6,

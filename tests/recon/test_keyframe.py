@@ -130,6 +130,25 @@ def test_what_explains_nothing_fades_when_opacity_has_a_price() -> None:
     assert psnr(priced, UNSEEN) > psnr(free, UNSEEN) - 1
 
 
+def test_floaters_fade_when_depths_may_not_spread() -> None:
+    """Faint points before the wall, of its colour: pictures hardly mind them."""
+    before = np.random.default_rng(3).uniform([-0.6, -0.6, -1.5], [0.6, 0.6, -0.8], (30, 3))
+
+    def left(weight: float) -> Gaussians:
+        config = replace(CONFIG, lambda_spread=weight, pace=4.0)
+        start = rough_start()
+        places = np.concatenate([start.means.detach().numpy(), before])
+        points = starting_points(places, np.full(places.shape, 0.5), config, UNIT, CPU)
+        trainer = KeyframeTrainer(points, gains(), config, max_points=len(places))
+        trainer.train(stage(), 300, 300, Silent())
+        return trainer.points.gaussians()
+
+    free, priced = left(0.0), left(5.0)
+    weights = [found.opacities[found.means[:, 2] < -0.5].sum() for found in (free, priced)]
+    assert weights[0] > 1.5 * weights[1]
+    assert psnr(priced, UNSEEN) > psnr(free, UNSEEN) - 0.5
+
+
 def test_training_in_two_stages_goes_on_where_it_was() -> None:
     trainer = KeyframeTrainer(rough_start(), gains(), CONFIG, max_points=1000)
     trainer.train(stage(), 10, 20, Silent())

@@ -1,9 +1,13 @@
+import numpy as np
 import pytest
 import torch
 
+from splatreel.evaluation.bench import front_camera
 from splatreel.recon import losses
 from splatreel.recon.density import rotate
+from splatreel.recon.drawing import Splats, View, splats
 from splatreel.recon.trajectory import Trajectory
+from splatreel.scene.camera import Camera
 
 
 def grid():
@@ -70,3 +74,36 @@ def test_the_losses_reach_the_parameters():
     grads = [leaf.grad for _, _, *offsets in model.moments for leaf in offsets]
     assert grads
     assert all(grad is not None and torch.isfinite(grad).all() for grad in grads)
+
+
+def seen(depths: list[float], opacities: list[float], scale: float = 1.0) -> tuple[Splats, View, torch.Tensor]:
+    """Splats that each fill the view of one camera, as it sees them, and their opacities, which get gradients."""
+    camera = front_camera(32, 24)
+    center, forward = camera.center * scale, camera.forward
+    pose = np.eye(4)
+    pose[:3, :3], pose[:3, 3] = camera.viewmat[:3, :3], -camera.viewmat[:3, :3] @ center
+    view = View.of(Camera("a", pose, camera.K, 32, 24), torch.device("cpu"))
+    count = len(depths)
+    means = torch.from_numpy(np.stack([center + scale * depth * forward for depth in depths])).float()
+    given = torch.tensor(opacities, requires_grad=True)
+    quats = torch.tensor([[1.0, 0, 0, 0]]).expand(count, 4).contiguous()
+    scales = scale * 20 * torch.tensor(depths)[:, None].expand(count, 3).contiguous()
+    colors = torch.zeros(count, 1, 3), torch.zeros(count, 0, 3)
+    return splats(means, quats, scales, given, colors, view, 0.1 * scale), view, given
+
+
+def test_what_is_at_one_depth_does_not_spread():
+    points, view, _ = seen([3.0, 3.0], [0.6, 0.9])
+    assert losses.spread(points, view, 0.1) < 1e-4
+
+
+@pytest.mark.parametrize("scale", [1.0, 1000.0])
+def test_the_spread_is_the_variance_of_log_depths(scale):
+    points, view, opacities = seen([2.0, 4.0], [0.2, 0.9], scale)
+    spread = losses.spread(points, view, 0.1 * scale)
+    first, second = 0.2, 0.8 * 0.9
+    expected = first * second / (first + second) * np.log(2) ** 2
+    assert spread.item() == pytest.approx(expected, rel=0.02)
+    spread.backward()
+    assert opacities.grad[0] > 0, "the floater shall fade"
+    assert opacities.grad[0] > opacities.grad[1]

@@ -14,7 +14,8 @@ from splatreel.kernels import splat
 from splatreel.progress import Progress
 from splatreel.recon.colors import CameraGains
 from splatreel.recon.density import GradientMeter, children, select_growth
-from splatreel.recon.drawing import Backdrop, View, deformed, draw
+from splatreel.recon.drawing import Backdrop, Splats, View, deformed, draw
+from splatreel.recon.losses import spread
 from splatreel.recon.points import TrainablePoints, default_rates
 from splatreel.scene.gaussians import Gaussians
 
@@ -64,8 +65,10 @@ def starting_points(
 
 
 GROWTH = 0.6
-"""Share of the iterations in which points are densified; from then on opacity has its price: earlier, it hinders what is to grow.
-Before a backdrop it has none: what moves has few points, and needs them."""
+"""Share of the iterations in which points are densified; from then on opacity has its price, and so have points before a surface:
+earlier, it hinders what is to grow. Before a backdrop there is none: what moves has few points, and needs them."""
+SPREAD_EVERY = 2
+"""Iterations between two that look at the spread of depths, which then counts as often as much."""
 
 
 class KeyframeTrainer:
@@ -103,7 +106,7 @@ class KeyframeTrainer:
                 cameras = list(self.rng.permutation(len(stage.views)))
             camera = int(cameras.pop())
             priced = behind is None and self.done > GROWTH * total
-            loss, grad = self._step(stage, camera, behind, self.config.lambda_opacity if priced else 0.0)
+            loss, grad = self._step(stage, camera, behind, priced)
             self.done += 1
             share = self.done / total
             self._anneal(share)
@@ -118,19 +121,26 @@ class KeyframeTrainer:
                 progress.update(self.done, loss=float(loss), points=len(self.points))
         self._prune(stage.unit, self.done / total)
 
-    def _step(self, stage: Stage, camera: int, behind: Backdrop | None, price: float) -> tuple[Tensor, Tensor]:
-        """price: of all opacities, per pixel. Returns the loss and the gradient of the places on the image."""
+    def _step(self, stage: Stage, camera: int, behind: Backdrop | None, priced: bool) -> tuple[Tensor, Tensor]:
+        """Returns the loss and the gradient of the places on the image."""
         p, view = self.points, stage.views[camera]
         moving = deformed(p.params, None, None, view, stage.near)
         drawing = draw(moving, view, behind.scenery(camera) if behind else None)
         loss = splat.photometric_loss(drawing.image, stage.images[camera], gain=self.gains.of(camera))
-        cost = price * p.opacities.sum() / (view.width * view.height) if price else 0.0
-        (loss + cost).backward()
+        (loss + self._price(moving, view, stage.near) if priced else loss).backward()
         grad = drawing.means2d.grad
         assert grad is not None
         p.step()
         self.gains.step()
         return loss.detach(), grad
+
+    def _price(self, points: Splats, view: View, near: float) -> Tensor:
+        """What opacities cost, per pixel, and points before a surface."""
+        config = self.config
+        cost = config.lambda_opacity * self.points.opacities.sum() / (view.width * view.height)
+        if config.lambda_spread and self.done % SPREAD_EVERY == 0:
+            cost = cost + SPREAD_EVERY * config.lambda_spread * spread(points, view, near)
+        return cost
 
     def _anneal(self, share: float) -> None:
         late = 0.3 if share > 0.8 else 1.0
