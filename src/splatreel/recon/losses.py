@@ -37,11 +37,11 @@ def temporal(model: Deformation, means: Tensor, frame: float, other: float, delt
 
 
 def spread(points: Splats, view: View, near: float) -> Tensor:
-    """How far apart the points are that a pixel shows: the variance of their log depths, weighted as they are blended. Mean over pixels.
+    """How far apart the points are that a pixel shows: the variance of their log depths, as they are blended; mean over pixels.
 
-    A surface has next to none, a floater before it does. It is the distortion loss of Mip-NeRF 360 (Barron et al. 2022, equation 15) with
-    squares, which take one pass, in place of absolute distances. Depths get no gradient: what is apart shall fade and not move. Log
-    depths mean the same in millimetres and in metres.
+    A surface has next to none, a floater before it has. It is the distortion loss of Mip-NeRF 360 (Barron et al. 2022, equation 15)
+    with squares, which take one pass, in place of absolute distances. Depths get no gradient: what is apart shall fade and not move.
+    Log depths mean the same in millimetres and in metres.
     """
     depth = (points.depths.detach().clamp_min(near) / near).log()
     moments = torch.stack([depth, depth.square()], 1)
