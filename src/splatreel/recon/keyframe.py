@@ -65,10 +65,12 @@ def starting_points(
 
 
 GROWTH = 0.6
-"""Share of the iterations in which points are densified; from then on opacity has its price, and so have points before a surface:
-earlier, it hinders what is to grow. Before a backdrop there is none: what moves has few points, and needs them."""
+"""Share of the iterations in which points are densified; from then on opacity has its price: earlier, it hinders what is to grow.
+Before a backdrop it has none, nor has spread: what moves has few points, and needs them."""
+SPREAD_FROM = 0.4
+"""Share of the iterations from which on points before a surface cost something: earlier, the surface is not there yet."""
 SPREAD_EVERY = 2
-"""Iterations between two that look at the spread of depths, which then counts as often as much."""
+"""Iterations between two that look at it. It then counts twice."""
 
 
 class KeyframeTrainer:
@@ -105,8 +107,7 @@ class KeyframeTrainer:
             if not cameras:
                 cameras = list(self.rng.permutation(len(stage.views)))
             camera = int(cameras.pop())
-            priced = behind is None and self.done > GROWTH * total
-            loss, grad = self._step(stage, camera, behind, priced)
+            loss, grad = self._step(stage, camera, behind, self.done / total)
             self.done += 1
             share = self.done / total
             self._anneal(share)
@@ -121,24 +122,26 @@ class KeyframeTrainer:
                 progress.update(self.done, loss=float(loss), points=len(self.points))
         self._prune(stage.unit, self.done / total)
 
-    def _step(self, stage: Stage, camera: int, behind: Backdrop | None, priced: bool) -> tuple[Tensor, Tensor]:
-        """Returns the loss and the gradient of the places on the image."""
+    def _step(self, stage: Stage, camera: int, behind: Backdrop | None, share: float) -> tuple[Tensor, Tensor]:
+        """share: of training that is over. Returns the loss and the gradient of the places on the image."""
         p, view = self.points, stage.views[camera]
         moving = deformed(p.params, None, None, view, stage.near)
         drawing = draw(moving, view, behind.scenery(camera) if behind else None)
         loss = splat.photometric_loss(drawing.image, stage.images[camera], gain=self.gains.of(camera))
-        (loss + self._price(moving, view, stage.near) if priced else loss).backward()
+        cost = self._price(moving, view, stage.near, share) if behind is None else 0.0
+        (loss + cost).backward()
         grad = drawing.means2d.grad
         assert grad is not None
         p.step()
         self.gains.step()
         return loss.detach(), grad
 
-    def _price(self, points: Splats, view: View, near: float) -> Tensor:
+    def _price(self, points: Splats, view: View, near: float, share: float) -> Tensor | float:
         """What opacities cost, per pixel, and points before a surface."""
-        config = self.config
-        cost = config.lambda_opacity * self.points.opacities.sum() / (view.width * view.height)
-        if config.lambda_spread and self.done % SPREAD_EVERY == 0:
+        config, cost = self.config, 0.0
+        if config.lambda_opacity and share > GROWTH:
+            cost = config.lambda_opacity * self.points.opacities.sum() / (view.width * view.height)
+        if config.lambda_spread and share > SPREAD_FROM and self.done % SPREAD_EVERY == 0:
             cost = cost + SPREAD_EVERY * config.lambda_spread * spread(points, view, near)
         return cost
 
