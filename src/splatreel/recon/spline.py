@@ -34,7 +34,7 @@ class Spline:
         first, final = self.breaks[1] - self.breaks[0], self.breaks[-1] - self.breaks[-2]
         before, after = first * np.arange(-3, 0), self.last + final * np.arange(1, 4)
         self._extended = np.concatenate([before, self.breaks, after])
-        self._whole = {frame: self._decide(frame) for frame in range(frames)}
+        self._whole: dict[float, tuple[int, np.ndarray]] = {frame: self._decide(frame) for frame in range(frames)}
 
     @classmethod
     def along(cls, paths: Tensor) -> Spline:
