@@ -42,7 +42,9 @@ export async function decodeDraco(bytes: Uint8Array): Promise<Float32Array> {
   try {
     const status = decoder.DecodeArrayToPointCloud(new Int8Array(bytes.slice().buffer), bytes.byteLength, cloud);
     if (!status.ok()) throw new ReelError(`The positions of a file cannot be decoded (${status.error_msg()}).`);
-    const attribute = decoder.GetAttribute(cloud, decoder.GetAttributeId(cloud, draco.POSITION));
+    const id = decoder.GetAttributeId(cloud, draco.POSITION);
+    if (id < 0) throw new ReelError("The positions of a file hold no positions.");
+    const attribute = decoder.GetAttribute(cloud, id);
     const size = cloud.num_points() * 12;
     const pointer = draco._malloc(size);
     decoder.GetAttributeDataArrayForAllPoints(cloud, attribute, draco.DT_FLOAT32, size, pointer);

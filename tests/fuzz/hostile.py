@@ -33,6 +33,7 @@ LIES: dict[str, tuple[str, Callable[[Draft], object]]] = {
     "layer-negative-place": ("layer-h265", lambda d: d.places.update(means={"data_offsets": [-8, 8]})),
     "layer-no-positions": ("layer-predictive", lambda d: d.own["sections"].pop("means")),
     "layer-draco-cut-off": ("layer-h265", lambda d: d.sections.update(means=d.sections["means"][:20])),
+    "layer-draco-no-positions": ("layer-h265", lambda d: d.sections.update(means=_normals(d.sections["means"]))),
     "layer-huge-step": ("layer-predictive", lambda d: d.own["sections"]["quats"].update(step=1e300)),
     "layer-stream-cut-off": ("layer-predictive", lambda d: d.sections.update(scales=d.sections["scales"][:-3])),
     "group-millions-of-frames": ("group-predictive", lambda d: d.own.update(frames=5_000_000)),
@@ -56,6 +57,11 @@ MANIFEST_LIES: dict[str, Callable[[dict[str, Any]], object]] = {
     "manifest-bounds-of-one-corner": lambda m: m.update(bounds=[[0, 0, 0]]),
     "manifest-later-version": lambda m: m.update(version=2),
 }
+
+
+def _normals(cloud: bytes) -> bytes:
+    """A Draco cloud whose only attribute says that it is normals, not positions: the type follows how many attributes there are."""
+    return cloud[:17] + b"\1" + cloud[18:]
 
 
 def _millions_in_a_basis(draft: Draft) -> None:
