@@ -18,6 +18,7 @@ from pathlib import Path
 import numpy as np
 import tyro
 
+from record import record
 from run import run
 from splatreel import threads
 from splatreel.capture import textures as tx
@@ -28,6 +29,7 @@ from splatreel.capture.solids import BOX, ELLIPSOID, Shapes
 from splatreel.capture.synthetic import VideoWriter, facing, llff_row
 from splatreel.capture.toyroom import Builder, turn_y, turn_z
 from splatreel.config import Quality, preset
+from splatreel.play.timeline import open_reel
 from splatreel.scene.camera import Camera
 
 LIGHT = np.array([0.8, 5.5, 1.2])
@@ -35,6 +37,10 @@ FPS, CAMERAS, DOMINOES = 30, 18, 14
 HELD_OUT = ("cam04", "cam11")
 NOISE, GAIN = 3.0, 0.04
 """Standard deviations: of the pixels, in grey levels; of the logarithm of the training cameras' colour gains."""
+VISIBLE, SMALLEST = 20, 1e-3
+"""Grey levels by which a pixel shows the ball, or its shadow; the least share of the picture that is looked at."""
+THERE = 0.5
+"""Share of its pixels from which on the ball is there."""
 SKIN = (0.9, 0.7, 0.58)
 
 
@@ -49,6 +55,7 @@ def main(
     filming = time.monotonic() - started
     config = dataclasses.replace(preset(quality), seed=seed)
     run("dominoes", open_capture(out / "capture"), out, config, None, note, filming)
+    record("dominoes, the ball", {"cameras": ball_shown(out, frames)}, note)
 
 
 def film(path: Path, width: int, height: int, frames: int) -> None:
@@ -74,6 +81,26 @@ def film(path: Path, width: int, height: int, frames: int) -> None:
         np.save(folder / "poses_bounds.npy", np.stack([llff_row(camera, 1.5, 14.0) for camera in rig]))
         (folder / "splatreel.json").write_text(json.dumps({"held_out": HELD_OUT, "fps": FPS}), encoding="utf-8")
         os.replace(folder, path)
+
+
+def ball_shown(out: Path, frames: int) -> dict[str, dict]:
+    """By held-out camera: of the pixels that show the ball, the share that looks more like it than like what is behind it."""
+    played, still, found = open_reel(out / "reel"), standing(), {}
+    for camera in [camera for camera in open_capture(out / "capture").cameras if camera.name in HELD_OUT]:
+        seen, shares = trace_still(camera, still, LIGHT), {}
+        for t in range(frames):
+            there, gone = (trace_frame(camera, seen, still, moving(t / FPS, ball), LIGHT) for ball in (True, False))
+            image = 255 * played.render(played.at(t / FPS), camera)
+            pixels = np.abs(there - gone).mean(-1) > VISIBLE
+            if pixels.mean() >= SMALLEST:
+                nearer = np.abs(image - there).mean(-1) < np.abs(image - gone).mean(-1)
+                shares[t] = round(float(nearer[pixels].mean()), 3)
+        worst = min(shares, key=lambda t: shares[t])
+        mean = round(float(np.mean(list(shares.values()))), 3)
+        lost = [t for t, share in shares.items() if share < THERE]
+        found[camera.name] = {"seen": len(shares), "mean": mean, "worst": shares[worst], "frame": worst, "lost": lost}
+        print(f"{camera.name}, the ball: {found[camera.name]}")
+    return found
 
 
 def ring(width: int, height: int) -> list[Camera]:
@@ -106,11 +133,12 @@ def standing() -> Shapes:
     return b.shapes()
 
 
-def moving(seconds: float) -> Shapes:
+def moving(seconds: float, ball: bool = True) -> Shapes:
     b = Builder()
     _dominoes(b, seconds)
     _figure(b, seconds)
-    _ball(b, seconds)
+    if ball:
+        _ball(b, seconds)
     return b.shapes()
 
 
