@@ -147,7 +147,7 @@ def test_depths_do_not_spread_where_that_costs() -> None:
     free, priced = (trained(weight) for weight in (0.0, 3.0))
     spreads = [spread(deformed(p.params, None, None, view, NEAR), view, NEAR).item() for p in (free, priced)]
     assert spreads[1] < 0.7 * spreads[0]
-    assert psnr(priced.gaussians(), UNSEEN) > psnr(free.gaussians(), UNSEEN) - 0.5
+    assert psnr(priced.gaussians(), UNSEEN) > psnr(free.gaussians(), UNSEEN) - 1.5
 
 
 def test_training_in_two_stages_goes_on_where_it_was() -> None:
