@@ -217,7 +217,7 @@ def hashgrid(coords: Tensor, table: Tensor, resolutions: Tensor | np.ndarray) ->
 
 
 def spline(controls: Tensor, knot: int, weights: np.ndarray) -> Tensor:
-    """As `splat.spline`, with gradients; also what CUDA uses."""
+    """As `motion.spline`, with gradients; also what CUDA uses."""
     w = torch.as_tensor(weights, device=controls.device).to(controls.dtype)
     return torch.einsum("k,krd->rd", w, controls[knot : knot + 4])
 
@@ -225,7 +225,7 @@ def spline(controls: Tensor, knot: int, weights: np.ndarray) -> Tensor:
 def offsets(
     controls: tuple[Tensor, Tensor], knot: int, weights: np.ndarray, skin: tuple[Tensor, Tensor], unit: float
 ) -> tuple[Tensor, Tensor]:
-    """As `splat.offsets`, with gradients; also what CUDA uses."""
+    """As `motion.offsets`, with gradients; also what CUDA uses."""
     nodes, points = (spline(level, knot, weights) for level in controls)
     index, share = skin
     total = points + (nodes[index] * share[..., None]).sum(1)
@@ -235,7 +235,7 @@ def offsets(
 def offsets_gradient(
     d_dx: Tensor, d_dq: Tensor, skin: tuple[Tensor, Tensor], nodes: int, unit: float
 ) -> tuple[Tensor, Tensor]:
-    """As `splat.offsets_gradient`; also what CUDA uses."""
+    """As `motion.offsets_gradient`; also what CUDA uses."""
     index, share = skin
     d_points = torch.cat([unit * d_dx, d_dq], 1)
     spread = (share[..., None] * d_points[:, None]).flatten(0, 1)

@@ -32,6 +32,15 @@ class _Contributions(NamedTuple):
     inside: Tensor
     total: Tensor
 
+    @property
+    def seen(self) -> Tensor:
+        return self.total > LEAST_CONTRIBUTION
+
+    @property
+    def share(self) -> Tensor:
+        """[N] of what each point adds, what falls into the masks."""
+        return self.inside / self.total.clamp_min(LEAST_CONTRIBUTION)
+
 
 def lift(
     points: Gaussians,
@@ -57,12 +66,11 @@ def lift(
     splats = _splats(points, device)
     targets = torch.from_numpy(np.asarray(masks, np.float32)).to(device)
     weights = _contributions(splats, cameras, targets, near)
-    seen = weights.total > LEAST_CONTRIBUTION
     if config.lift == "vote":
-        labels = _vote(splats.means, weights, seen, config.neighbours)
+        labels = _vote(splats.means, weights, config.neighbours)
     else:
         labels = _optimise(splats, cameras, targets, near, config, seed)
-    return torch.where(seen, labels, 0).cpu().numpy().astype(np.float32)
+    return torch.where(weights.seen, labels, 0).cpu().numpy().astype(np.float32)
 
 
 def shares(
@@ -72,8 +80,7 @@ def shares(
     if len(points) == 0:
         return np.zeros(0, np.float32)
     weights = _contributions(_splats(points, device), cameras, torch.from_numpy(masks).float().to(device), near)
-    share = weights.inside / weights.total.clamp_min(LEAST_CONTRIBUTION)
-    return torch.where(weights.total > LEAST_CONTRIBUTION, share, torch.nan).cpu().numpy()
+    return torch.where(weights.seen, weights.share, torch.nan).cpu().numpy()
 
 
 def _splats(points: Gaussians, device: torch.device | str) -> _Splats:
@@ -103,9 +110,10 @@ def _draw(splats: _Splats, colors: Tensor, camera: Camera, near: float) -> Tenso
     return splat.rasterize(means2d, conics, colors, splats.opacities, depths, radii, width, height)[0]
 
 
-def _vote(means: Tensor, weights: _Contributions, seen: Tensor, neighbours: int) -> Tensor:
+def _vote(means: Tensor, weights: _Contributions, neighbours: int) -> Tensor:
     """The share of each point's contributions that falls into the masks, averaged with its nearest seen neighbours'; [N]."""
-    votes = torch.where(seen, weights.inside / weights.total.clamp_min(LEAST_CONTRIBUTION), 0)
+    seen = weights.seen
+    votes = torch.where(seen, weights.share, 0)
     count = min(neighbours, len(means) - 1)
     if count < 1:
         return votes

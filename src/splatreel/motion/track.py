@@ -85,8 +85,6 @@ class Tracker:
 
     def _step(self, trails: list[Trail], here: int, there: int) -> None:
         ends = [trail.last(there > here) for trail in trails]
-        if not ends:
-            return
         places, before = (torch.cat(column) for column in zip(*ends, strict=True))
         quats, scales, opacities = (torch.cat([trail.tensors[k] for trail in trails]) for k in (1, 2, 3))
         depths, guesses = self._seen((places, quats, scales, opacities), before)

@@ -65,9 +65,8 @@ class Timeline:
     def _weight(self, frame: float, group: Group) -> float:
         overlap = self.manifest.overlap
         share = min((frame - group.first_frame) / overlap, 1.0) if overlap else 1.0
-        return (
-            share * share * (3 - 2 * share)
-        )  # opaque points in front of the others show half of their colour at a tenth of weight
+        # Eased: an opaque point in front of the others shows half of its colour at a tenth of its weight.
+        return share * share * (3 - 2 * share)
 
     def _faded(self, frame: float, weight: float, old: Group, new: Group) -> Gaussians:
         static, _ = self.reel.static(new.index)

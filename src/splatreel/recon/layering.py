@@ -50,23 +50,15 @@ def label_points(
 
 
 def convertible(
-    static: Gaussians,
-    alive: np.ndarray,
-    cameras: list[Camera],
-    frames: np.ndarray,
-    near: float,
-    config: LayeringConfig,
-    device: torch.device,
+    points: Gaussians, cameras: list[Camera], frames: np.ndarray, near: float, least: float, device: torch.device
 ) -> np.ndarray:
-    """Which of the living static points may turn out to move during a group, [S] bool: those that show where pictures change.
+    """Which static points may turn out to move during a group, [N] bool: those that show where pictures change.
 
-    frames: [T, C, H, W, 3] uint8 of the group. What no camera sees may: it can be hidden at the keyframe.
+    frames: [T, C, H, W, 3] uint8 of the group. least: the share of what a point shows that must lie there. What no camera sees may: it
+    can be hidden at the keyframe.
     """
-    allowed = alive.copy()
-    if config.adapt_changes and alive.any():
-        found = shares(static[alive], cameras, changes(frames), near, device)
-        allowed[alive] = ~(found < config.adapt_changes)  # of NaN, all comparisons are false
-    return allowed
+    found = shares(points, cameras, changes(frames), near, device)
+    return ~(found < least)  # of NaN, all comparisons are false
 
 
 def separate(static: Gaussians, alive: np.ndarray, dynamic: Gaussians, moves: np.ndarray) -> Layers:

@@ -162,19 +162,17 @@ class Reconstruction:
         with self._timed("group"):
             iterations = self.config.group.iterations_per_frame * span.count
             self.progress.stage(self._title(span, "motion"), iterations, self.plan.motion(span.index))
-            static, alive, near = scene.static, scene.alive, layout.near
-            movable = convertible(static, alive, self.cameras, frames, near, self.config.layering, self.device)
-            data = GroupFrames(self._on_device(frames), self._views(), near, layout.unit)
+            data = GroupFrames(self._on_device(frames), self._views(), layout.near, layout.unit)
             trainer = GroupTrainer(
                 data,
                 scene.dynamic,
-                static,
-                alive,
+                scene.static,
+                scene.alive,
                 self.gains,
                 self.config,
                 self.config.seed + span.index,
                 tracks,
-                movable,
+                self._convertible(scene, frames, layout),
             )
             result = trainer.train(self.progress)
             self.progress.update(iterations, dynamic=len(result.dynamic))
@@ -272,6 +270,14 @@ class Reconstruction:
             )
             self.progress.update(span.count, dynamic=len(start.dynamic), new=len(start.dynamic) - len(scene.dynamic))
         return Scene(scene.static, scene.alive, start.dynamic), start.tracks
+
+    def _convertible(self, scene: Scene, frames: np.ndarray, layout: Layout) -> np.ndarray:
+        """[S] bool: the static points that adaptive conversion may make dynamic."""
+        least, allowed = self.config.layering.adapt_changes, scene.alive.copy()
+        if least:
+            living = scene.static[scene.alive]
+            allowed[scene.alive] = convertible(living, self.cameras, frames, layout.near, least, self.device)
+        return allowed
 
     def _hand_over(self, span: Span, static: Gaussians, group: Group) -> Scene:
         """The scene at the next keyframe: the dynamic points, deformed there (paper section 4)."""
