@@ -21,7 +21,7 @@ RED = 0.15
 SMALLEST = 2e-4
 """Share of the picture below which what is seen of the ball is a sliver."""
 THERE = 0.5
-"""Intersection over union of the red pixels from which on the ball is there."""
+"""The share of its pixels from which on the ball is there; here intersection over union of the red ones."""
 
 
 def red(image: np.ndarray) -> np.ndarray:
@@ -52,19 +52,21 @@ def main(
                 shown = red(played.render(gaussians, camera))
                 overlaps[camera.name][frame] = float((ball & shown).sum() / (ball | shown).sum())
     source.close()
-    values = {"width": width, "frames": source.frames, "cameras": {n: _summary(seen) for n, seen in overlaps.items()}}
+    values = {"width": width, "frames": source.frames, "cameras": {n: found(seen) for n, seen in overlaps.items()}}
     record(f"basketball {width}, the ball", values, note)
     for name, summary in values["cameras"].items():
         print(f"camera {name}: {summary}")
 
 
-def _summary(seen: dict[int, float]) -> dict:
+def found(shares: dict[int, float]) -> dict:
+    """What is recorded of one camera. shares: by frame in which it sees the ball, how much of it is there, 0..1."""
+    worst = min(shares, key=lambda frame: shares[frame])
     return {
-        "seen": len(seen),
-        "overlap_mean": round(float(np.mean(list(seen.values()))), 3),
-        "overlap_worst": round(min(seen.values()), 3),
-        "worst_frame": min(seen, key=lambda frame: seen[frame]),
-        "lost": [frame for frame, overlap in seen.items() if overlap < THERE],
+        "seen": len(shares),
+        "mean": round(float(np.mean(list(shares.values()))), 3),
+        "worst": round(shares[worst], 3),
+        "frame": worst,
+        "lost": [frame for frame, share in shares.items() if share < THERE],
     }
 
 

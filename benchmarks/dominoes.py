@@ -18,6 +18,7 @@ from pathlib import Path
 import numpy as np
 import tyro
 
+from ball import found
 from record import record
 from run import run
 from splatreel import threads
@@ -39,8 +40,6 @@ NOISE, GAIN = 3.0, 0.04
 """Standard deviations: of the pixels, in grey levels; of the logarithm of the training cameras' colour gains."""
 VISIBLE, SMALLEST = 20, 1e-3
 """Grey levels by which a pixel shows the ball, or its shadow; the least share of the picture that is looked at."""
-THERE = 0.5
-"""Share of its pixels from which on the ball is there."""
 SKIN = (0.9, 0.7, 0.58)
 
 
@@ -85,7 +84,7 @@ def film(path: Path, width: int, height: int, frames: int) -> None:
 
 def ball_shown(out: Path, frames: int) -> dict[str, dict]:
     """By held-out camera: of the pixels that show the ball, the share that looks more like it than like what is behind it."""
-    played, still, found = open_reel(out / "reel"), standing(), {}
+    played, still, summaries = open_reel(out / "reel"), standing(), {}
     for camera in [camera for camera in open_capture(out / "capture").cameras if camera.name in HELD_OUT]:
         seen, shares = trace_still(camera, still, LIGHT), {}
         for t in range(frames):
@@ -94,13 +93,10 @@ def ball_shown(out: Path, frames: int) -> dict[str, dict]:
             pixels = np.abs(there - gone).mean(-1) > VISIBLE
             if pixels.mean() >= SMALLEST:
                 nearer = np.abs(image - there).mean(-1) < np.abs(image - gone).mean(-1)
-                shares[t] = round(float(nearer[pixels].mean()), 3)
-        worst = min(shares, key=lambda t: shares[t])
-        mean = round(float(np.mean(list(shares.values()))), 3)
-        lost = [t for t, share in shares.items() if share < THERE]
-        found[camera.name] = {"seen": len(shares), "mean": mean, "worst": shares[worst], "frame": worst, "lost": lost}
-        print(f"{camera.name}, the ball: {found[camera.name]}")
-    return found
+                shares[t] = float(nearer[pixels].mean())
+        summaries[camera.name] = found(shares)
+        print(f"{camera.name}, the ball: {summaries[camera.name]}")
+    return summaries
 
 
 def ring(width: int, height: int) -> list[Camera]:
