@@ -7,40 +7,35 @@ python benchmarks/dominoes.py
 """
 
 import dataclasses
-import json
 import math
-import os
-import tempfile
 import time
-from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import numpy as np
 import tyro
 
 from ball import found
+from film import FPS, SKIN, Film
 from record import record
 from run import run
-from splatreel import threads
 from splatreel.capture import textures as tx
 from splatreel.capture import toyroom as toys
 from splatreel.capture.opening import open_capture
 from splatreel.capture.raytracer import trace_frame, trace_still
 from splatreel.capture.solids import BOX, ELLIPSOID, Shapes
-from splatreel.capture.synthetic import VideoWriter, facing, llff_row
+from splatreel.capture.synthetic import facing
 from splatreel.capture.toyroom import Builder, turn_y, turn_z
 from splatreel.config import Quality, preset
 from splatreel.play.timeline import open_reel
 from splatreel.scene.camera import Camera
 
 LIGHT = np.array([0.8, 5.5, 1.2])
-FPS, CAMERAS, DOMINOES = 30, 18, 14
+CAMERAS, DOMINOES = 18, 14
 HELD_OUT = ("cam04", "cam11")
 NOISE, GAIN = 3.0, 0.04
 """Standard deviations: of the pixels, in grey levels; of the logarithm of the training cameras' colour gains."""
 VISIBLE, SMALLEST = 20, 1e-3
 """Grey levels by which a pixel shows the ball, or its shadow; the least share of the picture that is looked at."""
-SKIN = (0.9, 0.7, 0.58)
 
 
 def main(
@@ -50,36 +45,11 @@ def main(
     out = out or Path(f"out/benchmark-dominoes-{quality}-{frames}-{seed}")
     started = time.monotonic()
     if not (out / "capture").exists():
-        film(out / "capture", 320, 180, frames)
+        Film(ring(320, 180), HELD_OUT, standing(), moving, LIGHT, NOISE, GAIN).write(out / "capture", frames)
     filming = time.monotonic() - started
     config = dataclasses.replace(preset(quality), seed=seed)
     run("dominoes", open_capture(out / "capture"), out, config, None, note, filming)
     record("dominoes, the ball", {"cameras": ball_shown(out, frames)}, note)
-
-
-def film(path: Path, width: int, height: int, frames: int) -> None:
-    """Write a Neu3DV folder, whole or not at all; the same bytes every time."""
-    path.parent.mkdir(parents=True, exist_ok=True)
-    rig, still = ring(width, height), standing()
-    with tempfile.TemporaryDirectory(dir=path.parent) as temporary:
-        folder = Path(temporary) / path.name
-        folder.mkdir()
-
-        def shoot(number: int) -> None:
-            camera, rng = rig[number], np.random.default_rng(number)
-            gain = np.ones(3) if camera.name in HELD_OUT else np.exp(rng.normal(0, GAIN, 3))
-            seen = trace_still(camera, still, LIGHT)
-            with VideoWriter(folder / f"{camera.name}.mp4", camera, FPS) as video:
-                for t in range(frames):
-                    clean = trace_frame(camera, seen, still, moving(t / FPS), LIGHT)
-                    noisy = clean * gain + rng.normal(0, NOISE, clean.shape)
-                    video.add(noisy.clip(0, 255).astype(np.uint8))
-
-        with ThreadPoolExecutor(threads.count()) as pool:
-            list(pool.map(shoot, range(len(rig))))
-        np.save(folder / "poses_bounds.npy", np.stack([llff_row(camera, 1.5, 14.0) for camera in rig]))
-        (folder / "splatreel.json").write_text(json.dumps({"held_out": HELD_OUT, "fps": FPS}), encoding="utf-8")
-        os.replace(folder, path)
 
 
 def ball_shown(out: Path, frames: int) -> dict[str, dict]:

@@ -1,0 +1,59 @@
+"""Films of traced scenes, written as captures: what benchmarks show that neither the built-in capture nor basketball has."""
+
+import json
+import os
+import tempfile
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from splatreel import threads
+from splatreel.capture.raytracer import trace_frame, trace_still
+from splatreel.capture.solids import Shapes
+from splatreel.capture.synthetic import VideoWriter, llff_row
+from splatreel.scene.camera import Camera
+
+FPS = 30
+SKIN = (0.9, 0.7, 0.58)
+
+
+@dataclass(frozen=True)
+class Film:
+    """A scene and those who film it. moving: what moves, at a time in seconds. light: where the lamp is.
+
+    noise: standard deviation of pixels, in grey levels. gain: that of the logarithm of the training cameras' colour gains.
+    """
+
+    cameras: list[Camera]
+    held_out: tuple[str, ...]
+    still: Shapes
+    moving: Callable[[float], Shapes]
+    light: np.ndarray
+    noise: float
+    gain: float
+
+    def write(self, path: Path, frames: int) -> None:
+        """Write a Neu3DV folder, whole or not at all; the same bytes every time."""
+        path.parent.mkdir(parents=True, exist_ok=True)
+        with tempfile.TemporaryDirectory(dir=path.parent) as temporary:
+            folder = Path(temporary) / path.name
+            folder.mkdir()
+            with ThreadPoolExecutor(threads.count()) as pool:
+                list(pool.map(lambda number: self._shoot(folder, number, frames), range(len(self.cameras))))
+            np.save(folder / "poses_bounds.npy", np.stack([llff_row(camera, 1.5, 14.0) for camera in self.cameras]))
+            about = {"held_out": self.held_out, "fps": FPS}
+            (folder / "splatreel.json").write_text(json.dumps(about), encoding="utf-8")
+            os.replace(folder, path)
+
+    def _shoot(self, folder: Path, number: int, frames: int) -> None:
+        camera, rng = self.cameras[number], np.random.default_rng(number)
+        gain = np.ones(3) if camera.name in self.held_out else np.exp(rng.normal(0, self.gain, 3))
+        seen = trace_still(camera, self.still, self.light)
+        with VideoWriter(folder / f"{camera.name}.mp4", camera, FPS) as video:
+            for t in range(frames):
+                clean = trace_frame(camera, seen, self.still, self.moving(t / FPS), self.light)
+                noisy = clean * gain + rng.normal(0, self.noise, clean.shape)
+                video.add(noisy.clip(0, 255).astype(np.uint8))
