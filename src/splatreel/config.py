@@ -61,6 +61,8 @@ class KeyframeConfig:
     """Average the keyframe's pictures over its group where nothing moves: less noise to learn by heart; goes past the paper."""
     pace: float = 1.0
     """Learning rates in multiples of those of 3DGS, which are for 30,000 iterations; the higher SH bands keep theirs."""
+    reach: float = 1.0
+    """Points farther than the typical viewing distance move in larger steps, up to this many times; goes past the paper."""
     sh_degree: int = 3
     max_points: int = 1_000_000
     points_per_pixel: float = 10.0
@@ -166,6 +168,7 @@ LEAST = {
     "keyframe.refine_iterations": 1,
     "keyframe.densify_every": 1,
     "keyframe.pace": 1e-3,
+    "keyframe.reach": 1,
     "keyframe.max_points": 1,
     "layering.lift_iterations": 1,
     "layering.adapt_every": 0,
@@ -220,6 +223,7 @@ def preset(quality: Quality) -> Config:
             lambda_opacity=0.01,
             lambda_spread=1.0,
             pace=4.0,
+            reach=8.0,
             max_points=60_000,
             points_per_pixel=0.6,
         ),

@@ -150,6 +150,21 @@ def test_depths_do_not_spread_where_that_costs() -> None:
     assert psnr(priced.gaussians(), UNSEEN) > psnr(free.gaussians(), UNSEEN) - 1.5
 
 
+def test_far_points_go_farther_in_a_step() -> None:
+    points = starting_points(
+        np.array([[0, 0, 0], [0, 0, 3 * UNIT], [0, 0, 99 * UNIT]]), np.ones((3, 3)), CONFIG, UNIT, CPU
+    )
+    trainer = KeyframeTrainer(points, gains(), replace(CONFIG, reach=8.0), max_points=3)
+    trainer._stride(stage())
+    near, far, farthest = trainer.strides[:, 0].tolist()
+    assert 1 <= near < far < farthest == 8
+    before = points.means.detach().clone()
+    points.means.grad = torch.ones(3, 3)
+    points.step(trainer.strides)
+    moved = (points.means.detach() - before)[:, 0]
+    torch.testing.assert_close(moved / moved[0], trainer.strides[:, 0] / near, rtol=1e-3, atol=0)
+
+
 def test_training_in_two_stages_goes_on_where_it_was() -> None:
     trainer = KeyframeTrainer(rough_start(), gains(), CONFIG, max_points=1000)
     trainer.train(stage(), 10, 20, Silent())

@@ -1,7 +1,7 @@
 """Initial points of a scene and its measures, from the first frame alone (paper section 4.1, docs/design.md).
 
 The capture's own sparse points are used where it has them, else points triangulated from matched features. Dense depth by plane
-sweep adds what has no features; where even that is unsure, a few points are interpolated, so that nothing visible starts empty.
+sweep adds what has no features; where even that is unsure, a few points borrow the depth of others, so that nothing visible starts empty.
 """
 
 from __future__ import annotations
@@ -21,6 +21,9 @@ from splatreel.scene.camera import Camera, focus_point
 MAX_POINTS = 25_000
 ENOUGH_POINTS = 20
 """Sparse points a camera must see for its depth range to be taken from them."""
+BEYOND = 4.0
+"""Depths are looked for up to this many times as far as nearly all sparse points: what is seen through windows, or far outdoors, has
+few features. Planes are even in inverse depth, so that they cost little."""
 SWEEP_WIDTH = 240
 SWEEP_PLANES = 80
 FILL_PIXELS = 8
@@ -124,7 +127,7 @@ def depth_ranges(cameras: list[Camera], points: np.ndarray, near: float | None =
         chosen = depths if len(depths) >= ENOUGH_POINTS else pooled
         if len(chosen) >= ENOUGH_POINTS:
             low, high = np.percentile(chosen, [1, 99])
-            ranges[i] = low / 1.4, high * 1.3
+            ranges[i] = low / 1.4, high * BEYOND
         else:
             distance = _focus_distance(cameras)
             ranges[i] = 0.2 * distance, 4 * distance
@@ -187,9 +190,10 @@ def _seen_surface(depth_map: DepthMap, needed: int, depth_range: np.ndarray) -> 
 
 
 def _filled(depth_map: DepthMap, needed: int, sparse: np.ndarray) -> _Cloud:
-    """A point every few pixels where no depth is trusted, at a depth borrowed from pixels near in place and colour.
+    """A point every few pixels where no depth is trusted, at the depth of pixels near in place and colour.
 
-    Inverse depth is interpolated: it is linear over a plane.
+    Of these it is the second farthest: a point that is too far hides behind a surface, one that is too near, as any mean of a thing's
+    depth and of the wall's behind it is, floats before it.
     """
     camera, image = depth_map.camera, depth_map.image
     trusted = depth_map.agreeing >= needed
@@ -209,9 +213,8 @@ def _filled(depth_map: DepthMap, needed: int, sparse: np.ndarray) -> _Cloud:
     row, column = row[~covered], column[~covered]
     colors = image[row, column].astype(np.float64)
     tree = KDTree(np.c_[places, COLOR_DISTANCE * shades])
-    distance, anchor = tree.query(np.c_[column + 0.5, row + 0.5, COLOR_DISTANCE * colors], k=FILL_ANCHORS)
-    weight = 1 / (distance + 1)
-    borrowed = (weight * inverse[anchor]).sum(1) / weight.sum(1)
+    _, anchor = tree.query(np.c_[column + 0.5, row + 0.5, COLOR_DISTANCE * colors], k=FILL_ANCHORS)
+    borrowed = np.sort(inverse[anchor], 1)[:, 1]
     target = np.ones(image.shape[:2])
     target[row, column] = 1 / borrowed
     return _Cloud(unproject(camera, target)[row, column], colors / 255, FILL_PIXELS / borrowed / camera.K[0, 0])

@@ -102,6 +102,7 @@ class KeyframeTrainer:
         if self.static is not None and len(self.static):
             behind = Backdrop(self.static, stage.views, stage.near, device)
         meter = GradientMeter(len(self.points), device)
+        self._stride(stage)
         cameras: list[int] = []
         for _ in range(iterations):
             if not cameras:
@@ -116,11 +117,19 @@ class KeyframeTrainer:
                 if self.done % self.config.densify_every == 0 and self.done >= 2 * self.config.densify_every:
                     self._densify(meter, stage.unit, share)
                     meter = GradientMeter(len(self.points), device)
+                    self._stride(stage)
             elif self.done % 500 == 0:
                 self._prune(stage.unit, share)
+                self._stride(stage)
             if self.done % 25 == 0:
                 progress.update(self.done, loss=float(loss), points=len(self.points))
         self._prune(stage.unit, self.done / total)
+
+    def _stride(self, stage: Stage) -> None:
+        """Points that are far away go far in a step, so that it is as many pixels at any distance."""
+        centers = torch.stack([view.center for view in stage.views])
+        distances = torch.cdist(self.points.means.detach(), centers).amin(1, keepdim=True)
+        self.strides = (distances / stage.unit).clamp(1, self.config.reach)
 
     def _step(self, stage: Stage, camera: int, behind: Backdrop | None, share: float) -> tuple[Tensor, Tensor]:
         """share: of training that is over. Returns the loss and the gradient of the places on the image."""
@@ -132,7 +141,7 @@ class KeyframeTrainer:
         (loss + cost).backward()
         grad = drawing.means2d.grad
         assert grad is not None
-        p.step()
+        p.step(self.strides)
         self.gains.step()
         return loss.detach(), grad
 

@@ -62,8 +62,13 @@ class TrainablePoints:
         for name, adam in self.adams.items():
             adam.rate = self.base_rates[name] * factors.get(name, default)
 
-    def step(self) -> None:
+    def step(self, strides: Tensor | None = None) -> None:
+        """Follow the gradients. strides: [N, 1], by what the steps of the places are multiplied."""
+        before = None if strides is None else self.means.detach().clone()
         step(self.adams.values())
+        if before is not None and strides is not None:
+            with torch.no_grad():
+                self.means.copy_(torch.lerp(before, self.means, strides))
 
     def clear(self) -> None:
         """Forget the gradients."""
