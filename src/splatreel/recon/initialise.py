@@ -1,7 +1,7 @@
 """Initial points of a scene and its measures, from the first frame alone (paper section 4.1, docs/design.md).
 
 The capture's own sparse points are used where it has them, else points triangulated from matched features. Dense depth by plane
-sweep adds what has no features; where even that is unsure, a few points borrow the depth of others, so that nothing visible starts empty.
+sweep adds what has no features; where even that is unsure, a few points borrow the depth of others: nothing visible starts empty.
 """
 
 from __future__ import annotations
