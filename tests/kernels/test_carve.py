@@ -9,22 +9,27 @@ CAMERAS = ring(7, width=40, height=30)
 NEAR, LEAST, SHARE = 0.8, 3.0, 0.6
 
 
-def scene(seed: int = 0) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """places [R, D, 3], some beside or behind cameras, own colours, images and masks."""
+def scene(seed: int = 0) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """places [R, D, 3], some beside or behind cameras, own colours, images, masks and depths, some infinite."""
     rng = np.random.default_rng(seed)
     places = rng.normal(0, 1.5, (60, 9, 3)).astype(np.float32)
     images = rng.integers(0, 256, (7, 30, 40, 3)).astype(np.uint8)
-    return places, rng.uniform(size=(60, 3)).astype(np.float32), images, rng.uniform(size=(7, 30, 40)) < 0.7
+    own, wrong = rng.uniform(size=(60, 3)).astype(np.float32), rng.uniform(size=(7, 30, 40)) < 0.7
+    depths = rng.uniform(3, 6, (7, 30, 40)).astype(np.float32)
+    return places, own, images, wrong, np.where(depths > 5, np.float32(np.inf), depths)
 
 
-def expected(places: np.ndarray, own: np.ndarray, images: np.ndarray, wrong: np.ndarray) -> np.ndarray:
+def expected(
+    places: np.ndarray, own: np.ndarray, images: np.ndarray, wrong: np.ndarray, depths: np.ndarray
+) -> np.ndarray:
     flat, colors = places.reshape(-1, 3), np.repeat(own, places.shape[1], 0)
     inside, agree, difference = np.zeros((3, len(flat)))
-    for camera, image, mask in zip(CAMERAS, images, wrong, strict=True):
+    for camera, image, mask, shown in zip(CAMERAS, images, wrong, depths, strict=True):
         local = flat @ camera.viewmat[:3, :3].T + camera.viewmat[:3, 3]
         pixels = local @ camera.K.T
         u, v = (pixels[:, :2] / pixels[:, 2:]).astype(np.int64).T
         seen = np.flatnonzero((local[:, 2] > NEAR) & (u >= 0) & (v >= 0) & (u < camera.width) & (v < camera.height))
+        seen = seen[local[seen, 2] <= 1.05 * shown[v[seen], u[seen]]]
         inside[seen] += 1
         hit = seen[mask[v[seen], u[seen]]]
         agree[hit] += 1
@@ -34,10 +39,10 @@ def expected(places: np.ndarray, own: np.ndarray, images: np.ndarray, wrong: np.
 
 
 def test_parity() -> None:
-    places, own, images, wrong = scene()
+    places, own, images, wrong, depths = scene()
     poses, lenses = np.stack([c.viewmat for c in CAMERAS]), np.stack([c.K for c in CAMERAS])
-    found = carve.disagreement(places, own, poses, lenses, images, wrong, NEAR, LEAST, SHARE)
-    truth = expected(places, own, images, wrong)
+    found = carve.disagreement(places, own, poses, lenses, images, wrong, depths, NEAR, LEAST, SHARE)
+    truth = expected(places, own, images, wrong, depths)
     assert 0.1 < np.isfinite(truth).mean() < 0.9
     np.testing.assert_array_equal(np.isfinite(found), np.isfinite(truth))
     np.testing.assert_allclose(found, truth, rtol=1e-5)

@@ -92,6 +92,19 @@ def test_nothing_is_found_behind_what_the_scene_shows() -> None:
         assert (depth < 3).all(), "the ball is four units away, behind a surface at two"
 
 
+def test_a_view_that_something_stands_before_has_no_say() -> None:
+    """Somebody known stands before the ball in two of five views: these show nothing wrong, and cannot."""
+    images = pictures(ball())
+    wrong = np.stack([wrong_pixels(EMPTY, image) for image in images])
+    wrong[:2] = False
+    assert len(find(CAMERAS, images, wrong, BACKGROUND, NEAR).points) == 0
+    depths = BACKGROUND.copy()
+    depths[:2] = 2.0
+    found = find(CAMERAS, images, wrong, depths, NEAR)
+    assert len(found.points) > 50
+    assert np.median(np.abs(np.linalg.norm(found.points - CENTER, axis=1) - RADIUS)) < 2 * PIXEL
+
+
 def test_noise_and_thin_edges_are_not_wrong() -> None:
     truth = np.random.default_rng(0).integers(90, 130, (HEIGHT, WIDTH, 3)).astype(np.uint8)
     picture = np.full((HEIGHT, WIDTH, 3), 110 / 255, np.float32)

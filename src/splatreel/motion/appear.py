@@ -1,7 +1,8 @@
 """Things that appear: where several views agree that the picture lacks something, and what it looks like there.
 
 Dynamic points come from the keyframe, so what flies in later, or was lost, has none. At such a frame the pixels where the rendered
-scene is wrong are carved into space: a place counts if the views that see it call it wrong there and agree on its colour.
+scene is wrong are carved into space: a place counts if the views that see it call it wrong there and agree on its colour. A view that
+shows something nearer there does not see it: a ball is missing also where somebody stands before it.
 """
 
 from __future__ import annotations
@@ -17,7 +18,7 @@ from splatreel.scene.camera import Camera
 WRONG = 0.08
 """Mean absolute colour error, 0..1, of a pixel's surroundings that counts as something missing."""
 AGREE = 0.8
-"""Share of the views a place falls into that must call it wrong."""
+"""Share of the views that see a place that must call it wrong."""
 COLOR = 0.1
 """Largest mean colour difference, 0..1, between those views."""
 VIEWS = 0.3
@@ -58,7 +59,8 @@ def find(
     places, footprint, stride = _places(cameras, rays, wrong, depths, near)
     own = images[rays[:, 0], rays[:, 1], rays[:, 2]].astype(np.float32) / 255
     poses, lenses = np.stack([c.viewmat for c in cameras]), np.stack([c.K for c in cameras])
-    score = carve.disagreement(places, own, poses, lenses, images, wrong, near, max(3, VIEWS * len(cameras)), AGREE)
+    least = max(3, VIEWS * len(cameras))
+    score = carve.disagreement(places, own, poses, lenses, images, wrong, depths, near, least, AGREE)
     best = score.argmin(1)
     index = np.arange(len(rays))
     good = score[index, best] < COLOR

@@ -7,6 +7,9 @@ from numba import njit, prange
 
 from splatreel.kernels.cpu.jit import ONE, PARALLEL, ZERO, F
 
+HIDDEN = F(1.05)
+"""A place farther than this many times what a view shows there is hidden from it."""
+
 
 def disagreement(
     places: np.ndarray,
@@ -15,23 +18,26 @@ def disagreement(
     Ks: np.ndarray,
     images: np.ndarray,
     wrong: np.ndarray,
+    depths: np.ndarray,
     near: float,
     least: float,
     share: float,
 ) -> np.ndarray:
     """[R, D] mean colour difference, 0..1, of places to their ray's own colour, over the views that call them wrong.
 
-    Infinite where fewer than `least` views do, or less than `share` of the views that a place falls into.
-    places: [R, D, 3] world. own: [R, 3] 0..1. viewmats: [C, 4, 4]; Ks: [C, 3, 3]. images: [C, H, W, 3] uint8; wrong: [C, H, W] bool.
+    Infinite where fewer than `least` views do, or less than `share` of the views that see a place: it is in their pictures, and
+    nothing known is before it. places: [R, D, 3] world. own: [R, 3] 0..1. viewmats: [C, 4, 4]; Ks: [C, 3, 3]. images: [C, H, W, 3]
+    uint8; wrong: [C, H, W] bool; depths: [C, H, W] of what is known.
     """
     out = np.full(places.shape[:2], np.inf, np.float32)
     places, own, viewmats, Ks = (np.ascontiguousarray(array, np.float32) for array in (places, own, viewmats, Ks))
-    _disagreement(places, own, viewmats, Ks, images, wrong, F(near), F(least), F(share), out)
+    depths = np.ascontiguousarray(depths, np.float32)
+    _disagreement(places, own, viewmats, Ks, images, wrong, depths, F(near), F(least), F(share), out)
     return out
 
 
 @njit(**PARALLEL)
-def _disagreement(places, own, viewmats, Ks, images, wrong, near, least, share, out):
+def _disagreement(places, own, viewmats, Ks, images, wrong, depths, near, least, share, out):
     height, width = wrong.shape[1:]
     for ray in prange(places.shape[0]):
         for d in range(places.shape[1]):
@@ -47,6 +53,8 @@ def _disagreement(places, own, viewmats, Ks, images, wrong, near, least, share, 
                 if not (-ONE < across < width and -ONE < down < height):
                     continue
                 column, row = int(across), int(down)
+                if depth > HIDDEN * depths[c, row, column]:
+                    continue
                 inside += ONE
                 if wrong[c, row, column]:
                     agree += ONE
