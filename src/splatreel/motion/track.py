@@ -27,13 +27,17 @@ Splats = tuple[Tensor, Tensor, Tensor, Tensor]
 
 
 class Trail:
-    """Points on their way: where they are at the frames passed so far. start: the frame where `points` are in place."""
+    """Points on their way: where they are at the frames passed so far. start: the frame where `points` are in place.
 
-    def __init__(self, points: Gaussians, start: int) -> None:
+    motion: [N, 3], about how they move there, if that is known.
+    """
+
+    def __init__(self, points: Gaussians, start: int, motion: np.ndarray | None = None) -> None:
         self.points, self.start = points, start
         self.tensors = _tensors(points)
         self.neighbours = _neighbours(self.tensors[0])
-        self._forth, self._back = ([(self.tensors[0], torch.zeros_like(self.tensors[0]))] for _ in range(2))
+        moves = torch.zeros_like(self.tensors[0]) if motion is None else torch.from_numpy(motion)
+        self._forth, self._back = ([(self.tensors[0], way * moves)] for way in (1, -1))
 
     def last(self, forth: bool) -> tuple[Tensor, Tensor]:
         """Where the points are, [N, 3], and how they moved there, at the frame farthest from the start in that direction."""

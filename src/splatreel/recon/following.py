@@ -11,6 +11,7 @@ import numpy as np
 from splatreel.kernels.image import render_image
 from splatreel.motion.appear import find, wrong_pixels
 from splatreel.motion.flow import Flow
+from splatreel.motion.leap import leaps
 from splatreel.motion.track import Tracker, Trail, identity
 from splatreel.progress import Progress
 from splatreel.recon.keyframe import SH_C0
@@ -61,10 +62,10 @@ def follow(
         if frame % STEP == 0:
             progress.update(frame, dynamic=sum(len(trail.points) for trail in trails))
             moved = Gaussians.concatenate([trail.here for trail in trails])
-            newcomers = _appeared(moved, static, tracker, frame, gains, known, draw)
+            newcomers, motion = _appeared(moved, static, tracker, frame, gains, known, draw)
             room -= len(newcomers)
             if len(newcomers) and room >= 0:
-                trails.append(Trail(newcomers, frame))
+                trails.append(Trail(newcomers, frame, motion))
     tracker.back(trails)
     tracks = [trail.positions for trail in trails]
     starts = [
@@ -85,16 +86,20 @@ def _wrong(
 
 def _appeared(
     moving: Gaussians, static: Gaussians, tracker: Tracker, frame: int, gains: np.ndarray, known: np.ndarray, draw: Draw
-) -> Gaussians:
-    """Gaussians, in place at a frame, of what the views show there and the scene does not.
+) -> tuple[Gaussians, np.ndarray]:
+    """Gaussians, in place at a frame, of what the views show there and the scene does not, and about how they move, [N, 3].
 
     moving: the dynamic points there. known: [C, H, W] bool, what was wrong at the keyframe already, where the points had been
     trained: mirrors, not newcomers.
     """
     wrong = _wrong(moving, static, tracker, frame, gains, draw) & ~known
-    found = find(tracker.cameras, tracker.frames[frame], wrong, tracker.depths(moving), tracker.near, seed=frame)
+    depths, here = tracker.depths(moving), tracker.frames[frame]
+    found = find(tracker.cameras, here, wrong, depths, tracker.near, seed=frame)
+    way = 1 if frame + 1 < len(tracker.frames) else -1
+    there = tracker.frames[frame + way]
+    motion = way * leaps(found.points, found.sizes, tracker.cameras, here, there, depths, tracker.near)
     count, bands = len(found.points), moving.sh.shape[1]
     sh = np.zeros((count, bands, 3), np.float32)
     sh[:, 0] = (found.colors - 0.5) / SH_C0
     scales = np.repeat(found.sizes[:, None], 3, 1)
-    return Gaussians(found.points, identity(count), scales, np.full(count, 0.7, np.float32), sh)
+    return Gaussians(found.points, identity(count), scales, np.full(count, 0.7, np.float32), sh), motion

@@ -1,0 +1,63 @@
+"""Matching of points between two moments: how well a motion in space explains what all views show. One task a motion."""
+
+from __future__ import annotations
+
+import numpy as np
+from numba import njit, prange
+
+from splatreel.kernels.cpu.jit import ONE, PARALLEL, ZERO, F
+
+
+def mismatch(
+    points: np.ndarray,
+    motions: np.ndarray,
+    viewmats: np.ndarray,
+    Ks: np.ndarray,
+    here: np.ndarray,
+    there: np.ndarray,
+    depths: np.ndarray,
+    near: float,
+) -> np.ndarray:
+    """[M] mean colour difference, 0..1, of points to where each motion takes them, over the views that see them; 1 where none does.
+
+    points: [P, 3] and motions: [M, 3], world. viewmats: [C, 4, 4]; Ks: [C, 3, 3]. here, there: [C, H, W, 3] uint8, pictures of the two
+    moments; depths: [C, H, W] of what may hide the points now.
+    """
+    points, motions, viewmats, Ks, depths = (
+        np.ascontiguousarray(array, np.float32) for array in (points, motions, viewmats, Ks, depths)
+    )
+    out = np.ones(len(motions), np.float32)
+    _mismatch(points, motions, viewmats, Ks, here, there, depths, F(near), out)
+    return out
+
+
+@njit(**PARALLEL)
+def _mismatch(points, motions, viewmats, Ks, here, there, depths, near, out):
+    height, width = depths.shape[1:]
+    for m in prange(motions.shape[0]):
+        count = difference = ZERO
+        for p in range(points.shape[0]):
+            for c in range(viewmats.shape[0]):
+                V, K = viewmats[c], Ks[c]
+                x, y, z = points[p, 0], points[p, 1], points[p, 2]
+                row = column = 0
+                for moment in range(2):
+                    depth = V[2, 0] * x + V[2, 1] * y + V[2, 2] * z + V[2, 3]
+                    if depth <= near:
+                        break
+                    across = K[0, 0] * (V[0, 0] * x + V[0, 1] * y + V[0, 2] * z + V[0, 3]) / depth + K[0, 2]
+                    down = K[1, 1] * (V[1, 0] * x + V[1, 1] * y + V[1, 2] * z + V[1, 3]) / depth + K[1, 2]
+                    if not (ZERO <= across < width and ZERO <= down < height):
+                        break
+                    if moment == 0:
+                        row, column = int(down), int(across)
+                        if depth > F(1.05) * depths[c, row, column]:
+                            break
+                        x, y, z = x + motions[m, 0], y + motions[m, 1], z + motions[m, 2]
+                    else:
+                        count += ONE
+                        for k in range(3):
+                            a, b = F(here[c, row, column, k]), F(there[c, int(down), int(across), k])
+                            difference += abs(a - b) / F(3 * 255)
+        if count > ZERO:
+            out[m] = difference / count
