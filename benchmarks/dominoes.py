@@ -9,24 +9,22 @@ python benchmarks/dominoes.py
 import dataclasses
 import math
 import time
+from functools import partial
 from pathlib import Path
 
 import numpy as np
 import tyro
 
-from ball import found
-from film import FPS, SKIN, Film
+from film import SKIN, Film
 from record import record
 from run import run
 from splatreel.capture import textures as tx
 from splatreel.capture import toyroom as toys
 from splatreel.capture.opening import open_capture
-from splatreel.capture.raytracer import trace_frame, trace_still
 from splatreel.capture.solids import BOX, ELLIPSOID, Shapes
 from splatreel.capture.synthetic import facing
 from splatreel.capture.toyroom import Builder, turn_y, turn_z
 from splatreel.config import Quality, preset
-from splatreel.play.timeline import open_reel
 from splatreel.scene.camera import Camera
 
 LIGHT = np.array([0.8, 5.5, 1.2])
@@ -34,8 +32,6 @@ CAMERAS, DOMINOES = 18, 14
 HELD_OUT = ("cam04", "cam11")
 NOISE, GAIN = 3.0, 0.04
 """Standard deviations: of the pixels, in grey levels; of the logarithm of the training cameras' colour gains."""
-VISIBLE, SMALLEST = 20, 1e-3
-"""Grey levels by which a pixel shows the ball, or its shadow; the least share of the picture that is looked at."""
 
 
 def main(
@@ -44,29 +40,13 @@ def main(
     """Film, reconstruct, evaluate, record. Pictures are 320x180."""
     out = out or Path(f"out/benchmark-dominoes-{quality}-{frames}-{seed}")
     started = time.monotonic()
+    film = Film(ring(320, 180), HELD_OUT, standing(), moving, LIGHT, NOISE, GAIN)
     if not (out / "capture").exists():
-        Film(ring(320, 180), HELD_OUT, standing(), moving, LIGHT, NOISE, GAIN).write(out / "capture", frames)
+        film.write(out / "capture", frames)
     filming = time.monotonic() - started
     config = dataclasses.replace(preset(quality), seed=seed)
     run("dominoes", open_capture(out / "capture"), out, config, None, note, filming)
-    record("dominoes, the ball", {"cameras": ball_shown(out, frames)}, note)
-
-
-def ball_shown(out: Path, frames: int) -> dict[str, dict]:
-    """By held-out camera: of the pixels that show the ball, the share that looks more like it than like what is behind it."""
-    played, still, summaries = open_reel(out / "reel"), standing(), {}
-    for camera in [camera for camera in open_capture(out / "capture").cameras if camera.name in HELD_OUT]:
-        seen, shares = trace_still(camera, still, LIGHT), {}
-        for t in range(frames):
-            there, gone = (trace_frame(camera, seen, still, moving(t / FPS, ball), LIGHT) for ball in (True, False))
-            image = 255 * played.render(played.at(t / FPS), camera)
-            pixels = np.abs(there - gone).mean(-1) > VISIBLE
-            if pixels.mean() >= SMALLEST:
-                nearer = np.abs(image - there).mean(-1) < np.abs(image - gone).mean(-1)
-                shares[t] = float(nearer[pixels].mean())
-        summaries[camera.name] = found(shares)
-        print(f"{camera.name}, the ball: {summaries[camera.name]}")
-    return summaries
+    record("dominoes, the ball", {"cameras": film.shows(out / "reel", frames, partial(moving, ball=False))}, note)
 
 
 def ring(width: int, height: int) -> list[Camera]:

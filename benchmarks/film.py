@@ -10,13 +10,17 @@ from pathlib import Path
 
 import numpy as np
 
+from ball import found
 from splatreel import threads
 from splatreel.capture.raytracer import trace_frame, trace_still
 from splatreel.capture.solids import Shapes
 from splatreel.capture.synthetic import VideoWriter, llff_row
+from splatreel.play.timeline import open_reel
 from splatreel.scene.camera import Camera
 
 FPS = 30
+VISIBLE, SMALLEST = 20, 1e-3
+"""Grey levels by which a pixel shows a thing, or its shadow; the least share of the picture that is looked at."""
 SKIN = (0.9, 0.7, 0.58)
 
 
@@ -57,3 +61,23 @@ class Film:
                 clean = trace_frame(camera, seen, self.still, self.moving(t / FPS), self.light)
                 noisy = clean * gain + rng.normal(0, self.noise, clean.shape)
                 video.add(noisy.clip(0, 255).astype(np.uint8))
+
+    def shows(self, reel: Path, frames: int, without: Callable[[float], Shapes]) -> dict[str, dict]:
+        """Whether a reel of this film shows a thing. without: what moves, less that thing.
+
+        By held-out camera: of the pixels that show it, the share that looks more like it than like what is behind it.
+        """
+        played, summaries = open_reel(reel), {}
+        for camera in [camera for camera in self.cameras if camera.name in self.held_out]:
+            seen, shares = trace_still(camera, self.still, self.light), {}
+            for t in range(frames):
+                scenes = self.moving(t / FPS), without(t / FPS)
+                there, gone = (trace_frame(camera, seen, self.still, scene, self.light) for scene in scenes)
+                image = 255 * played.render(played.at(t / FPS), camera)
+                pixels = np.abs(there - gone).mean(-1) > VISIBLE
+                if pixels.mean() >= SMALLEST:
+                    nearer = np.abs(image - there).mean(-1) < np.abs(image - gone).mean(-1)
+                    shares[t] = float(nearer[pixels].mean())
+            summaries[camera.name] = found(shares)
+            print(f"{camera.name}: {summaries[camera.name]}")
+        return summaries

@@ -19,6 +19,7 @@ ROWS = {
     "basketball 640": "Panoptic basketball, 640 wide",
     "dominoes": "dominoes: a ring of cameras, fast and small",
     "kitchen": "kitchen: cameras on one side, far things in the window",
+    "yard": "yard: outdoors, ten cameras to train on",
 }
 """Benchmarks that always have a row, measured or not. Those of single frames get one when they have been recorded."""
 ORACLE, ON_ITS_OWN = "oracle", "each frame on its own"
