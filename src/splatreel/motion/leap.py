@@ -60,13 +60,13 @@ def _things(points: np.ndarray, sizes: np.ndarray) -> list[np.ndarray]:
 
 
 def _leap(points: np.ndarray, size: float, views: tuple) -> np.ndarray:
+    """The motion [3] of one thing. size: of it. views: what `match.mismatch` wants to know of them."""
     grid = np.array(list(product(range(-STEPS, STEPS + 1), repeat=3)), np.float32)
-    best, step = np.zeros(3, np.float32), REACH * size / STEPS
-    still = float(match.mismatch(points, best[None], *views)[0])
-    least = still
+    none = best = np.zeros(3, np.float32)
+    step = REACH * size / STEPS
     for _ in range(ROUNDS + 1):
         tried = best + step * grid
-        found = match.mismatch(points, tried, *views)
-        best, least = tried[found.argmin()], float(found.min())
+        best = tried[match.mismatch(points, tried, *views).argmin()]
         grid, step = grid[np.abs(grid).max(1) <= 1], step / 2
-    return best if least < BETTER * still else np.zeros(3, np.float32)
+    still, moved = match.mismatch(points, np.stack([none, best]), *views)
+    return best if moved < BETTER * still else none

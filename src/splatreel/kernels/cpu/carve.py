@@ -27,11 +27,11 @@ def disagreement(
 
     Infinite where fewer than `least` views do, or less than `share` of the views that see a place: it is in their pictures, and
     nothing known is before it. places: [R, D, 3] world. own: [R, 3] 0..1. viewmats: [C, 4, 4]; Ks: [C, 3, 3]. images: [C, H, W, 3]
-    uint8; wrong: [C, H, W] bool; depths: [C, H, W] of what is known.
+    uint8; wrong: [C, H, W] bool; depths: [C, H, W] of what is known, infinite for nothing.
     """
     out = np.full(places.shape[:2], np.inf, np.float32)
     places, own, viewmats, Ks = (np.ascontiguousarray(array, np.float32) for array in (places, own, viewmats, Ks))
-    depths = np.ascontiguousarray(depths, np.float32)
+    depths = np.minimum(np.ascontiguousarray(depths, np.float32), F(1e30))  # fast mathematics knows no infinity
     _disagreement(places, own, viewmats, Ks, images, wrong, depths, F(near), F(least), F(share), out)
     return out
 

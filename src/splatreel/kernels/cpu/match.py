@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numba import njit, prange
 
+from splatreel.kernels.cpu.carve import HIDDEN
 from splatreel.kernels.cpu.jit import ONE, PARALLEL, ZERO, F
 
 
@@ -21,11 +22,12 @@ def mismatch(
     """[M] mean colour difference, 0..1, of points to where each motion takes them, over the views that see them; 1 where none does.
 
     points: [P, 3] and motions: [M, 3], world. viewmats: [C, 4, 4]; Ks: [C, 3, 3]. here, there: [C, H, W, 3] uint8, pictures of the two
-    moments; depths: [C, H, W] of what may hide the points now.
+    moments; depths: [C, H, W] of what may hide the points now, infinite for nothing.
     """
-    points, motions, viewmats, Ks, depths = (
-        np.ascontiguousarray(array, np.float32) for array in (points, motions, viewmats, Ks, depths)
+    points, motions, viewmats, Ks = (
+        np.ascontiguousarray(array, np.float32) for array in (points, motions, viewmats, Ks)
     )
+    depths = np.minimum(np.ascontiguousarray(depths, np.float32), F(1e30))  # fast mathematics knows no infinity
     out = np.ones(len(motions), np.float32)
     _mismatch(points, motions, viewmats, Ks, here, there, depths, F(near), out)
     return out
@@ -51,7 +53,7 @@ def _mismatch(points, motions, viewmats, Ks, here, there, depths, near, out):
                         break
                     if moment == 0:
                         row, column = int(down), int(across)
-                        if depth > F(1.05) * depths[c, row, column]:
+                        if depth > HIDDEN * depths[c, row, column]:
                             break
                         x, y, z = x + motions[m, 0], y + motions[m, 1], z + motions[m, 2]
                     else:
