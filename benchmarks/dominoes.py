@@ -6,9 +6,7 @@ a figure waves, a ball is thrown across; the wallpaper looks the same everywhere
 python benchmarks/dominoes.py
 """
 
-import dataclasses
 import math
-import time
 from functools import partial
 from pathlib import Path
 
@@ -17,14 +15,12 @@ import tyro
 
 from film import SKIN, Film
 from record import record
-from run import run
 from splatreel.capture import textures as tx
 from splatreel.capture import toyroom as toys
-from splatreel.capture.opening import open_capture
 from splatreel.capture.solids import BOX, ELLIPSOID, Shapes
 from splatreel.capture.synthetic import facing
 from splatreel.capture.toyroom import Builder, turn_y, turn_z
-from splatreel.config import Quality, preset
+from splatreel.config import Quality
 from splatreel.scene.camera import Camera
 
 LIGHT = np.array([0.8, 5.5, 1.2])
@@ -38,15 +34,9 @@ def main(
     quality: Quality = "standard", frames: int = 45, seed: int = 0, out: Path | None = None, note: str = ""
 ) -> None:
     """Film, reconstruct, evaluate, record. Pictures are 320x180."""
-    out = out or Path(f"out/benchmark-dominoes-{quality}-{frames}-{seed}")
-    started = time.monotonic()
     film = Film(ring(320, 180), HELD_OUT, standing(), moving, LIGHT, NOISE, GAIN)
-    if not (out / "capture").exists():
-        film.write(out / "capture", frames)
-    filming = time.monotonic() - started
-    config = dataclasses.replace(preset(quality), seed=seed)
-    run("dominoes", open_capture(out / "capture"), out, config, None, note, filming)
-    record("dominoes, the ball", {"cameras": film.shows(out / "reel", frames, partial(moving, ball=False))}, note)
+    reel = film.run("dominoes", quality, frames, seed, out, note)
+    record("dominoes, the ball", {"cameras": film.shows(reel, frames, partial(moving, ball=False))}, note)
 
 
 def ring(width: int, height: int) -> list[Camera]:

@@ -1,8 +1,10 @@
 """Films of traced scenes, written as captures: what benchmarks show that neither the built-in capture nor basketball has."""
 
+import dataclasses
 import json
 import os
 import tempfile
+import time
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
@@ -11,10 +13,13 @@ from pathlib import Path
 import numpy as np
 
 from ball import found
+from run import run
 from splatreel import threads
+from splatreel.capture.opening import open_capture
 from splatreel.capture.raytracer import trace_frame, trace_still
 from splatreel.capture.solids import Shapes
 from splatreel.capture.synthetic import VideoWriter, llff_row
+from splatreel.config import Quality, preset
 from splatreel.play.timeline import open_reel
 from splatreel.scene.camera import Camera
 
@@ -61,6 +66,17 @@ class Film:
                 clean = trace_frame(camera, seen, self.still, self.moving(t / FPS), self.light)
                 noisy = clean * gain + rng.normal(0, self.noise, clean.shape)
                 video.add(noisy.clip(0, 255).astype(np.uint8))
+
+    def run(self, name: str, quality: Quality, frames: int, seed: int, out: Path | None, note: str) -> Path:
+        """Film it unless it is there, reconstruct, evaluate, record as `name`; where the reel is."""
+        out = out or Path(f"out/benchmark-{name}-{quality}-{frames}-{seed}")
+        started = time.monotonic()
+        if not (out / "capture").exists():
+            self.write(out / "capture", frames)
+        filming = time.monotonic() - started
+        config = dataclasses.replace(preset(quality), seed=seed)
+        run(name, open_capture(out / "capture"), out, config, None, note, filming)
+        return out / "reel"
 
     def shows(self, reel: Path, frames: int, without: Callable[[float], Shapes]) -> dict[str, dict]:
         """Whether a reel of this film shows a thing. without: what moves, less that thing.

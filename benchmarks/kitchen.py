@@ -5,23 +5,19 @@ Eighteen cameras in two rows on a stretch of 2.4 units; what moves is a body's l
 python benchmarks/kitchen.py
 """
 
-import dataclasses
 import math
-import time
 from pathlib import Path
 
 import numpy as np
 import tyro
 
 from film import SKIN, Film
-from run import run
 from splatreel.capture import textures as tx
 from splatreel.capture import toyroom as toys
-from splatreel.capture.opening import open_capture
 from splatreel.capture.solids import BOX, CYLINDER, ELLIPSOID, Shapes
 from splatreel.capture.synthetic import facing
 from splatreel.capture.toyroom import Builder, turn_z
-from splatreel.config import Quality, preset
+from splatreel.config import Quality
 from splatreel.scene.camera import Camera
 
 LIGHT = np.array([-1.0, 3.6, 2.2])
@@ -38,13 +34,9 @@ def main(
     quality: Quality = "standard", frames: int = 45, seed: int = 0, out: Path | None = None, note: str = ""
 ) -> None:
     """Film, reconstruct, evaluate, record. Pictures are 336x252."""
-    out = out or Path(f"out/benchmark-kitchen-{quality}-{frames}-{seed}")
-    started = time.monotonic()
-    if not (out / "capture").exists():
-        Film(wall(336, 252), HELD_OUT, standing(), moving, LIGHT, NOISE, GAIN).write(out / "capture", frames)
-    filming = time.monotonic() - started
-    config = dataclasses.replace(preset(quality), seed=seed)
-    run("kitchen", open_capture(out / "capture"), out, config, None, note, filming)
+    Film(wall(336, 252), HELD_OUT, standing(), moving, LIGHT, NOISE, GAIN).run(
+        "kitchen", quality, frames, seed, out, note
+    )
 
 
 def wall(width: int, height: int) -> list[Camera]:

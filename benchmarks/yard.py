@@ -5,9 +5,7 @@ Twelve cameras on 140 degrees, ten of them to train on; the trees are four to si
 python benchmarks/yard.py
 """
 
-import dataclasses
 import math
-import time
 from functools import partial
 from pathlib import Path
 
@@ -16,14 +14,12 @@ import tyro
 
 from film import SKIN, Film
 from record import record
-from run import run
 from splatreel.capture import textures as tx
 from splatreel.capture import toyroom as toys
-from splatreel.capture.opening import open_capture
 from splatreel.capture.solids import BOX, CYLINDER, ELLIPSOID, Shapes
 from splatreel.capture.synthetic import facing
 from splatreel.capture.toyroom import Builder, turn_y, turn_z
-from splatreel.config import Quality, preset
+from splatreel.config import Quality
 from splatreel.scene.camera import Camera
 
 LIGHT = np.array([4.0, 9.0, 6.0])
@@ -37,15 +33,9 @@ def main(
     quality: Quality = "standard", frames: int = 40, seed: int = 0, out: Path | None = None, note: str = ""
 ) -> None:
     """Film, reconstruct, evaluate, record. Pictures are 400x225."""
-    out = out or Path(f"out/benchmark-yard-{quality}-{frames}-{seed}")
-    started = time.monotonic()
     film = Film(arc(400, 225), HELD_OUT, standing(), moving, LIGHT, NOISE, GAIN)
-    if not (out / "capture").exists():
-        film.write(out / "capture", frames)
-    filming = time.monotonic() - started
-    config = dataclasses.replace(preset(quality), seed=seed)
-    run("yard", open_capture(out / "capture"), out, config, None, note, filming)
-    record("yard, the ball", {"cameras": film.shows(out / "reel", frames, partial(moving, ball=False))}, note)
+    reel = film.run("yard", quality, frames, seed, out, note)
+    record("yard, the ball", {"cameras": film.shows(reel, frames, partial(moving, ball=False))}, note)
 
 
 def arc(width: int, height: int) -> list[Camera]:
