@@ -60,7 +60,7 @@ def _step(gaussians: Gaussians, view: View, still: Backdrop | None = None) -> Ca
     def step(layered: bool = True) -> None:
         moving = deformed(p.params, None, None, view, NEAR)
         drawing = draw(moving, view, still.scenery(0) if still else None, layered)
-        splat.photometric_loss(drawing.image, target).backward()
+        splat.photometric_loss(drawing.image, target, tiles=drawing.tiles).backward()
         p.clear()
 
     return step
