@@ -24,12 +24,13 @@ from splatreel.scene.camera import Camera
 
 LIGHT = np.array([0.5, 5.0, 0.8])
 CAMERAS, PANELS = 30, 12
-HELD_OUT = ("cam03", "cam11", "cam18", "cam26")
+HELD_OUT = ("cam03", "cam06", "cam10", "cam25")
 NOISE, GAIN = 2.0, 0.03
 FLIGHT, DWELL = 0.6, 0.3
 """Seconds of a ball in the air and in a hand."""
 HAND, THROW, CATCH = 1.05, 0.12, 0.32
 """Height at which balls are thrown and caught, and how far from the middle."""
+SWING = 0.5
 BATTER = np.array([0.9, 0.0, -0.7])
 
 
@@ -49,7 +50,8 @@ def dome(width: int, height: int) -> list[Camera]:
     for i in range(CAMERAS):
         angle, up = i * math.pi * (3 - math.sqrt(5)), math.radians(-8 + 53 * (i * 7 % CAMERAS) / CAMERAS)
         outwards = np.array([math.sin(angle) * math.cos(up), math.sin(up), math.cos(angle) * math.cos(up)])
-        forward = np.array([0.2 * math.sin(i), 1.1, 0.2 * math.cos(2 * i)]) - (center := [0, 1.1, 0] + 2.8 * outwards)
+        center = np.array([0, 1.1, 0]) + 2.8 * outwards
+        forward = np.array([0.2 * math.sin(i), 1.1, 0.2 * math.cos(2 * i)]) - center
         cameras.append(facing(f"cam{i:02d}", center, forward / np.linalg.norm(forward), 0.85 * width, width, height))
     return cameras
 
@@ -62,7 +64,8 @@ def standing() -> Shapes:
     for k in range(PANELS):
         angle = 2 * math.pi * k / PANELS
         for row, lean in enumerate((0.0, 0.35)):
-            place = (3.5 - 0.3 * row) * np.array([math.sin(angle), 0, math.cos(angle)]) + [0, 1.0 + 2 * row, 0]
+            far = 3.5 - 0.3 * row
+            place = np.array([far * math.sin(angle), 1.0 + 2 * row, far * math.cos(angle)])
             gray = 0.6 + 0.12 * (k * 5 % 3)
             colors = ((gray, gray, gray + 0.03), (0.35, 0.36, 0.4), toys.CREAM)
             turn = turn_y(angle) @ turn_x(-lean)
@@ -111,15 +114,15 @@ def _juggler(b: Builder, t: float) -> None:
 
 
 def _batter(b: Builder, t: float, bat: bool) -> None:
-    """Swings a bat round and back again, once in 1.2 seconds, three quarters of a turn in a third of a second."""
-    u = t % 1.2
-    share = min(max((u - 0.3) / 0.35, 0.0), 1.0) if u < 0.9 else 1 - (u - 0.9) / 0.3
-    angle = -1.2 + 4.5 * share * share * (3 - 2 * share)
+    """Swings a bat round and back again, half a turn in half a second: its end then flies at ten units a second."""
+    u = t % 1.6
+    share = min(max((u - 0.3) / SWING, 0.0), 1.0) if u < 1.1 else 1 - (u - 1.1) / SWING
+    angle = -1.2 + 3.2 * share * share * (3 - 2 * share)
     _body(b, BATTER, 0.5 * angle - 0.6, (toys.BLUE, toys.YELLOW))
     reach = np.array([math.sin(angle), 0, math.cos(angle)])
-    hands = BATTER + [0, 1.1, 0] + 0.35 * reach
+    hands = BATTER + np.array([0, 1.1, 0]) + 0.35 * reach
     for side in (-1, 1):
-        shoulder = BATTER + [0, 1.36, 0] + 0.2 * side * np.array([math.cos(angle), 0, -math.sin(angle)])
+        shoulder = BATTER + np.array([0.2 * side * math.cos(angle), 1.36, -0.2 * side * math.sin(angle)])
         _arm(b, shoulder, hands, toys.BLUE)
     if bat:
         b.body()
@@ -132,8 +135,16 @@ def _body(b: Builder, place: np.ndarray, heading: float, shirt: tuple[toys.Color
     """A figure without arms."""
     turn = turn_y(heading)
     b.body()
-    b.add(ELLIPSOID, tuple(place + [0, 1.12, 0]), (0.22, 0.36, 0.14), shirt, tx.STRIPES, 14.0, turn=turn)
-    b.add(ELLIPSOID, tuple(place + [0, 1.64, 0]), (0.11, 0.15, 0.13), (SKIN, (0.3, 0.2, 0.15)), tx.BANDS, 0.4, turn=turn)
+    b.add(ELLIPSOID, tuple(place + np.array([0, 1.12, 0])), (0.22, 0.36, 0.14), shirt, tx.STRIPES, 14.0, turn=turn)
+    b.add(
+        ELLIPSOID,
+        tuple(place + np.array([0, 1.64, 0])),
+        (0.11, 0.15, 0.13),
+        (SKIN, (0.3, 0.2, 0.15)),
+        tx.BANDS,
+        0.4,
+        turn=turn,
+    )
     for side in (-1, 1):
         leg = place + turn @ np.array([0.12 * side, 0.42, 0])
         b.add(ELLIPSOID, tuple(leg), (0.09, 0.44, 0.09), ((0.25, 0.25, 0.35),), turn=turn_z(0.08 * side))
@@ -141,7 +152,7 @@ def _body(b: Builder, place: np.ndarray, heading: float, shirt: tuple[toys.Color
 
 def _arm(b: Builder, shoulder: np.ndarray, hand: np.ndarray, sleeve: toys.Color) -> None:
     """A bent arm between two places."""
-    elbow = (shoulder + hand) / 2 + [0.0, -0.12, 0.0]
+    elbow = (shoulder + hand) / 2 - np.array([0, 0.12, 0])
     for start, end, color in ((shoulder, elbow, sleeve), (elbow, hand, SKIN)):
         along = end - start
         length = float(np.linalg.norm(along))

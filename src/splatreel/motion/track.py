@@ -14,7 +14,9 @@ from torch import Tensor
 
 from splatreel.kernels import splat
 from splatreel.kernels.cpu import sceneflow
+from splatreel.kernels.cpu.rigid import Eyes
 from splatreel.motion.flow import Flow, each_view
+from splatreel.motion.parts import Parts
 from splatreel.scene.camera import Camera
 from splatreel.scene.gaussians import Gaussians
 
@@ -38,6 +40,7 @@ class Trail:
         self.neighbours = _neighbours(self.tensors[0])
         moves = torch.zeros_like(self.tensors[0]) if motion is None else torch.from_numpy(motion)
         self._forth, self._back = ([(self.tensors[0], way * moves)] for way in (1, -1))
+        self.parts: Parts | None = None  # as soon as somebody has looked at them
 
     def last(self, forth: bool) -> tuple[Tensor, Tensor]:
         """Where the points are, [N, 3], and how they moved there, at the frame farthest from the start in that direction."""
@@ -94,10 +97,24 @@ class Tracker:
         depths, guesses = self._seen((places, quats, scales, opacities), before)
         work = partial(self._field, here, there, guesses)
         fields = np.stack(each_view(work, len(self.cameras), self.flow))
+        now, then = self.eyes(here, depths.numpy()), self.eyes(there, torch.stack(self.walls).numpy())
         for trail, (place, motion) in zip(trails, ends, strict=True):
             known = place.numpy(), motion.numpy(), self.poses, self.lenses, fields, depths.numpy()
             agreed, certainty = sceneflow.solve(*known, self.near)
-            trail.go(there > here, _smooth(torch.from_numpy(agreed), torch.from_numpy(certainty), trail.neighbours))
+            smooth = _smooth(torch.from_numpy(agreed), torch.from_numpy(certainty), trail.neighbours)
+            trail.go(there > here, self._settled(trail, place, motion, smooth, now, then))
+
+    def _settled(self, trail: Trail, place: Tensor, before: Tensor, motion: Tensor, now: Eyes, then: Eyes) -> Tensor:
+        """Motion [N, 3], but where flow is wrong. before: the motion to `place`."""
+        if trail.parts is None:
+            trail.parts = Parts(place.numpy(), now)
+        last = (place - before).numpy()
+        return torch.from_numpy(trail.parts.motion(place.numpy(), last, motion.numpy(), now, then))
+
+    def eyes(self, frame: int, depths: np.ndarray) -> Eyes:
+        """The views at a frame. depths: of what hides points from them."""
+        finite = np.minimum(depths, np.float32(1e30))  # fast mathematics knows no infinity
+        return Eyes(self.poses, self.lenses, self.frames[frame], finite, np.float32(self.near))
 
     def _seen(self, points: Splats, motion: Tensor | None) -> tuple[Tensor, Tensor]:
         """[C, ceil(H / 2), ceil(W / 2)] depths of the static points and these; [.., 2] where a motion [N, 3] of these takes pixels."""

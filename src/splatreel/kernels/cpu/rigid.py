@@ -1,0 +1,272 @@
+"""Patches of points that move as rigid bodies: the rotation and shift after which all views show the same. One task a patch."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numba import njit, prange
+
+from splatreel.kernels.cpu.jit import HALF, ONE, PARALLEL, SERIAL, ZERO, F
+
+HIDDEN = F(1.03)
+"""A point farther than this times the depth the view sees is behind something."""
+PAIRS = 128
+"""Of point and view, that a patch is judged by."""
+CAP = F(0.25)
+"""The most that one counts: a view that something stands before says no more than that."""
+STEP, LEAN = F(0.5), F(0.15)
+"""First steps of the search: a share of the patch's size, and radians."""
+ROUNDS, TRIES = 3, 2
+"""Of halved steps, and of moves with each."""
+
+
+class Eyes(NamedTuple):
+    """The views at one moment. viewmats: [C, 4, 4]; Ks: [C, 3, 3]; pictures: [C, H, W, 3] uint8; near: near plane.
+
+    depths: [C, ceil(H / 2), ceil(W / 2)] float32 and finite, of what may hide points.
+    """
+
+    viewmats: np.ndarray
+    Ks: np.ndarray
+    pictures: np.ndarray
+    depths: np.ndarray
+    near: np.float32
+
+
+class Known(NamedTuple):
+    """What is known of points: seen [N, C] bool and colors [N, C, 3], as `look` says, and the eyes of the moment they move to."""
+
+    seen: np.ndarray
+    colors: np.ndarray
+    eyes: Eyes
+
+
+def look(points: np.ndarray, eyes: Eyes) -> tuple[np.ndarray, np.ndarray]:
+    """Which views see points [N, 3] float32, [N, C] bool, and in which colours, [N, C, 3] float32 of 0..255; others show their mean."""
+    shape = len(points), len(eyes.Ks)
+    seen, colors = np.zeros(shape, np.bool_), np.zeros((*shape, 3), np.float32)
+    _look(points, eyes, seen, colors)
+    return seen, colors
+
+
+def differences(places: np.ndarray, patches: np.ndarray, known: Known) -> np.ndarray:
+    """[Q] mean colour difference, 0..1, of patches [Q, K] of points at places [N, 3]; 0 for those that hardly any view sees there."""
+    out = np.empty(len(patches), np.float32)
+    _differences(places, patches, known.seen, known.colors, known.eyes, out)
+    return out
+
+
+def start(
+    here: np.ndarray, last: np.ndarray, there: np.ndarray, patches: np.ndarray, judged: np.ndarray, known: Known
+) -> tuple[np.ndarray, np.ndarray]:
+    """[Q, 3, 4] how each patch moves from here to there, all [N, 3], and the difference [Q] of those that are judged [Q] bool.
+
+    last: [N, 3] where the points were before. A judged patch moves in the best of three ways: not at all, as it did, or to there.
+    """
+    moves, costs = np.empty((len(patches), 3, 4), np.float32), np.zeros(len(patches), np.float32)
+    _start(here, last, there, patches, judged, known.seen, known.colors, known.eyes, moves, costs)
+    return moves, costs
+
+
+def sweep(
+    here: np.ndarray,
+    patches: np.ndarray,
+    chosen: np.ndarray,
+    around: np.ndarray,
+    moves: np.ndarray,
+    costs: np.ndarray,
+    share: float,
+    known: Known,
+) -> None:
+    """Better moves for the chosen patches: first those of the patches around each [Q, A], then small changes of the best.
+
+    chosen: [B] int64. moves, costs: as `start` returns them, changed in place. share: of the first steps.
+    """
+    _sweep(here, patches, chosen, around, moves.copy(), F(share), known.seen, known.colors, known.eyes, moves, costs)
+
+
+@njit(inline="always")
+def _pixel(x, y, z, eyes, c):
+    """Row and column of a place in a view, and its depth; row -1 if it is outside."""
+    V, K = eyes.viewmats[c], eyes.Ks[c]
+    depth = V[2, 0] * x + V[2, 1] * y + V[2, 2] * z + V[2, 3]
+    row = column = -1
+    if depth > eyes.near:
+        across = K[0, 0] * (V[0, 0] * x + V[0, 1] * y + V[0, 2] * z + V[0, 3]) / depth + K[0, 2]
+        down = K[1, 1] * (V[1, 0] * x + V[1, 1] * y + V[1, 2] * z + V[1, 3]) / depth + K[1, 2]
+        if ZERO <= across < eyes.pictures.shape[2] and ZERO <= down < eyes.pictures.shape[1]:
+            row, column = int(down), int(across)
+            if depth > HIDDEN * eyes.depths[c, row // 2, column // 2]:
+                row = -1
+    return row, column
+
+
+@njit(**PARALLEL)
+def _look(points, eyes, seen, colors):
+    for i in prange(points.shape[0]):
+        mean, count = np.zeros(3, np.float32), ZERO
+        for c in range(seen.shape[1]):
+            row, column = _pixel(points[i, 0], points[i, 1], points[i, 2], eyes, c)
+            if row >= 0:
+                seen[i, c] = True
+                count += ONE
+                for k in range(3):
+                    colors[i, c, k] = eyes.pictures[c, row, column, k]
+                    mean[k] += colors[i, c, k]
+        for c in range(seen.shape[1]):
+            if not seen[i, c]:
+                for k in range(3):
+                    colors[i, c, k] = mean[k] / max(count, ONE)
+
+
+@njit(**SERIAL)
+def _pairs(patch, seen):
+    """[P, 2] points of a patch and views that see them, an even choice of at most PAIRS."""
+    total = 0
+    for i in patch:
+        for c in range(seen.shape[1]):
+            total += seen[i, c]
+    stride = (total + PAIRS - 1) // PAIRS
+    pairs, rank, count = np.empty((PAIRS, 2), np.int64), 0, 0
+    for i in patch:
+        for c in range(seen.shape[1]):
+            if seen[i, c]:
+                if rank % stride == 0:
+                    pairs[count, 0], pairs[count, 1] = i, c
+                    count += 1
+                rank += 1
+    return pairs[:count]
+
+
+@njit(**SERIAL)
+def _difference(places, move, pairs, colors, eyes, unseen=CAP):
+    """Mean difference of the pairs' colours after a move; `unseen` if fewer than half of them still see it: a few prove little."""
+    total, count = ZERO, 0
+    for p in range(pairs.shape[0]):
+        i, c = pairs[p, 0], pairs[p, 1]
+        a, b, d = places[i, 0], places[i, 1], places[i, 2]
+        x = move[0, 0] * a + move[0, 1] * b + move[0, 2] * d + move[0, 3]
+        y = move[1, 0] * a + move[1, 1] * b + move[1, 2] * d + move[1, 3]
+        z = move[2, 0] * a + move[2, 1] * b + move[2, 2] * d + move[2, 3]
+        row, column = _pixel(x, y, z, eyes, c)
+        if row >= 0:
+            difference = ZERO
+            for k in range(3):
+                difference += abs(F(eyes.pictures[c, row, column, k]) - colors[i, c, k]) / F(3 * 255)
+            total += min(difference, CAP)
+            count += 1
+    return total / F(count) if 2 * count > pairs.shape[0] else unseen
+
+
+@njit(**SERIAL)
+def _stay():
+    move = np.zeros((3, 4), np.float32)
+    for k in range(3):
+        move[k, k] = ONE
+    return move
+
+
+@njit(**PARALLEL)
+def _differences(places, patches, seen, colors, eyes, out):
+    for t in prange(patches.shape[0]):
+        out[t] = _difference(places, _stay(), _pairs(patches[t], seen), colors, eyes, ZERO)
+
+
+@njit(**SERIAL)
+def _rigid(a, b, patch):
+    """The rotation and shift that takes a patch from a to b, in the least squares sense (Kabsch 1976)."""
+    n = len(patch)
+    center_a, center_b, H = np.zeros(3), np.zeros(3), np.zeros((3, 3))
+    for i in patch:
+        for k in range(3):
+            center_a[k] += a[i, k] / n
+            center_b[k] += b[i, k] / n
+    for i in patch:
+        for j in range(3):
+            for k in range(3):
+                H[j, k] += (a[i, j] - center_a[j]) * (b[i, k] - center_b[k])
+    U, _, Vt = np.linalg.svd(H)
+    flip = np.eye(3)
+    flip[2, 2] = np.sign(np.linalg.det(U) * np.linalg.det(Vt))
+    R = Vt.T @ flip @ U.T
+    move = np.empty((3, 4), np.float32)
+    for j in range(3):
+        move[j, 3] = center_b[j]
+        for k in range(3):
+            move[j, k] = R[j, k]
+            move[j, 3] -= R[j, k] * center_a[k]
+    return move
+
+
+@njit(**PARALLEL)
+def _start(here, last, there, patches, judged, seen, colors, eyes, moves, costs):
+    for t in prange(patches.shape[0]):
+        moves[t] = _rigid(here, there, patches[t])
+        if judged[t]:
+            pairs = _pairs(patches[t], seen)
+            costs[t] = _difference(here, moves[t], pairs, colors, eyes)
+            for move in (_stay(), _rigid(last, here, patches[t])):
+                cost = _difference(here, move, pairs, colors, eyes)
+                if cost < costs[t]:
+                    costs[t] = cost
+                    moves[t] = move
+
+
+@njit(**SERIAL)
+def _changed(move, center, axis, amount):
+    """A move, then a shift along (axis 0..2) or a turn about (3..5) an axis through where it takes the center."""
+    out = move.copy()
+    if axis < 3:
+        out[axis, 3] += amount
+        return out
+    i, j = (axis - 2) % 3, (axis - 1) % 3
+    c, s = np.cos(amount), np.sin(amount)
+    at_i = move[i, 0] * center[0] + move[i, 1] * center[1] + move[i, 2] * center[2] + move[i, 3]
+    at_j = move[j, 0] * center[0] + move[j, 1] * center[1] + move[j, 2] * center[2] + move[j, 3]
+    for k in range(4):
+        a, b = move[i, k] - (at_i if k == 3 else ZERO), move[j, k] - (at_j if k == 3 else ZERO)
+        out[i, k] = c * a - s * b + (at_i if k == 3 else ZERO)
+        out[j, k] = s * a + c * b + (at_j if k == 3 else ZERO)
+    return out
+
+
+@njit(**SERIAL)
+def _extent(places, patch):
+    """Centre [3] of a patch and the mean distance of its points from it."""
+    center, size = np.zeros(3, np.float32), ZERO
+    for i in patch:
+        for k in range(3):
+            center[k] += places[i, k] / F(len(patch))
+    for i in patch:
+        x, y, z = places[i, 0] - center[0], places[i, 1] - center[1], places[i, 2] - center[2]
+        size += np.sqrt(x * x + y * y + z * z) / F(len(patch))
+    return center, size
+
+
+@njit(**PARALLEL)
+def _sweep(here, patches, chosen, around, given, share, seen, colors, eyes, moves, costs):
+    for n in prange(chosen.shape[0]):
+        t = chosen[n]
+        pairs = _pairs(patches[t], seen)
+        best, cost = given[t].copy(), costs[t]
+        for other in around[t]:
+            found = _difference(here, given[other], pairs, colors, eyes)
+            if found < cost:
+                best, cost = given[other].copy(), found
+        center, size = _extent(here, patches[t])
+        shift, turn = share * STEP * size, share * LEAN
+        for _ in range(ROUNDS):
+            for _ in range(TRIES):
+                base, before = best, cost
+                for way in range(12):
+                    sign, axis = F(1 - 2 * (way % 2)), way // 2
+                    move = _changed(base, center, axis, sign * (shift if axis < 3 else turn))
+                    found = _difference(here, move, pairs, colors, eyes)
+                    if found < cost:
+                        best, cost = move, found
+                if cost == before:
+                    break
+            shift, turn = HALF * shift, HALF * turn
+        moves[t] = best
+        costs[t] = cost

@@ -1,0 +1,87 @@
+"""A thin bar that swings farther than it is wide: flow does not find it, its colours in all views do."""
+
+import numpy as np
+
+from splatreel.kernels.cpu.rigid import Eyes
+from splatreel.kernels.image import render_image
+from splatreel.motion.flow import DisFlow
+from splatreel.motion.parts import Parts
+from splatreel.motion.track import Tracker, Trail
+from splatreel.scene.camera import Camera
+from splatreel.scene.gaussians import Gaussians
+from tests.motion.test_track import NEAR, WALL, at
+from tests.recon.scenes import ring
+
+WIDTH, HEIGHT = 144, 96
+CAMERAS = ring(6, width=WIDTH, height=HEIGHT)
+LENGTH = 0.9
+
+
+def bar() -> Gaussians:
+    """Thin, white and blue in turns."""
+    x, side = np.meshgrid(np.linspace(0, LENGTH, 46), np.linspace(-0.03, 0.03, 3), indexing="ij")
+    means = np.stack([x.ravel(), side.ravel(), np.zeros(x.size)], 1)
+    sh = np.where((means[:, :1] * 5 % 1 < 0.5), [[1.6, 1.6, 1.6]], [[-1.5, -1.2, 1.2]])[:, None]
+    count = len(means)
+    return Gaussians(means, np.tile([1.0, 0, 0, 0], (count, 1)), np.full((count, 3), 0.02), np.full(count, 0.98), sh)
+
+
+def swing(frames: int) -> np.ndarray:
+    """[T, N, 3]: it begins to turn about its end, faster and faster, up to 0.35 a frame."""
+    angles = np.concatenate([[0], np.cumsum(np.minimum(0.05 * np.arange(1, frames), 0.35))]) - 0.8
+    turns = np.stack([[[np.cos(a), -np.sin(a), 0], [np.sin(a), np.cos(a), 0], [0, 0, 1]] for a in angles])
+    return np.einsum("tij,nj->tni", turns, bar().means).astype(np.float32)
+
+
+def pictures(means: np.ndarray) -> np.ndarray:
+    scene = Gaussians.concatenate([WALL, at(bar(), means)])
+    return (np.clip([render_image(scene, camera, near=NEAR) for camera in CAMERAS], 0, 1) * 255).astype(np.uint8)
+
+
+def eyes(means: np.ndarray, cameras: list[Camera] = CAMERAS) -> Eyes:
+    depths = np.full((len(cameras), HEIGHT // 2, WIDTH // 2), 1e30, np.float32)
+    poses, lenses = np.stack([c.viewmat for c in cameras]), np.stack([c.K for c in cameras])
+    return Eyes(poses, lenses, pictures(means), depths, np.float32(NEAR))
+
+
+def test_a_bar_that_swings_is_kept() -> None:
+    truth = swing(10)
+    assert np.median(np.linalg.norm(truth[-1] - truth[-2], axis=1)) > 2 * 0.06, "twice its width a frame"
+    frames = np.stack([pictures(means) for means in truth])
+    kept, alone = (Trail(at(bar(), truth[0]), 0) for _ in range(2))
+    alone.parts = Parts(truth[0][:2], eyes(truth[0]))  # too few points for a patch: flow only
+    tracker = Tracker(WALL, CAMERAS, frames, DisFlow(), NEAR)
+    for frame in range(len(frames) - 1):
+        tracker.forth([kept, alone], frame)
+    errors = np.linalg.norm(kept.positions - truth, axis=2)
+    assert np.median(errors, 1).max() < 0.05
+    assert np.percentile(errors, 90) < 0.1
+    assert np.percentile(np.linalg.norm(alone.positions[-1] - truth[-1], axis=1), 90) > 0.5
+
+
+def test_flow_that_fits_the_pictures_stays() -> None:
+    truth = swing(4)
+    now, then = eyes(truth[2]), eyes(truth[3])
+    flow = truth[3] - truth[2]
+    motion = Parts(truth[2], now).motion(truth[2], truth[1], flow, now, then)
+    assert np.abs(motion - flow).max() < 0.06, "its width"
+
+
+def test_what_vanishes_goes_where_flow_says() -> None:
+    """No move explains pictures in which it is not there."""
+    truth = swing(4)
+    now, gone = eyes(truth[2]), eyes(truth[3] + [0, 90, 0])
+    flow = np.full_like(truth[2], 0.01)
+    motion = Parts(truth[2], now).motion(truth[2], truth[1], flow, now, gone)
+    assert np.abs(motion - flow).max() < 0.6
+    assert np.mean(np.abs(motion - flow).max(1) > 0) < 0.5
+
+
+def test_few_points_go_with_the_flow() -> None:
+    truth = swing(2)
+    few = truth[:, :5]
+    now, then = eyes(truth[0]), eyes(truth[1])
+    flow = np.zeros_like(few[0])
+    np.testing.assert_array_equal(Parts(few[0], now).motion(few[0], few[0], flow, now, then), flow)
+    nobody = np.zeros((0, 3), np.float32)
+    assert Parts(nobody, now).motion(nobody, nobody, nobody, now, then).shape == (0, 3)
