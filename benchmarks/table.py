@@ -18,6 +18,7 @@ ROWS = {
     "basketball 320": "Panoptic basketball, 320 wide",
     "basketball 640": "Panoptic basketball, 640 wide",
     "dominoes": "dominoes: a ring of cameras, fast and small",
+    "juggle": "juggle: a dome of cameras, three balls alike, a bat that swings",
     "kitchen": "kitchen: cameras on one side, far things in the window",
     "yard": "yard: outdoors, ten cameras to train on",
 }
