@@ -88,7 +88,7 @@ def sweep(
 
 @njit(inline="always")
 def _pixel(x, y, z, eyes, c):
-    """Row and column of a place in a view, and its depth; row -1 if it is outside."""
+    """Row and column of a place in a view; row -1 where it is outside or hidden."""
     V, K = eyes.viewmats[c], eyes.Ks[c]
     depth = V[2, 0] * x + V[2, 1] * y + V[2, 2] * z + V[2, 3]
     row = column = -1
