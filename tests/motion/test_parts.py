@@ -1,5 +1,7 @@
 """A thin bar that swings farther than it is wide: flow does not find it, its colours in all views do."""
 
+import itertools
+
 import numpy as np
 
 from splatreel.kernels.cpu.rigid import Eyes
@@ -57,6 +59,17 @@ def test_a_bar_that_swings_is_kept() -> None:
     assert np.median(errors, 1).max() < 0.05
     assert np.percentile(errors, 90) < 0.1
     assert np.percentile(np.linalg.norm(alone.positions[-1] - truth[-1], axis=1), 90) > 0.5
+
+
+def test_colours_follow_the_light_where_flow_fits() -> None:
+    truth = np.repeat(swing(2)[:1], 9, axis=0)
+    light = [eyes(truth[0])._replace(pictures=(pictures(truth[0]) * (1 - 0.01 * t)).astype(np.uint8)) for t in range(9)]
+    still, parts = np.zeros_like(truth[0]), Parts(truth[0], light[0])
+    first = parts.colors.copy()
+    for now, then in itertools.pairwise(light):
+        np.testing.assert_array_equal(parts.motion(truth[0], truth[0], still, now, then), still)
+    bright = first > 200
+    assert parts.colors[bright].mean() < 0.97 * first[bright].mean()
 
 
 def test_flow_that_fits_the_pictures_stays() -> None:

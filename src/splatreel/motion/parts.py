@@ -24,15 +24,21 @@ BAD = 0.06
 """Colour difference, 0..1, from which on flow is not believed."""
 BETTER = 0.7
 """Of that difference, what a rigid move must be below."""
+RATE = 0.2
+"""How fast colours follow what is seen where flow is believed: light changes, and what turns."""
 SHARES = (1.0, 0.5, 0.25)
 """Of the first steps of the search, one a sweep."""
 
 
 class Parts:
-    """Patches of points [N, 3] that are in place before `eyes`, whose depths say what they see: their colours are learned there."""
+    """Patches of points [N, 3] that are in place before `eyes`, whose depths say what they see: there their colours are learned.
+
+    They are then taken from frame to frame by `motion`, in either direction.
+    """
 
     def __init__(self, points: np.ndarray, eyes: Eyes) -> None:
         self.colors = rigid.look(points, eyes)[1]
+        self.trusted = np.zeros(len(points), np.bool_)  # flow has brought them here, and that looked right
         self.patches = np.zeros((0, SIZE), np.int64)
         if len(points) > SIZE:
             middles = points[::EVERY]
@@ -47,28 +53,35 @@ class Parts:
         """
         if not len(self.patches):
             return flow
-        known = Known(rigid.look(here, now)[0], self.colors, then)
+        seen, colors = rigid.look(here, now)
+        learn = seen & self.trusted[:, None]
+        self.colors[learn] += RATE * (colors[learn] - self.colors[learn])
+        known = Known(seen, self.colors, then)
         costs = rigid.differences(here + flow, self.patches, known)
         bad = costs > BAD
         chosen = np.flatnonzero(bad)
         moves, found = rigid.start(here, last, here + flow, self.patches, bad, known)
         for share in SHARES:
             rigid.sweep(here, self.patches, chosen, self.around, moves, found, share, known)
-        better = np.flatnonzero(bad & (found < BETTER * costs))
-        return self._best(here, flow, costs, better, moves, found)
+        least = np.full(len(here), np.inf, np.float32)
+        np.minimum.at(least, self.patches.ravel(), np.repeat(costs, SIZE))
+        self.trusted = least <= BAD
+        return self._best(here, flow, least, np.flatnonzero(bad & (found < BETTER * costs)), moves, found)
 
     def _best(
         self,
         here: np.ndarray,
         flow: np.ndarray,
-        costs: np.ndarray,
+        least: np.ndarray,
         better: np.ndarray,
         moves: np.ndarray,
         found: np.ndarray,
     ) -> np.ndarray:
-        """Every point moves with the best of its patches. better: indices of those that do not move as the flow says."""
-        motion, least = flow.copy(), np.full(len(here), np.inf, np.float32)
-        np.minimum.at(least, self.patches.ravel(), np.repeat(costs, SIZE))
+        """Every point moves with the best of its patches.
+
+        least: [N] the smallest difference that flow leaves of a patch of each. better: the patches that do not move as it says.
+        """
+        motion, least = flow.copy(), least.copy()
         for patch in better:
             points = self.patches[patch][found[patch] < least[self.patches[patch]]]
             motion[points] = here[points] @ moves[patch, :, :3].T + moves[patch, :, 3] - here[points]
