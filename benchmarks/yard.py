@@ -18,7 +18,7 @@ from splatreel.capture import textures as tx
 from splatreel.capture import toyroom as toys
 from splatreel.capture.solids import BOX, CYLINDER, ELLIPSOID, Shapes
 from splatreel.capture.synthetic import facing
-from splatreel.capture.toyroom import Builder, turn_y, turn_z
+from splatreel.capture.toyroom import Builder, turn_x, turn_y, turn_z
 from splatreel.config import Quality
 from splatreel.scene.camera import Camera
 
@@ -87,7 +87,7 @@ def _runner(b: Builder, place: tuple[float, ...], heading: float, phase: float, 
     turn = turn_y(heading)
 
     def limb(joint: tuple[float, ...], length: float, half: tuple[float, ...], swing: float) -> tuple:
-        bent = turn @ _turn_x(swing)
+        bent = turn @ turn_x(swing)
         return tuple(place + turn @ np.array(joint) + bent @ np.array([0, -length, 0])), half, bent
 
     b.body()
@@ -108,11 +108,6 @@ def _ball(b: Builder, t: float) -> None:
     b.body()
     place = (-1.5 + 3 * u, 0.9 + 4.1 * u - 4.9 * u * u, 0.3)
     b.add(ELLIPSOID, place, (0.14,) * 3, (toys.WHITE, toys.BLACK), tx.SECTORS, 3.0, turn=turn_z(-5 * t))
-
-
-def _turn_x(angle: float) -> np.ndarray:
-    c, s = math.cos(angle), math.sin(angle)
-    return np.array([[1, 0, 0], [0, c, -s], [0, s, c]])
 
 
 if __name__ == "__main__":

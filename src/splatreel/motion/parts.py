@@ -79,9 +79,10 @@ class Parts:
     ) -> np.ndarray:
         """Every point moves with the best of its patches.
 
-        least: [N] the smallest difference that flow leaves of a patch of each. better: the patches that do not move as it says.
+        least: [N] the smallest difference that flow leaves of a patch of each, changed in place. better: the patches that do not
+        move as it says.
         """
-        motion, least = flow.copy(), least.copy()
+        motion = flow.copy()
         for patch in better:
             points = self.patches[patch][found[patch] < least[self.patches[patch]]]
             motion[points] = here[points] @ moves[patch, :, :3].T + moves[patch, :, 3] - here[points]

@@ -7,10 +7,10 @@ from typing import NamedTuple
 import numpy as np
 from numba import njit, prange
 
+from splatreel.kernels.cpu import sceneflow
 from splatreel.kernels.cpu.jit import HALF, ONE, PARALLEL, SERIAL, ZERO, F
 
-HIDDEN = F(1.03)
-"""A point farther than this times the depth the view sees is behind something."""
+HIDDEN = F(sceneflow.HIDDEN)  # in single precision, as all of this
 PAIRS = 128
 """Of point and view, that a patch is judged by."""
 CAP = F(0.25)
