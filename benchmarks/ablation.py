@@ -31,6 +31,7 @@ PARTS: dict[str, dict[str, Any]] = {
     "no-tracks": {"group.track": False},
     "no-antialias": {"antialias": False},
     "no-shade": {"group.shade": False},
+    "no-light": {"layering.light": False},
     "no-conversion": {"layering.adapt_every": 0},
     "faint-kept": {"group.faint_share": 0.0},
     "one-flow": {"layering.flow_frames": 1},

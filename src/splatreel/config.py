@@ -47,6 +47,8 @@ class LayeringConfig:
     adapt_changes: float = 0.0
     """Only static points are converted that show this share of what they show where the pictures of the group change; goes past
     the paper."""
+    light: bool = False
+    """What rests while its light changes belongs to the group too, so that its colours can follow; goes past the paper."""
 
 
 @dataclass(frozen=True)
@@ -228,7 +230,7 @@ def preset(quality: Quality) -> Config:
             points_per_pixel=0.6,
         ),
         antialias=True,
-        layering=LayeringConfig(adapt_changes=0.3),
+        layering=LayeringConfig(adapt_changes=0.3, light=True),
         group=GroupConfig(iterations_per_frame=110, track=True, shade=True, faint_share=0.01, progressive=0.0),
     )
     if quality == "standard":

@@ -135,3 +135,26 @@ def test_nodes_spread_and_weights_are_local():
     torch.testing.assert_close(weights.sum(1), torch.ones(500))
     nearest = torch.cdist(means, nodes).argmin(1)
     assert (index[:, 0] == nearest).all()
+
+
+@pytest.mark.parametrize("model", [Trajectory, HashGrid])
+def test_what_is_known_to_rest_rests_whatever_is_learned(model):
+    means, frames = cloud(), 12
+    rests = torch.arange(len(means)) % 3 == 0
+    still = torch.where(rests[:, None], means, tracks_of(means, frames))
+    net = model(means, frames, 1.0, tracks=still, rests=rests)
+    fit(net, means, frames, 60)
+    net.append(means[:4] + 0.01, torch.arange(4))
+    net.keep(torch.arange(1, len(means) + 4))
+    rests = torch.cat([rests, rests[:4]])[1:]
+    dx, dq = net.offsets(torch.cat([means, means[:4] + 0.01])[1:], 7.0)
+    assert not dx[rests].any()
+    assert (dq[rests] == torch.tensor([1.0, 0, 0, 0])).all()
+    assert (dx[~rests].norm(dim=1) > 0.01).float().mean() > 0.9
+
+
+def test_nodes_are_of_what_moves():
+    means = cloud()
+    rests = means[:, 0] > 0
+    net = Trajectory(means, 12, 1.0, rests=rests)
+    assert (net.nodes[:, 0] <= 0).all()

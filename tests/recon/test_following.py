@@ -8,6 +8,7 @@ from splatreel.motion.flow import DisFlow
 from splatreel.progress import Silent
 from splatreel.recon import following
 from splatreel.recon.following import Start, follow
+from splatreel.recon.lit import Lit
 from splatreel.scene.gaussians import Gaussians
 from tests.recon.captures import blots
 from tests.recon.scenes import ring
@@ -42,9 +43,13 @@ def arrival() -> np.ndarray:
     return film(True)
 
 
+def nothing(frames: np.ndarray) -> Lit:
+    return Lit(Gaussians.empty(0), np.zeros((len(frames), 0)))
+
+
 def started(frames: np.ndarray, dynamic: Gaussians = THING) -> Start:
     gains = np.ones((len(CAMERAS), 3), np.float32)
-    return follow(dynamic, WALL, CAMERAS, frames, gains, DisFlow(), NEAR, False, Silent())
+    return follow(dynamic, nothing(frames), WALL, CAMERAS, frames, gains, DisFlow(), NEAR, False, Silent())
 
 
 def test_newcomers_are_appended_with_tracks(arrival: np.ndarray) -> None:
@@ -88,7 +93,7 @@ def test_what_was_wrong_at_the_keyframe_is_no_newcomer(arrival: np.ndarray) -> N
 def test_more_newcomers_than_there_is_room_for_are_noise(arrival: np.ndarray, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(following, "ROOM", 5)
     static, gains = Gaussians.concatenate([WALL, THING[3:]]), np.ones((len(CAMERAS), 3), np.float32)
-    start = follow(THING[:3], static, CAMERAS, arrival, gains, DisFlow(), NEAR, False, Silent())
+    start = follow(THING[:3], nothing(arrival), static, CAMERAS, arrival, gains, DisFlow(), NEAR, False, Silent())
     assert len(start.dynamic) == 3
     assert start.tracks.shape == (FRAMES, 3, 3)
 
@@ -96,10 +101,30 @@ def test_more_newcomers_than_there_is_room_for_are_noise(arrival: np.ndarray, mo
 def test_a_group_without_dynamic_points_takes_newcomers(arrival: np.ndarray) -> None:
     gains = np.ones((len(CAMERAS), 3), np.float32)
     static = Gaussians.concatenate([WALL, THING])
-    start = follow(Gaussians.empty(0), static, CAMERAS, arrival, gains, DisFlow(), NEAR, False, Silent())
+    start = follow(
+        Gaussians.empty(0), nothing(arrival), static, CAMERAS, arrival, gains, DisFlow(), NEAR, False, Silent()
+    )
     assert len(start.dynamic) > 20
     assert start.tracks.shape == (FRAMES, len(start.dynamic), 3)
 
 
 def test_fewer_frames_than_a_look_takes_are_tracked_only(arrival: np.ndarray) -> None:
     assert started(arrival[:2]).tracks.shape == (2, len(THING), 3)
+
+
+def test_what_lies_in_shadow_is_no_newcomer_and_rests() -> None:
+    """A patch of the wall grows dark: known as lit, it stays where it is, and nothing is added for it."""
+    patch = (np.abs(WALL.means[:, :2] - [0.7, 0]) < 0.6).all(1)
+    light = np.zeros((FRAMES, patch.sum()), np.float32)
+    light[2:] = -1.2
+    lit, static = Lit(WALL[patch], light), WALL[~patch]
+    scenes = [Gaussians.concatenate([static, THING, lit.at(t)]) for t in range(FRAMES)]
+    films = [[render_image(scene, camera, near=NEAR) for camera in CAMERAS] for scene in scenes]
+    frames = (np.clip(films, 0, 1) * 255).round().astype(np.uint8)
+    gains = np.ones((len(CAMERAS), 3), np.float32)
+    start = follow(THING, lit, static, CAMERAS, frames, gains, DisFlow(), NEAR, False, Silent())
+    assert len(start.dynamic) == len(THING) + len(lit), "nothing is new"
+    np.testing.assert_array_equal(start.tracks[:, len(THING) :], lit.tracks)
+    np.testing.assert_array_equal(start.shades[:, len(THING) :], lit.shades)
+    assert not start.shades[:, : len(THING)].any()
+    assert len(started(frames).dynamic) > len(THING), "unknown, it would have been"

@@ -11,6 +11,7 @@ from splatreel.kernels.image import render_image
 from splatreel.progress import Silent
 from splatreel.recon.colors import CameraGains
 from splatreel.recon.drawing import View
+from splatreel.recon.following import Start
 from splatreel.recon.group import GroupFrames, GroupResult, GroupTrainer
 from splatreel.recon.hashgrid import HashGrid
 from splatreel.recon.trajectory import Trajectory
@@ -61,7 +62,7 @@ def trainer(
 ):
     alive = np.ones(len(static), bool)
     gains = CameraGains(len(CAMERAS), CPU, enabled=False)
-    return GroupTrainer(filmed, dynamic, static, alive, gains, config, seed=0, tracks=tracks, convertible=convertible)
+    return GroupTrainer(filmed, Start(dynamic, tracks), static, alive, gains, config, seed=0, convertible=convertible)
 
 
 class Losses(Silent):
@@ -246,7 +247,7 @@ def test_gains_are_applied_and_left_as_they_are(filmed: GroupFrames) -> None:
     kept = gains.values.detach().clone()
     alive = np.ones(len(WALL), bool)
     tracks = np.stack([moved(THING, t).means for t in range(FRAMES)])
-    group = GroupTrainer(dim, THING, WALL, alive, gains, config(iterations=2), 0, tracks)
+    group = GroupTrainer(dim, Start(THING, tracks), WALL, alive, gains, config(iterations=2), 0)
     assert group.psnr() > 35
     group.train(Silent())
     torch.testing.assert_close(gains.values.detach(), kept)

@@ -9,6 +9,7 @@ from splatreel.config import Config, GroupConfig
 from splatreel.kernels import splat
 from splatreel.recon.colors import CameraGains
 from splatreel.recon.drawing import View, draw
+from splatreel.recon.following import Start
 from splatreel.recon.group import GroupFrames, GroupTrainer
 from splatreel.recon.trajectory import Trajectory
 from tests.recon.captures import blots
@@ -29,7 +30,7 @@ def trainer(seed: int, speed: float) -> GroupTrainer:
     gains = CameraGains(len(CAMERAS), CPU)
     gains.load(torch.from_numpy(rng.uniform(0.9, 1.1, (len(CAMERAS), 3)).astype(np.float32)))
     config = Config(group=GroupConfig(length=FRAMES, overlap=0, deformation="trajectory", iterations_per_frame=10))
-    return GroupTrainer(frames, thing, static, np.ones(len(static), bool), gains, config, seed, tracks)
+    return GroupTrainer(frames, Start(thing, tracks), static, np.ones(len(static), bool), gains, config, seed)
 
 
 def gradients(group: GroupTrainer, frame: int, camera: int, layered: bool) -> tuple[float, list[Tensor], Tensor | None]:

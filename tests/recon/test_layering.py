@@ -10,19 +10,26 @@ from tests.recon.scenes import random_gaussians, ring
 def test_points_change_layer_by_their_labels():
     static, dynamic = random_gaussians(6, seed=0), random_gaussians(4, seed=1)
     alive = np.array([True, False, True, True, True, False])
-    moves = np.array([False, True, False, False, True, False, True, True])
-    layers = separate(static, alive, dynamic, moves)
-    assert layers.alive.tolist() == [True, False, False, True, True, False]
-    np.testing.assert_array_equal(layers.settled.means, dynamic.means[[1]])
+    moves = np.array([True, False, True, True, False, True, False, False])
+    light = np.zeros((3, 8), np.float32)
+    light[1, [1, 3, 4]] = -0.5
+    layers = separate(static, alive, dynamic, moves, light)
+    assert layers.alive.tolist() == [False, False, False, True, True, False]
+    assert len(layers.settled) == 0
     np.testing.assert_array_equal(layers.dynamic.means, np.concatenate([dynamic.means[[0, 2, 3]], static.means[[2]]]))
+    np.testing.assert_array_equal(layers.lit.points.means, np.stack([dynamic.means[1], static.means[0]]))
+    np.testing.assert_array_equal(layers.lit.light, np.float32([[0, 0], [-0.5, -0.5], [0, 0]]))
+    settled = separate(static, alive, dynamic, moves, 0 * light)
+    np.testing.assert_array_equal(settled.settled.means, dynamic.means[[1]])
+    assert settled.alive.tolist() == [True, False, False, True, True, False]
 
 
 def test_nothing_moves_and_everything_moves():
     static, dynamic = random_gaussians(3), random_gaussians(2, seed=1)
     alive = np.ones(3, bool)
-    still = separate(static, alive, dynamic, np.zeros(5, bool))
+    still = separate(static, alive, dynamic, np.zeros(5, bool), np.zeros((4, 5)))
     assert (len(still.dynamic), len(still.settled), still.alive.sum()) == (0, 2, 3)
-    moving = separate(static, alive, dynamic, np.ones(5, bool))
+    moving = separate(static, alive, dynamic, np.ones(5, bool), np.zeros((4, 5)))
     assert (len(moving.dynamic), len(moving.settled), moving.alive.sum()) == (5, 0, 0)
 
 

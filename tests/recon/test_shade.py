@@ -53,3 +53,12 @@ def test_rows_follow_the_points():
     assert (shade.highest >= shade.at(4.0)[:, 3]).all()
     learn(shade, lambda frame: torch.full((3, 4), 0.2), 100, 10)
     torch.testing.assert_close(shade.at(3), torch.full((3, 4), 0.2), atol=0.1, rtol=0)
+
+
+def test_a_known_start_is_followed():
+    wanted = torch.zeros(20, 3, 3)
+    wanted[:, 1] = torch.sin(torch.arange(20) / 4)[:, None] * torch.tensor([0.5, 0.2, -0.5])
+    shade = Shade(20, 3, CPU, wanted)
+    for frame in range(20):
+        torch.testing.assert_close(shade.at(frame)[:, :3], wanted[frame], atol=0.08, rtol=0)
+        assert not shade.at(frame)[:, 3].any(), "opacities start as they are"

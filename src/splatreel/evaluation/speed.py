@@ -21,6 +21,7 @@ from splatreel.progress import Progress, Silent
 from splatreel.recon import checkpoint
 from splatreel.recon.colors import CameraGains
 from splatreel.recon.drawing import View, draw
+from splatreel.recon.following import Start
 from splatreel.recon.group import MEASURE_EVERY, GroupFrames, GroupTrainer
 from splatreel.recon.layout import Layout
 from splatreel.recon.publish import group_folder, load_group, load_static
@@ -99,8 +100,9 @@ def trainer_of(capture: Capture, work: Path, config: Config, device: torch.devic
         torch.from_numpy(checkpoint.load_arrays(group_folder(work, 0) / "keyframe.safetensors")["gains"]).to(device)
     )
     config = dataclasses.replace(config, layering=dataclasses.replace(config.layering, adapt_every=1))
-    frames, tracks = GroupFrames(images, views, layout.near, layout.unit), group.dynamic.means + group.dx
-    return GroupTrainer(frames, group.dynamic, load_static(work, 0), group.alive, gains, config, config.seed, tracks)
+    frames = GroupFrames(images, views, layout.near, layout.unit)
+    start = Start(group.dynamic, group.dynamic.means + group.dx)
+    return GroupTrainer(frames, start, load_static(work, 0), group.alive, gains, config, config.seed)
 
 
 def iteration_row(trainer: GroupTrainer, repeats: int) -> Row:

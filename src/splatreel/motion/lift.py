@@ -19,7 +19,9 @@ LEAST_CONTRIBUTION = 0.05
 LIFT_RATE = 0.05
 
 
-class _Splats(NamedTuple):
+class Splats(NamedTuple):
+    """What is drawn of points: means and scales [N, 3], quats [N, 4], opacities [N]."""
+
     means: Tensor
     quats: Tensor
     scales: Tensor
@@ -63,7 +65,7 @@ def lift(
         )
     if len(points) == 0 or not masks.any():
         return np.zeros(len(points), np.float32)
-    splats = _splats(points, device)
+    splats = splats_of(points, device)
     targets = torch.from_numpy(np.asarray(masks, np.float32)).to(device)
     weights = _contributions(splats, cameras, targets, near)
     if config.lift == "vote":
@@ -79,27 +81,35 @@ def shares(
     """How much of what each point adds to the pictures falls into masks [C, H, W] bool; [N] 0..1, NaN where no camera sees it."""
     if len(points) == 0:
         return np.zeros(0, np.float32)
-    weights = _contributions(_splats(points, device), cameras, torch.from_numpy(masks).float().to(device), near)
+    weights = _contributions(splats_of(points, device), cameras, torch.from_numpy(masks).float().to(device), near)
     return torch.where(weights.seen, weights.share, torch.nan).cpu().numpy()
 
 
-def _splats(points: Gaussians, device: torch.device | str) -> _Splats:
+def splats_of(points: Gaussians, device: torch.device | str) -> Splats:
+    """Points as tensors on a device."""
     arrays = (points.means, points.quats, points.scales, points.opacities)
-    return _Splats(*(torch.from_numpy(a).to(device) for a in arrays))
+    return Splats(*(torch.from_numpy(a).to(device) for a in arrays))
 
 
-def _contributions(splats: _Splats, cameras: list[Camera], masks: Tensor, near: float) -> _Contributions:
-    """Sum over the pixels of T_i alpha_i: the gradient of the rendered image to the points' colours."""
-    colors = torch.zeros(len(splats.means), 2, device=splats.means.device, requires_grad=True)
+def gathered(splats: Splats, camera: Camera, images: Tensor, near: float) -> Tensor:
+    """What of images [H, W, K] falls to each point, by how much of every pixel it fills; [N, K].
+
+    Sums over the pixels of T_i alpha_i times the image: the gradient of a rendered image to the points' colours.
+    """
+    colors = torch.zeros(len(splats.means), images.shape[2], device=images.device, requires_grad=True)
+    _draw(splats, colors, camera, near).backward(images)
+    assert colors.grad is not None
+    return colors.grad
+
+
+def _contributions(splats: Splats, cameras: list[Camera], masks: Tensor, near: float) -> _Contributions:
+    sums = torch.zeros(len(splats.means), 2, device=masks.device)
     for camera, mask in zip(cameras, masks, strict=True):
-        image = _draw(splats, colors, camera, near)
-        image.backward(torch.stack([mask, torch.ones_like(mask)], -1))
-    if colors.grad is None:
-        raise ReconstructionError("Lifting: there is no camera to lift masks from.")
-    return _Contributions(colors.grad[:, 0], colors.grad[:, 1])
+        sums += gathered(splats, camera, torch.stack([mask, torch.ones_like(mask)], -1), near)
+    return _Contributions(sums[:, 0], sums[:, 1])
 
 
-def _draw(splats: _Splats, colors: Tensor, camera: Camera, near: float) -> Tensor:
+def _draw(splats: Splats, colors: Tensor, camera: Camera, near: float) -> Tensor:
     """Colours [N, C] alpha-blended to an image [H, W, C]; only the colours get gradients."""
     width, height = camera.width, camera.height
     with torch.no_grad():
@@ -123,7 +133,7 @@ def _vote(means: Tensor, weights: _Contributions, neighbours: int) -> Tensor:
 
 
 def _optimise(
-    splats: _Splats, cameras: list[Camera], masks: Tensor, near: float, config: LayeringConfig, seed: int
+    splats: Splats, cameras: list[Camera], masks: Tensor, near: float, config: LayeringConfig, seed: int
 ) -> Tensor:
     """Labels that minimise the paper's L_m, [N], one random view an iteration.
 

@@ -10,7 +10,8 @@ from torch import Tensor
 class Deformation(Protocol):
     """Offsets of a group's dynamic points over its frames; trained together with the points.
 
-    A frame is a real number from 0 (the keyframe) to frames - 1. Where tracks are known, a model is made with them and starts there.
+    A frame is a real number from 0 (the keyframe) to frames - 1. Where tracks are known, a model is made with them and starts there;
+    points that are known to rest, `rests` [N] bool, have no offsets, now or later.
     """
 
     def offsets(self, means: Tensor, frame: float) -> tuple[Tensor, Tensor]:

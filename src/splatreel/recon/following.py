@@ -15,6 +15,7 @@ from splatreel.motion.leap import leaps
 from splatreel.motion.track import Tracker, Trail, identity
 from splatreel.progress import Progress
 from splatreel.recon.keyframe import SH_C0
+from splatreel.recon.lit import Lit
 from splatreel.scene.camera import Camera
 from splatreel.scene.gaussians import Gaussians
 
@@ -31,14 +32,19 @@ Draw = Callable[[Gaussians, Camera], np.ndarray]
 
 @dataclass(frozen=True)
 class Start:
-    """dynamic: the dynamic points at the keyframe, newcomers last; tracks: [T, N, 3] their positions at every frame."""
+    """What the training of a group starts from. dynamic: its points at the keyframe.
+
+    tracks: [T, N, 3] their positions at every frame, shades: [T, N, 3] what their c_base gains there, or None where nobody has looked.
+    """
 
     dynamic: Gaussians
-    tracks: np.ndarray
+    tracks: np.ndarray | None = None
+    shades: np.ndarray | None = None
 
 
 def follow(
     dynamic: Gaussians,
+    lit: Lit,
     static: Gaussians,
     cameras: list[Camera],
     frames: np.ndarray,
@@ -50,19 +56,21 @@ def follow(
 ) -> Start:
     """Track dynamic points through frames [T, C, H, W, 3] uint8, and add points where several views lack something.
 
-    gains: [C, 3] colour gain of each camera. near, antialias: how pictures of the points are drawn.
+    Points come in this order: dynamic ones, newcomers, lit ones, whose light is of the same frames. gains: [C, 3] colour gain of each
+    camera. near, antialias: how pictures of the points are drawn.
     """
-    tracker = Tracker(static, cameras, frames, flow, near)
+    tracker = Tracker(Gaussians.concatenate([static, lit.points]), cameras, frames, flow, near)
     trails = [Trail(dynamic, 0)]
     draw = partial(render_image, near=near, antialias=antialias)
-    known = _wrong(dynamic, static, tracker, 0, gains, draw)
+    known = _wrong(dynamic, Gaussians.concatenate([static, lit.points]), tracker, 0, gains, draw)
     room = max(ROOM, len(dynamic))
     for frame in range(1, len(frames)):
         tracker.forth(trails, frame - 1)
         if frame % STEP == 0:
             progress.update(frame, dynamic=sum(len(trail.points) for trail in trails))
             moved = Gaussians.concatenate([trail.here for trail in trails])
-            newcomers, motion = _appeared(moved, static, tracker, frame, gains, known, draw)
+            still = Gaussians.concatenate([static, lit.at(frame)])
+            newcomers, motion = _appeared(moved, still, tracker, frame, gains, known, draw)
             room -= len(newcomers)
             if len(newcomers) and room >= 0:
                 trails.append(Trail(newcomers, frame, motion))
@@ -72,7 +80,10 @@ def follow(
         trail.points.moved(track[0] - trail.points.means, identity(len(trail.points)))
         for trail, track in zip(trails[1:], tracks[1:], strict=True)
     ]
-    return Start(Gaussians.concatenate([dynamic, *starts]), np.concatenate(tracks, axis=1))
+    points = Gaussians.concatenate([dynamic, *starts, lit.points])
+    shades = np.zeros((len(frames), len(points), 3), np.float32)
+    shades[:, len(points) - len(lit) :] = lit.shades
+    return Start(points, np.concatenate([*tracks, lit.tracks], axis=1), shades)
 
 
 def _wrong(

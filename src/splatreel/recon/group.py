@@ -17,6 +17,7 @@ from splatreel.recon.colors import CameraGains
 from splatreel.recon.deformation import Deformation
 from splatreel.recon.density import GradientMeter
 from splatreel.recon.drawing import Backdrop, Drawing, Splats, View, deformed, draw, filled
+from splatreel.recon.following import Start
 from splatreel.recon.hashgrid import HashGrid
 from splatreel.recon.points import TrainablePoints
 from splatreel.recon.schedule import FrameSchedule
@@ -88,25 +89,25 @@ class GroupTrainer:
     def __init__(
         self,
         frames: GroupFrames,
-        dynamic: Gaussians,
+        start: Start,
         static: Gaussians,
         alive: np.ndarray,
         gains: CameraGains,
         config: Config,
         seed: int,
-        tracks: np.ndarray | None = None,
         convertible: np.ndarray | None = None,
     ) -> None:
         device = frames.images.device
         self.frames, self.config, self.gains = frames, config, gains
         rates = CANONICAL_RATES | {"means": CANONICAL_RATES["means"] * frames.unit}
-        self.points = TrainablePoints.from_gaussians(dynamic, rates, device)
+        self.points = TrainablePoints.from_gaussians(start.dynamic, rates, device)
         self.backdrop = Backdrop(static, frames.views, frames.near, device)
         self.backdrop.set_alive(torch.from_numpy(alive).to(device))
         self.convertible = torch.from_numpy(alive if convertible is None else convertible).to(device)
-        start = None if tracks is None else torch.from_numpy(tracks).to(device)
-        self.model = make_deformation(config.group.deformation, self.points.means.detach(), frames, seed, start)
-        self.shade = Shade(frames.count, len(self.points), device) if config.group.shade else None
+        tracks, shades = (None if a is None else torch.from_numpy(a).to(device) for a in (start.tracks, start.shades))
+        rests = None if shades is None else shades.any(2).any(0)
+        self.model = make_deformation(config.group.deformation, self.points.means.detach(), frames, seed, tracks, rests)
+        self.shade = Shade(frames.count, len(self.points), device, shades) if config.group.shade else None
         self.iterations = config.group.iterations_per_frame * frames.count
         self.schedule = FrameSchedule(frames.count, len(frames.views), self.iterations, config.group.progressive, seed)
         self.rng = np.random.default_rng(seed)
@@ -323,8 +324,13 @@ class GroupTrainer:
 
 
 def make_deformation(
-    name: str, means: Tensor, frames: GroupFrames, seed: int, tracks: Tensor | None = None
+    name: str,
+    means: Tensor,
+    frames: GroupFrames,
+    seed: int,
+    tracks: Tensor | None = None,
+    rests: Tensor | None = None,
 ) -> Deformation:
-    """The deformation model of a name, `trajectory` or `hashgrid`. tracks: [T, N, 3] positions to start from."""
+    """The deformation model of a name, `trajectory` or `hashgrid`. tracks: [T, N, 3] positions to start from; rests: [N] bool."""
     model = HashGrid if name == "hashgrid" and len(means) else Trajectory
-    return model(means, frames.count, frames.unit, seed, tracks)
+    return model(means, frames.count, frames.unit, seed, tracks, rests)

@@ -36,8 +36,17 @@ class HashGrid(nn.Module):
     low: Tensor
     extent: Tensor
 
-    def __init__(self, means: Tensor, frames: int, unit: float, seed: int = 0, tracks: Tensor | None = None) -> None:
+    def __init__(
+        self,
+        means: Tensor,
+        frames: int,
+        unit: float,
+        seed: int = 0,
+        tracks: Tensor | None = None,
+        rests: Tensor | None = None,
+    ) -> None:
         super().__init__()
+        self.moves = torch.ones_like(means[:, :1]) if rests is None else (~rests)[:, None].to(means)
         generator = torch.Generator().manual_seed(seed)
         paths = None if tracks is None else tracks - means
         self.spline = Spline(frames) if paths is None else Spline.along(paths)
@@ -93,7 +102,7 @@ class HashGrid(nn.Module):
             knot, weights = self.spline.at(frame)
             known = torch.from_numpy(weights).to(dx.device) @ self.tracks[knot : knot + 4].flatten(1)
             dx = dx + known.view(-1, 3)
-        return dx, dq * 0.1 + identity
+        return dx * self.moves, dq * (0.1 * self.moves) + identity
 
     def reach(self, frame: float) -> None:
         """Nothing to prepare: the grid is defined at all times."""
@@ -105,11 +114,14 @@ class HashGrid(nn.Module):
         self.optimizer.zero_grad(set_to_none=True)
 
     def keep(self, index: Tensor) -> None:
+        self.moves = self.moves[index]
         if self.tracks is not None:
             self.tracks = self.tracks[:, index]
 
     def append(self, means: Tensor, parents: Tensor | None) -> None:
         """Copies take their parents' tracks; newcomers have none, and move with the space they are in."""
+        moves = torch.ones_like(means[:, :1]) if parents is None else self.moves[parents]
+        self.moves = torch.cat([self.moves, moves])
         if self.tracks is not None:
             rest = self.tracks.new_zeros(len(self.tracks), len(means), 3)
             added = rest if parents is None else self.tracks[:, parents]

@@ -12,17 +12,22 @@ from splatreel.motion.change import changes
 from splatreel.motion.flow import make_flow
 from splatreel.motion.lift import lift, shares
 from splatreel.motion.masks import make_segmenter, motion_masks
+from splatreel.recon.lit import Lit
 from splatreel.scene.camera import Camera
 from splatreel.scene.gaussians import Gaussians
 
 
 @dataclass(frozen=True)
 class Layers:
-    """The outcome of layering. alive: [S] bool over the static points there were; settled: new static points; dynamic: the rest."""
+    """The outcome of layering. alive: [S] bool over the static points there were; settled: new static points; dynamic: what moves.
+
+    lit: what rests while its light changes, neither static nor moving.
+    """
 
     alive: np.ndarray
     settled: Gaussians
     dynamic: Gaussians
+    lit: Lit
 
 
 def label_points(
@@ -61,14 +66,14 @@ def convertible(
     return ~(found < least)  # of NaN, all comparisons are false
 
 
-def separate(static: Gaussians, alive: np.ndarray, dynamic: Gaussians, moves: np.ndarray) -> Layers:
+def separate(static: Gaussians, alive: np.ndarray, dynamic: Gaussians, moves: np.ndarray, light: np.ndarray) -> Layers:
     """Sort the living static points and the dynamic ones by their labels.
 
-    moves: [A + D] bool, for the A living static points and then the D dynamic ones.
+    moves: [D + A] bool, for the D dynamic points and then the A living static ones. light: [T, D + A] as in `Lit`, 0 where it stays.
     """
-    living = np.flatnonzero(alive)
-    static_moves, dynamic_moves = moves[: len(living)], moves[len(living) :]
+    everything = Gaussians.concatenate([dynamic, static[alive]])
+    lit = ~moves & light.any(0)
+    stays = ~moves & ~lit
     still_alive = alive.copy()
-    still_alive[living[static_moves]] = False
-    woken = static[living[static_moves]]
-    return Layers(still_alive, dynamic[~dynamic_moves], Gaussians.concatenate([dynamic[dynamic_moves], woken]))
+    still_alive[alive] = stays[len(dynamic) :]
+    return Layers(still_alive, dynamic[stays[: len(dynamic)]], everything[moves], Lit(everything[lit], light[:, lit]))

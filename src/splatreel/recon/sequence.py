@@ -16,6 +16,7 @@ from splatreel.codec.writer import ReelWriter
 from splatreel.config import Config
 from splatreel.errors import ReconstructionError, UsageError
 from splatreel.motion.flow import make_flow
+from splatreel.motion.light import changes_of_light
 from splatreel.motion.steady import steady
 from splatreel.progress import Progress, Silent
 from splatreel.recon import checkpoint
@@ -23,12 +24,13 @@ from splatreel.recon.claim import Claim
 from splatreel.recon.colors import CameraGains
 from splatreel.recon.device import check_room, pick_device
 from splatreel.recon.drawing import View
-from splatreel.recon.following import follow
+from splatreel.recon.following import Start, follow
 from splatreel.recon.group import GroupFrames, GroupTrainer
 from splatreel.recon.importance import weigh
 from splatreel.recon.keyframe import KeyframeTrainer
 from splatreel.recon.layering import Layers, convertible, label_points, separate
 from splatreel.recon.layout import Layout
+from splatreel.recon.lit import Lit
 from splatreel.recon.plan import Plan
 from splatreel.recon.points import TrainablePoints, default_rates
 from splatreel.recon.publish import (
@@ -158,20 +160,19 @@ class Reconstruction:
         scene = Scene(scene.static, scene.alive, points)
         layers = self._layer(span, scene, frames, layout)
         scene = self._settle(span, scene, layers, writer)
-        scene, tracks = self._follow(span, scene, frames, layout)
+        start = self._follow(span, scene, layers.lit, frames, layout)
         with self._timed("group"):
             iterations = self.config.group.iterations_per_frame * span.count
             self.progress.stage(self._title(span, "motion"), iterations, self.plan.motion(span.index))
             data = GroupFrames(self._on_device(frames), self._views(), layout.near, layout.unit)
             trainer = GroupTrainer(
                 data,
-                scene.dynamic,
+                start,
                 scene.static,
                 scene.alive,
                 self.gains,
                 self.config,
                 self.config.seed + span.index,
-                tracks,
                 self._convertible(scene, frames, layout),
             )
             result = trainer.train(self.progress)
@@ -229,10 +230,15 @@ class Reconstruction:
         """(b): label all living points by their motion in this group."""
         with self._timed("layering"):
             self.progress.stage(self._title(span, "layering"), 1, self.plan.layering(span.index))
-            everything = Gaussians.concatenate([scene.static[scene.alive], scene.dynamic])
+            everything = Gaussians.concatenate([scene.dynamic, scene.static[scene.alive]])
             moves = label_points(everything, self.cameras, frames, layout.near, self.config.layering, self.device)
-            layers = separate(scene.static, scene.alive, scene.dynamic, moves)
-            self.progress.update(1, dynamic=len(layers.dynamic), static=len(layers.settled) + int(layers.alive.sum()))
+            light = np.zeros((span.count, len(everything)), np.float32)
+            if self.config.layering.light:
+                still = everything[~moves]
+                light[:, ~moves] = changes_of_light(still, self.cameras, frames, layout.near, self.device)
+            layers = separate(scene.static, scene.alive, scene.dynamic, moves, light)
+            static = len(layers.settled) + int(layers.alive.sum())
+            self.progress.update(1, dynamic=len(layers.dynamic), lit=len(layers.lit), static=static)
         return layers
 
     def _settle(self, span: Span, scene: Scene, layers: Layers, writer: ReelWriter) -> Scene:
@@ -240,7 +246,9 @@ class Reconstruction:
         if len(layers.settled) == 0:
             return Scene(scene.static, layers.alive, layers.dynamic)
         with self._timed("encode"):
-            seen = Gaussians.concatenate([layers.settled, layers.dynamic, scene.static[layers.alive]])
+            seen = Gaussians.concatenate(
+                [layers.settled, layers.dynamic, layers.lit.points, scene.static[layers.alive]]
+            )
             shows = weigh([seen], self.cameras, writer.manifest.near, self.config.antialias)[: len(layers.settled)]
             decoded, order = writer.add_layer(span.index, span.first, layers.settled, shows)
         raw = layers.settled[order]
@@ -249,16 +257,17 @@ class Reconstruction:
         alive = np.concatenate([layers.alive, np.ones(len(decoded), bool)])
         return Scene(Gaussians.concatenate([scene.static, decoded]), alive, layers.dynamic)
 
-    def _follow(self, span: Span, scene: Scene, frames: np.ndarray, layout: Layout) -> tuple[Scene, np.ndarray | None]:
+    def _follow(self, span: Span, scene: Scene, lit: Lit, frames: np.ndarray, layout: Layout) -> Start:
         """Tracks of the dynamic points, to start their deformation from, and new points for what appears."""
         if not self.config.group.track or span.count < 2:
-            return scene, None
+            return Start(Gaussians.concatenate([scene.dynamic, lit.points]))
         with self._timed("tracking"):
             self.progress.stage(self._title(span, "tracking"), span.count, self.plan.tracking(span.index))
             gains = self.gains.values.detach().cpu().numpy()
             static, flow = scene.static[scene.alive], make_flow(self.config.layering.flow)
             start = follow(
                 scene.dynamic,
+                lit,
                 static,
                 self.cameras,
                 frames,
@@ -268,8 +277,9 @@ class Reconstruction:
                 self.config.antialias,
                 self.progress,
             )
-            self.progress.update(span.count, dynamic=len(start.dynamic), new=len(start.dynamic) - len(scene.dynamic))
-        return Scene(scene.static, scene.alive, start.dynamic), start.tracks
+            new = len(start.dynamic) - len(scene.dynamic) - len(lit)
+            self.progress.update(span.count, dynamic=len(start.dynamic), new=new)
+        return start
 
     def _convertible(self, scene: Scene, frames: np.ndarray, layout: Layout) -> np.ndarray:
         """[S] bool: the static points that adaptive conversion may make dynamic."""

@@ -22,12 +22,18 @@ LAMBDA = (3e-3, 3e-3, 3e-3, 1e-4)
 
 
 class Shade:
-    """Changes of N points over the frames of a group, zero at first. controls: [knots, N, 4] in units of the learning rates."""
+    """Changes of N points over the frames of a group. controls: [knots, N, 4] in units of the learning rates.
 
-    def __init__(self, frames: int, count: int, device: torch.device) -> None:
+    start: [T, N, 3] what c_base gains at every frame, at first; nothing by default.
+    """
+
+    def __init__(self, frames: int, count: int, device: torch.device, start: Tensor | None = None) -> None:
         self.spline = Spline(frames, frames_per_knot=FRAMES_PER_KNOT)
         self.rates, self.weights = torch.tensor(RATES, device=device), torch.tensor(LAMBDA, device=device)
-        self.adam = KnotAdam(torch.zeros(self.spline.knots, count, 4, device=device), rate=1.0, eps=1e-12)
+        controls = torch.zeros(self.spline.knots, count, 4, device=device)
+        if start is not None:
+            controls[..., :3] = self.spline.fit(start) / self.rates[:3]
+        self.adam = KnotAdam(controls, rate=1.0, eps=1e-12)
         self.moments: list[tuple[int, np.ndarray, Tensor]] = []
 
     @property

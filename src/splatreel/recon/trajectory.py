@@ -26,16 +26,27 @@ class Trajectory:
     """Learning rates of the nodes and of the points themselves."""
     EXTRAPOLATION = 0.8
 
-    def __init__(self, means: Tensor, frames: int, unit: float, seed: int = 0, tracks: Tensor | None = None) -> None:
+    def __init__(
+        self,
+        means: Tensor,
+        frames: int,
+        unit: float,
+        seed: int = 0,
+        tracks: Tensor | None = None,
+        rests: Tensor | None = None,
+    ) -> None:
         device = means.device
+        self.moves = torch.ones_like(means[:, :1]) if rests is None else (~rests)[:, None].to(means)
         self.unit = unit
         paths = None if tracks is None else (tracks - means) / unit
         self.spline = Spline(frames) if paths is None else Spline.along(paths)
         self.knots = self.spline.knots
         self.reached = 3 if paths is None else self.knots - 1
-        few = len(means) <= self.NODES
-        self.nodes = means[:0] if few else means[farthest_points(means, self.NODES, seed)]
-        self.skin = skin(means, self.nodes)
+        moving = means if rests is None else means[~rests]
+        few = len(moving) <= self.NODES
+        self.nodes = moving[:0] if few else moving[farthest_points(moving, self.NODES, seed)]
+        index, share = skin(means, self.nodes)
+        self.skin = index, share * self.moves
         controls = [torch.zeros(self.knots, n, DIMENSIONS, device=device) for n in (len(self.nodes), len(means))]
         if paths is not None:  # the points' own level takes the tracks, as the smoothest spline close to them
             controls[1][..., :3] = self.spline.fit(paths)
@@ -69,8 +80,8 @@ class Trajectory:
         for knot, weights, dx, dq in self.moments:
             if dx.grad is not None or dq.grad is not None:
                 d_dx, d_dq = (torch.zeros_like(leaf) if leaf.grad is None else leaf.grad for leaf in (dx, dq))
-                slopes = motion.offsets_gradient(d_dx, d_dq, self.skin, len(self.nodes), self.unit)
-                known.append((knot, weights, slopes))
+                nodes, points = motion.offsets_gradient(d_dx, d_dq, self.skin, len(self.nodes), self.unit)
+                known.append((knot, weights, (nodes, points * self.moves)))
         self.moments.clear()
         taken = []
         for level, (knots, rate) in enumerate(zip(self.adams, self.RATES, strict=True)):
@@ -82,12 +93,16 @@ class Trajectory:
     def keep(self, index: Tensor) -> None:
         self.moments.clear()
         self.skin = (self.skin[0][index], self.skin[1][index])
+        self.moves = self.moves[index]
         self.adams[1].rewrite(lambda rows: rows[:, index], lambda rows: rows[:, index])
 
     def append(self, means: Tensor, parents: Tensor | None) -> None:
         """Newcomers start with what makes their total offset zero: they were static."""
         self.moments.clear()
         index, share = skin(means, self.nodes)
+        moves = torch.ones_like(means[:, :1]) if parents is None else self.moves[parents]
+        self.moves = torch.cat([self.moves, moves])
+        share = share * moves
         self.skin = torch.cat([self.skin[0], index]), torch.cat([self.skin[1], share])
         nodes, points = self.controls
         rows = points[:, parents] if parents is not None else -torch.einsum("nk,tnkd->tnd", share, nodes[:, index])

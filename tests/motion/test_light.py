@@ -1,0 +1,93 @@
+"""A wall part of which lies in shadow for some frames, while a cluster of blots passes before it."""
+
+import numpy as np
+import pytest
+
+from splatreel.kernels.image import render_image
+from splatreel.motion.light import AGREE, LEAST, MOST, changes_of_light
+from splatreel.recon.lit import Lit
+from splatreel.scene.gaussians import Gaussians
+from tests.recon.captures import blots
+from tests.recon.scenes import ring
+
+NEAR, FRAMES, DARK = 0.8, 8, -0.5
+CAMERAS = ring(5, width=96, height=64)
+WALL = blots(900, [-5, -3.5, 0.9], [5, 3.5, 1.0], 0.2, 0)
+THING = blots(40, [-1.0, -1.6, -1.2], [-0.4, -1.0, -0.8], 0.1, 1)
+INSIDE = (WALL.means[:, :2] > [0.2, -0.8]).all(1) & (WALL.means[:, :2] < [1.6, 0.8]).all(1)
+WELL_INSIDE = (WALL.means[:, :2] > [0.5, -0.5]).all(1) & (WALL.means[:, :2] < [1.3, 0.5]).all(1)
+
+
+def film(light: np.ndarray, *passing: Gaussians, noise: float = 1.0) -> np.ndarray:
+    """[T, C, H, W, 3] pictures of the wall in a light [T, N], before it what passes by two tenths a frame."""
+    rng, lit, frames = np.random.default_rng(0), Lit(WALL, light), []
+    for t in range(FRAMES):
+        identity = [np.tile([1.0, 0, 0, 0], (len(thing), 1)) for thing in passing]
+        there = [thing.moved(np.array([0.2 * t, 0, 0]), q) for thing, q in zip(passing, identity, strict=True)]
+        scene = Gaussians.concatenate([lit.at(t), *there])
+        frames.append([render_image(scene, camera, near=NEAR) for camera in CAMERAS])
+    film = 255 * np.array(frames) + noise * rng.normal(size=(FRAMES, len(CAMERAS), 64, 96, 3))
+    return film.clip(0, 255).round().astype(np.uint8)
+
+
+def shadow(first: int, last: int) -> np.ndarray:
+    """[T, N] a light in which some of the wall is dark from a frame to another."""
+    light = np.zeros((FRAMES, len(WALL)), np.float32)
+    light[first : last + 1, INSIDE] = DARK
+    return light
+
+
+def test_a_shadow_is_found_where_and_when_it_is() -> None:
+    light = changes_of_light(WALL, CAMERAS, film(shadow(3, 5)), NEAR)
+    assert light.shape == (FRAMES, len(WALL))
+    dark = light[3:6, WELL_INSIDE]
+    assert (dark < -LEAST).mean() > 0.6, "of those that others do not hide"
+    assert np.median(dark[dark < -LEAST]) == pytest.approx(DARK, abs=0.15), (
+        "noise of black is no light, so a little less"
+    )
+    assert np.abs(light[:3]).max() < LEAST
+    assert np.abs(light[6:]).max() < LEAST
+    far = (np.abs(WALL.means[:, :2] - [0.9, 0]) > [1.3, 1.4]).any(1)
+    assert not light[:, far].any()
+
+
+def test_what_is_lit_is_found_too() -> None:
+    light = changes_of_light(WALL, CAMERAS, film(-0.6 * shadow(3, 5)), NEAR)
+    assert (light[3:6, WELL_INSIDE] > LEAST).mean() > 0.5
+
+
+def test_what_passes_before_a_wall_is_no_shadow() -> None:
+    light = changes_of_light(WALL, CAMERAS, film(0 * shadow(3, 5), THING), NEAR)
+    assert (light != 0).any(0).mean() < 0.02
+    with_shadow = changes_of_light(WALL, CAMERAS, film(shadow(3, 5), THING), NEAR)
+    assert (with_shadow[3:6, WELL_INSIDE] < -LEAST).mean() > 0.6
+
+
+def test_a_flash_of_one_frame_and_noise_are_nothing() -> None:
+    assert not changes_of_light(WALL, CAMERAS, film(shadow(4, 4)), NEAR).any()
+    assert (changes_of_light(WALL, CAMERAS, film(0 * shadow(1, 1), noise=8), NEAR) != 0).any(0).mean() < 0.02
+
+
+def test_one_camera_that_grows_dark_is_not_the_light() -> None:
+    frames = film(0 * shadow(3, 5))
+    frames[3:6, 1] //= 2
+    assert 1 / len(CAMERAS) < AGREE
+    assert not changes_of_light(WALL, CAMERAS, frames, NEAR).any()
+
+
+def test_where_all_light_changes_the_strongest_changes_are_kept() -> None:
+    light = np.full((FRAMES, len(WALL)), DARK, np.float32)
+    light[:2] = 0
+    light[2:, INSIDE] = 2 * DARK
+    found = (changes_of_light(WALL, CAMERAS, film(light), NEAR) != 0).any(0)
+    assert found.sum() == int(MOST * len(WALL))
+    assert found[WELL_INSIDE].mean() > 0.6
+
+
+@pytest.mark.parametrize("frames", [1, 2])
+def test_too_few_frames_tell_nothing(frames: int) -> None:
+    assert not changes_of_light(WALL, CAMERAS, film(shadow(1, 5))[:frames], NEAR).any()
+
+
+def test_no_points() -> None:
+    assert changes_of_light(Gaussians.empty(0), CAMERAS, film(shadow(3, 5)), NEAR).shape == (FRAMES, 0)
