@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 
 from splatreel.kernels.image import render_image
-from splatreel.motion.light import AGREE, LEAST, MOST, changes_of_light
+from splatreel.motion import light as module
+from splatreel.motion.light import AGREE, LEAST, changes_of_light
 from splatreel.recon.lit import Lit
 from splatreel.scene.gaussians import Gaussians
 from tests.recon.captures import blots
@@ -75,13 +76,20 @@ def test_one_camera_that_grows_dark_is_not_the_light() -> None:
     assert not changes_of_light(WALL, CAMERAS, frames, NEAR).any()
 
 
-def test_where_all_light_changes_the_strongest_changes_are_kept() -> None:
+def test_what_changes_as_all_light_does_is_left_alone() -> None:
     light = np.full((FRAMES, len(WALL)), DARK, np.float32)
     light[:2] = 0
-    light[2:, INSIDE] = 2 * DARK
-    found = (changes_of_light(WALL, CAMERAS, film(light), NEAR) != 0).any(0)
-    assert found.sum() == int(MOST * len(WALL))
-    assert found[WELL_INSIDE].mean() > 0.6
+    assert not changes_of_light(WALL, CAMERAS, film(light), NEAR).any()
+    found = changes_of_light(WALL, CAMERAS, film(light + shadow(3, 5)), NEAR)
+    assert (found[3:6, WELL_INSIDE] < -LEAST).mean() > 0.5
+    assert (found[:, ~INSIDE] != 0).any(0).mean() < 0.05
+
+
+def test_of_too_many_the_strongest_changes_are_kept(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(module, "MOST", 0.01)
+    found = (changes_of_light(WALL, CAMERAS, film(shadow(3, 5)), NEAR) != 0).any(0)
+    assert found.sum() == 9
+    assert found[INSIDE].sum() == 9
 
 
 @pytest.mark.parametrize("frames", [1, 2])

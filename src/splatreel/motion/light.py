@@ -41,7 +41,7 @@ def changes_of_light(
     """[T, N] float32, logarithm of the brightness of points that rest, against that at the keyframe; 0 where it is as it was.
 
     frames: [T, C, H, W, 3] uint8, the keyframe first. Points whose light changes nowhere, or of which the views do not agree, are 0 in
-    all frames.
+    all frames, and so are those that change as most of a picture does.
     """
     found = np.zeros((len(frames), len(points)), np.float32)
     if len(frames) <= FRAMES or len(points) == 0:
@@ -65,7 +65,9 @@ def _brightness_of(
     for row, camera, film in zip(shown, cameras, frames.swapaxes(0, 1), strict=True):
         small = _shrunk(camera)
         pictures = np.stack([_brightness(picture, small.width, small.height) for picture in film], 2)
-        pictures = np.concatenate([pictures - pictures[..., :1], np.ones_like(pictures[..., :1])], 2)
+        pictures -= pictures[..., :1].copy()
+        pictures -= np.median(pictures[::3, ::3], (0, 1))  # a camera's exposure, or the light of the whole scene
+        pictures = np.concatenate([pictures, np.ones_like(pictures[..., :1])], 2)
         sums = gathered(splats, small, torch.from_numpy(pictures).to(device), near).cpu().numpy()
         seen = sums[:, -1] > SEEN
         row[seen] = sums[seen, :-1] / sums[seen, -1:]
@@ -80,8 +82,8 @@ def _shrunk(camera: Camera) -> Camera:
 
 def _brightness(picture: np.ndarray, width: int, height: int) -> np.ndarray:
     """[h, w] logarithm of the brightness of a picture [H, W, 3] uint8, at another size."""
-    gray = cv2.resize(picture, (width, height), interpolation=cv2.INTER_AREA).astype(np.float32).mean(2)
-    return np.log(cv2.GaussianBlur(gray, (0, 0), BLUR) + DARK)
+    gray = cv2.cvtColor(cv2.resize(picture, (width, height), interpolation=cv2.INTER_AREA), cv2.COLOR_RGB2GRAY)
+    return np.log(cv2.GaussianBlur(gray.astype(np.float32), (0, 0), BLUR) + DARK)
 
 
 def _agreed(shown: np.ndarray) -> np.ndarray:
