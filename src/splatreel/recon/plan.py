@@ -10,10 +10,10 @@ from splatreel.progress import Span
 MOTION_COST = 0.7
 """Seconds of an iteration of motion over those of an iteration of a keyframe, roughly: most of the picture stands still."""
 COARSE_COST = 0.5
-POINTS_COST = 125.0
-LAYERING_COST = 25.0
+POINTS_COST = 200.0
+LAYERING_COST = 350.0
 """Initial points and layering, in iterations of a keyframe."""
-TRACKING_COST = 15.0
+TRACKING_COST = 50.0
 """Tracking a frame, in iterations of a keyframe."""
 
 
