@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import Protocol
 
+import torch
 from torch import Tensor
 
 
@@ -33,3 +34,13 @@ class Deformation(Protocol):
     def append(self, means: Tensor, parents: Tensor | None) -> None:
         """Points were added at means [M, 3]: copies of the rows parents [M], or newcomers that rest (None)."""
         ...
+
+
+def movable(means: Tensor, rests: Tensor | None) -> Tensor:
+    """[N, 1] what offsets of points at means [N, 3] are multiplied by: 0 where `rests` [N] bool says so, else 1."""
+    return torch.ones_like(means[:, :1]) if rests is None else (~rests)[:, None].to(means)
+
+
+def movable_with(moves: Tensor, means: Tensor, parents: Tensor | None) -> Tensor:
+    """[M, 1] the same of points that are added at means [M, 3]: copies do as their parents, newcomers may move."""
+    return movable(means, None) if parents is None else moves[parents]

@@ -59,10 +59,11 @@ def follow(
     Points come in this order: dynamic ones, newcomers, lit ones, whose light is of the same frames. gains: [C, 3] colour gain of each
     camera. near, antialias: how pictures of the points are drawn.
     """
-    tracker = Tracker(Gaussians.concatenate([static, lit.points]), cameras, frames, flow, near)
+    resting = Gaussians.concatenate([static, lit.points])
+    tracker = Tracker(resting, cameras, frames, flow, near)
     trails = [Trail(dynamic, 0)]
     draw = partial(render_image, near=near, antialias=antialias)
-    known = _wrong(dynamic, Gaussians.concatenate([static, lit.points]), tracker, 0, gains, draw)
+    known = _wrong(dynamic, resting, tracker, 0, gains, draw)
     room = max(ROOM, len(dynamic))
     for frame in range(1, len(frames)):
         tracker.forth(trails, frame - 1)

@@ -11,6 +11,7 @@ import torch
 from torch import Tensor, nn
 
 from splatreel.kernels import splat
+from splatreel.recon.deformation import movable, movable_with
 from splatreel.recon.spline import Spline
 
 AXES = ((0, 1, 2), (0, 1, 3), (0, 2, 3), (1, 2, 3))
@@ -46,7 +47,7 @@ class HashGrid(nn.Module):
         rests: Tensor | None = None,
     ) -> None:
         super().__init__()
-        self.moves = torch.ones_like(means[:, :1]) if rests is None else (~rests)[:, None].to(means)
+        self.moves = movable(means, rests)
         generator = torch.Generator().manual_seed(seed)
         paths = None if tracks is None else tracks - means
         self.spline = Spline(frames) if paths is None else Spline.along(paths)
@@ -120,7 +121,7 @@ class HashGrid(nn.Module):
 
     def append(self, means: Tensor, parents: Tensor | None) -> None:
         """Copies take their parents' tracks; newcomers have none, and move with the space they are in."""
-        moves = torch.ones_like(means[:, :1]) if parents is None else self.moves[parents]
+        moves = movable_with(self.moves, means, parents)
         self.moves = torch.cat([self.moves, moves])
         if self.tracks is not None:
             rest = self.tracks.new_zeros(len(self.tracks), len(means), 3)

@@ -23,8 +23,7 @@ class Lit:
     @property
     def shades(self) -> np.ndarray:
         """[T, M, 3] float32, what their c_base gains at every frame."""
-        color = np.maximum(0.5 + SH_C0 * self.points.sh[:, 0], 0)
-        return (np.expm1(self.light)[..., None] * (color / SH_C0)).astype(np.float32)
+        return self._shade(self.light)
 
     @property
     def tracks(self) -> np.ndarray:
@@ -33,4 +32,9 @@ class Lit:
 
     def at(self, frame: int) -> Gaussians:
         """The points in the light of a frame."""
-        return self.points.shaded(np.pad(self.shades[frame], ((0, 0), (0, 1))))
+        return self.points.shaded(np.pad(self._shade(self.light[frame]), ((0, 0), (0, 1))))
+
+    def _shade(self, light: np.ndarray) -> np.ndarray:
+        """[..., M, 3] float32, what c_base gains in a light [..., M]."""
+        color = np.maximum(0.5 + SH_C0 * self.points.sh[:, 0], 0)
+        return (np.expm1(light)[..., None] * (color / SH_C0)).astype(np.float32)

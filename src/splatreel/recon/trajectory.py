@@ -12,6 +12,7 @@ from torch import Tensor
 
 from splatreel.kernels import adam, motion, splat
 from splatreel.recon.adam import KnotAdam
+from splatreel.recon.deformation import movable, movable_with
 from splatreel.recon.spline import Spline
 
 DIMENSIONS = 7
@@ -36,7 +37,7 @@ class Trajectory:
         rests: Tensor | None = None,
     ) -> None:
         device = means.device
-        self.moves = torch.ones_like(means[:, :1]) if rests is None else (~rests)[:, None].to(means)
+        self.moves = movable(means, rests)
         self.unit = unit
         paths = None if tracks is None else (tracks - means) / unit
         self.spline = Spline(frames) if paths is None else Spline.along(paths)
@@ -100,7 +101,7 @@ class Trajectory:
         """Newcomers start with what makes their total offset zero: they were static."""
         self.moments.clear()
         index, share = skin(means, self.nodes)
-        moves = torch.ones_like(means[:, :1]) if parents is None else self.moves[parents]
+        moves = movable_with(self.moves, means, parents)
         self.moves = torch.cat([self.moves, moves])
         share = share * moves
         self.skin = torch.cat([self.skin[0], index]), torch.cat([self.skin[1], share])
