@@ -67,7 +67,7 @@ class KeyframeConfig:
     """Points farther than the typical viewing distance move in larger steps, up to this many times; goes past the paper."""
     sh_degree: int = 3
     max_points: int = 1_000_000
-    points_per_pixel: float = 10.0
+    points_per_pixel: float = 2.0
     """Never more points than this many for each pixel of one image: small images cannot tell more apart."""
     cull_opacity: float = 0.05
     lambda_opacity: float = 0.0

@@ -43,7 +43,7 @@ class Steps:
     opacity: float = 0.01
     color: float = 0.025
     rest: float = 0.016
-    shade: float = 0.06
+    shade: float = 0.12
 
 
 STEPS = Steps()
