@@ -39,6 +39,7 @@ PARTS: dict[str, dict[str, Any]] = {
     "no-arap": {"group.lambda_arap": 0.0},
     "sh-degree-1": {"keyframe.sh_degree": 1},
     "no-price": {"keyframe.lambda_opacity": 0.0},
+    "no-sh-price": {"group.lambda_sh": 0.0},
     "no-spread": {"keyframe.lambda_spread": 0.0},
     "converted-anywhere": {"layering.adapt_changes": 0.0},
     "not-steady": {"keyframe.steady": False},

@@ -97,6 +97,9 @@ class GroupConfig:
     """Colour and opacity of dynamic points change slowly within a group; goes past the paper."""
     faint_share: float = 0.0
     """Twice on the way, the faintest points go that together hold this share of all blending weight; 0 keeps all, as the paper."""
+    lambda_sh: float = 0.0
+    """Weight of the sizes of the points' higher SH bands, summed and divided by the pixels of an image: what moves is seen by every
+    camera in another pose, and how its colour depends on the view is mostly noise; goes past the paper."""
     progressive: float = 0.5
     """Share of the iterations over which frames are let in one after the other; 0 turns progressive sampling off."""
 
@@ -231,7 +234,9 @@ def preset(quality: Quality) -> Config:
         ),
         antialias=True,
         layering=LayeringConfig(adapt_changes=0.3, light=True),
-        group=GroupConfig(iterations_per_frame=110, track=True, shade=True, faint_share=0.01, progressive=0.0),
+        group=GroupConfig(
+            iterations_per_frame=110, track=True, shade=True, faint_share=0.01, lambda_sh=0.05, progressive=0.0
+        ),
     )
     if quality == "standard":
         return standard

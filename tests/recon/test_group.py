@@ -128,6 +128,21 @@ def test_true_tracks_are_a_good_start(filmed: GroupFrames, deformation: str) -> 
     assert group.psnr() > 35
 
 
+def test_colours_depend_less_on_the_view_where_that_costs(filmed: GroupFrames) -> None:
+    """The thing looks alike from everywhere, and starts as if it did not."""
+    sheen = np.full((len(THING), 3, 3), 0.1, np.float32)
+    sheeny = replace(THING, sh=np.concatenate([THING.sh, sheen], 1))
+
+    def trained(price: float) -> GroupResult:
+        settings = config(iterations=40)
+        settings = replace(settings, group=replace(settings.group, lambda_sh=price))
+        return trainer(filmed, settings, sheeny).train(Silent())
+
+    free, priced = trained(0.0), trained(1.0)
+    assert np.abs(priced.dynamic.sh[:, 1:]).mean() < 0.9 * np.abs(free.dynamic.sh[:, 1:]).mean()
+    assert quality(filmed, priced) > quality(filmed, free) - 0.5
+
+
 def test_the_same_seed_learns_the_same(filmed: GroupFrames) -> None:
     a, b = (trainer(filmed, config(iterations=6)).train(Silent()) for _ in range(2))
     np.testing.assert_array_equal(a.dx, b.dx)

@@ -44,6 +44,28 @@ def test_appended_rows_start_without_momentum_and_train():
     assert all((points.params[name][5:] != before[name][5:]).any() for name in NAMES)
 
 
+def test_a_price_of_the_higher_bands_shrinks_them_and_nothing_else():
+    points = make()
+    before = {name: tensor.detach().clone() for name, tensor in points.params.items()}
+    (0 * sum(tensor.sum() for tensor in points.params.values())).backward()
+    points.price_sh(0.1)
+    points.step()
+    for name in NAMES:
+        if name == "sh_rest":
+            assert points.params[name].abs().sum() < before[name].abs().sum()
+        else:
+            torch.testing.assert_close(points.params[name].detach(), before[name])
+
+
+def test_what_has_no_gradient_or_no_price_is_left_alone():
+    points = make()
+    points.price_sh(0.1)
+    assert points.params["sh_rest"].grad is None
+    points.params["sh_rest"].grad = torch.zeros_like(points.params["sh_rest"])
+    points.price_sh(0.0)
+    assert not points.params["sh_rest"].grad.any()
+
+
 def test_rates_are_scaled_from_their_base():
     points = make()
     points.scale_rates({"means": 0.5}, default=0.1)

@@ -158,6 +158,7 @@ class GroupTrainer:
             self.schedule.note(frame, camera, loss)
         if adapts:  # nobody asks otherwise
             self._measure(drawing, view, measured)
+        self.points.price_sh(self.config.group.lambda_sh / (view.width * view.height))
         self.points.scale_rates({}, default=0.1**share)
         self.points.step()
         self.model.step(share)

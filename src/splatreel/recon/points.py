@@ -70,6 +70,12 @@ class TrainablePoints:
             with torch.no_grad():
                 self.means.copy_(torch.lerp(before, self.means, strides))
 
+    def price_sh(self, price: float) -> None:
+        """Let the higher SH bands cost `price` times the sum of their absolute values, on top of the gradient that they have."""
+        rest = self.adams["sh_rest"].tensor
+        if price and rest.grad is not None:
+            rest.grad.add_(rest.detach().sign(), alpha=price)
+
     def clear(self) -> None:
         """Forget the gradients."""
         for adam in self.adams.values():
