@@ -42,6 +42,18 @@ def test_what_is_loaded_later_follows() -> None:
     assert subprocess.check_output([sys.executable, "-c", program], text=True).split() == ["1", "1", "1"]
 
 
+def test_numba_still_compiles_when_it_was_loaded_before() -> None:
+    program = (
+        "import os, numba, numpy\n"
+        "os.environ.pop('NUMBA_NUM_THREADS', None); numba.config.reload_config()\n"
+        "add = numba.njit(parallel=True)(lambda a: (a + 1).sum())\n"
+        "add(numpy.ones(4))\n"
+        "from splatreel import threads; threads.use(1)\n"
+        "print(add(numpy.ones(4, numpy.float32)), numba.get_num_threads())"
+    )
+    assert subprocess.check_output([sys.executable, "-c", program], text=True).split() == ["8.0", "1"]
+
+
 @pytest.mark.parametrize("number", [0, -1, 10_000])
 def test_more_than_there_are_or_none(number: int) -> None:
     with pytest.raises(

@@ -36,7 +36,8 @@ def use(threads: int | None) -> None:
         )
     _limit = threads
     for name in ("NUMBA_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS", "OPENCV_FOR_THREADS_NUM"):
-        os.environ[name] = str(threads)
+        if name != "NUMBA_NUM_THREADS" or "numba" not in sys.modules:  # numba refuses to compile where it changes later
+            os.environ[name] = str(threads)
     for module, setter in (("numba", "set_num_threads"), ("torch", "set_num_threads"), ("cv2", "setNumThreads")):
         if module in sys.modules:
             getattr(sys.modules[module], setter)(threads)
