@@ -77,6 +77,8 @@ class KeyframeConfig:
     """Weight of the variance of the log depths that a pixel shows: floaters before a surface fade; goes past the paper."""
     densify_gradient: float = 2e-4
     densify_every: int = 100
+    average_share: float = 0.0
+    """Share of the iterations, the last ones, whose mean is kept in place of where the last one ended; goes past the paper."""
 
 
 @dataclass(frozen=True)
@@ -87,6 +89,8 @@ class GroupConfig:
     overlap: int = 5
     deformation: Literal["trajectory", "hashgrid"] = "trajectory"
     iterations_per_frame: int = 400
+    coarse_share: float = 0.0
+    """Share of the iterations trained at half size; goes past the paper."""
     lambda_dssim: float = 0.2
     lambda_arap: float = 0.01
     lambda_temporal: float = 0.01
@@ -231,11 +235,18 @@ def preset(quality: Quality) -> Config:
             reach=8.0,
             max_points=60_000,
             points_per_pixel=0.6,
+            average_share=0.1,
         ),
         antialias=True,
         layering=LayeringConfig(adapt_changes=0.3, light=True),
         group=GroupConfig(
-            iterations_per_frame=110, track=True, shade=True, faint_share=0.01, lambda_sh=0.05, progressive=0.0
+            iterations_per_frame=110,
+            coarse_share=0.25,
+            track=True,
+            shade=True,
+            faint_share=0.01,
+            lambda_sh=0.05,
+            progressive=0.0,
         ),
     )
     if quality == "standard":

@@ -65,6 +65,10 @@ def trainer(
     return GroupTrainer(filmed, Start(dynamic, tracks), static, alive, gains, config, seed=0, convertible=convertible)
 
 
+def with_group(config: Config, **changes) -> Config:
+    return replace(config, group=replace(config.group, **changes))
+
+
 class Losses(Silent):
     def __init__(self) -> None:
         self.values: list[float] = []
@@ -111,13 +115,22 @@ def test_a_thing_that_darkens_and_fades_needs_shade() -> None:
     pixels = torch.from_numpy((np.clip(images, 0, 1) * 255).round().astype(np.uint8))
     dark = GroupFrames(pixels, [View.of(camera, CPU) for camera in CAMERAS], NEAR, UNIT)
     plain = config(iterations=60)
-    with_shade = replace(plain, group=replace(plain.group, shade=True))
+    with_shade = with_group(plain, shade=True)
     without, found = (trainer(dark, c).train(Silent()) for c in (plain, with_shade))
     assert without.shade is None
     assert found.shade is not None
     assert found.shade.shape == (FRAMES, len(found.dynamic), 4)
     assert (found.dynamic.opacities + found.shade[..., 3] >= 0).all()
     assert quality(dark, found) > quality(dark, without) + 3
+
+
+def test_training_starts_with_small_pictures(filmed: GroupFrames, monkeypatch: pytest.MonkeyPatch) -> None:
+    group = trainer(filmed, with_group(config(iterations=60), coarse_share=0.25))
+    heights, step = [], group._step
+    monkeypatch.setattr(group, "_step", lambda n: heights.append(group.frames.images.shape[2]) or step(n))
+    result = group.train(Silent())
+    assert heights == [16] * 75 + [32] * 225
+    assert quality(filmed, result) > 28
 
 
 @pytest.mark.parametrize("deformation", ["trajectory", "hashgrid"])
@@ -135,7 +148,7 @@ def test_colours_depend_less_on_the_view_where_that_costs(filmed: GroupFrames) -
 
     def trained(price: float) -> GroupResult:
         settings = config(iterations=40)
-        settings = replace(settings, group=replace(settings.group, lambda_sh=price))
+        settings = with_group(settings, lambda_sh=price)
         return trainer(filmed, settings, sheeny).train(Silent())
 
     free, priced = trained(0.0), trained(1.0)
@@ -224,7 +237,7 @@ def test_points_that_fill_nothing_go_and_the_picture_stays(filmed: GroupFrames) 
     hidden = blots(30, [-0.8, -0.6, 1.3], [0.2, 0.6, 1.5], 0.05, 2)
     tracks = np.stack([moved(Gaussians.concatenate([THING, hidden]), t).means for t in range(FRAMES)])
     settings = config()
-    settings = replace(settings, group=replace(settings.group, faint_share=0.01))
+    settings = with_group(settings, faint_share=0.01)
     wall = Gaussians(WALL.means, WALL.quats, WALL.scales, np.full(len(WALL), 0.999), WALL.sh)
     group = trainer(filmed, settings, Gaussians.concatenate([THING, hidden]), wall, tracks)
     assert quality(filmed, group.result(), wall) > 38

@@ -9,6 +9,7 @@ import torch
 from splatreel.config import KeyframeConfig
 from splatreel.kernels.image import render_image
 from splatreel.progress import Silent
+from splatreel.recon.average import EVERY
 from splatreel.recon.colors import CameraGains
 from splatreel.recon.drawing import View, deformed
 from splatreel.recon.keyframe import SH_C0, KeyframeTrainer, Stage, starting_points
@@ -78,6 +79,24 @@ def test_a_keyframe_is_learned_for_views_it_has_not_seen() -> None:
     assert psnr(points, CAMERAS[0]) > 26
     assert psnr(points, UNSEEN) > 22
     assert len(points) > len(SCENE), "points were cloned or split"
+
+
+def test_the_last_iterations_are_averaged(monkeypatch: pytest.MonkeyPatch) -> None:
+    points = TrainablePoints.from_gaussians(SCENE, default_rates(UNIT), CPU)
+    trainer = KeyframeTrainer(points, gains(), replace(CONFIG, average_share=0.2), max_points=len(SCENE))
+    step, seen = trainer._step, []
+
+    def watched(*arguments):
+        taken = step(*arguments)
+        if trainer.done + 1 > 80 and (trainer.done + 1) % EVERY == 0:
+            seen.append(trainer.points.gaussians().sh.copy())
+        return taken
+
+    monkeypatch.setattr(trainer, "_step", watched)
+    trainer.train(stage(), 100, 100, Silent())
+    assert len(seen) == 20 // EVERY
+    assert np.ptp(seen, axis=0).max() > 1e-3, "they differ"
+    np.testing.assert_allclose(trainer.points.gaussians().sh, np.mean(seen, axis=0), atol=1e-5)
 
 
 def test_no_more_points_than_allowed() -> None:

@@ -30,6 +30,12 @@ class View:
         viewmat, K, center = (torch.from_numpy(array.copy()).to(device) for array in arrays)
         return View(viewmat, K, center, camera.width, camera.height, antialias)
 
+    def shrunk(self, factor: int) -> View:
+        """The view of pictures that were `shrunk`."""
+        K = self.K.clone()
+        K[:2] /= factor
+        return replace(self, K=K, width=self.width // factor, height=self.height // factor)
+
 
 @dataclass(frozen=True)
 class Splats:
@@ -78,6 +84,12 @@ class Drawing:
     moving: int
     index: Tensor | None = None
     tiles: Tensor | None = None
+
+
+def shrunk(images: Tensor, factor: int) -> Tensor:
+    """Images [C, H, W, 3] uint8, averaged over blocks of factor x factor; rows and columns that do not fill a block are cut off."""
+    small = torch.nn.functional.avg_pool2d(images.permute(0, 3, 1, 2).float(), factor)
+    return small.round().to(torch.uint8).permute(0, 2, 3, 1).contiguous()
 
 
 def splats(
@@ -142,6 +154,11 @@ class Backdrop:
             seen = torch.nonzero(projected.radii > 0)[:, 0]
             self._scenery[camera] = self._drawn(camera, projected.rows(seen), index[seen])
         return self._scenery[camera]
+
+    def look(self, views: list[View]) -> None:
+        """Be seen by other views from now on."""
+        self.views = views
+        self._scenery.clear()
 
     @torch.no_grad()
     def _drawn(self, camera: int, seen: Splats, index: Tensor) -> Scenery:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import torch
@@ -16,7 +16,7 @@ from splatreel.recon import losses
 from splatreel.recon.colors import CameraGains
 from splatreel.recon.deformation import Deformation
 from splatreel.recon.density import GradientMeter
-from splatreel.recon.drawing import Backdrop, Drawing, Splats, View, deformed, draw, filled
+from splatreel.recon.drawing import Backdrop, Drawing, Splats, View, deformed, draw, filled, shrunk
 from splatreel.recon.following import Start
 from splatreel.recon.hashgrid import HashGrid
 from splatreel.recon.points import TrainablePoints
@@ -38,6 +38,9 @@ CANONICAL_RATES = {
 
 ADAPT_FROM, ADAPT_TO = 0.25, 0.8
 """Share of training in which points are converted and cloned: before, everything that moves pulls; after, none could learn."""
+
+COARSE = 2
+"""By how much pictures are smaller in the first part of training: places settle there at a third of the cost."""
 
 FULL_WIDTH = 1352
 """Image width that the paper's thresholds are for."""
@@ -67,6 +70,11 @@ class GroupFrames:
     @property
     def count(self) -> int:
         return self.images.shape[0]
+
+    def shrunk(self, factor: int) -> GroupFrames:
+        """The same at a smaller size."""
+        images = torch.stack([shrunk(images, factor) for images in self.images])
+        return replace(self, images=images, views=[view.shrunk(factor) for view in self.views])
 
 
 @dataclass(frozen=True)
@@ -98,7 +106,8 @@ class GroupTrainer:
         convertible: np.ndarray | None = None,
     ) -> None:
         device = frames.images.device
-        self.frames, self.config, self.gains = frames, config, gains
+        self.config, self.gains, self.whole = config, gains, frames
+        self.frames = frames = frames.shrunk(COARSE) if config.group.coarse_share else frames
         rates = CANONICAL_RATES | {"means": CANONICAL_RATES["means"] * frames.unit}
         self.points = TrainablePoints.from_gaussians(start.dynamic, rates, device)
         self.backdrop = Backdrop(static, frames.views, frames.near, device)
@@ -120,7 +129,10 @@ class GroupTrainer:
             return self.result()
         layering = self.config.layering
         culls = {round(at * self.iterations) for at in FAINT_AT} if self.config.group.faint_share else set()
+        fine = round(self.config.group.coarse_share * self.iterations)
         for iteration in range(self.iterations):
+            if iteration == fine:
+                self._refine()
             loss = self._step(iteration)
             share = (iteration + 1) / self.iterations
             if layering.adapt_every and (iteration + 1) % layering.adapt_every == 0:
@@ -165,6 +177,13 @@ class GroupTrainer:
         if self.shade is not None:
             self.shade.step(share)
         return loss.detach()
+
+    def _refine(self) -> None:
+        """Go on with pictures of full size."""
+        if self.frames is not self.whole:
+            self.frames = self.whole
+            self.backdrop.look(self.whole.views)
+            self._watch()
 
     def _deformed(self, dx: Tensor, dq: Tensor, shade: Tensor | None, view: View) -> Splats:
         return deformed(self.points.params, (dx, dq), shade, view, self.frames.near)

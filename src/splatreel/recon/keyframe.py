@@ -12,6 +12,7 @@ from torch import Tensor
 from splatreel.config import KeyframeConfig
 from splatreel.kernels import splat
 from splatreel.progress import Progress
+from splatreel.recon.average import Average
 from splatreel.recon.colors import CameraGains
 from splatreel.recon.density import GradientMeter, children, select_growth
 from splatreel.recon.drawing import Backdrop, Splats, View, deformed, draw
@@ -103,6 +104,7 @@ class KeyframeTrainer:
             behind = Backdrop(self.static, stage.views, stage.near, device)
         meter = GradientMeter(len(self.points), device)
         self._stride(stage)
+        average = Average(self.config.average_share, total)
         cameras: list[int] = []
         for _ in range(iterations):
             if not cameras:
@@ -110,7 +112,7 @@ class KeyframeTrainer:
             camera = int(cameras.pop())
             loss, grad = self._step(stage, camera, behind, self.done / total)
             self.done += 1
-            share = self.done / total
+            share, averaged = self.done / total, average.runs(self.done)
             self._anneal(share)
             if share <= GROWTH:
                 meter.add(grad[: len(self.points)], stage.views[camera].width, stage.views[camera].height)
@@ -118,11 +120,14 @@ class KeyframeTrainer:
                     self._densify(meter, stage.unit, share)
                     meter = GradientMeter(len(self.points), device)
                     self._stride(stage)
-            elif self.done % 500 == 0:
+            elif self.done % 500 == 0 and not averaged:
                 self._prune(stage.unit, share)
                 self._stride(stage)
+            if averaged:
+                average.add(self.done, self.points.params.values())
             if self.done % 25 == 0:
                 progress.update(self.done, loss=float(loss), points=len(self.points))
+        average.settle(self.points.params.values())
         self._prune(stage.unit, self.done / total)
 
     def _stride(self, stage: Stage) -> None:

@@ -8,7 +8,7 @@ import torch
 from splatreel.config import Config
 from splatreel.progress import Progress, Silent
 from splatreel.recon.colors import CameraGains
-from splatreel.recon.drawing import View
+from splatreel.recon.drawing import View, shrunk
 from splatreel.recon.initialise import InitialPoints, initial_points, near_plane
 from splatreel.recon.keyframe import KeyframeTrainer, Stage, starting_points
 from splatreel.recon.layout import Layout, measure
@@ -99,18 +99,7 @@ def _stage(
     cameras: list[Camera], images: np.ndarray, layout: Layout, shrink: int, device: torch.device, antialias: bool
 ) -> Stage:
     """Images [C, H, W, 3] and their cameras, at full size or shrunk by a whole factor."""
-    tensor = torch.from_numpy(images)
+    tensor, views = torch.from_numpy(images), [View.of(camera, device, antialias) for camera in cameras]
     if shrink > 1:
-        small = torch.nn.functional.avg_pool2d(tensor.permute(0, 3, 1, 2).float(), shrink, ceil_mode=False)
-        tensor = small.round().to(torch.uint8).permute(0, 2, 3, 1).contiguous()
-        cameras = [_shrunk(camera, shrink) for camera in cameras]
-    views = [View.of(camera, device, antialias) for camera in cameras]
+        tensor, views = shrunk(tensor, shrink), [view.shrunk(shrink) for view in views]
     return Stage(views, tensor.to(device), layout.near, layout.unit)
-
-
-def _shrunk(camera: Camera, factor: int) -> Camera:
-    """The camera of an image averaged over factor x factor blocks; rows and columns that do not fill a block are cut off."""
-    width, height = camera.width // factor, camera.height // factor
-    K = camera.K.copy()
-    K[:2] /= factor
-    return Camera(camera.name, camera.viewmat, K, width, height)
