@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 import torch
 
-from splatreel.recon.drawing import Backdrop, Splats, View, draw, filled, shrunk, splats
+from splatreel.recon.drawing import Backdrop, Splats, View, draw, filled, halved, splats
 from splatreel.recon.points import TrainablePoints, default_rates
 from splatreel.scene.gaussians import Gaussians
 from tests.recon.captures import blots
@@ -108,8 +108,8 @@ def test_small_pictures_are_what_their_views_see() -> None:
     views = [View.of(camera, CPU, antialias=True) for camera in ring(2, width=97, height=65)]
     seen = Backdrop(WALL, views, NEAR, CPU)
     pictures = torch.stack([seen.scenery(k).still.image for k in range(2)])
-    small = shrunk((pictures.clamp(0, 1) * 255).round().to(torch.uint8), 2)
-    seen.look([view.shrunk(2) for view in views])
+    small = halved((pictures.clamp(0, 1) * 255).round().to(torch.uint8))
+    seen.look([view.halved() for view in views])
     again = torch.stack([seen.scenery(k).still.image for k in range(2)])
     assert small.shape == again.shape == (2, 32, 48, 3)
     assert (small.float() / 255 - again.clamp(0, 1)).abs().mean() < 0.01

@@ -147,9 +147,7 @@ def test_colours_depend_less_on_the_view_where_that_costs(filmed: GroupFrames) -
     sheeny = replace(THING, sh=np.concatenate([THING.sh, sheen], 1))
 
     def trained(price: float) -> GroupResult:
-        settings = config(iterations=40)
-        settings = with_group(settings, lambda_sh=price)
-        return trainer(filmed, settings, sheeny).train(Silent())
+        return trainer(filmed, with_group(config(iterations=40), lambda_sh=price), sheeny).train(Silent())
 
     free, priced = trained(0.0), trained(1.0)
     assert np.abs(priced.dynamic.sh[:, 1:]).mean() < 0.9 * np.abs(free.dynamic.sh[:, 1:]).mean()
@@ -236,8 +234,7 @@ def test_points_that_fill_nothing_go_and_the_picture_stays(filmed: GroupFrames) 
     """Some were put behind the wall, where no camera sees them."""
     hidden = blots(30, [-0.8, -0.6, 1.3], [0.2, 0.6, 1.5], 0.05, 2)
     tracks = np.stack([moved(Gaussians.concatenate([THING, hidden]), t).means for t in range(FRAMES)])
-    settings = config()
-    settings = with_group(settings, faint_share=0.01)
+    settings = with_group(config(), faint_share=0.01)
     wall = Gaussians(WALL.means, WALL.quats, WALL.scales, np.full(len(WALL), 0.999), WALL.sh)
     group = trainer(filmed, settings, Gaussians.concatenate([THING, hidden]), wall, tracks)
     assert quality(filmed, group.result(), wall) > 38

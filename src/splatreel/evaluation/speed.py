@@ -99,11 +99,11 @@ def trainer_of(capture: Capture, work: Path, config: Config, device: torch.devic
     gains.load(
         torch.from_numpy(checkpoint.load_arrays(group_folder(work, 0) / "keyframe.safetensors")["gains"]).to(device)
     )
-    measured, fine = (
-        dataclasses.replace(config.layering, adapt_every=1),
-        dataclasses.replace(config.group, coarse_share=0.0),
+    config = dataclasses.replace(
+        config,
+        layering=dataclasses.replace(config.layering, adapt_every=1),
+        group=dataclasses.replace(config.group, coarse_share=0.0),
     )
-    config = dataclasses.replace(config, layering=measured, group=fine)
     frames = GroupFrames(images, views, layout.near, layout.unit)
     start = Start(group.dynamic, group.dynamic.means + group.dx)
     return GroupTrainer(frames, start, load_static(work, 0), group.alive, gains, config, config.seed)

@@ -30,11 +30,11 @@ class View:
         viewmat, K, center = (torch.from_numpy(array.copy()).to(device) for array in arrays)
         return View(viewmat, K, center, camera.width, camera.height, antialias)
 
-    def shrunk(self, factor: int) -> View:
-        """The view of pictures that were `shrunk`."""
+    def halved(self) -> View:
+        """The view of pictures that were `halved`."""
         K = self.K.clone()
-        K[:2] /= factor
-        return replace(self, K=K, width=self.width // factor, height=self.height // factor)
+        K[:2] /= 2
+        return replace(self, K=K, width=self.width // 2, height=self.height // 2)
 
 
 @dataclass(frozen=True)
@@ -86,9 +86,9 @@ class Drawing:
     tiles: Tensor | None = None
 
 
-def shrunk(images: Tensor, factor: int) -> Tensor:
-    """Images [C, H, W, 3] uint8, averaged over blocks of factor x factor; rows and columns that do not fill a block are cut off."""
-    small = torch.nn.functional.avg_pool2d(images.permute(0, 3, 1, 2).float(), factor)
+def halved(images: Tensor) -> Tensor:
+    """Images [C, H, W, 3] uint8 at half size, averaged over blocks of 2 x 2; an odd row or column is cut off."""
+    small = torch.nn.functional.avg_pool2d(images.permute(0, 3, 1, 2).float(), 2)
     return small.round().to(torch.uint8).permute(0, 2, 3, 1).contiguous()
 
 

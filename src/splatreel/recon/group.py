@@ -16,7 +16,7 @@ from splatreel.recon import losses
 from splatreel.recon.colors import CameraGains
 from splatreel.recon.deformation import Deformation
 from splatreel.recon.density import GradientMeter
-from splatreel.recon.drawing import Backdrop, Drawing, Splats, View, deformed, draw, filled, shrunk
+from splatreel.recon.drawing import Backdrop, Drawing, Splats, View, deformed, draw, filled, halved
 from splatreel.recon.following import Start
 from splatreel.recon.hashgrid import HashGrid
 from splatreel.recon.points import TrainablePoints
@@ -38,9 +38,6 @@ CANONICAL_RATES = {
 
 ADAPT_FROM, ADAPT_TO = 0.25, 0.8
 """Share of training in which points are converted and cloned: before, everything that moves pulls; after, none could learn."""
-
-COARSE = 2
-"""By how much pictures are smaller in the first part of training: places settle there at a third of the cost."""
 
 FULL_WIDTH = 1352
 """Image width that the paper's thresholds are for."""
@@ -71,10 +68,10 @@ class GroupFrames:
     def count(self) -> int:
         return self.images.shape[0]
 
-    def shrunk(self, factor: int) -> GroupFrames:
-        """The same at a smaller size."""
-        images = torch.stack([shrunk(images, factor) for images in self.images])
-        return replace(self, images=images, views=[view.shrunk(factor) for view in self.views])
+    def halved(self) -> GroupFrames:
+        """The same at half size. A frame at a time: as floats, a group's pictures are large."""
+        images = torch.stack([halved(images) for images in self.images])
+        return replace(self, images=images, views=[view.halved() for view in self.views])
 
 
 @dataclass(frozen=True)
@@ -107,7 +104,7 @@ class GroupTrainer:
     ) -> None:
         device = frames.images.device
         self.config, self.gains, self.whole = config, gains, frames
-        self.frames = frames = frames.shrunk(COARSE) if config.group.coarse_share else frames
+        self.frames = frames = frames.halved() if config.group.coarse_share else frames
         rates = CANONICAL_RATES | {"means": CANONICAL_RATES["means"] * frames.unit}
         self.points = TrainablePoints.from_gaussians(start.dynamic, rates, device)
         self.backdrop = Backdrop(static, frames.views, frames.near, device)

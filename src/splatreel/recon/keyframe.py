@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import torch
@@ -15,7 +15,7 @@ from splatreel.progress import Progress
 from splatreel.recon.average import Average
 from splatreel.recon.colors import CameraGains
 from splatreel.recon.density import GradientMeter, children, select_growth
-from splatreel.recon.drawing import Backdrop, Splats, View, deformed, draw
+from splatreel.recon.drawing import Backdrop, Splats, View, deformed, draw, halved
 from splatreel.recon.losses import spread
 from splatreel.recon.points import TrainablePoints, default_rates
 from splatreel.scene.gaussians import Gaussians
@@ -34,6 +34,10 @@ class Stage:
     images: Tensor
     near: float
     unit: float
+
+    def halved(self) -> Stage:
+        """The same at half size."""
+        return replace(self, views=[view.halved() for view in self.views], images=halved(self.images))
 
 
 def starting_points(

@@ -24,15 +24,15 @@ class Plan:
     """
 
     def __init__(self, counts: Sequence[int], config: Config) -> None:
-        keyframe = config.keyframe
-        coarse = keyframe.coarse_share * (1 - COARSE_COST)
+        keyframe, motion = config.keyframe, config.group
+        first = keyframe.first_iterations * _cost(keyframe.coarse_share)
+        each = MOTION_COST * motion.iterations_per_frame * _cost(motion.coarse_share)
         self._costs = {"points": POINTS_COST}
         for group, count in enumerate(counts):
-            first = keyframe.first_iterations * (1 - coarse)
             self._costs[f"keyframe {group}"] = keyframe.refine_iterations if group else first
             self._costs[f"layering {group}"] = LAYERING_COST
-            self._costs[f"tracking {group}"] = TRACKING_COST * count if config.group.track else 0.0
-            self._costs[f"motion {group}"] = MOTION_COST * config.group.iterations_per_frame * count
+            self._costs[f"tracking {group}"] = TRACKING_COST * count if motion.track else 0.0
+            self._costs[f"motion {group}"] = each * count
 
     def points(self) -> Span:
         return self._span("points")
@@ -57,3 +57,8 @@ class Plan:
                 return begin / total, (begin + cost) / total
             begin += cost
         raise KeyError(stage)
+
+
+def _cost(coarse_share: float) -> float:
+    """Of training of which so much is at half size, as a share of what all of it would cost at full size."""
+    return 1 - coarse_share * (1 - COARSE_COST)

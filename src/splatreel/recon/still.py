@@ -8,7 +8,7 @@ import torch
 from splatreel.config import Config
 from splatreel.progress import Progress, Silent
 from splatreel.recon.colors import CameraGains
-from splatreel.recon.drawing import View, shrunk
+from splatreel.recon.drawing import View
 from splatreel.recon.initialise import InitialPoints, initial_points, near_plane
 from splatreel.recon.keyframe import KeyframeTrainer, Stage, starting_points
 from splatreel.recon.layout import Layout, measure
@@ -88,18 +88,10 @@ def train_frame(
 ) -> None:
     """Train on one frame, the first `coarse_share` of the iterations at half size. images: [C, H, W, 3] uint8."""
     device = trainer.points.means.device
+    views = [View.of(camera, device, antialias) for camera in cameras]
+    stage = Stage(views, torch.from_numpy(images).to(device), layout.near, layout.unit)
     coarse = round(iterations * coarse_share)
     if coarse:
-        trainer.train(_stage(cameras, images, layout, 2, device, antialias), coarse, iterations, progress)
-    trainer.train(_stage(cameras, images, layout, 1, device, antialias), iterations - coarse, iterations, progress)
+        trainer.train(stage.halved(), coarse, iterations, progress)
+    trainer.train(stage, iterations - coarse, iterations, progress)
     progress.update(iterations, points=len(trainer.points))
-
-
-def _stage(
-    cameras: list[Camera], images: np.ndarray, layout: Layout, shrink: int, device: torch.device, antialias: bool
-) -> Stage:
-    """Images [C, H, W, 3] and their cameras, at full size or shrunk by a whole factor."""
-    tensor, views = torch.from_numpy(images), [View.of(camera, device, antialias) for camera in cameras]
-    if shrink > 1:
-        tensor, views = shrunk(tensor, shrink), [view.shrunk(shrink) for view in views]
-    return Stage(views, tensor.to(device), layout.near, layout.unit)
