@@ -25,17 +25,67 @@ def test_dis_measures_a_shift() -> None:
     np.testing.assert_allclose(np.median(flow[20:-20, 20:-20], (0, 1)), [3, 2], atol=0.2)
 
 
-def test_dis_finds_what_is_small_and_fast_where_a_guess_says_to_look() -> None:
-    a, thing = textured() // 2, textured(8, 8, seed=1)
+@pytest.mark.parametrize("closely", [False, True])
+def test_dis_finds_what_is_small_and_fast_where_a_guess_says_to_look(closely: bool) -> None:
+    a, thing = textured() // 2, textured(12, 12, seed=1)
     b = a.copy()
-    a[40:48, 30:38], b[44:52, 60:68] = thing, thing
+    a[40:52, 30:42], b[44:56, 60:72] = thing, thing
     guess = np.zeros((96, 128, 2), np.float32)
-    guess[38:50, 28:40] = 28, 2
+    guess[38:54, 28:44] = 28, 2
+    wanted = (guess != 0).any(-1) if closely else None
     given, flow = guess.copy(), DisFlow()
-    alone, guided = (np.median(found[42:46, 32:36], (0, 1)) for found in (flow(a, b), flow(a, b, guess)))
+    alone, guided = (np.median(f[42:50, 32:40], (0, 1)) for f in (flow(a, b, None, wanted), flow(a, b, guess, wanted)))
     assert np.abs(alone - [30, 4]).max() > 10
     np.testing.assert_allclose(guided, [30, 4], atol=0.5)
     np.testing.assert_array_equal(guess, given, err_msg="the guess is only read")
+
+
+def test_dis_looks_closely_only_around_what_is_wanted(monkeypatch: pytest.MonkeyPatch) -> None:
+    a = textured(192, 256)
+    b = np.roll(a, (2, 3), (0, 1))
+    wanted, nothing = np.zeros((192, 256), bool), np.zeros((192, 256), bool)
+    wanted[60:64, 100:104] = wanted[72:90, 110] = wanted[189:, 250:] = True
+    looked: list[tuple[int, ...]] = []
+
+    class Counted:
+        def __init__(self, finest: int) -> None:
+            self.finest, self.dis = finest, cv2.DISOpticalFlow.create(cv2.DISOPTICAL_FLOW_PRESET_MEDIUM)
+            self.dis.setFinestScale(finest)
+
+        def calc(self, a: np.ndarray, b: np.ndarray, guess: np.ndarray | None) -> np.ndarray:
+            looked.append((self.finest, *a.shape))
+            return self.dis.calc(a, b, guess)
+
+    monkeypatch.setattr("splatreel.motion.flow._dis", Counted)
+    flow = DisFlow()(a, b, None, wanted)
+    inside = wanted & (np.arange(256) < 250)
+    np.testing.assert_allclose(flow[inside], np.broadcast_to([3, 2], (inside.sum(), 2)), atol=0.3)
+    assert looked == [(1, 192, 256), (0, 58, 39), (0, 29, 29)], "what lies close together shares a box"
+    looked.clear()
+    far = DisFlow()(a, b, None, nothing)
+    np.testing.assert_allclose(np.median(far[20:-20, 20:-20], (0, 1)), [3, 2], atol=0.3)
+    assert looked == [(1, 192, 256)]
+    looked.clear()
+    everything = DisFlow()(a, b, None, ~nothing)
+    np.testing.assert_array_equal(everything, DisFlow()(a, b))
+    assert looked == [(0, 192, 256)] * 2
+
+
+@pytest.mark.parametrize("size", [(16, 40), (17, 17), (20, 300)])
+def test_dis_looks_closely_in_small_images(size: tuple[int, int]) -> None:
+    a, wanted = textured(*size), np.zeros(size, bool)
+    wanted[0, 0] = wanted[-1, -1] = True
+    flow = DisFlow()(a, a, None, wanted)
+    assert flow.shape == (*size, 2)
+    assert np.abs(flow).max() < 0.2
+
+
+def test_dis_takes_pictures_of_any_size_in_turn() -> None:
+    """OpenCV's object for a small picture ends the process when it sees a larger one."""
+    flow, sizes = DisFlow(), [(42, 68), (96, 128), (17, 30), (200, 260)]
+    for height, width in sizes:
+        a = textured(height, width)
+        np.testing.assert_array_equal(flow(a, a[::-1]), DisFlow()(a, a[::-1]))
 
 
 def test_dis_takes_tiny_images() -> None:

@@ -7,7 +7,7 @@ import pytest
 from splatreel.config import LayeringConfig
 from splatreel.errors import UsageError
 from splatreel.motion.flow import DisFlow
-from splatreel.motion.masks import GrabCutSegmenter, later_frames, make_segmenter, motion_masks
+from splatreel.motion.masks import ENOUGH_WIDTH, GrabCutSegmenter, later_frames, make_segmenter, motion_masks
 
 CONFIG = LayeringConfig()
 
@@ -27,11 +27,14 @@ def sliding_square(steps: list[int]) -> np.ndarray:
 
 
 class ConstantFlow:
-    def __init__(self, pixels: float) -> None:
-        self.pixels = pixels
+    """Everything goes the same way, so many pixels in pictures of a width; smaller ones show it smaller."""
+
+    def __init__(self, pixels: float, width: int | None = None) -> None:
+        self.pixels, self.width = pixels, width
 
     def __call__(self, a: np.ndarray, b: np.ndarray) -> np.ndarray:
-        return np.full((*a.shape[:2], 2), self.pixels / np.sqrt(2), np.float32)
+        scale = a.shape[1] / (self.width or a.shape[1])
+        return np.full((*a.shape[:2], 2), self.pixels * scale / np.sqrt(2), np.float32)
 
 
 def test_a_moving_square_is_found() -> None:
@@ -81,10 +84,30 @@ def test_nothing_moves_and_everything_moves() -> None:
 
 def test_the_flow_threshold_follows_the_width() -> None:
     frames = np.stack([noise(20, 1352, s) for s in range(2)])[:, None]
-    assert not motion_masks(frames, ConstantFlow(1.9), CONFIG).any()
-    assert motion_masks(frames, ConstantFlow(2.1), CONFIG).all()
-    assert motion_masks(frames[:, :, :, :676], ConstantFlow(1.1), CONFIG).all()
+    assert not motion_masks(frames, ConstantFlow(1.9, 1352), CONFIG).any()
+    assert motion_masks(frames, ConstantFlow(2.1, 1352), CONFIG).all()
+    assert not motion_masks(frames[:, :, :, :676], ConstantFlow(0.9, 676), CONFIG).any()
+    assert motion_masks(frames[:, :, :, :676], ConstantFlow(1.1, 676), CONFIG).all()
     assert not motion_masks(frames[:, :, :, :64], ConstantFlow(0.4), CONFIG).any(), "half a pixel is noise at any width"
+
+
+def test_large_pictures_are_looked_at_in_small() -> None:
+    """The same scene four and eight times as large: the same flow is computed, and the masks fit the pictures."""
+    small, widths = sliding_square([0, 2, 4, 6]), []
+    dis = DisFlow()
+
+    def flow(a: np.ndarray, b: np.ndarray) -> np.ndarray:
+        widths.append(a.shape[1])
+        return dis(a, b)
+
+    for scale in (2, 4, 8):
+        large = small.repeat(scale, 2).repeat(scale, 3)
+        mask = motion_masks(large, flow, CONFIG)[0]
+        assert mask.shape == (100 * scale, 160 * scale)
+        assert mask[42 * scale : 68 * scale, 42 * scale : 68 * scale].mean() > 0.95
+        assert not mask[: 25 * scale].any()
+        assert not mask[:, 100 * scale :].any()
+    assert set(widths) == {ENOUGH_WIDTH}
 
 
 def test_flow_without_a_difference_is_noise() -> None:

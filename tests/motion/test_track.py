@@ -79,7 +79,9 @@ class TrueFlow:
         images[:, :, 0, 0, 1] = np.arange(len(CAMERAS))
         return images
 
-    def __call__(self, a: np.ndarray, b: np.ndarray, guess: np.ndarray | None = None) -> np.ndarray:
+    def __call__(
+        self, a: np.ndarray, b: np.ndarray, guess: np.ndarray | None = None, wanted: np.ndarray | None = None
+    ) -> np.ndarray:
         camera = CAMERAS[a[0, 0, 1]]
         here, there = (project(self.truth[image[0, 0, 0]], camera)[0] for image in (a, b))
         centers = np.stack(np.meshgrid(np.arange(WIDTH) + 0.5, np.arange(HEIGHT) + 0.5), -1)
@@ -161,7 +163,9 @@ def test_points_nobody_sees_keep_their_velocity() -> None:
     covered = [render_image(white(screen), camera, near=NEAR).mean(-1) > 0.5 for camera in CAMERAS]
     flow = TrueFlow(truth)
 
-    def screened(a: np.ndarray, b: np.ndarray, guess: np.ndarray | None = None) -> np.ndarray:
+    def screened(
+        a: np.ndarray, b: np.ndarray, guess: np.ndarray | None = None, wanted: np.ndarray | None = None
+    ) -> np.ndarray:
         return np.where(covered[a[0, 0, 1]][..., None], 0, flow(a, b))
 
     tracker = Tracker(Gaussians.concatenate([WALL, screen]), CAMERAS, flow.frames(), screened, NEAR)
@@ -180,7 +184,9 @@ def test_what_is_thrown_is_kept_where_it_moves_as_far_as_it_is_large() -> None:
     ]
     frames, dis = (np.clip(images, 0, 1) * 255).astype(np.uint8), DisFlow()
 
-    def unguided(a: np.ndarray, b: np.ndarray, guess: np.ndarray | None = None) -> np.ndarray:
+    def unguided(
+        a: np.ndarray, b: np.ndarray, guess: np.ndarray | None = None, wanted: np.ndarray | None = None
+    ) -> np.ndarray:
         return dis(a, b)
 
     def error(flow: Flow, patches: bool) -> np.ndarray:
@@ -208,7 +214,9 @@ def test_no_point_and_one_point() -> None:
 def test_tracking_holds_the_flow_of_one_pair_of_frames() -> None:
     few = PATCH[::20]
     frames = np.zeros((24, len(CAMERAS), HEIGHT, WIDTH, 3), np.uint8)
-    tracker = Tracker(WALL, CAMERAS, frames, lambda a, b, guess=None: np.zeros((HEIGHT, WIDTH, 2), np.float32), NEAR)
+    tracker = Tracker(
+        WALL, CAMERAS, frames, lambda a, b, guess=None, wanted=None: np.zeros((HEIGHT, WIDTH, 2), np.float32), NEAR
+    )
     peaks = []
     for last in (2, 23):
         tracemalloc.start()

@@ -253,6 +253,19 @@ def test_the_folder_of_another_run_is_refused(
     assert content(copy) == before
 
 
+def test_a_run_of_a_version_without_a_setting_goes_on_where_the_setting_is_off(copy: Path) -> None:
+    path = copy / "work" / "run.json"
+    record = json.loads(path.read_text())
+    assert record["config"]["keyframe"].pop("average_share") == KeyframeConfig().average_share
+    path.write_text(json.dumps(record))
+    before = content(copy / "reel")
+    on = replace(CONFIG, keyframe=replace(CONFIG.keyframe, average_share=0.5))
+    with pytest.raises(ReconstructionError, match=re.escape("config.keyframe.average_share is 0.0 there, 0.5 now")):
+        reconstruct(WallCapture(FRAMES), copy, on)
+    reconstruct(WallCapture(FRAMES), copy, CONFIG)
+    assert content(copy / "reel") == before
+
+
 def test_a_reel_without_its_checkpoints_is_not_overwritten(copy: Path) -> None:
     shutil.rmtree(copy / "work")
     before = content(copy / "reel")

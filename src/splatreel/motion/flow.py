@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import os
 import threading
 from collections.abc import Callable
@@ -15,21 +16,33 @@ import numpy as np
 from splatreel.errors import MissingDependencyError, UsageError
 
 T = TypeVar("T")
+Box = tuple[slice, slice]
+"""Rows and columns."""
 
 RAFT_FILE = "raft_large_C_T_SKHT_V2-ff5fadd5.pth"
 RAFT_URL = f"https://download.pytorch.org/models/{RAFT_FILE}"
 RAFT_VARIABLE = "SPLATREEL_RAFT_WEIGHTS"
 RAFT_LEAST = 128
 """RAFT's correlation pyramid needs at least this many pixels a side."""
+REACH = 0.03
+"""Of the picture's width: how far around the pixels that are asked for DIS looks closely, and `REACH_LEAST` pixels at least."""
+REACH_LEAST = 14
+PATCH = 7
+"""Pixels around one, a side, by which a guess is judged."""
+MOST = 0.7
+"""Share of the picture that boxes fill above which it is less work to look closely at everything."""
 
 
 class Flow(Protocol):
     """Where the pixels of frame a go in frame b. a, b: [H, W, 3] uint8 sRGB. Returns [H, W, 2] float32, x and y in pixels.
 
     guess: [H, W, 2], where they are likely to go; what is small and fast is out of reach of a coarse-to-fine search without it.
+    wanted: [H, W] bool, the pixels that are asked for; what is said of others may be anything finite.
     """
 
-    def __call__(self, a: np.ndarray, b: np.ndarray, guess: np.ndarray | None = None) -> np.ndarray: ...
+    def __call__(
+        self, a: np.ndarray, b: np.ndarray, guess: np.ndarray | None = None, wanted: np.ndarray | None = None
+    ) -> np.ndarray: ...
 
 
 def make_flow(name: str) -> Flow:
@@ -56,23 +69,88 @@ class DisFlow:
     def __init__(self) -> None:
         self._own = threading.local()
 
-    @property
-    def _dis(self) -> Any:
-        """OpenCV's object of this thread: it keeps its buffers."""
-        if not hasattr(self._own, "dis"):
-            self._own.dis = cv2.DISOpticalFlow.create(cv2.DISOPTICAL_FLOW_PRESET_MEDIUM)
-            self._own.dis.setFinestScale(0)
-        return self._own.dis
-
-    def __call__(self, a: np.ndarray, b: np.ndarray, guess: np.ndarray | None = None) -> np.ndarray:
-        grays = [cv2.cvtColor(np.ascontiguousarray(x), cv2.COLOR_RGB2GRAY) for x in (a, b)]
+    def __call__(
+        self, a: np.ndarray, b: np.ndarray, guess: np.ndarray | None = None, wanted: np.ndarray | None = None
+    ) -> np.ndarray:
+        """Where few pixels are wanted, the whole pictures are compared at half size, and only boxes around those at full size."""
         least = min(a.shape[:2])
+        here, there = (cv2.cvtColor(np.ascontiguousarray(x), cv2.COLOR_RGB2GRAY) for x in (a, b))
         if least < 16:  # below DIS's patch pyramid; nothing goes far in such images
-            grays, guess = [cv2.resize(g, None, fx=16 / least, fy=16 / least) for g in grays], None
-        flow = self._dis.calc(*grays, None if guess is None else guess.astype(np.float32))  # a copy: it is written to
-        if least < 16:
-            flow = cv2.resize(flow, (a.shape[1], a.shape[0]), interpolation=cv2.INTER_AREA) * (least / 16)
-        return np.ascontiguousarray(flow, np.float32)
+            here, there = (cv2.resize(gray, None, fx=16 / least, fy=16 / least) for gray in (here, there))
+            flow = _dis(0).calc(here, there, None)
+            return cv2.resize(flow, (a.shape[1], a.shape[0]), interpolation=cv2.INTER_AREA) * (least / 16)
+        boxes = [] if wanted is None else _boxes(wanted, guess)
+        if wanted is None or sum(_area(box) for box in boxes) > MOST * wanted.size:
+            return self._whole(0, here, there, guess)
+        flow = self._whole(1, here, there, guess)
+        for box in boxes:
+            near = np.ascontiguousarray(here[box]), np.ascontiguousarray(there[box])
+            start = flow[box] if guess is None else _better(*near, flow[box], guess[box])
+            flow[box] = _dis(0).calc(*near, np.ascontiguousarray(start))
+        return flow
+
+    def _whole(self, finest: int, a: np.ndarray, b: np.ndarray, guess: np.ndarray | None) -> np.ndarray:
+        """Flow between whole gray pictures, by an object of this thread and their size, which keeps its buffers."""
+        name = f"{finest} {a.shape}"
+        if not hasattr(self._own, name):
+            setattr(self._own, name, _dis(finest))
+        start = None if guess is None else guess.astype(np.float32)  # a copy: it is written to
+        return getattr(self._own, name).calc(a, b, start)
+
+
+def _dis(finest: int) -> Any:
+    """OpenCV's object, which halves pictures until it ends at those halved `finest` times.
+
+    It must not see a second size: its buffers are of the first, and it looks past their ends in a larger one.
+    """
+    dis = cv2.DISOpticalFlow.create(cv2.DISOPTICAL_FLOW_PRESET_MEDIUM)
+    dis.setFinestScale(finest)
+    return dis
+
+
+def _better(a: np.ndarray, b: np.ndarray, flow: np.ndarray, guess: np.ndarray) -> np.ndarray:
+    """Flow between gray pictures, but the guess wherever it takes a pixel and those around it to more alike ones."""
+    y, x = np.mgrid[: a.shape[0], : a.shape[1]].astype(np.float32)
+    a, b = (cv2.blur(gray, (PATCH, PATCH)) for gray in (a, b))  # a guess may be some pixels wrong
+    errors = []
+    for way in (flow, guess):
+        met = cv2.remap(b, x + way[..., 0], y + way[..., 1], cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
+        errors.append(cv2.blur(cv2.absdiff(a, met).astype(np.float32), (PATCH, PATCH)))
+    return np.where((errors[1] < errors[0])[..., None], guess, flow)
+
+
+def _boxes(wanted: np.ndarray, guess: np.ndarray | None) -> list[Box]:
+    """Boxes that hold these pixels, what is in reach of them, and where a guess takes them; none is too small for DIS."""
+    reach = max(round(REACH * wanted.shape[1]), REACH_LEAST)
+    side = 2 * reach + 1
+    near = cv2.dilate(wanted.astype(np.uint8), np.ones((side, side), np.uint8))
+    boxes = []
+    for part in cv2.connectedComponentsWithStats(near)[2][1:].tolist():
+        x, y, width, height = part[:4]
+        rows, columns = slice(y, y + height), slice(x, x + width)
+        if guess is not None:
+            ways = guess[rows, columns][wanted[rows, columns]]
+            rows, columns = (_stretched(span, ways[:, axis]) for span, axis in ((rows, 1), (columns, 0)))
+        rows, columns = (_within(span, size, side) for span, size in zip((rows, columns), wanted.shape, strict=True))
+        boxes.append((rows, columns))
+    return boxes
+
+
+def _stretched(span: slice, ways: np.ndarray) -> slice:
+    """Pixels of one axis and where these ways take them."""
+    return slice(span.start + math.floor(min(ways.min(), 0)), span.stop + math.ceil(max(ways.max(), 0)))
+
+
+def _within(span: slice, size: int, least: int) -> slice:
+    """The part that a picture of a size has, at least so many pixels if it has them."""
+    start, stop = max(span.start, 0), min(span.stop, size)
+    start = max(min(start, size - least), 0)
+    return slice(start, min(max(stop, start + least), size))
+
+
+def _area(box: Box) -> int:
+    rows, columns = box
+    return (rows.stop - rows.start) * (columns.stop - columns.start)
 
 
 class RaftFlow:
@@ -92,8 +170,10 @@ class RaftFlow:
         self.updates = updates
         self.model = (model if model is not None else _load_raft(weights)).to(self.device).eval()
 
-    def __call__(self, a: np.ndarray, b: np.ndarray, guess: np.ndarray | None = None) -> np.ndarray:
-        """It compares all pixels with all, and needs no guess."""
+    def __call__(
+        self, a: np.ndarray, b: np.ndarray, guess: np.ndarray | None = None, wanted: np.ndarray | None = None
+    ) -> np.ndarray:
+        """It compares all pixels with all, whatever is wanted, and needs no guess."""
         import torch
 
         height, width = a.shape[:2]

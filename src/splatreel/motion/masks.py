@@ -15,6 +15,8 @@ from splatreel.motion.sam2 import Sam2Segmenter
 
 PAPER_WIDTH = 1352
 """Image width, in pixels, to which the paper's flow threshold refers."""
+ENOUGH_WIDTH = 320
+"""Pictures are halved for their flow as long as this many pixels are left of their width: masks need no more, and flow is slow."""
 LEAST_FLOW = 0.5
 """Pixels; shorter flow is not told from noise, however small the images."""
 ENOUGH_FRAMES = 0.4
@@ -50,22 +52,32 @@ def motion_masks(frames: np.ndarray, flow: Flow, config: LayeringConfig) -> np.n
     appears only later has no pixel at the keyframe and is left to the adaptive conversion of static points.
     """
     count, cameras, height, width = frames.shape[:4]
-    threshold = max(config.flow_threshold * width / PAPER_WIDTH, LEAST_FLOW)
+    halvings = max(int(math.log2(width / ENOUGH_WIDTH)), 0)
+    threshold = max(config.flow_threshold * (width >> halvings) / PAPER_WIDTH, LEAST_FLOW)
     later = later_frames(count, config.flow_frames)
     enough = math.ceil(ENOUGH_FRAMES * len(later))
 
     def moving(c: int) -> np.ndarray:
-        evidence = np.zeros((height, width), int)
+        first = _smaller(frames[0, c], halvings)
+        evidence = np.zeros(first.shape[:2], int)
         for t in later:
-            vectors = flow(frames[0, c], frames[t, c])
+            other = _smaller(frames[t, c], halvings)
+            vectors = flow(first, other)
             moves = np.hypot(vectors[..., 0], vectors[..., 1]) > threshold
-            moves &= _difference(frames[0, c], frames[t, c]) >= config.photometric_threshold
+            moves &= _difference(first, other) >= config.photometric_threshold
             evidence += moves
             if enough > 1:
-                evidence[moves & _returns(vectors, flow(frames[t, c], frames[0, c]))] = enough
-        return _clean((evidence >= enough) & (evidence > 0))
+                evidence[moves & _returns(vectors, flow(other, first))] = enough
+        mask = _clean((evidence >= enough) & (evidence > 0))
+        return cv2.resize(mask.astype(np.uint8), (width, height), interpolation=cv2.INTER_NEAREST) > 0
 
     return np.stack(each_view(moving, cameras, flow))
+
+
+def _smaller(image: np.ndarray, halvings: int) -> np.ndarray:
+    """[H, W, 3] uint8, its width and height halved so many times."""
+    size = image.shape[1] >> halvings, max(image.shape[0] >> halvings, 1)
+    return cv2.resize(image, size, interpolation=cv2.INTER_AREA) if halvings else image
 
 
 def _returns(forth: np.ndarray, back: np.ndarray) -> np.ndarray:

@@ -61,7 +61,9 @@ class Claim:
         path = self.work / "run.json"
         if path.exists():
             theirs = checkpoint.load_json(path)
-            found = differences(theirs if isinstance(theirs, dict) else {}, self.record)
+            # What an earlier version did not know is as if it had been left alone: new settings are off unless a preset says so.
+            known = {"config": json.loads(Config().to_json())}
+            found = differences(_filled(theirs if isinstance(theirs, dict) else {}, known), self.record)
             if found:
                 more = [f"and {len(found) - SHOWN} more"] if len(found) > SHOWN else []
                 raise ReconstructionError(
@@ -100,6 +102,15 @@ class Claim:
         if self._lock is not None:
             os.close(self._lock)
             self._lock = None
+
+
+def _filled(record: dict[str, Any], defaults: dict[str, Any]) -> dict[str, Any]:
+    """A nested record with what it lacks of the defaults."""
+    filled = {**defaults, **record}
+    for name, value in defaults.items():
+        if isinstance(value, dict) and isinstance(record.get(name), dict):
+            filled[name] = _filled(record[name], value)
+    return filled
 
 
 def differences(theirs: dict[str, Any], mine: dict[str, Any], prefix: str = "") -> list[str]:
