@@ -54,3 +54,16 @@ def test_knots_are_close_only_where_paths_turn():
 @pytest.mark.parametrize("paths", [torch.zeros(20, 4, 3), torch.zeros(20, 0, 3), torch.zeros(1, 2, 3)])
 def test_what_rests_needs_no_closer_knots(paths):
     assert Spline.along(paths).knots == Spline(len(paths)).knots
+
+
+def test_one_part_of_many_that_bounces_is_followed():
+    """A ball is a fiftieth of all points, whose tracks are noisy; a few others jump."""
+    generator = torch.Generator().manual_seed(0)
+    paths = 0.002 * torch.randn(31, 1000, 3, generator=generator)
+    parts = torch.arange(1000) // 20
+    paths[:, 40:60] += 0.05 * bounce(31, 15)[:, :1]
+    paths[9, 990:995] += 0.5
+    parts[990:995] = 99
+    assert {14, 15, 16} <= set(Spline.along(paths, parts).breaks)
+    assert Spline.along(paths).knots == Spline(31).knots, "the mean of all hides it"
+    assert 9 not in Spline.along(paths, parts).breaks

@@ -14,9 +14,12 @@ SMOOTHING = 0.05
 FRAMES_PER_KNOT = 2.0
 """Even spacing of the knots."""
 
-SHARP, RINGING = 1.5, 0.3
-"""Paths turn too sharply for the even spline where they leave it SHARP times as far as in the median frame, and RINGING times as
-far as in the worst: a spline that misses a turn swings around the path before and after."""
+SHARP, RINGING, TURN = 3.0, 0.3, 0.003
+"""A part turns too sharply for the even spline where it leaves it SHARP times as far as in the median frame, RINGING times as far as
+in the worst, as a spline that misses a turn swings around the path before and after, and TURN, in typical viewing distances: about a
+pixel."""
+PART = 0.01
+"""Share of the points that a part needs for it: the tracks of a few jump."""
 
 
 class Spline:
@@ -37,15 +40,22 @@ class Spline:
         self._whole: dict[float, tuple[int, np.ndarray]] = {frame: self._decide(frame) for frame in range(frames)}
 
     @classmethod
-    def along(cls, paths: Tensor) -> Spline:
-        """The spline with knots to follow paths [T, N, D], one value a frame: closer ones where many turn at once."""
+    def along(cls, paths: Tensor, parts: Tensor | None = None) -> Spline:
+        """The spline with knots to follow paths [T, N, D], one value a frame, in typical viewing distances.
+
+        Knots are closer where a part turns sharply. parts: [N], to which one each point belongs; the mean of all hides what one does.
+        """
         even = cls(len(paths))
         if paths.shape[1] == 0:
             return even
-        errors = (even.values(even.fit(paths)) - paths).square().mean((1, 2)).sqrt().cpu().numpy()
-        peaks = (errors >= np.append(errors[1:], 0)) & (errors >= np.append(0, errors[:-1]))
-        least = max(SHARP * np.median(errors), RINGING * errors.max(), 1e-9)
-        return cls(len(paths), np.nonzero(peaks & (errors > least))[0].tolist())
+        missed = even.values(even.fit(paths)) - paths
+        parts = torch.zeros(paths.shape[1], device=paths.device) if parts is None else parts
+        bends: set[int] = set()
+        for part in parts.unique():
+            rows = parts == part
+            if rows.sum() >= PART * len(parts):
+                bends |= _bends(missed[:, rows].median(1).values.norm(dim=1).cpu().numpy())
+        return cls(len(paths), bends)
 
     def at(self, frame: float) -> tuple[int, np.ndarray]:
         """First of the four knots that decide a frame (a real number from 0), and their weights [4] float32."""
@@ -75,6 +85,13 @@ class Spline:
             knot, weights = self.at(frame)
             rows[frame, knot : knot + 4] = weights
         return rows
+
+
+def _bends(errors: np.ndarray) -> set[int]:
+    """Frames in which a spline misses a turn, by how far it leaves a path in each."""
+    peaks = (errors >= np.append(errors[1:], 0)) & (errors >= np.append(0, errors[:-1]))
+    sharp = peaks & (errors > max(SHARP * np.median(errors), RINGING * errors.max(), TURN))
+    return {int(frame) for frame in np.nonzero(sharp)[0] if 0 < frame < len(errors) - 1}
 
 
 def _breaks(last: int, bends: Iterable[int], frames_per_knot: float) -> np.ndarray:

@@ -39,14 +39,14 @@ class Trajectory:
         device = means.device
         self.moves = movable(means, rests)
         self.unit = unit
-        paths = None if tracks is None else (tracks - means) / unit
-        self.spline = Spline(frames) if paths is None else Spline.along(paths)
-        self.knots = self.spline.knots
-        self.reached = 3 if paths is None else self.knots - 1
         moving = means if rests is None else means[~rests]
         few = len(moving) <= self.NODES
         self.nodes = moving[:0] if few else moving[farthest_points(moving, self.NODES, seed)]
         index, share = skin(means, self.nodes)
+        paths = None if tracks is None else (tracks - means) / unit
+        self.spline = Spline(frames) if paths is None else Spline.along(paths, None if few else index[:, 0])
+        self.knots = self.spline.knots
+        self.reached = 3 if paths is None else self.knots - 1
         self.skin = index, share * self.moves
         controls = [torch.zeros(self.knots, n, DIMENSIONS, device=device) for n in (len(self.nodes), len(means))]
         if paths is not None:  # the points' own level takes the tracks, as the smoothest spline close to them
