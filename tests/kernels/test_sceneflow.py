@@ -54,6 +54,23 @@ def test_parity() -> None:
     np.testing.assert_allclose(certainty, true_certainty, rtol=1e-3, atol=1e-4)
 
 
+def test_only_the_pixels_asked_for_matter() -> None:
+    means, last = points()
+    rng = np.random.default_rng(1)
+    fields = rng.normal(0, 2, (6, 48, 64, 2)).astype(np.float16)
+    depths = np.where(rng.uniform(size=OPEN.shape) < 0.3, 3.9, OPEN).astype(np.float32)
+    asked = sceneflow.asked(means, POSES, LENSES, depths, 48, 64, NEAR)
+    assert asked.shape == (6, 48, 64)
+    assert 0 < asked.sum() <= 6 * len(means)
+    motion, _ = sceneflow.solve(means, last, POSES, LENSES, fields, depths, NEAR)
+    others = np.where(asked[..., None], fields, np.float16(100))
+    np.testing.assert_array_equal(sceneflow.solve(means, last, POSES, LENSES, others, depths, NEAR)[0], motion)
+    for camera, row, column in np.argwhere(asked)[::7]:
+        changed = fields.copy()
+        changed[camera, row, column] += 5
+        assert (sceneflow.solve(means, last, POSES, LENSES, changed, depths, NEAR)[0] != motion).any()
+
+
 def test_flow_of_a_motion_gives_that_motion() -> None:
     means, _ = points()
     moved = np.array([0.02, -0.03, 0.01], np.float32)

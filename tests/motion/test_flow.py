@@ -25,16 +25,17 @@ def test_dis_measures_a_shift() -> None:
     np.testing.assert_allclose(np.median(flow[20:-20, 20:-20], (0, 1)), [3, 2], atol=0.2)
 
 
-@pytest.mark.parametrize("closely", [False, True])
-def test_dis_finds_what_is_small_and_fast_where_a_guess_says_to_look(closely: bool) -> None:
-    a, thing = textured() // 2, textured(12, 12, seed=1)
+@pytest.mark.parametrize(("size", "closely"), [(8, False), (12, False), (12, True)])
+def test_dis_finds_what_is_small_and_fast_where_a_guess_says_to_look(size: int, closely: bool) -> None:
+    a, thing = textured() // 2, textured(size, size, seed=1)
     b = a.copy()
-    a[40:52, 30:42], b[44:56, 60:72] = thing, thing
+    a[40 : 40 + size, 30 : 30 + size], b[44 : 44 + size, 60 : 60 + size] = thing, thing
     guess = np.zeros((96, 128, 2), np.float32)
-    guess[38:54, 28:44] = 28, 2
+    guess[38 : 42 + size, 28 : 32 + size] = 28, 2
     wanted = (guess != 0).any(-1) if closely else None
     given, flow = guess.copy(), DisFlow()
-    alone, guided = (np.median(f[42:50, 32:40], (0, 1)) for f in (flow(a, b, None, wanted), flow(a, b, guess, wanted)))
+    middle = slice(42, 38 + size), slice(32, 28 + size)
+    alone, guided = (np.median(f[middle], (0, 1)) for f in (flow(a, b, None, wanted), flow(a, b, guess, wanted)))
     assert np.abs(alone - [30, 4]).max() > 10
     np.testing.assert_allclose(guided, [30, 4], atol=0.5)
     np.testing.assert_array_equal(guess, given, err_msg="the guess is only read")

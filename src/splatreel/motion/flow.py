@@ -63,11 +63,18 @@ def each_view(work: Callable[[int], T], views: int, flow: Flow) -> list[T]:
         return list(pool.map(work, range(views)))
 
 
+class _Kept(threading.local):
+    """What a thread keeps: OpenCV's objects, by how fine they search and in pictures of which size."""
+
+    def __init__(self) -> None:
+        self.dis: dict[tuple[int, ...], Any] = {}
+
+
 class DisFlow:
     """Dense inverse search (Kroeger et al. 2016) by OpenCV: classical, fast, needs no weights. Threads may share it."""
 
     def __init__(self) -> None:
-        self._own = threading.local()
+        self._kept = _Kept()
 
     def __call__(
         self, a: np.ndarray, b: np.ndarray, guess: np.ndarray | None = None, wanted: np.ndarray | None = None
@@ -91,11 +98,11 @@ class DisFlow:
 
     def _whole(self, finest: int, a: np.ndarray, b: np.ndarray, guess: np.ndarray | None) -> np.ndarray:
         """Flow between whole gray pictures, by an object of this thread and their size, which keeps its buffers."""
-        name = f"{finest} {a.shape}"
-        if not hasattr(self._own, name):
-            setattr(self._own, name, _dis(finest))
+        key = finest, *a.shape
+        if key not in self._kept.dis:
+            self._kept.dis[key] = _dis(finest)
         start = None if guess is None else guess.astype(np.float32)  # a copy: it is written to
-        return getattr(self._own, name).calc(a, b, start)
+        return self._kept.dis[key].calc(a, b, start)
 
 
 def _dis(finest: int) -> Any:

@@ -15,7 +15,6 @@ from torch import Tensor
 from splatreel.kernels import splat
 from splatreel.kernels.cpu import sceneflow
 from splatreel.kernels.cpu.rigid import Eyes
-from splatreel.kernels.cpu.sceneflow import HIDDEN
 from splatreel.motion.flow import Flow, each_view
 from splatreel.motion.parts import Parts
 from splatreel.scene.camera import Camera
@@ -96,11 +95,13 @@ class Tracker:
         places, before = (torch.cat(column) for column in zip(*ends, strict=True))
         quats, scales, opacities = (torch.cat([trail.tensors[k] for trail in trails]) for k in (1, 2, 3))
         depths, guesses = self._seen((places, quats, scales, opacities), before)
-        work = partial(self._field, here, there, places.numpy(), depths.numpy(), guesses)
+        rig, size = (self.poses, self.lenses), self.frames.shape[2:4]
+        wanted = sceneflow.asked(places.numpy(), *rig, depths.numpy(), *size, self.near)
+        work = partial(self._field, here, there, guesses, wanted)
         fields = np.stack(each_view(work, len(self.cameras), self.flow))
         now, then = self.eyes(here, depths.numpy()), self.eyes(there, torch.stack(self.walls).numpy())
         for trail, (place, motion) in zip(trails, ends, strict=True):
-            known = place.numpy(), motion.numpy(), self.poses, self.lenses, fields, depths.numpy()
+            known = place.numpy(), motion.numpy(), *rig, fields, depths.numpy()
             agreed, certainty = sceneflow.solve(*known, self.near)
             smooth = _smooth(torch.from_numpy(agreed), torch.from_numpy(certainty), trail.neighbours)
             trail.go(there > here, self._settled(trail, place, motion, smooth, now, then))
@@ -126,28 +127,12 @@ class Tracker:
             ways.append(torch.where((depth <= wall)[..., None], way, 0))
         return torch.stack(depths), torch.stack(ways)
 
-    def _field(
-        self, here: int, there: int, places: np.ndarray, depths: np.ndarray, guesses: Tensor, camera: int
-    ) -> np.ndarray:
-        """Flow of a view where it sees the points. What moves is looked for first where it would be if it went on as it did."""
+    def _field(self, here: int, there: int, guesses: Tensor, wanted: np.ndarray, camera: int) -> np.ndarray:
+        """Flow of a view's wanted pixels. What moves is looked for first where it would be if it went on as it did."""
         height, width = self.frames.shape[2:4]
         guess = 2 * _enlarged(guesses[camera][None])[0, :height, :width].numpy()
-        wanted = self._shown(places, depths[camera], camera)
-        return self.flow(self.frames[here, camera], self.frames[there, camera], guess, wanted).astype(np.float16)
-
-    def _shown(self, places: np.ndarray, depth: np.ndarray, camera: int) -> np.ndarray:
-        """[H, W] bool: pixels in which a view sees the middle of a point."""
-        height, width = self.frames.shape[2:4]
-        shown = np.zeros((height, width), bool)
-        local = places @ self.poses[camera, :3, :3].T + self.poses[camera, :3, 3]
-        local = local[local[:, 2] > self.near]
-        pixels = local @ self.lenses[camera].T
-        x, y = (pixels[:, :2] / pixels[:, 2:]).T
-        inside = (x >= 0) & (x < width) & (y >= 0) & (y < height)
-        columns, rows = x[inside].astype(int), y[inside].astype(int)
-        seen = local[inside, 2] <= depth[rows // 2, columns // 2] * HIDDEN
-        shown[rows[seen], columns[seen]] = True
-        return shown
+        flow = self.flow(self.frames[here, camera], self.frames[there, camera], guess, wanted[camera])
+        return flow.astype(np.float16)
 
 
 def identity(count: int) -> np.ndarray:

@@ -41,21 +41,45 @@ def solve(
     return motion, certainty
 
 
+def asked(
+    means: np.ndarray, viewmats: np.ndarray, Ks: np.ndarray, depths: np.ndarray, height: int, width: int, near: float
+) -> np.ndarray:
+    """The pixels [C, height, width] bool of `fields` that `solve` looks at; as there otherwise."""
+    marks = np.zeros((len(viewmats), height, width), np.bool_)
+    _mark(means, viewmats, Ks, np.minimum(depths, np.float32(1e30)), near, marks)
+    return marks
+
+
+@njit(inline="always")
+def _meet(means, i, V, K, height, width, depth, near):
+    """Row and column in which one view sees point i, -1 where it does not, and the point before the view."""
+    x, y, z = means[i, 0], means[i, 1], means[i, 2]
+    Z = V[2, 0] * x + V[2, 1] * y + V[2, 2] * z + V[2, 3]
+    X, Y = V[0, 0] * x + V[0, 1] * y + V[0, 2] * z + V[0, 3], V[1, 0] * x + V[1, 1] * y + V[1, 2] * z + V[1, 3]
+    p = q = -1
+    if near < Z:
+        u, v = K[0, 0] / Z * X + K[0, 2], K[1, 1] / Z * Y + K[1, 2]
+        if 0 <= u < width and 0 <= v < height and depth[int(v) // 2, int(u) // 2] * HIDDEN >= Z:
+            p, q = int(v), int(u)
+    return p, q, X, Y, Z
+
+
+@njit(**PARALLEL)
+def _mark(means, viewmats, Ks, depths, near, marks):
+    for c in prange(marks.shape[0]):
+        for i in range(means.shape[0]):
+            p, q, _, _, _ = _meet(means, i, viewmats[c], Ks[c], marks.shape[1], marks.shape[2], depths[c], near)
+            if p >= 0:
+                marks[c, p, q] = True
+
+
 @njit(inline="always")
 def _observe(means, i, V, K, field, floats, depth, near, row):
     """Writes what one view says of point i: pixels per world unit [2, 3] and its flow [2]. Returns whether it sees the point."""
-    x, y, z = means[i, 0], means[i, 1], means[i, 2]
-    Z = V[2, 0] * x + V[2, 1] * y + V[2, 2] * z + V[2, 3]
-    if near >= Z:
+    p, q, X, Y, Z = _meet(means, i, V, K, field.shape[0], field.shape[1], depth, near)
+    if p < 0:
         return False
-    X, Y = V[0, 0] * x + V[0, 1] * y + V[0, 2] * z + V[0, 3], V[1, 0] * x + V[1, 1] * y + V[1, 2] * z + V[1, 3]
     gx, gy = K[0, 0] / Z, K[1, 1] / Z
-    u, v = gx * X + K[0, 2], gy * Y + K[1, 2]
-    if not (0 <= u < field.shape[1] and 0 <= v < field.shape[0]):
-        return False
-    p, q = int(v), int(u)
-    if depth[p // 2, q // 2] * HIDDEN < Z:
-        return False
     for k in range(3):
         row[k], row[3 + k] = gx * (V[0, k] - X / Z * V[2, k]), gy * (V[1, k] - Y / Z * V[2, k])
     row[6], row[7] = floats[field[p, q, 0]], floats[field[p, q, 1]]
