@@ -95,8 +95,8 @@ class Tracker:
         places, before = (torch.cat(column) for column in zip(*ends, strict=True))
         quats, scales, opacities = (torch.cat([trail.tensors[k] for trail in trails]) for k in (1, 2, 3))
         depths, guesses = self._seen((places, quats, scales, opacities), before)
-        rig, size = (self.poses, self.lenses), self.frames.shape[2:4]
-        wanted = sceneflow.asked(places.numpy(), *rig, depths.numpy(), *size, self.near)
+        rig, (height, width) = (self.poses, self.lenses), self.frames.shape[2:4]
+        wanted = sceneflow.asked(places.numpy(), *rig, depths.numpy(), height, width, self.near)
         work = partial(self._field, here, there, guesses, wanted)
         fields = np.stack(each_view(work, len(self.cameras), self.flow))
         now, then = self.eyes(here, depths.numpy()), self.eyes(there, torch.stack(self.walls).numpy())
