@@ -36,6 +36,7 @@ PARTS: dict[str, dict[str, Any]] = {
     "faint-kept": {"group.faint_share": 0.0},
     "one-flow": {"layering.flow_frames": 1},
     "no-gains": {"correct_colors": False},
+    "uneven-exposure": {"even_exposure": False},
     "no-arap": {"group.lambda_arap": 0.0},
     "sh-degree-1": {"keyframe.sh_degree": 1},
     "no-price": {"keyframe.lambda_opacity": 0.0},

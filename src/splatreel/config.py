@@ -198,6 +198,8 @@ class Config:
     encode: EncodeConfig = field(default_factory=EncodeConfig)
     correct_colors: bool = True
     """Per-camera colour gain, learned on the training cameras around a mean of one; cameras never seen get none."""
+    even_exposure: bool = False
+    """What a camera's exposure does over time, by itself, is taken out of its pictures before anything looks at them."""
     antialias: bool = False
     """Splats thinner than a pixel are drawn fainter (Mip-Splatting): pictures of any size look alike. Beyond the paper."""
     seed: int = 0
@@ -237,6 +239,7 @@ def preset(quality: Quality) -> Config:
             points_per_pixel=0.6,
             average_share=0.1,
         ),
+        even_exposure=True,
         antialias=True,
         layering=LayeringConfig(adapt_changes=0.3, light=True),
         group=GroupConfig(

@@ -31,12 +31,22 @@ def picture(camera: int, cameras: int, offset: float, dims: bool) -> np.ndarray:
 
 
 class WallCapture(Capture):
-    """speed: world units a frame of the cluster; dims: each second frame is half as bright, so that everything changes."""
+    """speed: world units a frame of the cluster; dims: each second frame is half as bright, so that everything changes.
+
+    drift: logarithm by which each camera's exposure goes up and down, by itself.
+    """
 
     def __init__(
-        self, frames: int, *, cameras: int = 4, speed: float = 0.3, dims: bool = False, **options: Any
+        self,
+        frames: int,
+        *,
+        cameras: int = 4,
+        speed: float = 0.3,
+        dims: bool = False,
+        drift: float = 0.0,
+        **options: Any,
     ) -> None:
-        self.speed, self.dims = speed, dims
+        self.speed, self.dims, self.drift = speed, dims, drift
         views = ring(cameras, width=WIDTH, height=HEIGHT)
         super().__init__(Path("wall"), views, held_out=[], frame_range=(0, frames), **options)
 
@@ -45,4 +55,9 @@ class WallCapture(Capture):
             number = [camera.name for camera in self.cameras].index(name)
             for t in range(len(out)):
                 dims = self.dims and (first + t) % 2 == 1
-                out[t, c] = picture(number, len(self.cameras), self.speed * (first + t), dims)
+                shown = picture(number, len(self.cameras), self.speed * (first + t), dims)
+                out[t, c] = np.rint(shown * self.exposure(number, first + t)).clip(0, 255)
+
+    def exposure(self, camera: int, frame: int) -> float:
+        """The factor of a camera's pictures, 1 in the first frame."""
+        return float(np.exp(self.drift * (np.sin(1.7 * camera + frame) - np.sin(1.7 * camera))))

@@ -15,6 +15,7 @@ from splatreel.capture.prefetch import FramePrefetcher
 from splatreel.codec.writer import ReelWriter
 from splatreel.config import Config
 from splatreel.errors import ReconstructionError, UsageError
+from splatreel.motion.exposure import even_out, exposures
 from splatreel.motion.flow import make_flow
 from splatreel.motion.light import changes_of_light
 from splatreel.motion.steady import steady
@@ -51,6 +52,8 @@ from splatreel.scene.group import Group
 MIN_CAMERAS = 3
 MIN_SIDE = 8
 """Pixels; smaller images show nothing that cameras could agree on."""
+WORTH_SAYING = 0.02
+"""Share by which an exposure changes, from which on a user hears of it."""
 
 
 @dataclass(frozen=True)
@@ -138,6 +141,7 @@ class Reconstruction:
         self.plan = Plan([span.count for span in self.spans], config)
         self.seconds: dict[str, float] = self._load_seconds()
         self.gains = CameraGains(len(self.cameras), device, config.correct_colors)
+        self.exposure = np.zeros((len(self.cameras), 3), np.float32)
 
     def run(self) -> Result:
         layout = self._lay_out()
@@ -156,6 +160,7 @@ class Reconstruction:
 
     def _group(self, span: Span, scene: Scene, frames: np.ndarray, layout: Layout, writer: ReelWriter) -> Scene:
         """All stages of one group; returns the scene at the next keyframe."""
+        self._even_out(span, frames)
         points = self._keyframe(span, scene, frames, layout)
         scene = Scene(scene.static, scene.alive, points)
         layers = self._layer(span, scene, frames, layout)
@@ -184,6 +189,26 @@ class Reconstruction:
             save_group(self.work, group, shown)  # before it is published: what is in the reel is never trained again
             writer.add_group(group, shown)
         return self._hand_over(span, scene.static, group)
+
+    def _even_out(self, span: Span, frames: np.ndarray) -> None:
+        """Take out of the frames, in place, what the cameras' exposures did since the first one of the capture."""
+        if not self.config.even_exposure:
+            return
+        with self._timed("exposure"):
+            change = exposures(frames) + self.exposure
+            even_out(frames, change)
+        most = np.abs(change).max((0, 2))
+        if most.max() > WORTH_SAYING:
+            name = self.names[int(most.argmax())]
+            self.progress.note(f"exposures change by up to {most.max():.0%} ({name}): taken out of the pictures")
+        checkpoint.save_arrays(self._folder(span) / "exposure.safetensors", {"change": change})
+        self._exposed(span)
+
+    def _exposed(self, span: Span) -> None:
+        """Know the exposures at the keyframe of the next group, which this group's overlap shows."""
+        path = self._folder(span) / "exposure.safetensors"
+        if path.exists():
+            self.exposure = checkpoint.load_arrays(path)["change"][min(span.own, span.count - 1)]
 
     def _keyframe(self, span: Span, scene: Scene, frames: np.ndarray, layout: Layout) -> Gaussians:
         """(a): the Gaussians of the keyframe. Group 0: everything; later: the dynamic points, before frozen static ones."""
@@ -305,6 +330,7 @@ class Reconstruction:
         keyframe = self._folder(span) / "keyframe.safetensors"
         if keyframe.exists():
             self.gains.load(torch.from_numpy(checkpoint.load_arrays(keyframe)["gains"]).to(self.device))
+        self._exposed(span)
         return self._hand_over(span, static, load_group(self.work, span.index))
 
     def _lay_out(self) -> Layout:

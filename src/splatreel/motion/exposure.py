@@ -1,0 +1,105 @@
+"""Exposures that change while a capture is filmed: phones set theirs by themselves (beyond the paper).
+
+Everything that compares frames would take such a change for motion, and static points cannot follow it. It multiplies the whole of
+one camera's pictures by the same factor, and is taken out of them. What differs from place to place is light in the scene, such as
+that which bodies take from a wall, and so is what all cameras see at once: both stay, for cameras that are held out see them too.
+"""
+
+from __future__ import annotations
+
+from concurrent.futures import ThreadPoolExecutor
+
+import cv2
+import numpy as np
+
+from splatreel import threads
+
+BLOCKS = 40
+"""Blocks along the longer side of a picture, whose means are compared: noise is gone, and what moves spoils few."""
+WINDOW = 0.02
+"""Blocks that rest differ by no more than this logarithm of a ratio."""
+FEWEST = 0.15
+"""Share of the blocks that must do so; of a frame with fewer nothing is known."""
+DARK, BRIGHT = 16, 250
+"""Grey levels of a block's mean below which, and of a pixel from which on, ratios say nothing."""
+AROUND = 0.04
+"""Blocks that differ from the others by no more than this, of the same logarithm, show how alike a change is everywhere."""
+ALIKE = 4.0
+"""Times the spread of the blocks that a change must have to be an exposure."""
+NORMAL = 1.4826
+"""Standard deviation of what is normal, by the median distance from its middle."""
+CERTAIN = 3.0
+"""Standard errors by which cameras must agree on a change that is the scene's."""
+SHOULDER = 240
+"""Grey level from which on a correction fades: what is white stays white."""
+
+
+def exposures(frames: np.ndarray) -> np.ndarray:
+    """How each camera's exposure differs from that at the keyframe. frames: [T, C, H, W, 3] uint8, the keyframe first.
+
+    Returns [T, C, 3] float32, logarithms of the factor in each colour. It is the one that most blocks of a picture agree on, if that
+    is more than `ALIKE` times their spread, less what the cameras have in common, if that is more than `CERTAIN` times what chance
+    could do. Either is shrunk towards nothing as it comes near to its limit.
+    """
+    with ThreadPoolExecutor(threads.count()) as pool:
+        changes = np.stack(list(pool.map(lambda camera: _changes(frames[:, camera]), range(frames.shape[1]))), 1)
+    return (changes - _common(changes)).astype(np.float32)
+
+
+def even_out(frames: np.ndarray, change: np.ndarray) -> None:
+    """Take exposures out of frames, in place. frames: [T, C, H, W, 3] uint8. change: [T, C, 3] logarithms, as of `exposures`."""
+    levels = np.arange(256)[:, None]
+    fade = np.clip((255 - levels) / (255 - SHOULDER), 0, 1)
+    for t, c in np.argwhere(np.any(change != 0, 2)):
+        table = np.rint(levels * (1 + fade * np.expm1(-change[t, c]))).clip(0, 255).astype(np.uint8)
+        frames[t, c] = cv2.LUT(frames[t, c], table[None])
+
+
+def _changes(film: np.ndarray) -> np.ndarray:
+    """[T, H, W, 3] of one camera to [T, 3]: the logarithm by which it exposed more than at the keyframe."""
+    shrink = BLOCKS / max(film.shape[1:3])
+    size = max(1, round(shrink * film.shape[2])), max(1, round(shrink * film.shape[1]))
+    blocks = [_blocks(frame, size) for frame in film]
+    found = np.array([_agreed(block - blocks[0]) for block in blocks])  # [T, 4], the spread at last
+    known = np.flatnonzero(~np.isnan(found[:, 3]))
+    if len(known) == 0:
+        return np.zeros((len(film), 3))
+    change = np.stack([np.interp(np.arange(len(found)), known, found[known, k]) for k in range(3)], 1)
+    return _beyond(np.square(ALIKE * found[known, 3]).sum(), np.square(found[known, :3].mean(1)).sum()) * change
+
+
+def _blocks(frame: np.ndarray, size: tuple[int, int]) -> np.ndarray:
+    """[N, 3] logarithm of the blocks' mean colours; NaN where they are too dark, or a part of them is white."""
+    mean = cv2.resize(frame.astype(np.float32), size, interpolation=cv2.INTER_AREA).reshape(-1, 3)
+    plain = cv2.inRange(frame, (0, 0, 0), (BRIGHT - 1,) * 3).astype(np.float32)  # 255 where no colour is at its end
+    use = (mean.min(1) >= DARK) & (cv2.resize(plain, size, interpolation=cv2.INTER_AREA).ravel() == 255)
+    return np.where(use[:, None], np.log(np.maximum(mean, 1)), np.nan)
+
+
+def _agreed(ratios: np.ndarray) -> np.ndarray:
+    """[4] median colours of the largest set of blocks that lie within `WINDOW`, and the spread of those around; NaN if it is small.
+
+    ratios: [N, 3] logarithms, or NaN.
+    """
+    ratios = ratios[~np.isnan(ratios[:, 0])]
+    grey = ratios.mean(1)
+    ordered = np.sort(grey)
+    counts = np.searchsorted(ordered, ordered + WINDOW, "right") - np.arange(len(ordered))
+    if len(ordered) == 0 or counts.max() < FEWEST * len(ratios):
+        return np.full(4, np.nan)
+    low = ordered[counts.argmax()]
+    middle = np.median(ratios[(grey >= low) & (grey <= low + WINDOW)], 0)
+    around = np.abs(grey - middle.mean())
+    return np.append(middle, NORMAL * np.median(around[around <= AROUND]))
+
+
+def _common(changes: np.ndarray) -> np.ndarray:
+    """[T, 1, 3] what the cameras have in common, shrunk to nothing where that may be chance. changes: [T, C, 3]."""
+    mean = changes.mean(1, keepdims=True)
+    chance = changes.var(1).sum() / changes.shape[1]
+    return _beyond(CERTAIN**2 * chance, np.square(mean).sum()) * mean
+
+
+def _beyond(least: float, found: float) -> float:
+    """The share of something that is kept, by its square: none up to what is the least, nearly all far beyond."""
+    return max(0.0, 1 - least / found) if found > 0 else 0.0
