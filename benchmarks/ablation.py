@@ -37,6 +37,7 @@ PARTS: dict[str, dict[str, Any]] = {
     "one-flow": {"layering.flow_frames": 1},
     "no-gains": {"correct_colors": False},
     "uneven-exposure": {"even_exposure": False},
+    "in-step": {"group.delays": False},
     "no-arap": {"group.lambda_arap": 0.0},
     "sh-degree-1": {"keyframe.sh_degree": 1},
     "no-price": {"keyframe.lambda_opacity": 0.0},

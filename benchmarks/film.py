@@ -34,7 +34,8 @@ class Film:
     """A scene and those who film it. moving: what moves, at a time in seconds. light: where the lamp is.
 
     noise: standard deviation of pixels, in grey levels. gain: that of the logarithm of the training cameras' colour gains.
-    drift: how far their exposures go up and down meanwhile, each by itself: the logarithm of a gain of all channels.
+    drift: how far their exposures go up and down meanwhile, each by itself: the logarithm of a gain of all channels. late: frames by
+    which they are out of step at most.
     """
 
     cameras: list[Camera]
@@ -45,6 +46,7 @@ class Film:
     noise: float
     gain: float
     drift: float = 0.0
+    late: float = 0.0
 
     def write(self, path: Path, frames: int) -> None:
         """Write a Neu3DV folder, whole or not at all; the same bytes every time."""
@@ -61,15 +63,14 @@ class Film:
 
     def _shoot(self, folder: Path, number: int, frames: int) -> None:
         camera, rng = self.cameras[number], np.random.default_rng(number)
-        fixed = camera.name in self.held_out
+        fixed, low, high = camera.name in self.held_out, (0, 2, -self.late), (2 * np.pi, 8, self.late)
         gain = np.ones(3) if fixed else np.exp(rng.normal(0, self.gain, 3))
-        phase, speed = np.random.default_rng((number, 1)).uniform(
-            (0, 2), (2 * np.pi, 8)
-        )  # radians, and radians a second
+        phase, speed, late = np.random.default_rng((number, 1)).uniform(low, high)  # radians, and a second; frames
         seen = trace_still(camera, self.still, self.light)
         with VideoWriter(folder / f"{camera.name}.mp4", camera, FPS) as video:
             for t in range(frames):
-                clean = trace_frame(camera, seen, self.still, self.moving(t / FPS), self.light)
+                moment = t if fixed else max(t + late, 0)
+                clean = trace_frame(camera, seen, self.still, self.moving(moment / FPS), self.light)
                 exposure = 1.0 if fixed else np.exp(self.drift * np.sin(phase + speed * t / FPS))
                 noisy = clean * gain * exposure + rng.normal(0, self.noise, clean.shape)
                 video.add(noisy.clip(0, 255).astype(np.uint8))

@@ -1,7 +1,7 @@
-"""Studio: a film as a small studio makes it with twenty phones: each sets its exposure by itself, the backdrop is plain paper.
+"""Studio: a film as a small studio makes it with twenty phones, out of step, each with an exposure of its own; a backdrop of paper.
 
-Phones on 190 degrees, seventeen of them to train on. A dancer turns close to them, with a scarf that waves; a wheel spins; a
-person walks in. A fan's blades and the scarf's waves are faster and less rigid than anything in the other films.
+Phones on 190 degrees, seventeen of them to train on. A dancer turns close to them, faster and faster, with a scarf that waves as
+nothing in the other films does; a wheel of six blades spins; a person walks in.
 
 python benchmarks/studio.py
 """
@@ -26,7 +26,7 @@ from splatreel.scene.camera import Camera
 LIGHT = np.array([1.5, 4.5, 3.0])
 CAMERAS, PANELS = 20, 9
 HELD_OUT = ("cam04", "cam09", "cam15")
-NOISE, GAIN, DRIFT = 2.5, 0.05, 0.04
+NOISE, GAIN, DRIFT, LATE = 2.5, 0.05, 0.04, 0.5
 SCARF = 14
 WHEEL = np.array([-1.15, 1.0, -0.5])
 
@@ -36,11 +36,15 @@ def main(
     frames: int = 45,
     seed: int = 0,
     drift: float = DRIFT,
+    late: float = LATE,
     out: Path | None = None,
     note: str = "",
 ) -> None:
-    """Film, reconstruct, evaluate, record. Pictures are 320x180. drift: how far exposures go, as the logarithm of a gain."""
-    film = Film(arc(320, 180), HELD_OUT, standing(), moving, LIGHT, NOISE, GAIN, drift)
+    """Film, reconstruct, evaluate, record. Pictures are 320x180.
+
+    drift: how far exposures go, as the logarithm of a gain. late: frames by which phones are out of step at most.
+    """
+    film = Film(arc(320, 180), HELD_OUT, standing(), moving, LIGHT, NOISE, GAIN, drift, late)
     reel = film.run("studio", quality, frames, seed, out, note)
     record("studio, the scarf", {"cameras": film.shows(reel, frames, partial(moving, scarf=False))}, note)
 

@@ -19,7 +19,7 @@ ROWS = {
     "basketball 640": "Panoptic basketball, 640 wide",
     "dominoes": "dominoes: a ring of cameras, fast and small",
     "juggle": "juggle: a dome of cameras, three balls alike, a bat that swings",
-    "studio": "studio: twenty phones that set their own exposures, a scarf, a wheel",
+    "studio": "studio: twenty phones, out of step, with exposures that change",
     "kitchen": "kitchen: cameras on one side, far things in the window",
     "yard": "yard: outdoors, ten cameras to train on",
 }

@@ -99,6 +99,8 @@ class GroupConfig:
     """Start from tracks by optical flow, and from new points where several views lack something; goes past the paper."""
     shade: bool = False
     """Colour and opacity of dynamic points change slowly within a group; goes past the paper."""
+    delays: bool = False
+    """When each camera takes its pictures is learned: rigs are seldom quite in step; goes past the paper."""
     faint_share: float = 0.0
     """Twice on the way, the faintest points go that together hold this share of all blending weight; 0 keeps all, as the paper."""
     lambda_sh: float = 0.0
@@ -247,6 +249,7 @@ def preset(quality: Quality) -> Config:
             coarse_share=0.25,
             track=True,
             shade=True,
+            delays=True,
             faint_share=0.01,
             lambda_sh=0.05,
             progressive=0.0,

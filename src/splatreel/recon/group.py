@@ -15,6 +15,7 @@ from splatreel.progress import Progress
 from splatreel.recon import losses
 from splatreel.recon.colors import CameraGains
 from splatreel.recon.deformation import Deformation
+from splatreel.recon.delays import Delays, slope
 from splatreel.recon.density import GradientMeter
 from splatreel.recon.drawing import Backdrop, Drawing, Splats, View, deformed, draw, filled, halved
 from splatreel.recon.following import Start
@@ -101,8 +102,10 @@ class GroupTrainer:
         config: Config,
         seed: int,
         convertible: np.ndarray | None = None,
+        delays: Delays | None = None,
     ) -> None:
         device = frames.images.device
+        self.delays = delays or Delays(len(frames.views), enabled=False)
         self.config, self.gains, self.whole = config, gains, frames
         self.frames = frames = frames.halved() if config.group.coarse_share else frames
         rates = CANONICAL_RATES | {"means": CANONICAL_RATES["means"] * frames.unit}
@@ -150,8 +153,9 @@ class GroupTrainer:
         frame, camera = self.schedule.draw(iteration)
         self.model.reach(self.schedule.frontier(iteration))
         view = self.frames.views[camera]
-        dx, dq = self.model.offsets(self.points.means, frame)
-        shade = None if self.shade is None else self.shade.at(frame)
+        moment = self.delays.moment(frame, camera, self.frames.count)
+        dx, dq = self.model.offsets(self.points.means, moment)
+        shade = None if self.shade is None else self.shade.at(moment)
         moving = self._deformed(dx, dq, shade, view)
         every = self.config.layering.adapt_every
         adapts = every > 0 and ADAPT_FROM <= (iteration // every + 1) * every / self.iterations <= ADAPT_TO
@@ -163,6 +167,10 @@ class GroupTrainer:
             tiles = None  # the whole loss is only there to be looked at
         loss = splat.photometric_loss(drawing.image, target, self.config.group.lambda_dssim, gain, tiles)
         torch.autograd.backward([loss, *self._regularisers(iteration, frame, dx, dq)])
+        if self.delays.enabled and self.frames.count > 1 and dx.grad is not None and dq.grad is not None:
+            self.delays.step(
+                camera, slope(self.model, self.points.means, moment, self.frames.count, dx.grad, dq.grad), share
+            )
         if tiles is not None:  # else it is the loss of another set of pixels
             self.schedule.note(frame, camera, loss)
         if adapts:  # nobody asks otherwise
@@ -317,7 +325,8 @@ class GroupTrainer:
             frame = k * (self.frames.count - 1) // max(samples - 1, 1)
             camera = (k * 7) % len(self.frames.views)
             view = self.frames.views[camera]
-            image = draw(self._at(frame, view), view, self.backdrop.scenery(camera)).image
+            moment = self.delays.moment(frame, camera, self.frames.count)
+            image = draw(self._at(moment, view), view, self.backdrop.scenery(camera)).image
             target = self.frames.images[frame, camera].float() / 255
             error = ((image * self.gains.values[camera]).clamp(0, 1) - target).square().mean()
             values.append(-10 * math.log10(max(float(error), 1e-12)))

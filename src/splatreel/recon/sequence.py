@@ -23,6 +23,7 @@ from splatreel.progress import Progress, Silent
 from splatreel.recon import checkpoint
 from splatreel.recon.claim import Claim
 from splatreel.recon.colors import CameraGains
+from splatreel.recon.delays import Delays
 from splatreel.recon.device import check_room, pick_device
 from splatreel.recon.drawing import View
 from splatreel.recon.following import Start, follow
@@ -54,6 +55,8 @@ MIN_SIDE = 8
 """Pixels; smaller images show nothing that cameras could agree on."""
 WORTH_SAYING = 0.02
 """Share by which an exposure changes, from which on a user hears of it."""
+OUT_OF_STEP = 0.1
+"""Frames that a camera is late, from which on a user hears of it."""
 
 
 @dataclass(frozen=True)
@@ -142,6 +145,7 @@ class Reconstruction:
         self.seconds: dict[str, float] = self._load_seconds()
         self.gains = CameraGains(len(self.cameras), device, config.correct_colors)
         self.exposure = np.zeros((len(self.cameras), 3), np.float32)
+        self.delays = Delays(len(self.cameras), config.group.delays)
 
     def run(self) -> Result:
         layout = self._lay_out()
@@ -166,6 +170,7 @@ class Reconstruction:
         layers = self._layer(span, scene, frames, layout)
         scene = self._settle(span, scene, layers, writer)
         start = self._follow(span, scene, layers.lit, frames, layout)
+        self.delays.restart()
         with self._timed("group"):
             iterations = self.config.group.iterations_per_frame * span.count
             self.progress.stage(self._title(span, "motion"), iterations, self.plan.motion(span.index))
@@ -179,10 +184,12 @@ class Reconstruction:
                 self.config,
                 self.config.seed + span.index,
                 self._convertible(scene, frames, layout),
+                self.delays,
             )
             result = trainer.train(self.progress)
             self.progress.update(iterations, dynamic=len(result.dynamic))
         result.dynamic.check_finite(f"Group {span.index}")
+        self._keep_delays(span)
         group = Group(span.index, span.first, result.dynamic, result.dx, result.dq, result.alive, result.shade)
         with self._timed("encode"):
             shown = importance(writer, scene.static, group)[0]
@@ -203,6 +210,19 @@ class Reconstruction:
             self.progress.note(f"exposures change by up to {most.max():.0%} ({name}): taken out of the pictures")
         checkpoint.save_arrays(self._folder(span) / "exposure.safetensors", {"change": change})
         self._exposed(span)
+
+    def _keep_delays(self, span: Span) -> None:
+        """Keep for the next group what was learned of the cameras' delays, and say so if one shows."""
+        if not self.delays.enabled:
+            return
+        checkpoint.save_arrays(self._folder(span) / "delays.safetensors", {"delays": self.delays.values})
+        worst = int(np.abs(self.delays.values).argmax())
+        frames = float(self.delays.values[worst])
+        if abs(frames) > OUT_OF_STEP:
+            how = "late" if frames > 0 else "early"
+            self.progress.note(
+                f"cameras are out of step, {self.names[worst]} is {abs(frames):.2f} frames {how}: allowed for"
+            )
 
     def _exposed(self, span: Span) -> None:
         """Know the exposures at the keyframe of the next group, which this group's overlap shows."""
@@ -331,6 +351,9 @@ class Reconstruction:
         if keyframe.exists():
             self.gains.load(torch.from_numpy(checkpoint.load_arrays(keyframe)["gains"]).to(self.device))
         self._exposed(span)
+        delays = self._folder(span) / "delays.safetensors"
+        if delays.exists():
+            self.delays.load(checkpoint.load_arrays(delays)["delays"])
         return self._hand_over(span, static, load_group(self.work, span.index))
 
     def _lay_out(self) -> Layout:

@@ -1,0 +1,60 @@
+"""When each camera takes its pictures, learned with the motion that they show (beyond the paper)."""
+
+from __future__ import annotations
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from splatreel.recon.deformation import Deformation
+
+RATE = 0.03
+"""Frames that a delay may go in one step at first; a tenth of it in the end."""
+MOST = 1.5
+"""Frames that a camera may be late or early: of what is farther off, tracks are wrong already."""
+FADES = (0.8, 0.95)
+"""Share that a step keeps of the mean slope and of its mean square before."""
+
+
+class Delays:
+    """Frames by which each camera is late, [C]; their mean is held at zero, so that a camera never seen needs none.
+
+    Phones that begin with the same clap are apart by up to half a frame, and what is fast is elsewhere in every view. A picture is
+    compared with the model at the moment that it was taken; how the loss changes with the moment is how it changes with the
+    offsets, times their velocity. Steps are Adam's, of one camera at a time.
+    """
+
+    def __init__(self, cameras: int, enabled: bool = True) -> None:
+        self.enabled = enabled
+        self.load(np.zeros(cameras))
+
+    def load(self, values: np.ndarray) -> None:
+        self.values = np.array(values, np.float64)
+        self.restart()
+
+    def restart(self) -> None:
+        """Forget the optimiser's momentum: a run continued from a checkpoint goes on as one that was never stopped."""
+        self._slopes, self._squares, self._steps = (np.zeros(len(self.values)) for _ in range(3))
+
+    def moment(self, frame: int, camera: int, frames: int) -> float:
+        """When a camera took its picture of a frame, in frames of the group, which ends where those of the group do."""
+        return float(np.clip(frame + self.values[camera], 0, frames - 1)) if self.enabled else frame
+
+    def step(self, camera: int, slope: float, share: float) -> None:
+        """slope: of the loss by a camera's moment. share: 0..1, how much of training is over."""
+        fade, fade_square = FADES
+        self._steps[camera] += 1
+        self._slopes[camera] += (1 - fade) * (slope - self._slopes[camera])
+        self._squares[camera] += (1 - fade_square) * (slope * slope - self._squares[camera])
+        mean = self._slopes[camera] / (1 - fade ** self._steps[camera])
+        square = self._squares[camera] / (1 - fade_square ** self._steps[camera])
+        self.values[camera] -= RATE * 0.1**share * mean / (np.sqrt(square) + 1e-15)
+        self.values = np.clip(self.values - self.values.mean(), -MOST, MOST)
+
+
+@torch.no_grad()
+def slope(model: Deformation, means: Tensor, moment: float, frames: int, d_dx: Tensor, d_dq: Tensor) -> float:
+    """What the loss gains by a frame of delay. d_dx [N, 3], d_dq [N, 4]: its gradients to the offsets of means [N, 3] at a moment."""
+    before, after = max(moment - 0.5, 0.0), min(moment + 0.5, frames - 1.0)
+    (dx, dq), (dx_after, dq_after) = (model.offsets(means, at) for at in (before, after))
+    return float(((dx_after - dx) * d_dx).sum() + ((dq_after - dq) * d_dq).sum()) / (after - before)

@@ -1,0 +1,98 @@
+"""A scene like that of `test_group`, whose cameras take their pictures out of step."""
+
+import numpy as np
+import pytest
+import torch
+
+from splatreel.config import Config, GroupConfig, LayeringConfig
+from splatreel.kernels.image import render_image
+from splatreel.progress import Silent
+from splatreel.recon.colors import CameraGains
+from splatreel.recon.delays import MOST, Delays, slope
+from splatreel.recon.drawing import View
+from splatreel.recon.following import Start
+from splatreel.recon.group import GroupFrames, GroupTrainer
+from splatreel.recon.trajectory import Trajectory
+from splatreel.scene.gaussians import Gaussians
+from tests.recon.captures import blots
+from tests.recon.scenes import ring
+
+CPU = torch.device("cpu")
+CAMERAS = ring(4, width=48, height=32)
+FRAMES, NEAR, UNIT, SPEED = 6, 0.1, 4.0, 0.12
+LATE = np.array([0.4, -0.3, 0.2, -0.3])
+WALL = blots(400, [-3, -2, 0.9], [3, 2, 1.0], 0.14, 0)
+THING = blots(48, [-0.8, -0.6, -0.4], [0.2, 0.6, 0.2], 0.14, 1)
+
+
+def moved(time: float) -> Gaussians:
+    means = THING.means + np.array([SPEED * time, 0, 0])
+    return Gaussians(means, THING.quats, THING.scales, THING.opacities, THING.sh)
+
+
+def trained(late: np.ndarray, speed: float = 1.0, enabled: bool = True) -> tuple[GroupTrainer, Delays]:
+    """A group trained from tracks that know of no delays."""
+    pictures = np.empty((FRAMES, len(CAMERAS), 32, 48, 3), np.uint8)
+    for t in range(FRAMES):
+        for c, camera in enumerate(CAMERAS):
+            scene = Gaussians.concatenate([WALL, moved(speed * (t + late[c]))])
+            pictures[t, c] = (np.clip(render_image(scene, camera, near=NEAR), 0, 1) * 255).round()
+    views = [View.of(camera, CPU) for camera in CAMERAS]
+    tracks = np.stack([moved(speed * t).means for t in range(FRAMES)]).astype(np.float32)
+    config = Config(LayeringConfig(adapt_every=0), group=GroupConfig(length=FRAMES, overlap=0, iterations_per_frame=60))
+    gains, delays = CameraGains(len(CAMERAS), CPU, enabled=False), Delays(len(CAMERAS), enabled)
+    trainer = GroupTrainer(
+        GroupFrames(torch.from_numpy(pictures), views, NEAR, UNIT),
+        Start(THING, tracks),
+        WALL,
+        np.ones(len(WALL), bool),
+        gains,
+        config,
+        seed=0,
+        delays=delays,
+    )
+    trainer.train(Silent())
+    return trainer, delays
+
+
+def test_delays_are_found_and_pictures_gain_by_it() -> None:
+    trainer, delays = trained(LATE)
+    assert np.abs(delays.values - LATE).max() < 0.1
+    unaware, _ = trained(LATE, enabled=False)
+    assert trainer.psnr() > unaware.psnr() + 1
+
+
+def test_cameras_in_step_stay_in_step() -> None:
+    _, delays = trained(np.zeros(4))
+    assert np.abs(delays.values).max() < 0.05
+
+
+def test_they_are_nothing_where_they_are_off() -> None:
+    delays = Delays(3, enabled=False)
+    assert [delays.moment(frame, 1, 5) for frame in range(5)] == [0, 1, 2, 3, 4]
+
+
+def test_moments_stay_in_the_group_and_the_mean_is_zero() -> None:
+    delays = Delays(3)
+    for _ in range(400):
+        delays.step(0, -1.0, 0.0)
+    assert delays.values[0] == pytest.approx(MOST)
+    assert delays.moment(4, 0, 5) == 4
+    assert delays.moment(0, 1, 5) == 0
+    assert delays.moment(2, 0, 5) == pytest.approx(2 + MOST)
+
+
+def test_the_slope_is_that_of_the_loss() -> None:
+    model = Trajectory(torch.from_numpy(THING.means).float(), FRAMES, UNIT)
+    means = torch.from_numpy(THING.means).float()
+    for level in model.controls:
+        level.normal_(0, 0.1, generator=torch.Generator().manual_seed(1))
+
+    def loss(moment: float) -> torch.Tensor:
+        dx, dq = model.offsets(means, moment)
+        return dx.square().sum() + dq.square().sum()
+
+    with torch.no_grad():
+        dx, dq = model.offsets(means, 2.5)
+        expected = float(loss(3.0) - loss(2.0))
+    assert slope(model, means, 2.5, FRAMES, 2 * dx, 2 * dq) == pytest.approx(expected, rel=0.3)
