@@ -21,7 +21,7 @@ class Delays:
 
     Phones that begin with the same clap are apart by up to half a frame, and what is fast is elsewhere in every view. A picture is
     compared with the model at the moment that it was taken; how the loss changes with the moment is how it changes with the
-    offsets, times their velocity. Steps are Adam's, of one camera at a time.
+    offsets, times their velocity. Steps are Adam's.
     """
 
     def __init__(self, cameras: int, enabled: bool = True) -> None:
@@ -34,27 +34,44 @@ class Delays:
 
     def restart(self) -> None:
         """Forget the optimiser's momentum: a run continued from a checkpoint goes on as one that was never stopped."""
-        self._slopes, self._squares, self._steps = (np.zeros(len(self.values)) for _ in range(3))
+        self._slopes, self._squares, self._rounds = (np.zeros(len(self.values)) for _ in range(3))
+        self._pending: list[tuple[int, Tensor]] = []
 
     def moment(self, frame: int, camera: int, frames: int) -> float:
         """When a camera took its picture of a frame, in frames of the group, which ends where those of the group do."""
         return float(np.clip(frame + self.values[camera], 0, frames - 1)) if self.enabled else frame
 
-    def step(self, camera: int, slope: float, share: float) -> None:
-        """slope: of the loss by a camera's moment. share: 0..1, how much of training is over."""
-        fade, fade_square = FADES
-        self._steps[camera] += 1
-        self._slopes[camera] += (1 - fade) * (slope - self._slopes[camera])
-        self._squares[camera] += (1 - fade_square) * (slope * slope - self._squares[camera])
-        mean = self._slopes[camera] / (1 - fade ** self._steps[camera])
-        square = self._squares[camera] / (1 - fade_square ** self._steps[camera])
-        self.values[camera] -= RATE * 0.1**share * mean / (np.sqrt(square) + 1e-15)
+    def note(self, camera: int, slope: Tensor, share: float) -> None:
+        """slope: of the loss by a camera's moment; it is read when there are as many as cameras, which then take a step.
+
+        share: 0..1, how much of training is over.
+        """
+        self._pending.append((camera, slope))
+        if len(self._pending) == len(self.values):
+            cameras, slopes = zip(*self._pending, strict=True)
+            self._step(np.array(cameras), torch.stack(slopes).double().cpu().numpy(), RATE * 0.1**share)
+            self._pending.clear()
+
+    def _step(self, cameras: np.ndarray, slopes: np.ndarray, rate: float) -> None:
+        """Of the cameras that came up, by the mean of their slopes."""
+        counts = np.bincount(cameras, minlength=len(self.values))
+        seen, (fade, fade_square) = counts > 0, FADES
+        mean = np.bincount(cameras, slopes, len(self.values))[seen] / counts[seen]
+        self._rounds[seen] += 1
+        self._slopes[seen] += (1 - fade) * (mean - self._slopes[seen])
+        self._squares[seen] += (1 - fade_square) * (np.square(mean) - self._squares[seen])
+        momentum = self._slopes[seen] / (1 - fade ** self._rounds[seen])
+        square = self._squares[seen] / (1 - fade_square ** self._rounds[seen])
+        self.values[seen] -= rate * momentum / (np.sqrt(square) + 1e-15)
         self.values = np.clip(self.values - self.values.mean(), -MOST, MOST)
 
 
 @torch.no_grad()
-def slope(model: Deformation, means: Tensor, moment: float, frames: int, d_dx: Tensor, d_dq: Tensor) -> float:
-    """What the loss gains by a frame of delay. d_dx [N, 3], d_dq [N, 4]: its gradients to the offsets of means [N, 3] at a moment."""
-    before, after = max(moment - 0.5, 0.0), min(moment + 0.5, frames - 1.0)
+def slope(model: Deformation, means: Tensor, moment: float, frames: int, d_dx: Tensor, d_dq: Tensor) -> Tensor:
+    """[] what the loss gains by a frame of delay. d_dx [N, 3], d_dq [N, 4]: its gradients to the offsets of means [N, 3] at a moment."""
+    before, after = (
+        max(moment - 0.5, 0.0),
+        min(moment + 0.5, max(frames - 1.0, 0.5)),
+    )  # a single frame has no other moment
     (dx, dq), (dx_after, dq_after) = (model.offsets(means, at) for at in (before, after))
-    return float(((dx_after - dx) * d_dx).sum() + ((dq_after - dq) * d_dq).sum()) / (after - before)
+    return (((dx_after - dx) * d_dx).sum() + ((dq_after - dq) * d_dq).sum()) / (after - before)
