@@ -68,10 +68,10 @@ class Delays:
 
 @torch.no_grad()
 def slope(model: Deformation, means: Tensor, moment: float, frames: int, d_dx: Tensor, d_dq: Tensor) -> Tensor:
-    """[] what the loss gains by a frame of delay. d_dx [N, 3], d_dq [N, 4]: its gradients to the offsets of means [N, 3] at a moment."""
-    before, after = (
-        max(moment - 0.5, 0.0),
-        min(moment + 0.5, max(frames - 1.0, 0.5)),
-    )  # a single frame has no other moment
+    """[] what the loss gains by a frame of delay. frames: more than one.
+
+    d_dx: [N, 3], d_dq: [N, 4]: its gradients to the offsets of means [N, 3] at a moment.
+    """
+    before, after = max(moment - 0.5, 0.0), min(moment + 0.5, frames - 1.0)
     (dx, dq), (dx_after, dq_after) = (model.offsets(means, at) for at in (before, after))
     return (((dx_after - dx) * d_dx).sum() + ((dq_after - dq) * d_dq).sum()) / (after - before)

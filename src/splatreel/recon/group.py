@@ -167,7 +167,7 @@ class GroupTrainer:
             tiles = None  # the whole loss is only there to be looked at
         loss = splat.photometric_loss(drawing.image, target, self.config.group.lambda_dssim, gain, tiles)
         torch.autograd.backward([loss, *self._regularisers(iteration, frame, dx, dq)])
-        if self.delays.enabled and dx.grad is not None and dq.grad is not None:
+        if self.delays.enabled and self.frames.count > 1 and dx.grad is not None and dq.grad is not None:
             gradients = dx.grad, dq.grad
             self.delays.note(camera, slope(self.model, self.points.means, moment, self.frames.count, *gradients), share)
         if tiles is not None:  # else it is the loss of another set of pixels
