@@ -15,15 +15,12 @@ from splatreel.capture.prefetch import FramePrefetcher
 from splatreel.codec.writer import ReelWriter
 from splatreel.config import Config
 from splatreel.errors import ReconstructionError, UsageError
-from splatreel.motion.exposure import even_out, exposures
 from splatreel.motion.flow import make_flow
 from splatreel.motion.light import changes_of_light
 from splatreel.motion.steady import steady
 from splatreel.progress import Progress, Silent
 from splatreel.recon import checkpoint
 from splatreel.recon.claim import Claim
-from splatreel.recon.colors import CameraGains
-from splatreel.recon.delays import Delays
 from splatreel.recon.device import check_room, pick_device
 from splatreel.recon.drawing import View
 from splatreel.recon.following import Start, follow
@@ -46,6 +43,7 @@ from splatreel.recon.publish import (
     save_group,
     save_header,
 )
+from splatreel.recon.rig import Rig
 from splatreel.recon.still import lay_out, still_trainer, train_frame
 from splatreel.scene.gaussians import Gaussians
 from splatreel.scene.group import Group
@@ -53,10 +51,6 @@ from splatreel.scene.group import Group
 MIN_CAMERAS = 3
 MIN_SIDE = 8
 """Pixels; smaller images show nothing that cameras could agree on."""
-WORTH_SAYING = 0.02
-"""Share by which an exposure changes, from which on a user hears of it."""
-OUT_OF_STEP = 0.1
-"""Frames that a camera is late, from which on a user hears of it."""
 
 
 @dataclass(frozen=True)
@@ -143,9 +137,7 @@ class Reconstruction:
         self.spans = spans(capture.frames, config.group.length, config.group.overlap)
         self.plan = Plan([span.count for span in self.spans], config)
         self.seconds: dict[str, float] = self._load_seconds()
-        self.gains = CameraGains(len(self.cameras), device, config.correct_colors)
-        self.exposure = np.zeros((len(self.cameras), 3), np.float32)
-        self.delays = Delays(len(self.cameras), config.group.delays)
+        self.rig = Rig(self.names, config, device)
 
     def run(self) -> Result:
         layout = self._lay_out()
@@ -164,13 +156,14 @@ class Reconstruction:
 
     def _group(self, span: Span, scene: Scene, frames: np.ndarray, layout: Layout, writer: ReelWriter) -> Scene:
         """All stages of one group; returns the scene at the next keyframe."""
-        self._even_out(span, frames)
+        with self._timed("exposure"):
+            self.rig.even_out(frames, span.own, self._folder(span), self.progress)
         points = self._keyframe(span, scene, frames, layout)
         scene = Scene(scene.static, scene.alive, points)
         layers = self._layer(span, scene, frames, layout)
         scene = self._settle(span, scene, layers, writer)
         start = self._follow(span, scene, layers.lit, frames, layout)
-        self.delays.restart()
+        self.rig.delays.restart()
         with self._timed("group"):
             iterations = self.config.group.iterations_per_frame * span.count
             self.progress.stage(self._title(span, "motion"), iterations, self.plan.motion(span.index))
@@ -180,16 +173,16 @@ class Reconstruction:
                 start,
                 scene.static,
                 scene.alive,
-                self.gains,
+                self.rig.gains,
                 self.config,
                 self.config.seed + span.index,
                 self._convertible(scene, frames, layout),
-                self.delays,
+                self.rig.delays,
             )
             result = trainer.train(self.progress)
             self.progress.update(iterations, dynamic=len(result.dynamic))
         result.dynamic.check_finite(f"Group {span.index}")
-        self._keep_delays(span)
+        self.rig.keep_delays(self._folder(span), self.progress)
         group = Group(span.index, span.first, result.dynamic, result.dx, result.dq, result.alive, result.shade)
         with self._timed("encode"):
             shown = importance(writer, scene.static, group)[0]
@@ -197,45 +190,12 @@ class Reconstruction:
             writer.add_group(group, shown)
         return self._hand_over(span, scene.static, group)
 
-    def _even_out(self, span: Span, frames: np.ndarray) -> None:
-        """Take out of the frames, in place, what the cameras' exposures did since the first one of the capture."""
-        if not self.config.even_exposure:
-            return
-        with self._timed("exposure"):
-            change = exposures(frames) + self.exposure
-            even_out(frames, change)
-        most = np.abs(change).max((0, 2))
-        if most.max() > WORTH_SAYING:
-            name = self.names[int(most.argmax())]
-            self.progress.note(f"exposures change by up to {most.max():.0%} ({name}): taken out of the pictures")
-        checkpoint.save_arrays(self._folder(span) / "exposure.safetensors", {"change": change})
-        self._exposed(span)
-
-    def _keep_delays(self, span: Span) -> None:
-        """Keep for the next group what was learned of the cameras' delays, and say so if one shows."""
-        if not self.delays.enabled:
-            return
-        checkpoint.save_arrays(self._folder(span) / "delays.safetensors", {"delays": self.delays.values})
-        worst = int(np.abs(self.delays.values).argmax())
-        frames = float(self.delays.values[worst])
-        if abs(frames) > OUT_OF_STEP:
-            how = "late" if frames > 0 else "early"
-            self.progress.note(
-                f"cameras are out of step, {self.names[worst]} is {abs(frames):.2f} frames {how}: allowed for"
-            )
-
-    def _exposed(self, span: Span) -> None:
-        """Know the exposures at the keyframe of the next group, which this group's overlap shows."""
-        path = self._folder(span) / "exposure.safetensors"
-        if path.exists():
-            self.exposure = checkpoint.load_arrays(path)["change"][min(span.own, span.count - 1)]
-
     def _keyframe(self, span: Span, scene: Scene, frames: np.ndarray, layout: Layout) -> Gaussians:
         """(a): the Gaussians of the keyframe. Group 0: everything; later: the dynamic points, before frozen static ones."""
         path = self._folder(span) / "keyframe.safetensors"
         if path.exists():
             arrays = checkpoint.load_arrays(path)
-            self.gains.load(torch.from_numpy(arrays["gains"]).to(self.device))
+            self.rig.load_gains(arrays)
             return checkpoint.unpack(arrays)
         with self._timed("keyframe"):
             config, first = self.config.keyframe, span.index == 0
@@ -243,7 +203,7 @@ class Reconstruction:
             if not first and len(scene.dynamic) == 0:
                 return scene.dynamic
             self.progress.stage(self._title(span, "keyframe"), iterations, self.plan.keyframe(span.index))
-            self.gains.restart()
+            self.rig.gains.restart()
             images = steady(frames) if config.steady else frames[0]
             trainer = self._keyframe_trainer(scene, layout, first)
             coarse_share = config.coarse_share if first else 0.0
@@ -252,19 +212,18 @@ class Reconstruction:
             )
             points = trainer.points.gaussians()
         points.check_finite(f"Keyframe {span.index}")
-        gains = self.gains.values.detach().cpu().numpy()
-        checkpoint.save_arrays(path, checkpoint.pack(points) | {"gains": gains})
+        checkpoint.save_arrays(path, checkpoint.pack(points) | self.rig.packed_gains())
         return points
 
     def _keyframe_trainer(self, scene: Scene, layout: Layout, first: bool) -> KeyframeTrainer:
         if first:
             seeds = checkpoint.load_arrays(self.work / "points.safetensors")
-            return still_trainer(seeds["points"], seeds["colors"], layout, self.cameras, self.gains, self.config)
+            return still_trainer(seeds["points"], seeds["colors"], layout, self.cameras, self.rig.gains, self.config)
         rates = default_rates(layout.unit, self.config.keyframe.pace)
         points = TrainablePoints.from_gaussians(scene.dynamic, rates, self.device)
         return KeyframeTrainer(
             points,
-            self.gains,
+            self.rig.gains,
             self.config.keyframe,
             backdrop=scene.static[scene.alive],
             max_points=len(points) + max(1000, len(points) // 3),
@@ -308,7 +267,7 @@ class Reconstruction:
             return Start(Gaussians.concatenate([scene.dynamic, lit.points]))
         with self._timed("tracking"):
             self.progress.stage(self._title(span, "tracking"), span.count, self.plan.tracking(span.index))
-            gains = self.gains.values.detach().cpu().numpy()
+            gains = self.rig.packed_gains()["gains"]
             static, flow = scene.static[scene.alive], make_flow(self.config.layering.flow)
             start = follow(
                 scene.dynamic,
@@ -347,13 +306,7 @@ class Reconstruction:
                 publisher.publish(span.index)
         born = load_layer(self.work, span.index, "decoded")
         static = scene.static if born is None else Gaussians.concatenate([scene.static, born])
-        keyframe = self._folder(span) / "keyframe.safetensors"
-        if keyframe.exists():
-            self.gains.load(torch.from_numpy(checkpoint.load_arrays(keyframe)["gains"]).to(self.device))
-        self._exposed(span)
-        delays = self._folder(span) / "delays.safetensors"
-        if delays.exists():
-            self.delays.load(checkpoint.load_arrays(delays)["delays"])
+        self.rig.restore(span.own, self._folder(span))
         return self._hand_over(span, static, load_group(self.work, span.index))
 
     def _lay_out(self) -> Layout:
