@@ -1,5 +1,7 @@
 """A scene like that of `test_group`, whose cameras take their pictures out of step."""
 
+from typing import Literal
+
 import numpy as np
 import pytest
 import torch
@@ -21,6 +23,7 @@ CPU = torch.device("cpu")
 CAMERAS = ring(4, width=48, height=32)
 FRAMES, NEAR, UNIT, SPEED = 6, 0.1, 4.0, 0.12
 LATE = np.array([0.4, -0.3, 0.2, -0.3])
+Model = Literal["trajectory", "hashgrid"]
 WALL = blots(400, [-3, -2, 0.9], [3, 2, 1.0], 0.14, 0)
 THING = blots(48, [-0.8, -0.6, -0.4], [0.2, 0.6, 0.2], 0.14, 1)
 
@@ -30,15 +33,15 @@ def moved(time: float) -> Gaussians:
     return Gaussians(means, THING.quats, THING.scales, THING.opacities, THING.sh)
 
 
-def trained(late: np.ndarray, speed: float = 1.0, enabled: bool = True) -> tuple[GroupTrainer, Delays]:
+def trained(late: np.ndarray, enabled: bool = True, deformation: Model = "trajectory") -> tuple[GroupTrainer, Delays]:
     """A group trained from tracks that know of no delays."""
     pictures = np.empty((FRAMES, len(CAMERAS), 32, 48, 3), np.uint8)
     for t in range(FRAMES):
         for c, camera in enumerate(CAMERAS):
-            scene = Gaussians.concatenate([WALL, moved(speed * (t + late[c]))])
+            scene = Gaussians.concatenate([WALL, moved(t + late[c])])
             pictures[t, c] = (np.clip(render_image(scene, camera, near=NEAR), 0, 1) * 255).round()
     views = [View.of(camera, CPU) for camera in CAMERAS]
-    tracks = np.stack([moved(speed * t).means for t in range(FRAMES)]).astype(np.float32)
+    tracks = np.stack([moved(t).means for t in range(FRAMES)]).astype(np.float32)
     config = Config(LayeringConfig(adapt_every=0), group=GroupConfig(length=FRAMES, overlap=0, iterations_per_frame=60))
     gains, delays = CameraGains(len(CAMERAS), CPU, enabled=False), Delays(len(CAMERAS), enabled)
     trainer = GroupTrainer(
@@ -60,6 +63,11 @@ def test_delays_are_found_and_pictures_gain_by_it() -> None:
     assert np.abs(delays.values - LATE).max() < 0.1
     unaware, _ = trained(LATE, enabled=False)
     assert trainer.psnr() > unaware.psnr() + 1
+
+
+def test_the_hash_grid_learns_them_too() -> None:
+    _, delays = trained(LATE, deformation="hashgrid")
+    assert np.abs(delays.values - LATE).max() < 0.25
 
 
 def test_cameras_in_step_stay_in_step() -> None:

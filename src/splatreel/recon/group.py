@@ -155,6 +155,9 @@ class GroupTrainer:
         view = self.frames.views[camera]
         moment = self.delays.moment(frame, camera, self.frames.count)
         dx, dq = self.model.offsets(self.points.means, moment)
+        if self.delays.enabled:  # of the hash grid they are no leaves
+            dx.retain_grad()
+            dq.retain_grad()
         shade = None if self.shade is None else self.shade.at(moment)
         moving = self._deformed(dx, dq, shade, view)
         every = self.config.layering.adapt_every
