@@ -42,7 +42,8 @@ def trained(late: np.ndarray, enabled: bool = True, deformation: Model = "trajec
             pictures[t, c] = (np.clip(render_image(scene, camera, near=NEAR), 0, 1) * 255).round()
     views = [View.of(camera, CPU) for camera in CAMERAS]
     tracks = np.stack([moved(t).means for t in range(FRAMES)]).astype(np.float32)
-    config = Config(LayeringConfig(adapt_every=0), group=GroupConfig(length=FRAMES, overlap=0, iterations_per_frame=60))
+    group = GroupConfig(length=FRAMES, overlap=0, iterations_per_frame=60, deformation=deformation)
+    config = Config(LayeringConfig(adapt_every=0), group=group)
     gains, delays = CameraGains(len(CAMERAS), CPU, enabled=False), Delays(len(CAMERAS), enabled)
     trainer = GroupTrainer(
         GroupFrames(torch.from_numpy(pictures), views, NEAR, UNIT),
@@ -60,14 +61,14 @@ def trained(late: np.ndarray, enabled: bool = True, deformation: Model = "trajec
 
 def test_delays_are_found_and_pictures_gain_by_it() -> None:
     trainer, delays = trained(LATE)
-    assert np.abs(delays.values - LATE).max() < 0.1
+    assert np.abs(delays.values - LATE).max() < 0.15
     unaware, _ = trained(LATE, enabled=False)
     assert trainer.psnr() > unaware.psnr() + 1
 
 
 def test_the_hash_grid_learns_them_too() -> None:
     _, delays = trained(LATE, deformation="hashgrid")
-    assert np.abs(delays.values - LATE).max() < 0.25
+    assert np.abs(delays.values - LATE).max() < 0.2
 
 
 def test_cameras_in_step_stay_in_step() -> None:
