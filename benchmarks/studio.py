@@ -144,7 +144,7 @@ def _wheel(b: Builder, t: float) -> None:
 
 
 def _visitor(b: Builder, t: float) -> None:
-    """Walks in from where nobody looks, at half a second, and past the dancer."""
+    """Walks in from where nobody looks, and past the dancer."""
     x = 3.2 - 2.2 * max(0.0, t - 0.3)
     place, swing = np.array([x, 0, 1.05]), 0.6 * math.sin(8 * t)
     turn = turn_y(-math.pi / 2)

@@ -19,12 +19,12 @@ from splatreel.evaluation.memory import peak_memory_bytes
 from splatreel.evaluation.steps import medians, on_one_thread, ratio
 from splatreel.progress import Progress, Silent
 from splatreel.recon import checkpoint
-from splatreel.recon.colors import CameraGains
 from splatreel.recon.drawing import View, draw
 from splatreel.recon.following import Start
 from splatreel.recon.group import MEASURE_EVERY, GroupFrames, GroupTrainer
 from splatreel.recon.layout import Layout
 from splatreel.recon.publish import group_folder, load_group, load_static
+from splatreel.recon.rig import Rig
 from splatreel.recon.sequence import Result, reconstruct
 
 BATCH = 8
@@ -95,10 +95,8 @@ def trainer_of(capture: Capture, work: Path, config: Config, device: torch.devic
     names = [camera.name for camera in capture.training_cameras]
     images = torch.from_numpy(capture.read(group.first_frame, group.frames, names)).to(device)
     views = [View.of(camera, device, config.antialias) for camera in capture.training_cameras]
-    gains = CameraGains(len(views), device, config.correct_colors)
-    gains.load(
-        torch.from_numpy(checkpoint.load_arrays(group_folder(work, 0) / "keyframe.safetensors")["gains"]).to(device)
-    )
+    rig = Rig(names, config, device)
+    rig.restore(group.frames, group_folder(work, 0))
     config = dataclasses.replace(
         config,
         layering=dataclasses.replace(config.layering, adapt_every=1),
@@ -106,7 +104,7 @@ def trainer_of(capture: Capture, work: Path, config: Config, device: torch.devic
     )
     frames = GroupFrames(images, views, layout.near, layout.unit)
     start = Start(group.dynamic, group.dynamic.means + group.dx)
-    return GroupTrainer(frames, start, load_static(work, 0), group.alive, gains, config, config.seed)
+    return GroupTrainer(frames, start, load_static(work, 0), group.alive, rig.gains, config, config.seed)
 
 
 def iteration_row(trainer: GroupTrainer, repeats: int) -> Row:
