@@ -63,7 +63,7 @@ export class OrbitCamera {
     this.up = normalize(up);
     this.home = camera;
     // Nearer than the capture was trained to be drawn: people walk up to things.
-    this.near = 0.2 * near;
+    this.near = 0.4 * near;
     this.extent = Math.max(length(subtract(high, low)), 1e-6);
     this.center = scale(add(low, high), 0.5);
     const eyes = [camera, ...cameras].map(({ viewmat }) => eyeOf(viewmat));

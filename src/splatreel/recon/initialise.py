@@ -105,13 +105,14 @@ def initial_points(
 def near_plane(cameras: list[Camera], points: np.ndarray) -> float:
     """A near plane in front of nearly everything seen, world units.
 
-    Half the depth that one in a hundred of the seen points is closer than, within 0.03 to 0.2 of the median depth. A smaller
-    one lets training glue splats to the lens of a camera that looks into the room from its wall.
+    A quarter of the depth that one in a hundred of the seen points is closer than, within 0.03 to 0.1 of the median depth. A smaller
+    one lets training glue splats to the lens of a camera that looks into the room from its wall, a larger one hides who walks up
+    to a camera.
     """
     depths = np.concatenate(_seen_depths(cameras, np.asarray(points, np.float64)))
     if len(depths) < ENOUGH_POINTS:
         return 0.05 * _focus_distance(cameras)
-    return float(np.clip(0.5 * np.percentile(depths, 1), 0.03 * np.median(depths), 0.2 * np.median(depths)))
+    return float(np.clip(0.25 * np.percentile(depths, 1), 0.03 * np.median(depths), 0.1 * np.median(depths)))
 
 
 def depth_ranges(cameras: list[Camera], points: np.ndarray, near: float | None = None) -> np.ndarray:
