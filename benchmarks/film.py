@@ -35,7 +35,7 @@ class Film:
 
     noise: standard deviation of pixels, in grey levels. gain: that of the logarithm of the training cameras' colour gains.
     drift: how far their exposures go up and down meanwhile, each by itself: the logarithm of a gain of all channels. late: frames by
-    which they are out of step at most.
+    which they are out of step at most; the held-out cameras are late as the others are in the mean.
     """
 
     cameras: list[Camera]
@@ -63,17 +63,26 @@ class Film:
 
     def _shoot(self, folder: Path, number: int, frames: int) -> None:
         camera, rng = self.cameras[number], np.random.default_rng(number)
-        fixed, low, high = camera.name in self.held_out, (0, 2, -self.late), (2 * np.pi, 8, self.late)
+        fixed = camera.name in self.held_out
         gain = np.ones(3) if fixed else np.exp(rng.normal(0, self.gain, 3))
-        phase, speed, late = np.random.default_rng((number, 1)).uniform(low, high)  # radians, and a second; frames
+        phase, speed, _ = self._habits(number)
+        late = self._lateness(number)
         seen = trace_still(camera, self.still, self.light)
         with VideoWriter(folder / f"{camera.name}.mp4", camera, FPS) as video:
             for t in range(frames):
-                moment = t if fixed else max(t + late, 0)
-                clean = trace_frame(camera, seen, self.still, self.moving(moment / FPS), self.light)
+                clean = trace_frame(camera, seen, self.still, self.moving(max(t + late, 0) / FPS), self.light)
                 exposure = 1.0 if fixed else np.exp(self.drift * np.sin(phase + speed * t / FPS))
                 noisy = clean * gain * exposure + rng.normal(0, self.noise, clean.shape)
                 video.add(noisy.clip(0, 255).astype(np.uint8))
+
+    def _habits(self, number: int) -> np.ndarray:
+        """[3] of a camera: when its exposure goes up, radians, how fast, radians a second, and by how many frames it is late."""
+        return np.random.default_rng((number, 1)).uniform((0, 2, -self.late), (2 * np.pi, 8, self.late))
+
+    def _lateness(self, number: int) -> float:
+        """Frames by which a camera is late."""
+        lates = {n: self._habits(n)[2] for n, camera in enumerate(self.cameras) if camera.name not in self.held_out}
+        return float(lates[number] - np.mean(list(lates.values()))) if number in lates else 0.0
 
     def run(self, name: str, quality: Quality, frames: int, seed: int, out: Path | None, note: str) -> Path:
         """Film it unless it is there, reconstruct, evaluate, record as `name`; where the reel is."""
