@@ -36,6 +36,7 @@ PARTS: dict[str, dict[str, Any]] = {
     "faint-kept": {"group.faint_share": 0.0},
     "one-flow": {"layering.flow_frames": 1},
     "no-gains": {"correct_colors": False},
+    "poses-as-said": {"check_poses": False},
     "uneven-exposure": {"even_exposure": False},
     "in-step": {"group.delays": False},
     "no-arap": {"group.lambda_arap": 0.0},

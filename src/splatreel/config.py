@@ -200,6 +200,8 @@ class Config:
     encode: EncodeConfig = field(default_factory=EncodeConfig)
     correct_colors: bool = True
     """Per-camera colour gain, learned on the training cameras around a mean of one; cameras never seen get none."""
+    check_poses: bool = False
+    """Cameras that were touched after their calibration are put right, and those that show something else left out."""
     even_exposure: bool = False
     """What a camera's exposure does over time, by itself, is taken out of its pictures before anything looks at them."""
     antialias: bool = False
@@ -241,6 +243,7 @@ def preset(quality: Quality) -> Config:
             points_per_pixel=0.6,
             average_share=0.1,
         ),
+        check_poses=True,
         even_exposure=True,
         antialias=True,
         layering=LayeringConfig(adapt_changes=0.3, light=True),

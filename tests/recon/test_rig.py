@@ -10,11 +10,16 @@ from splatreel.progress import Silent
 from splatreel.recon import checkpoint
 from splatreel.recon.rig import Rig
 from tests.recon.captures import WallCapture
+from tests.recon.corner import arc, pictures
+from tests.recon.test_poses import apart, turned
 
 CPU = torch.device("cpu")
-CONFIG = Config(even_exposure=True, group=GroupConfig(delays=True))
+CONFIG = Config(check_poses=True, even_exposure=True, group=GroupConfig(delays=True))
 CAPTURE = WallCapture(6, speed=0.0, drift=0.1)
-NAMES = [camera.name for camera in CAPTURE.cameras]
+CAMERAS = CAPTURE.cameras
+NAMES = [camera.name for camera in CAMERAS]
+CORNER = arc(9)
+PICTURES = np.stack([pictures(CORNER)] * 2)
 
 
 class Notes(Silent):
@@ -26,7 +31,7 @@ class Notes(Silent):
 
 
 def test_exposures_go_on_from_group_to_group_and_a_restored_rig_knows_as_much(tmp_path: Path) -> None:
-    rig, notes = Rig(NAMES, CONFIG, CPU), Notes()
+    rig, notes = Rig(CAMERAS, CONFIG, CPU), Notes()
     rig.gains.load(torch.rand(len(NAMES), 3))
     for first, folder in ((0, tmp_path / "a"), (3, tmp_path / "b")):
         folder.mkdir()
@@ -36,7 +41,7 @@ def test_exposures_go_on_from_group_to_group_and_a_restored_rig_knows_as_much(tm
         rig.delays.load(np.linspace(-0.3, 0.3, len(NAMES)) + first / 100)
         rig.keep_delays(folder, notes)
         checkpoint.save_arrays(folder / "keyframe.safetensors", rig.packed_gains())
-        other = Rig(NAMES, CONFIG, CPU)
+        other = Rig(CAMERAS, CONFIG, CPU)
         other.restore(3, folder)
         assert np.array_equal(other.exposure, rig.exposure)
         assert np.array_equal(other.delays.values, rig.delays.values)
@@ -47,7 +52,10 @@ def test_exposures_go_on_from_group_to_group_and_a_restored_rig_knows_as_much(tm
 
 @pytest.mark.parametrize("restored", [False, True])
 def test_what_is_off_is_not_written_and_changes_nothing(tmp_path: Path, restored: bool) -> None:
-    rig, notes = Rig(NAMES, replace(CONFIG, even_exposure=False, group=GroupConfig()), CPU), Notes()
+    rig, notes = (
+        Rig(CAMERAS, replace(CONFIG, check_poses=False, even_exposure=False, group=GroupConfig()), CPU),
+        Notes(),
+    )
     frames = CAPTURE.read(0, 6, NAMES)
     before = frames.copy()
     rig.even_out(frames, 3, tmp_path, notes)
@@ -59,3 +67,38 @@ def test_what_is_off_is_not_written_and_changes_nothing(tmp_path: Path, restored
     assert not rig.delays.values.any()
     assert not notes.lines
     assert not list(tmp_path.iterdir())
+
+
+def test_a_camera_that_was_touched_is_put_right_and_a_stranger_left_out(tmp_path: Path) -> None:
+    frames = PICTURES.copy()
+    frames[:, 6] = frames[:, 6, ::-1, ::-1]
+    said = [turned(camera, 1.0) if number == 2 else camera for number, camera in enumerate(CORNER)]
+    rig, notes = Rig(said, CONFIG, CPU), Notes()
+    kept = rig.gather(frames, tmp_path, notes)
+    others = [camera for camera in CORNER if camera.name != "cam6"]
+    assert rig.names == [camera.name for camera in others]
+    assert np.array_equal(kept, np.delete(frames, 6, 1))
+    assert apart(rig.cameras[2], CORNER[2]) < 0.3
+    assert len(rig.gains.values) == len(rig.delays.values) == len(rig.exposure) == 8
+    assert notes.lines[0].startswith("cam2 is not where its pose says")
+    assert notes.lines[1].startswith("cam6 shows nothing that its neighbours do")
+    again = Rig(said, CONFIG, CPU)
+    again.stand(tmp_path)
+    assert again.names == rig.names
+    assert np.array_equal(again.cameras[2].viewmat, rig.cameras[2].viewmat)
+    rig.place(np.delete(frames, 6, 1), tmp_path, notes)  # the first group, continued: known already
+    assert len(notes.lines) == 2
+
+
+def test_a_camera_that_is_touched_later_is_put_right_from_the_next_group_on(tmp_path: Path) -> None:
+    rig, notes = Rig([*CORNER[:4], turned(CORNER[4], 1.0), *CORNER[5:]], CONFIG, CPU), Notes()
+    rig.place(PICTURES, tmp_path, notes)
+    assert apart(rig.cameras[4], CORNER[4]) < 0.3
+    restored = Rig(CORNER, CONFIG, CPU)
+    restored.restore(3, tmp_path)
+    assert np.array_equal(restored.cameras[4].viewmat, rig.cameras[4].viewmat)
+    frames = PICTURES.copy()
+    frames[:, 1] = frames[:, 1, ::-1, ::-1]
+    rig.place(frames, tmp_path / "next", notes)
+    assert notes.lines[1] == "cam1 no longer shows what its neighbours do: check its video"
+    assert len(rig.cameras) == 9

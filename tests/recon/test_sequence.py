@@ -20,7 +20,6 @@ from splatreel.codec.verify import verify_reel
 from splatreel.config import Config, GroupConfig, KeyframeConfig, LayeringConfig
 from splatreel.errors import CaptureError, ReconstructionError, ReelError, SplatreelError, UsageError
 from splatreel.progress import Silent, Span
-from splatreel.recon.checkpoint import load_arrays
 from splatreel.recon.sequence import Result, reconstruct
 from tests.recon.captures import WallCapture
 
@@ -146,27 +145,6 @@ def test_interrupted_anywhere_the_run_ends_as_if_it_had_not_been(whole: Result, 
     )
     assert len(met) > 12
     assert content(tmp_path / "reel") == content(whole.reel)
-
-
-def test_exposures_and_delays_are_followed_from_group_to_group_and_over_interruptions(tmp_path: Path) -> None:
-    capture = WallCapture(FRAMES, drift=0.08)
-    config = replace(CONFIG, even_exposure=True, group=replace(CONFIG.group, delays=True))
-    undisturbed = reconstruct(capture, tmp_path / "undisturbed", config)
-    for index, first in enumerate((0, 2)):
-        found = load_arrays(undisturbed.work / f"group{index:04d}" / "exposure.safetensors")["change"]
-        true = [
-            [np.log(capture.exposure(c, first + t)) for c in range(len(capture.cameras))] for t in range(len(found))
-        ]
-        assert np.abs(found - np.array(true)[..., None]).max() < 0.02
-    first, second = (load_arrays(file)["delays"] for file in sorted(undisturbed.work.glob("group*/delays.safetensors")))
-    assert np.all(first != 0)
-    assert np.all(second != first)
-    seen: set[object] = set()
-    disturbed = tmp_path / "disturbed"
-    finish_despite(
-        lambda: reconstruct(capture, disturbed, config, progress=Stop(seen)), KeyboardInterrupt, disturbed / "reel"
-    )
-    assert content(disturbed / "reel") == content(undisturbed.reel)
 
 
 @pytest.mark.parametrize("when", ["before", "after"])

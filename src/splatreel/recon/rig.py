@@ -1,7 +1,8 @@
-"""What a run learns of its cameras, and hands from group to group: colour gains, exposures, delays."""
+"""What a run learns of its cameras, and hands from group to group: poses, colour gains, exposures, delays."""
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -13,8 +14,10 @@ from splatreel.progress import Progress
 from splatreel.recon import checkpoint
 from splatreel.recon.colors import CameraGains
 from splatreel.recon.delays import Delays
+from splatreel.recon.poses import inspect
+from splatreel.scene.camera import Camera
 
-EXPOSURE, DELAYS = "exposure.safetensors", "delays.safetensors"
+POSES, EXPOSURE, DELAYS = "poses.safetensors", "exposure.safetensors", "delays.safetensors"
 """Checkpoints in a group's folder. Gains are with its keyframe, which they were learned with."""
 CHANGED = 0.02
 """Share by which an exposure changes, from which on a user hears of it."""
@@ -23,20 +26,81 @@ OUT_OF_STEP = 0.1
 
 
 class Rig:
-    """The training cameras, by name. exposure: [C, 3] logarithm of that at the next keyframe, against the first of the capture."""
+    """The training cameras as they are now. exposure: [C, 3] logarithm of that at the next keyframe, against the capture's first."""
 
-    def __init__(self, names: list[str], config: Config, device: torch.device) -> None:
-        self.names, self.even = names, config.even_exposure
-        self.gains = CameraGains(len(names), device, config.correct_colors)
-        self.exposure = np.zeros((len(names), 3), np.float32)
-        self.delays = Delays(len(names), config.group.delays)
+    def __init__(self, cameras: list[Camera], config: Config, device: torch.device) -> None:
+        self.cameras, self.config, self.device = list(cameras), config, device
+        self._start()
+
+    def _start(self) -> None:
+        count, config = len(self.cameras), self.config
+        self.gains = CameraGains(count, self.device, config.correct_colors)
+        self.exposure = np.zeros((count, 3), np.float32)
+        self.delays = Delays(count, config.group.delays)
+
+    @property
+    def names(self) -> list[str]:
+        return [camera.name for camera in self.cameras]
+
+    def gather(self, frames: np.ndarray, folder: Path, progress: Progress) -> np.ndarray:
+        """At the start of a capture: `place`, but cameras that do not show what their neighbours do are left out.
+
+        Returns the frames of those that stay.
+        """
+        strangers = self._inspect(frames, progress)
+        for number in strangers:
+            what = "shows nothing that its neighbours do from where it is said to be, and is left out"
+            progress.note(f"{self.names[number]} {what}: check its pose and its video")
+        kept = [number for number in range(len(self.cameras)) if number not in strangers]
+        self._keep(kept)
+        checkpoint.save_arrays(folder / POSES, self._packed() | {"kept": np.array(kept)})
+        return frames[:, kept]
+
+    def place(self, frames: np.ndarray, folder: Path, progress: Progress) -> None:
+        """Put right the cameras that are not where they are said to be. frames: [T, C, H, W, 3] uint8, of a group. folder: of it."""
+        if (folder / POSES).exists():
+            self.stand(folder)
+            return
+        for number in self._inspect(frames, progress):
+            progress.note(f"{self.names[number]} no longer shows what its neighbours do: check its video")
+        checkpoint.save_arrays(folder / POSES, self._packed())
+
+    def stand(self, folder: Path) -> None:
+        """Where the cameras stood in a group, if that is known, and which they are."""
+        if (path := folder / POSES).exists():
+            arrays = checkpoint.load_arrays(path)
+            if "kept" in arrays and len(arrays["kept"]) < len(self.cameras):
+                self._keep(arrays["kept"].tolist())
+            pairs = zip(self.cameras, arrays["viewmats"], strict=True)
+            self.cameras = [replace(camera, viewmat=viewmat) for camera, viewmat in pairs]
+
+    def _inspect(self, frames: np.ndarray, progress: Progress) -> list[int]:
+        """Puts right what can be, and returns those that show something else."""
+        if not self.config.check_poses:
+            return []
+        found = inspect(self.cameras, frames[[0, len(frames) // 2]])
+        for number, mended in found.mended.items():
+            name, pixels = self.names[number], mended.pixels
+            progress.note(f"{name} is not where its pose says, what it shows is off by {pixels:.1f} pixels: put right")
+            self.cameras[number] = mended.camera
+        if found.doubtful:
+            names = ", ".join(self.names[number] for number in found.doubtful)
+            progress.note(f"the poses of {names} do not fit each other, too many to be put right: calibrate anew")
+        return found.strangers
+
+    def _keep(self, kept: list[int]) -> None:
+        self.cameras = [self.cameras[number] for number in kept]
+        self._start()
+
+    def _packed(self) -> dict[str, np.ndarray]:
+        return {"viewmats": np.stack([camera.viewmat for camera in self.cameras])}
 
     def even_out(self, frames: np.ndarray, own: int, folder: Path, progress: Progress) -> None:
         """Take out of a group's frames [T, C, H, W, 3] uint8, in place, what exposures did since the first one of the capture.
 
         own: how many of them are not the next group's, too. folder: of the group.
         """
-        if not self.even:
+        if not self.config.even_exposure:
             return
         change = exposures(frames) + self.exposure
         even_out(frames, change)
@@ -60,6 +124,7 @@ class Rig:
 
     def restore(self, own: int, folder: Path) -> None:
         """Know what was known after a finished group."""
+        self.stand(folder)
         if (keyframe := folder / "keyframe.safetensors").exists():
             self.load_gains(checkpoint.load_arrays(keyframe))
         if (exposure := folder / EXPOSURE).exists():

@@ -131,13 +131,11 @@ class Reconstruction:
         self, capture: Capture, claim: Claim, config: Config, device: torch.device, progress: Progress
     ) -> None:
         self.capture, self.claim, self.config, self.device, self.progress = capture, claim, config, device, progress
-        self.cameras = capture.training_cameras
-        self.names = [camera.name for camera in self.cameras]
         self.reel, self.work = claim.reel, claim.work
         self.spans = spans(capture.frames, config.group.length, config.group.overlap)
         self.plan = Plan([span.count for span in self.spans], config)
         self.seconds: dict[str, float] = self._load_seconds()
-        self.rig = Rig(self.names, config, device)
+        self.rig = Rig(capture.training_cameras, config, device)
 
     def run(self) -> Result:
         layout = self._lay_out()
@@ -148,7 +146,7 @@ class Reconstruction:
         for span in self.spans[:finished]:
             scene = self._restore(span, scene, publisher)
         todo = self.spans[finished:]
-        with FramePrefetcher(self.capture, self.names, [(s.first, s.count) for s in todo]) as stretches:
+        with FramePrefetcher(self.capture, self.rig.names, [(s.first, s.count) for s in todo]) as stretches:
             for span, frames in zip(todo, stretches, strict=True):
                 scene = self._group(span, scene, frames, layout, writer)
         writer.finish()
@@ -158,6 +156,8 @@ class Reconstruction:
         """All stages of one group; returns the scene at the next keyframe."""
         with self._timed("exposure"):
             self.rig.even_out(frames, span.own, self._folder(span), self.progress)
+        with self._timed("poses"):
+            self.rig.place(frames, self._folder(span), self.progress)
         points = self._keyframe(span, scene, frames, layout)
         scene = Scene(scene.static, scene.alive, points)
         layers = self._layer(span, scene, frames, layout)
@@ -208,7 +208,14 @@ class Reconstruction:
             trainer = self._keyframe_trainer(scene, layout, first)
             coarse_share = config.coarse_share if first else 0.0
             train_frame(
-                trainer, self.cameras, images, layout, iterations, coarse_share, self.config.antialias, self.progress
+                trainer,
+                self.rig.cameras,
+                images,
+                layout,
+                iterations,
+                coarse_share,
+                self.config.antialias,
+                self.progress,
             )
             points = trainer.points.gaussians()
         points.check_finite(f"Keyframe {span.index}")
@@ -218,7 +225,9 @@ class Reconstruction:
     def _keyframe_trainer(self, scene: Scene, layout: Layout, first: bool) -> KeyframeTrainer:
         if first:
             seeds = checkpoint.load_arrays(self.work / "points.safetensors")
-            return still_trainer(seeds["points"], seeds["colors"], layout, self.cameras, self.rig.gains, self.config)
+            return still_trainer(
+                seeds["points"], seeds["colors"], layout, self.rig.cameras, self.rig.gains, self.config
+            )
         rates = default_rates(layout.unit, self.config.keyframe.pace)
         points = TrainablePoints.from_gaussians(scene.dynamic, rates, self.device)
         return KeyframeTrainer(
@@ -235,11 +244,11 @@ class Reconstruction:
         with self._timed("layering"):
             self.progress.stage(self._title(span, "layering"), 1, self.plan.layering(span.index))
             everything = Gaussians.concatenate([scene.dynamic, scene.static[scene.alive]])
-            moves = label_points(everything, self.cameras, frames, layout.near, self.config.layering, self.device)
+            moves = label_points(everything, self.rig.cameras, frames, layout.near, self.config.layering, self.device)
             light = np.zeros((span.count, len(everything)), np.float32)
             if self.config.layering.light:
                 still = everything[~moves]
-                light[:, ~moves] = changes_of_light(still, self.cameras, frames, layout.near, self.device)
+                light[:, ~moves] = changes_of_light(still, self.rig.cameras, frames, layout.near, self.device)
             layers = separate(scene.static, scene.alive, scene.dynamic, moves, light)
             static = len(layers.settled) + int(layers.alive.sum())
             self.progress.update(1, dynamic=len(layers.dynamic), lit=len(layers.lit), static=static)
@@ -253,7 +262,7 @@ class Reconstruction:
             seen = Gaussians.concatenate(
                 [layers.settled, layers.dynamic, layers.lit.points, scene.static[layers.alive]]
             )
-            shows = weigh([seen], self.cameras, writer.manifest.near, self.config.antialias)[: len(layers.settled)]
+            shows = weigh([seen], self.rig.cameras, writer.manifest.near, self.config.antialias)[: len(layers.settled)]
             decoded, order = writer.add_layer(span.index, span.first, layers.settled, shows)
         raw = layers.settled[order]
         arrays = checkpoint.pack(raw, "raw_") | checkpoint.pack(decoded, "decoded_") | {"importance": shows[order]}
@@ -273,7 +282,7 @@ class Reconstruction:
                 scene.dynamic,
                 lit,
                 static,
-                self.cameras,
+                self.rig.cameras,
                 frames,
                 gains,
                 flow,
@@ -290,7 +299,7 @@ class Reconstruction:
         least, allowed = self.config.layering.adapt_changes, scene.alive.copy()
         if least:
             living = scene.static[scene.alive]
-            allowed[scene.alive] = convertible(living, self.cameras, frames, layout.near, least, self.device)
+            allowed[scene.alive] = convertible(living, self.rig.cameras, frames, layout.near, least, self.device)
         return allowed
 
     def _hand_over(self, span: Span, static: Gaussians, group: Group) -> Scene:
@@ -313,13 +322,15 @@ class Reconstruction:
         """Initial points and the measures of the scene, from the first frame."""
         path = self.work / "layout.json"
         if path.exists() and (self.work / "points.safetensors").exists():
+            self.rig.stand(group_folder(self.work, 0))
             return Layout(**checkpoint.load_json(path))
         with self._timed("points"):
             self.progress.stage("initial points", 1, self.plan.points())
-            images = self.capture.read(0, 1, self.names)[0]
-            capture = self.capture
+            capture, middle = self.capture, self.spans[0].count // 2
+            frames = np.concatenate([capture.read(frame, 1, self.rig.names) for frame in (0, middle)])
+            frames = self.rig.gather(frames, group_folder(self.work, 0), self.progress)
             known = capture.points, capture.point_colors, capture.near
-            seeds, layout = lay_out(self.cameras, images, *known, self.config.seed)
+            seeds, layout = lay_out(self.rig.cameras, frames[0], *known, self.config.seed)
             self.progress.update(1, points=len(seeds.points))
         self.claim.keep()
         checkpoint.save_arrays(self.work / "points.safetensors", {"points": seeds.points, "colors": seeds.colors})
@@ -336,8 +347,8 @@ class Reconstruction:
             "up": layout.up,
             "near": layout.near,
             "antialias": self.config.antialias,
-            "camera": self.cameras[len(self.cameras) // 2],
-            "cameras": self.cameras,
+            "camera": self.rig.cameras[len(self.rig.cameras) // 2],
+            "cameras": self.rig.cameras,
         }
         save_header(self.work, header)
         return open_writer(self.work, self.reel, self.config.encode, resume=True)
@@ -348,7 +359,7 @@ class Reconstruction:
         return torch.from_numpy(frames).to(self.device)
 
     def _views(self) -> list[View]:
-        return [View.of(camera, self.device, self.config.antialias) for camera in self.cameras]
+        return [View.of(camera, self.device, self.config.antialias) for camera in self.rig.cameras]
 
     def _folder(self, span: Span) -> Path:
         return group_folder(self.work, span.index)

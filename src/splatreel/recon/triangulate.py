@@ -8,17 +8,14 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-import cv2
 import numpy as np
 
+from splatreel.recon.features import detect, match
 from splatreel.scene.camera import Camera
 
-MAX_FEATURES = 3000
 EPIPOLAR_PIXELS = 1.5
 VOTE_PIXELS = 3.0
 REPROJECTION_PIXELS = 1.5
-MIN_SIMILARITY = 0.7
-RATIO = 0.85
 MIN_ANGLE_DEGREES = 1.5
 MIN_VIEWS = 3
 
@@ -35,25 +32,16 @@ class Tracks:
     seen: np.ndarray
 
 
-@dataclass(frozen=True)
-class _Features:
-    """pixels: [F, 2] float64, pixel centres at +0.5. descriptors: [F, 128] float32, unit (RootSIFT). colors: [F, 3] uint8."""
-
-    pixels: np.ndarray
-    descriptors: np.ndarray
-    colors: np.ndarray
-
-
 def triangulate(cameras: list[Camera], images: np.ndarray, neighbours: int = 8) -> Tracks:
     """Match SIFT features between neighbouring cameras and triangulate those that at least three cameras agree on.
 
     images: [C, H, W, 3] uint8. Textureless images give no points; that is not an error.
     """
-    features = [_detect(image) for image in images]
+    features = [detect(image) for image in images]
     first = np.cumsum([0] + [len(f.pixels) for f in features])
     edges: list[np.ndarray] = [np.zeros((0, 2), np.int64)]
     for i, j in neighbour_pairs(cameras, neighbours):
-        matches = _match(cameras[i], cameras[j], features[i], features[j])
+        matches = match(cameras[i], cameras[j], features[i], features[j], EPIPOLAR_PIXELS)
         edges.append(matches + np.array([first[i], first[j]]))
     pairs = np.concatenate(edges)
     camera = np.repeat(np.arange(len(cameras)), np.diff(first))
@@ -77,47 +65,6 @@ def nearest_cameras(cameras: list[Camera], count: int) -> np.ndarray:
     cost = gaps / spread + (1 - forwards @ forwards.T)
     np.fill_diagonal(cost, np.inf)
     return np.argsort(cost, 1, kind="stable")[:, : min(count, len(cameras) - 1)]
-
-
-def _detect(image: np.ndarray) -> _Features:
-    sift = cv2.SIFT.create(MAX_FEATURES, contrastThreshold=0.01, edgeThreshold=20)
-    keypoints, descriptors = sift.detectAndCompute(cv2.cvtColor(image, cv2.COLOR_RGB2GRAY), None)
-    if descriptors is None or len(keypoints) == 0:
-        return _Features(np.zeros((0, 2)), np.zeros((0, 128), np.float32), np.zeros((0, 3), np.uint8))
-    pixels = np.array([k.pt for k in keypoints], np.float64)
-    column, row = np.rint(pixels).astype(int).T
-    height, width = image.shape[:2]
-    colors = image[row.clip(0, height - 1), column.clip(0, width - 1)]
-    root = np.sqrt(descriptors / np.maximum(descriptors.sum(1, keepdims=True), 1e-9))
-    return _Features(pixels + 0.5, root.astype(np.float32), colors)
-
-
-def _fundamental(a: Camera, b: Camera) -> np.ndarray:
-    """F with x_b^T F x_a = 0 for homogeneous pixels."""
-    relative = b.viewmat.astype(np.float64) @ np.linalg.inv(a.viewmat.astype(np.float64))
-    x, y, z = relative[:3, 3]
-    cross = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
-    return np.linalg.inv(b.K.astype(np.float64)).T @ cross @ relative[:3, :3] @ np.linalg.inv(a.K.astype(np.float64))
-
-
-def _match(camera_a: Camera, camera_b: Camera, a: _Features, b: _Features) -> np.ndarray:
-    """Mutual best matches near the epipolar lines that pass the ratio test; [M, 2] int indices into a and b."""
-    if len(a.pixels) == 0 or len(b.pixels) == 0:
-        return np.zeros((0, 2), np.int64)
-    lines = np.c_[a.pixels, np.ones(len(a.pixels))] @ _fundamental(camera_a, camera_b).T
-    lines /= np.maximum(np.linalg.norm(lines[:, :2], axis=1, keepdims=True), 1e-12)
-    distance = lines.astype(np.float32) @ np.c_[b.pixels, np.ones(len(b.pixels))].T.astype(np.float32)
-    similarity = a.descriptors @ b.descriptors.T
-    similarity[np.abs(distance) > EPIPOLAR_PIXELS] = -1
-    rows = np.arange(len(a.pixels))
-    best = similarity.argmax(1)
-    mutual = similarity.argmax(0)[best] == rows
-    score = similarity[rows, best].copy()
-    similarity[rows, best] = -1
-    second = similarity.max(1)
-    gap = np.sqrt(np.maximum(2 - 2 * score, 0)) < RATIO * np.sqrt(np.maximum(2 - 2 * second, 0))
-    good = mutual & gap & (score > MIN_SIMILARITY)
-    return np.stack([rows[good], best[good]], 1)
 
 
 def _solve_stars(

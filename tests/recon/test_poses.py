@@ -1,0 +1,88 @@
+from dataclasses import replace
+
+import cv2
+import numpy as np
+import pytest
+
+from splatreel.recon.poses import Findings, inspect
+from splatreel.scene.camera import Camera
+from tests.recon.corner import WIDTH, arc, pictures
+
+CAMERAS = arc(9)
+TRUTH = pictures(CAMERAS)
+ALL_RIGHT = Findings({}, [], [])
+
+
+def turned(camera: Camera, degrees: float) -> Camera:
+    """As if somebody had touched it after its calibration."""
+    motion = np.eye(4)
+    motion[:3, :3] = cv2.Rodrigues(np.radians(degrees) * np.array([0.8, 0.5, 0.3]))[0]
+    return replace(camera, viewmat=motion @ camera.viewmat)
+
+
+def moments(images: np.ndarray = TRUTH, noise: float = 2.0) -> np.ndarray:
+    """Two noisy ones."""
+    noisy = images + np.random.default_rng(0).normal(0, noise, (2, *images.shape))
+    return noisy.clip(0, 255).astype(np.uint8)
+
+
+def apart(a: Camera, b: Camera) -> float:
+    """Median pixels between what two cameras show of the same places."""
+    places = np.stack(np.meshgrid([-2, 0, 2], [-1, 0, 1], [4, 6], indexing="ij"), -1).reshape(-1, 3)
+    pixels = []
+    for camera in (a, b):
+        local = (places @ camera.viewmat[:3, :3].T + camera.viewmat[:3, 3]) @ camera.K.T
+        pixels.append(local[:, :2] / local[:, 2:])
+    return float(np.median(np.linalg.norm(pixels[0] - pixels[1], axis=1)))
+
+
+def test_cameras_that_are_right_stay_as_they_are() -> None:
+    assert inspect(CAMERAS, moments()) == ALL_RIGHT
+    assert inspect(CAMERAS[:3], moments(TRUTH[:3])) == ALL_RIGHT
+
+
+def test_less_than_a_pixel_is_left_alone() -> None:
+    assert inspect([turned(CAMERAS[0], 0.1), *CAMERAS[1:]], moments()) == ALL_RIGHT
+
+
+@pytest.mark.parametrize("degrees", [0.6, 1.0])
+def test_cameras_that_were_touched_are_put_right(degrees: float) -> None:
+    wrong = [turned(camera, degrees) if number in (2, 6) else camera for number, camera in enumerate(CAMERAS)]
+    found = inspect(wrong, moments())
+    assert set(found.mended) == {2, 6}
+    assert not found.strangers
+    assert not found.doubtful
+    for number, mended in found.mended.items():
+        assert apart(wrong[number], CAMERAS[number]) > 1.5
+        assert apart(mended.camera, CAMERAS[number]) < 0.3
+        assert 0.7 < mended.pixels < 4
+        assert mended.camera.name == CAMERAS[number].name
+
+
+def test_a_camera_that_shows_something_else_is_a_stranger() -> None:
+    images = TRUTH.copy()
+    images[4] = TRUTH[4, ::-1, ::-1]
+    found = inspect(CAMERAS, moments(images))
+    assert found == Findings({}, [4], [])
+
+
+def test_nobody_can_tell_where_every_third_is_wrong() -> None:
+    wrong = [
+        turned(camera, 1.0 if number % 2 else -1.0) if number % 3 == 1 else camera
+        for number, camera in enumerate(CAMERAS)
+    ]
+    found = inspect(wrong, moments())
+    assert not found.mended
+    assert not found.strangers
+    assert set(found.doubtful) >= {1, 4, 7}
+
+
+def test_what_moves_is_not_taken_for_a_camera_that_does() -> None:
+    """Half of the pictures are elsewhere in the first moment, as they are of cameras that are out of step."""
+    frames = moments()
+    frames[0, 3, :, : WIDTH // 2] = np.roll(frames[0, 3], 4, axis=1)[:, : WIDTH // 2]
+    assert inspect(CAMERAS, frames) == ALL_RIGHT
+
+
+def test_without_features_nothing_is_said() -> None:
+    assert inspect(CAMERAS, np.full((2, 9, 64, WIDTH, 3), 90, np.uint8)) == ALL_RIGHT
