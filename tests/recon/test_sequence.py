@@ -71,7 +71,7 @@ def test_groups_are_published_with_what_moves_in_them(whole: Result) -> None:
     group = reel.group(0)
     assert 0 < len(group.dynamic) < group.alive.sum()
     assert np.abs(group.dx).max() > 0
-    assert set(whole.seconds) == {"points", "exposure", "keyframe", "layering", "group", "encode"}
+    assert set(whole.seconds) == {"points", "exposure", "poses", "keyframe", "layering", "group", "encode"}
     assert whole.device in ("cpu", "cuda")
 
 

@@ -15,7 +15,7 @@ import numpy as np
 from splatreel.motion.flow import DisFlow, each_view
 from splatreel.recon.features import Features, detect, epipolar_lines, match, off_line
 from splatreel.recon.triangulate import neighbour_pairs
-from splatreel.scene.camera import Camera
+from splatreel.scene.camera import Camera, focus_point
 
 NEIGHBOURS = 6
 REACHES = 0.03, 0.015, 0.008
@@ -23,8 +23,8 @@ REACHES = 0.03, 0.015, 0.008
 CLOSE = 0.7
 """Pixels off the line by which a match is believed."""
 ROUNDS = 25
-MOVED = 0.7
-"""Pixels by which a pose must be off, in the median of what it shows, to be touched."""
+MOVED = 0.3
+"""Pixels that what a camera shows must be off its lines, in the median, for it to be touched. Along them it may be off by more."""
 GAIN = 1.4
 """Times as many matches must be believed then."""
 FEWEST = 40, 200
@@ -44,7 +44,7 @@ Matches = tuple[np.ndarray, np.ndarray]
 
 @dataclass(frozen=True)
 class Mended:
-    """A camera that was put right. pixels: by how much what it shows moves across epipolar lines, median."""
+    """A camera that was put right. pixels: by how much what it shows moves, median of places as far as most cameras look."""
 
     camera: Camera
     pixels: float
@@ -65,13 +65,13 @@ class Findings:
 
 @dataclass(frozen=True)
 class _Verdict:
-    """camera: where it would show most of its matches on their lines; pixels: as of `Mended`.
+    """camera: where it would show most of its matches on their lines; moved: pixels across the lines that takes them there, median.
 
     believed: matches on their lines as it stands, and there, of how many.
     """
 
     camera: Camera
-    pixels: float
+    moved: float
     believed: tuple[int, int]
     matches: int
 
@@ -82,7 +82,7 @@ class _Verdict:
 
     @property
     def wrong(self) -> bool:
-        return self.matches >= FEWEST[0] and self.gain > GAIN and self.pixels > MOVED
+        return self.matches >= FEWEST[0] and self.gain > GAIN and self.moved > MOVED
 
     @property
     def strange(self) -> bool:
@@ -117,8 +117,7 @@ def inspect(cameras: list[Camera], frames: np.ndarray) -> Findings:
             near = {pair: _matched(pair, placed, features, reach) for pair in around}
             placed[worst] = _judged(worst, placed, near).camera
         matches |= {pair: _matched(pair, placed, features, REACHES[0]) for pair in around}
-        before = mended[worst].pixels if worst in mended else 0.0
-        mended[worst] = Mended(placed[worst], before + verdicts[worst].pixels)
+        mended[worst] = Mended(placed[worst], _apart(cameras[worst], placed[worst], focus_point(cameras)))
     return Findings({c: m for c, m in mended.items() if c not in strangers}, strangers, [])
 
 
@@ -156,8 +155,8 @@ def _judged(number: int, cameras: list[Camera], matches: dict[Pair, Matches]) ->
     change = _agreed(before, slopes)
     after = before + slopes @ change
     believed, at_once = np.abs(after) < CLOSE, np.abs(before) < CLOSE
-    pixels = float(np.median(np.abs(after - before)[believed])) if believed.any() else 0.0
-    return _Verdict(moved(change), pixels, (int(at_once.sum()), int(believed.sum())), count)
+    across = float(np.median(np.abs(after - before)[believed])) if believed.any() else 0.0
+    return _Verdict(moved(change), across, (int(at_once.sum()), int(believed.sum())), count)
 
 
 def _agreed(off: np.ndarray, slopes: np.ndarray) -> np.ndarray:
@@ -175,3 +174,13 @@ def _moved(camera: Camera, change: np.ndarray) -> Camera:
     motion = np.eye(4)
     motion[:3, :3], motion[:3, 3] = cv2.Rodrigues(change[:3])[0], change[3:]
     return replace(camera, viewmat=(motion @ camera.viewmat.astype(np.float64)).astype(np.float32))
+
+
+def _apart(camera: Camera, moved: Camera, focus: np.ndarray) -> float:
+    """Median pixels between what a camera shows as far away as focus [3] and where it shows that when moved."""
+    across = np.stack(np.meshgrid(np.linspace(0, camera.width, 5), np.linspace(0, camera.height, 5)), -1).reshape(-1, 2)
+    K, inverse = camera.K.astype(np.float64), np.linalg.inv(camera.viewmat.astype(np.float64))
+    depth = abs(float(camera.forward @ (focus - camera.center)))
+    places = depth * np.c_[across, np.ones(len(across))] @ np.linalg.inv(K).T @ inverse[:3, :3].T + inverse[:3, 3]
+    pixels = (places @ moved.viewmat[:3, :3].T + moved.viewmat[:3, 3]) @ K.T
+    return float(np.median(np.linalg.norm(pixels[:, :2] / pixels[:, 2:] - across, axis=1)))

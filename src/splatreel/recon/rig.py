@@ -47,6 +47,8 @@ class Rig:
 
         Returns the frames of those that stay.
         """
+        if not self.config.check_poses:
+            return frames
         strangers = self._inspect(frames, progress)
         for number in strangers:
             what = "shows nothing that its neighbours do from where it is said to be, and is left out"
@@ -58,6 +60,8 @@ class Rig:
 
     def place(self, frames: np.ndarray, folder: Path, progress: Progress) -> None:
         """Put right the cameras that are not where they are said to be. frames: [T, C, H, W, 3] uint8, of a group. folder: of it."""
+        if not self.config.check_poses:
+            return
         if (folder / POSES).exists():
             self.stand(folder)
             return
@@ -76,8 +80,6 @@ class Rig:
 
     def _inspect(self, frames: np.ndarray, progress: Progress) -> list[int]:
         """Puts right what can be, and returns those that show something else."""
-        if not self.config.check_poses:
-            return []
         found = inspect(self.cameras, frames[[0, len(frames) // 2]])
         for number, mended in found.mended.items():
             name, pixels = self.names[number], mended.pixels
