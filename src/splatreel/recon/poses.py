@@ -1,8 +1,8 @@
 """Cameras that are not where they are said to be, and such as show something else (beyond the paper).
 
-Features that cameras share must lie on each other's epipolar lines. Where those of one camera do so only if it is turned and moved a
-little, it was touched after its calibration: all others see the scene twice until it is put right. Where they never do more often
-than by chance, it is somewhere else, or its video is another camera's.
+What two other cameras agree on lies at a place that a third one must show where it does. If it would do so only turned and moved a
+little, it was touched after its calibration: all others see the scene twice until it is put right. A camera whose features hardly ever
+lie on the others' epipolar lines is somewhere else, or its video is another's.
 """
 
 from __future__ import annotations
@@ -13,33 +13,32 @@ import cv2
 import numpy as np
 
 from splatreel.motion.flow import DisFlow, each_view
-from splatreel.recon.features import Features, detect, epipolar_lines, match, off_line
-from splatreel.recon.triangulate import neighbour_pairs
+from splatreel.recon.features import detect, epipolar_lines, match, off_line
+from splatreel.recon.triangulate import intersect, neighbour_pairs, reprojection_errors
 from splatreel.scene.camera import Camera, focus_point
 
 NEIGHBOURS = 6
 REACHES = 0.03, 0.015, 0.008
 """Of the picture's width: how far off their lines features are looked for, from round to round; nobody is put right by more."""
 CLOSE = 0.7
-"""Pixels off the line by which a match is believed."""
+"""Pixels by which what is believed may be off."""
+NARROW = 3.0
+"""Degrees between two cameras' views of a place, below which they do not know how far it is."""
 ROUNDS = 25
-MOVED = 0.3
-"""Pixels that what a camera shows must be off its lines, in the median, for it to be touched. Along them it may be off by more."""
+MOVED = 0.7
+"""Pixels that what a camera shows must be off, in the median, for it to be touched."""
 GAIN = 1.4
-"""Times as many matches must be believed then."""
-FEWEST = 40, 200
-"""Matches by which a camera is judged, and by which it is a stranger."""
+"""Times as many places must be shown where they are then."""
+FEWEST = 80, 200
+"""Places by which a camera is judged, and matches by which it is a stranger."""
 CHANCE = 2.0
-"""Times as many matches as by chance that are believed of any camera that sees what the others do."""
+"""Times as many matches as by chance that are on their lines in any camera that sees what the others do."""
 STEP = 1e-3
 """Radians, and of the cameras' distance from each other: what six unknowns of a pose are counted in."""
 FREE = 0.1
 """Weight of staying where it is, for each unknown."""
 
-
 Pair = tuple[int, int]
-Matches = tuple[np.ndarray, np.ndarray]
-"""Pixels [M, 2] of the first camera of a pair and of the second."""
 
 
 @dataclass(frozen=True)
@@ -65,30 +64,102 @@ class Findings:
 
 @dataclass(frozen=True)
 class _Verdict:
-    """camera: where it would show most of its matches on their lines; moved: pixels across the lines that takes them there, median.
-
-    believed: matches on their lines as it stands, and there, of how many.
-    """
+    """camera: where it would show most places where they are; gain: how many times as many; moved: pixels that takes, median."""
 
     camera: Camera
-    moved: float
-    believed: tuple[int, int]
-    matches: int
-
-    @property
-    def gain(self) -> float:
-        """Times as many matches are believed there."""
-        return self.believed[1] / max(self.believed[0], 1)
+    gain: float = 1.0
+    moved: float = 0.0
 
     @property
     def wrong(self) -> bool:
-        return self.matches >= FEWEST[0] and self.gain > GAIN and self.moved > MOVED
+        return self.gain > GAIN and self.moved > MOVED
 
-    @property
-    def strange(self) -> bool:
-        """On no line more often than anything would be that is looked for in its reach."""
-        chance = CLOSE / (REACHES[0] * self.camera.width)
-        return self.matches >= FEWEST[1] and self.believed[1] < CHANCE * chance * self.matches
+
+class _Sight:
+    """What cameras show at some moments, and what they have in common. frames: [T, C, H, W, 3] uint8."""
+
+    def __init__(self, cameras: list[Camera], frames: np.ndarray) -> None:
+        self.cameras, self.pairs = list(cameras), neighbour_pairs(cameras, NEIGHBOURS)
+        self.features = [
+            each_view(lambda c, images=images: detect(images[c]), len(cameras), DisFlow()) for images in frames
+        ]
+        self.matches = {pair: self._match(pair, REACHES[0]) for pair in self.pairs}
+
+    def move(self, number: int) -> None:
+        """Put a camera where most of what it shows says, ever more closely."""
+        around = [pair for pair in self.pairs if number in pair]
+        for reach in REACHES:
+            self.matches |= {pair: self._match(pair, reach) for pair in around}
+            self.cameras[number] = self.judge(number).camera
+        self.matches |= {pair: self._match(pair, REACHES[0]) for pair in around}
+
+    def _match(self, pair: Pair, reach: float) -> list[np.ndarray]:
+        """[M, 2] indices of features of two cameras, at each moment."""
+        (a, b), cameras = pair, self.cameras
+        return [match(cameras[a], cameras[b], seen[a], seen[b], reach * cameras[a].width) for seen in self.features]
+
+    def stranger(self, number: int) -> bool:
+        """Whether its features are on the others' lines hardly more often than anything would be that is looked for in reach."""
+        off = [np.zeros(0)]
+        for a, b in self.pairs:
+            for seen, found in zip(self.features, self.matches[a, b], strict=True) if number in (a, b) else ():
+                lines = epipolar_lines(self.cameras[a], self.cameras[b], seen[a].pixels[found[:, 0]])
+                off.append(off_line(lines, seen[b].pixels[found[:, 1]]))
+        near, chance = np.abs(np.concatenate(off)) < CLOSE, CLOSE / (REACHES[0] * self.cameras[number].width)
+        return len(near) >= FEWEST[1] and near.mean() < CHANCE * chance
+
+    def judge(self, number: int) -> _Verdict:
+        """Where a camera would have to be to show most places where they are that two others agree on."""
+        camera = self.cameras[number]
+        places, pixels = self._places(number)
+        if len(places) < FEWEST[0]:
+            return _Verdict(camera)
+        far = [np.linalg.norm(camera.center - other.center) for other in self.cameras if other is not camera]
+        units = STEP * np.repeat([1, float(np.median(far))], 3)
+
+        def off(change: np.ndarray) -> np.ndarray:
+            return (_shown(_moved(camera, units * change), places) - pixels).ravel()
+
+        before = off(np.zeros(6))
+        slopes = np.stack([(off(unit) - off(-unit)) / 2 for unit in np.eye(6)], 1)
+        change = _agreed(before, slopes)
+        step = (slopes @ change).reshape(-1, 2)
+        before = before.reshape(-1, 2)
+        at_once, believed = (np.linalg.norm(error, axis=1) < CLOSE for error in (before, before + step))
+        moved = float(np.median(np.linalg.norm(step[believed], axis=1))) if believed.any() else 0.0
+        return _Verdict(_moved(camera, units * change), believed.sum() / max(at_once.sum(), 1), moved)
+
+    def _places(self, number: int) -> tuple[np.ndarray, np.ndarray]:
+        """Places [M, 3] that two other cameras agree on, and pixels [M, 2] of the features that this one matched with both."""
+        projections = np.stack([c.K.astype(np.float64) @ c.viewmat[:3].astype(np.float64) for c in self.cameras])
+        centers = np.stack([camera.center for camera in self.cameras]).astype(np.float64)
+        places, pixels = [np.zeros((0, 3))], [np.zeros((0, 2))]
+        for moment, seen in enumerate(self.features):
+            own, others, there = self._shared(number, moment)
+            couples = _couples(own)
+            track = np.repeat(np.arange(len(couples)), 2)
+            views, spots = others[couples.ravel()], there[couples.ravel()]
+            found = intersect(projections[views], spots, track, len(couples))
+            error = reprojection_errors(projections, found[track], views, spots).reshape(-1, 2).max(1)
+            rays = found[:, None] - centers[views.reshape(-1, 2)]
+            rays /= np.maximum(np.linalg.norm(rays, axis=2, keepdims=True), 1e-12)
+            sure = (error < CLOSE) & ((rays[:, 0] * rays[:, 1]).sum(1) < np.cos(np.radians(NARROW)))
+            places.append(found[sure])
+            pixels.append(seen[number].pixels[own[couples[sure, 0]]])
+        return np.concatenate(places), np.concatenate(pixels)
+
+    def _shared(self, number: int, moment: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Features [E] of a camera, sorted, that others [E] show at pixels [E, 2]."""
+        own, others, there = [np.zeros(0, int)], [np.zeros(0, int)], [np.zeros((0, 2))]
+        for pair in self.pairs:
+            if number in pair:
+                side, found = pair.index(number), self.matches[pair][moment]
+                other = pair[1 - side]
+                own.append(found[:, side])
+                others.append(np.full(len(found), other))
+                there.append(self.features[moment][other].pixels[found[:, 1 - side]])
+        order = np.argsort(np.concatenate(own), kind="stable")
+        return np.concatenate(own)[order], np.concatenate(others)[order], np.concatenate(there)[order]
 
 
 def inspect(cameras: list[Camera], frames: np.ndarray) -> Findings:
@@ -97,76 +168,49 @@ def inspect(cameras: list[Camera], frames: np.ndarray) -> Findings:
     frames: [T, C, H, W, 3] uint8, some moments: what moves must not be taken for a camera that does. The worst comes first; then
     the others are judged anew.
     """
-    features = [each_view(lambda c, images=images: detect(images[c]), len(cameras), DisFlow()) for images in frames]
-    placed, mended = list(cameras), dict[int, Mended]()
-    pairs = neighbour_pairs(cameras, NEIGHBOURS)
-    matches = {pair: _matched(pair, placed, features, REACHES[0]) for pair in pairs}
+    sight, mended = _Sight(cameras, frames), set[int]()
+    everybody = range(len(cameras))
     strangers: list[int] = []
-    for _ in cameras:
-        verdicts = {c: _judged(c, placed, matches) for c in range(len(cameras))}
-        strangers = [c for c, verdict in verdicts.items() if verdict.strange]
-        wrong = [c for c, verdict in verdicts.items() if verdict.wrong and not verdict.strange]
+    for _ in everybody:
+        verdicts = {c: sight.judge(c) for c in everybody}
+        wrong = [c for c in everybody if verdicts[c].wrong]
+        strangers = [c for c in everybody if c not in wrong and sight.stranger(c)]
         suspects = sorted({*mended, *wrong, *strangers})
         if suspects and 3 * len(suspects) >= len(cameras):
             return Findings({}, [], suspects)
         if not wrong:
             break
         worst = max(wrong, key=lambda c: verdicts[c].gain)
-        around = [pair for pair in pairs if worst in pair]
-        for reach in REACHES:
-            near = {pair: _matched(pair, placed, features, reach) for pair in around}
-            placed[worst] = _judged(worst, placed, near).camera
-        matches |= {pair: _matched(pair, placed, features, REACHES[0]) for pair in around}
-        mended[worst] = Mended(placed[worst], _apart(cameras[worst], placed[worst], focus_point(cameras)))
-    return Findings({c: m for c, m in mended.items() if c not in strangers}, strangers, [])
+        sight.move(worst)
+        mended.add(worst)
+    focus = focus_point(cameras)
+    pixels = {c: _apart(cameras[c], sight.cameras[c], focus) for c in mended if c not in strangers}
+    return Findings({c: Mended(sight.cameras[c], off) for c, off in pixels.items()}, strangers, [])
 
 
-def _matched(pair: Pair, cameras: list[Camera], features: list[list[Features]], reach: float) -> Matches:
-    """What two cameras share at all moments."""
-    a, b = pair
-    found = [match(cameras[a], cameras[b], seen[a], seen[b], reach * cameras[a].width) for seen in features]
-    here, there = (
-        np.concatenate([seen[camera].pixels[which[:, side]] for seen, which in zip(features, found, strict=True)])
-        for side, camera in enumerate(pair)
-    )
-    return here, there
-
-
-def _judged(number: int, cameras: list[Camera], matches: dict[Pair, Matches]) -> _Verdict:
-    """Where a camera would have to be for most of its matches to lie on their lines."""
-    camera, sides = cameras[number], [(pair, pair.index(number)) for pair in matches if number in pair]
-    others = [cameras[pair[1 - side]] for pair, side in sides]
-    here, there = ([matches[pair][abs(side - k)] for pair, side in sides] for k in (0, 1))
-    count = sum(len(pixels) for pixels in here)
-    if count == 0:
-        return _Verdict(camera, 0.0, (0, 0), 0)
-    length = float(np.median([np.linalg.norm(camera.center - other.center) for other in others]))
-
-    def moved(change: np.ndarray) -> Camera:
-        return _moved(camera, STEP * change * np.repeat([1, length], 3))
-
-    def off(change: np.ndarray) -> np.ndarray:
-        turned = moved(change)
-        lines = [epipolar_lines(other, turned, pixels) for other, pixels in zip(others, there, strict=True)]
-        return off_line(np.concatenate(lines), np.concatenate(here))
-
-    before = off(np.zeros(6))
-    slopes = np.stack([(off(unit) - off(-unit)) / 2 for unit in np.eye(6)], 1)
-    change = _agreed(before, slopes)
-    after = before + slopes @ change
-    believed, at_once = np.abs(after) < CLOSE, np.abs(before) < CLOSE
-    across = float(np.median(np.abs(after - before)[believed])) if believed.any() else 0.0
-    return _Verdict(moved(change), across, (int(at_once.sum()), int(believed.sum())), count)
+def _couples(own: np.ndarray) -> np.ndarray:
+    """[P, 2] indices of all two entries that are the same in sorted own [E]."""
+    couples, gap = [np.zeros((0, 2), int)], 1
+    while len(same := np.flatnonzero(own[:-gap] == own[gap:])):
+        couples.append(np.stack([same, same + gap], 1))
+        gap += 1
+    return np.concatenate(couples)
 
 
 def _agreed(off: np.ndarray, slopes: np.ndarray) -> np.ndarray:
-    """The change [6] that brings most of off [M] + slopes [M, 6] change near zero: Geman and McClure's weights, ever stricter."""
+    """The change [6] that brings most of off [2 M] + slopes [2 M, 6] change near zero: Geman and McClure's weights, ever stricter."""
     change = np.zeros(6)
     for close in np.geomspace(max(np.percentile(np.abs(off), 75), CLOSE), CLOSE, ROUNDS):
-        squares = np.square(off + slopes @ change)
+        squares = np.square((off + slopes @ change).reshape(-1, 2)).sum(1).repeat(2)
         weighed = slopes * np.square(close**2 / (squares + close**2))[:, None]
         change = np.linalg.solve(weighed.T @ slopes + FREE * np.eye(6), -weighed.T @ off)
     return change
+
+
+def _shown(camera: Camera, places: np.ndarray) -> np.ndarray:
+    """[M, 2] pixels at which a camera shows places [M, 3]."""
+    pixels = (places @ camera.viewmat[:3, :3].T + camera.viewmat[:3, 3]) @ camera.K.T.astype(np.float64)
+    return pixels[:, :2] / np.maximum(pixels[:, 2:], 1e-9)
 
 
 def _moved(camera: Camera, change: np.ndarray) -> Camera:
@@ -177,10 +221,12 @@ def _moved(camera: Camera, change: np.ndarray) -> Camera:
 
 
 def _apart(camera: Camera, moved: Camera, focus: np.ndarray) -> float:
-    """Median pixels between what a camera shows as far away as focus [3] and where it shows that when moved."""
+    """Median pixels between where two cameras show what is as far away from the first as focus [3], all over its picture."""
     across = np.stack(np.meshgrid(np.linspace(0, camera.width, 5), np.linspace(0, camera.height, 5)), -1).reshape(-1, 2)
-    K, inverse = camera.K.astype(np.float64), np.linalg.inv(camera.viewmat.astype(np.float64))
-    depth = abs(float(camera.forward @ (focus - camera.center)))
-    places = depth * np.c_[across, np.ones(len(across))] @ np.linalg.inv(K).T @ inverse[:3, :3].T + inverse[:3, 3]
-    pixels = (places @ moved.viewmat[:3, :3].T + moved.viewmat[:3, 3]) @ K.T
-    return float(np.median(np.linalg.norm(pixels[:, :2] / pixels[:, 2:] - across, axis=1)))
+    depth, inverse = (
+        abs(float(camera.forward @ (focus - camera.center))),
+        np.linalg.inv(camera.viewmat.astype(np.float64)),
+    )
+    rays = np.c_[across, np.ones(len(across))] @ np.linalg.inv(camera.K.astype(np.float64)).T
+    places = depth * rays @ inverse[:3, :3].T + inverse[:3, 3]
+    return float(np.median(np.linalg.norm(_shown(moved, places) - across, axis=1)))

@@ -80,14 +80,17 @@ def _solve_stars(
     edges = edges[np.argsort(edges[:, 0], kind="stable")]
     projections = np.stack([c.K.astype(np.float64) @ c.viewmat[:3].astype(np.float64) for c in cameras])
     owner = np.repeat(np.arange(len(edges)), 2)
-    proposals = _intersect(projections[camera[edges].ravel()], pixels[edges].reshape(-1, 2), owner, len(edges))
+    proposals = intersect(projections[camera[edges].ravel()], pixels[edges].reshape(-1, 2), owner, len(edges))
     degree = np.bincount(edges[:, 0], minlength=len(camera))
     start = np.cumsum(degree) - degree
     fans = degree[edges[:, 0]]
     proposer = np.repeat(np.arange(len(edges)), fans)
     voter = start[edges[proposer, 0]] + np.arange(len(proposer)) - np.repeat(np.cumsum(fans) - fans, fans)
-    agrees = _errors(projections, proposals[proposer], camera[edges[voter, 1]], pixels[edges[voter, 1]]) < VOTE_PIXELS
-    at_home = _errors(projections, proposals, camera[edges[:, 0]], pixels[edges[:, 0]]) < VOTE_PIXELS
+    agrees = (
+        reprojection_errors(projections, proposals[proposer], camera[edges[voter, 1]], pixels[edges[voter, 1]])
+        < VOTE_PIXELS
+    )
+    at_home = reprojection_errors(projections, proposals, camera[edges[:, 0]], pixels[edges[:, 0]]) < VOTE_PIXELS
     votes = np.bincount(proposer[agrees], minlength=len(edges)) * at_home
     order = np.lexsort((-votes, edges[:, 0]))
     winners = order[np.unique(edges[order, 0], return_index=True)[1]]
@@ -113,8 +116,8 @@ def _refine(
     point: [O] int, the point of every observation; camera: [O] int; pixels: [O, 2]; colors: [O, 3] uint8.
     """
     count = int(point.max(initial=-1)) + 1
-    points = _intersect(projections[camera], pixels, point, count)
-    fits = _errors(projections, points[point], camera, pixels) < REPROJECTION_PIXELS
+    points = intersect(projections[camera], pixels, point, count)
+    fits = reprojection_errors(projections, points[point], camera, pixels) < REPROJECTION_PIXELS
     visible = np.zeros((count, len(cameras)), bool)
     visible[point[fits], camera[fits]] = True
     kept = (visible.sum(1) >= MIN_VIEWS) & (_widest_angle(cameras, points, visible) > np.radians(MIN_ANGLE_DEGREES))
@@ -124,14 +127,16 @@ def _refine(
     return Tracks(points[kept], shade[kept].astype(np.float32), visible[kept])
 
 
-def _errors(projections: np.ndarray, points: np.ndarray, camera: np.ndarray, pixels: np.ndarray) -> np.ndarray:
+def reprojection_errors(
+    projections: np.ndarray, points: np.ndarray, camera: np.ndarray, pixels: np.ndarray
+) -> np.ndarray:
     """Reprojection errors in pixels, [O]; infinite behind the camera. points: [O, 3]; camera: [O] int; pixels: [O, 2]."""
     seen = np.einsum("oij,oj->oi", projections[camera, :, :3], points) + projections[camera, :, 3]
     depth = np.where(seen[:, 2] > 1e-9, seen[:, 2], np.nan)
     return np.nan_to_num(np.linalg.norm(seen[:, :2] / depth[:, None] - pixels, axis=1), nan=np.inf)
 
 
-def _intersect(projections: np.ndarray, pixels: np.ndarray, track: np.ndarray, count: int) -> np.ndarray:
+def intersect(projections: np.ndarray, pixels: np.ndarray, track: np.ndarray, count: int) -> np.ndarray:
     """Linear triangulation of `count` tracks; projections [O, 3, 4], pixels [O, 2], track [O] int -> [count, 3]."""
     rows = pixels[:, :, None] * projections[:, 2:3] - projections[:, :2]
     rows /= np.maximum(np.linalg.norm(rows[..., :3], axis=-1, keepdims=True), 1e-12)
