@@ -4,7 +4,7 @@ import cv2
 import numpy as np
 import pytest
 
-from splatreel.recon.poses import Findings, inspect
+from splatreel.recon.poses import Findings, check_poses
 from splatreel.scene.camera import Camera
 from tests.recon.corner import WIDTH, arc, pictures
 
@@ -37,18 +37,18 @@ def apart(a: Camera, b: Camera) -> float:
 
 
 def test_cameras_that_are_right_stay_as_they_are() -> None:
-    assert inspect(CAMERAS, moments()) == ALL_RIGHT
-    assert inspect(CAMERAS[:3], moments(TRUTH[:3])) == ALL_RIGHT
+    assert check_poses(CAMERAS, moments()) == ALL_RIGHT
+    assert check_poses(CAMERAS[:3], moments(TRUTH[:3])) == ALL_RIGHT
 
 
 def test_less_than_a_pixel_is_left_alone() -> None:
-    assert inspect([turned(CAMERAS[0], 0.05), *CAMERAS[1:]], moments()) == ALL_RIGHT
+    assert check_poses([turned(CAMERAS[0], 0.05), *CAMERAS[1:]], moments()) == ALL_RIGHT
 
 
 @pytest.mark.parametrize("degrees", [0.6, 1.0])
 def test_cameras_that_were_touched_are_put_right(degrees: float) -> None:
     wrong = [turned(camera, degrees) if number in (2, 6) else camera for number, camera in enumerate(CAMERAS)]
-    found = inspect(wrong, moments())
+    found = check_poses(wrong, moments())
     assert set(found.mended) == {2, 6}
     assert not found.strangers
     assert not found.doubtful
@@ -62,7 +62,7 @@ def test_cameras_that_were_touched_are_put_right(degrees: float) -> None:
 def test_a_camera_that_shows_something_else_is_a_stranger() -> None:
     images = TRUTH.copy()
     images[4] = TRUTH[4, ::-1, ::-1]
-    found = inspect(CAMERAS, moments(images))
+    found = check_poses(CAMERAS, moments(images))
     assert found == Findings({}, [4], [])
 
 
@@ -71,7 +71,7 @@ def test_nobody_can_tell_where_every_third_is_wrong() -> None:
         turned(camera, 1.0 if number % 2 else -1.0) if number % 3 == 1 else camera
         for number, camera in enumerate(CAMERAS)
     ]
-    found = inspect(wrong, moments())
+    found = check_poses(wrong, moments())
     assert not found.mended
     assert not found.strangers
     assert set(found.doubtful) >= {1, 4, 7}
@@ -81,8 +81,8 @@ def test_what_moves_is_not_taken_for_a_camera_that_does() -> None:
     """Half of the pictures are elsewhere in the first moment, as they are of cameras that are out of step."""
     frames = moments()
     frames[0, 3, :, : WIDTH // 2] = np.roll(frames[0, 3], 4, axis=1)[:, : WIDTH // 2]
-    assert inspect(CAMERAS, frames) == ALL_RIGHT
+    assert check_poses(CAMERAS, frames) == ALL_RIGHT
 
 
 def test_without_features_nothing_is_said() -> None:
-    assert inspect(CAMERAS, np.full((2, 9, 64, WIDTH, 3), 90, np.uint8)) == ALL_RIGHT
+    assert check_poses(CAMERAS, np.full((2, 9, 64, WIDTH, 3), 90, np.uint8)) == ALL_RIGHT

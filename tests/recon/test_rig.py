@@ -1,3 +1,4 @@
+import re
 from dataclasses import replace
 from pathlib import Path
 
@@ -102,3 +103,12 @@ def test_a_camera_that_is_touched_later_is_put_right_from_the_next_group_on(tmp_
     rig.place(frames, tmp_path / "next", notes)
     assert notes.lines[1] == "cam1 no longer shows what its neighbours do: check its video"
     assert len(rig.cameras) == 9
+
+
+def test_where_too_many_are_wrong_the_user_is_told_and_nothing_changes(tmp_path: Path) -> None:
+    said = [turned(camera, 1.0) if number % 3 == 1 else camera for number, camera in enumerate(CORNER)]
+    rig, notes = Rig(said, CONFIG, CPU), Notes()
+    assert np.array_equal(rig.gather(PICTURES, tmp_path, notes), PICTURES)
+    assert all(np.array_equal(now.viewmat, before.viewmat) for now, before in zip(rig.cameras, said, strict=True))
+    (line,) = notes.lines
+    assert re.match("the poses of .*cam1.*cam4.*cam7.* do not fit each other, too many to be put right", line)

@@ -52,7 +52,7 @@ def test_cameras_that_do_not_fit_are_mended_or_left_out_over_interruptions(
         viewmat[0, 3] += 0.05
         return replace(camera, viewmat=viewmat)
 
-    monkeypatch.setattr(rig, "inspect", findings)
+    monkeypatch.setattr(rig, "check_poses", findings)
     capture, config = WallCapture(FRAMES, cameras=5), replace(CONFIG, check_poses=True)
     undisturbed = reconstruct(capture, tmp_path / "undisturbed", config)
     cameras = ReelReader(undisturbed.reel).manifest.cameras

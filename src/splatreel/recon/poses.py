@@ -162,7 +162,7 @@ class _Sight:
         return np.concatenate(own)[order], np.concatenate(others)[order], np.concatenate(there)[order]
 
 
-def inspect(cameras: list[Camera], frames: np.ndarray) -> Findings:
+def check_poses(cameras: list[Camera], frames: np.ndarray) -> Findings:
     """Cameras whose poses are beyond doubt wrong, as they should be, and strangers.
 
     frames: [T, C, H, W, 3] uint8, some moments: what moves must not be taken for a camera that does. The worst comes first; then
@@ -223,10 +223,8 @@ def _moved(camera: Camera, change: np.ndarray) -> Camera:
 def _apart(camera: Camera, moved: Camera, focus: np.ndarray) -> float:
     """Median pixels between where two cameras show what is as far away from the first as focus [3], all over its picture."""
     across = np.stack(np.meshgrid(np.linspace(0, camera.width, 5), np.linspace(0, camera.height, 5)), -1).reshape(-1, 2)
-    depth, inverse = (
-        abs(float(camera.forward @ (focus - camera.center))),
-        np.linalg.inv(camera.viewmat.astype(np.float64)),
-    )
+    inverse = np.linalg.inv(camera.viewmat.astype(np.float64))
+    depth = abs(float(camera.forward @ (focus - camera.center)))
     rays = np.c_[across, np.ones(len(across))] @ np.linalg.inv(camera.K.astype(np.float64)).T
     places = depth * rays @ inverse[:3, :3].T + inverse[:3, 3]
     return float(np.median(np.linalg.norm(_shown(moved, places) - across, axis=1)))

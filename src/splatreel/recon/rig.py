@@ -14,7 +14,7 @@ from splatreel.progress import Progress
 from splatreel.recon import checkpoint
 from splatreel.recon.colors import CameraGains
 from splatreel.recon.delays import Delays
-from splatreel.recon.poses import inspect
+from splatreel.recon.poses import Findings, check_poses
 from splatreel.scene.camera import Camera
 
 POSES, EXPOSURE, DELAYS = "poses.safetensors", "exposure.safetensors", "delays.safetensors"
@@ -49,11 +49,14 @@ class Rig:
         """
         if not self.config.check_poses:
             return frames
-        strangers = self._inspect(frames, progress)
-        for number in strangers:
+        found = self._inspect(frames, progress)
+        for number in found.strangers:
             what = "shows nothing that its neighbours do from where it is said to be, and is left out"
             progress.note(f"{self.names[number]} {what}: check its pose and its video")
-        kept = [number for number in range(len(self.cameras)) if number not in strangers]
+        if found.doubtful:
+            names = ", ".join(self.names[number] for number in found.doubtful)
+            progress.note(f"the poses of {names} do not fit each other, too many to be put right: calibrate anew")
+        kept = [number for number in range(len(self.cameras)) if number not in found.strangers]
         self._keep(kept)
         checkpoint.save_arrays(folder / POSES, self._packed() | {"kept": np.array(kept)})
         return frames[:, kept]
@@ -65,7 +68,7 @@ class Rig:
         if (folder / POSES).exists():
             self.stand(folder)
             return
-        for number in self._inspect(frames, progress):
+        for number in self._inspect(frames, progress).strangers:
             progress.note(f"{self.names[number]} no longer shows what its neighbours do: check its video")
         checkpoint.save_arrays(folder / POSES, self._packed())
 
@@ -78,17 +81,14 @@ class Rig:
             pairs = zip(self.cameras, arrays["viewmats"], strict=True)
             self.cameras = [replace(camera, viewmat=viewmat) for camera, viewmat in pairs]
 
-    def _inspect(self, frames: np.ndarray, progress: Progress) -> list[int]:
-        """Puts right what can be, and returns those that show something else."""
-        found = inspect(self.cameras, frames[[0, len(frames) // 2]])
+    def _inspect(self, frames: np.ndarray, progress: Progress) -> Findings:
+        """Puts right what can be, by two moments of a group."""
+        found = check_poses(self.cameras, frames[[0, len(frames) // 2]])
         for number, mended in found.mended.items():
             name, pixels = self.names[number], mended.pixels
             progress.note(f"{name} is not where its pose says, what it shows is off by {pixels:.1f} pixels: put right")
             self.cameras[number] = mended.camera
-        if found.doubtful:
-            names = ", ".join(self.names[number] for number in found.doubtful)
-            progress.note(f"the poses of {names} do not fit each other, too many to be put right: calibrate anew")
-        return found.strangers
+        return found
 
     def _keep(self, kept: list[int]) -> None:
         self.cameras = [self.cameras[number] for number in kept]
