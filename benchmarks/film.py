@@ -65,8 +65,7 @@ class Film:
         camera, rng = self.cameras[number], np.random.default_rng(number)
         fixed = camera.name in self.held_out
         gain = np.ones(3) if fixed else np.exp(rng.normal(0, self.gain, 3))
-        phase, speed, _ = self._habits(number)
-        late = self._lateness(number)
+        (phase, speed, _), late = self._habits(number), self._lateness(number)
         seen = trace_still(camera, self.still, self.light)
         with VideoWriter(folder / f"{camera.name}.mp4", camera, FPS) as video:
             for t in range(frames):

@@ -7,13 +7,15 @@ lie on the others' epipolar lines is somewhere else, or its video is another's.
 
 from __future__ import annotations
 
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 
 import cv2
 import numpy as np
 
-from splatreel.motion.flow import DisFlow, each_view
+from splatreel import threads
 from splatreel.recon.features import detect, epipolar_lines, match, off_line
+from splatreel.recon.planesweep import project, unproject
 from splatreel.recon.triangulate import intersect, neighbour_pairs, reprojection_errors
 from splatreel.scene.camera import Camera, focus_point
 
@@ -35,6 +37,8 @@ CHANCE = 2.0
 """Times as many matches as by chance that are on their lines in any camera that sees what the others do."""
 STEP = 1e-3
 """Radians, and of the cameras' distance from each other: what six unknowns of a pose are counted in."""
+BEHIND = 1e6
+"""Pixels at which a place behind a camera is shown: nowhere near."""
 FREE = 0.1
 """Weight of staying where it is, for each unknown."""
 
@@ -80,9 +84,8 @@ class _Sight:
 
     def __init__(self, cameras: list[Camera], frames: np.ndarray) -> None:
         self.cameras, self.pairs = list(cameras), neighbour_pairs(cameras, NEIGHBOURS)
-        self.features = [
-            each_view(lambda c, images=images: detect(images[c]), len(cameras), DisFlow()) for images in frames
-        ]
+        with ThreadPoolExecutor(threads.count()) as pool:
+            self.features = [list(pool.map(detect, images)) for images in frames]
         self.matches = {pair: self._match(pair, REACHES[0]) for pair in self.pairs}
 
     def move(self, number: int) -> None:
@@ -118,7 +121,8 @@ class _Sight:
         units = STEP * np.repeat([1, float(np.median(far))], 3)
 
         def off(change: np.ndarray) -> np.ndarray:
-            return (_shown(_moved(camera, units * change), places) - pixels).ravel()
+            shown, _ = project(_moved(camera, units * change), places)
+            return (np.nan_to_num(shown, nan=BEHIND) - pixels).ravel()
 
         before = off(np.zeros(6))
         slopes = np.stack([(off(unit) - off(-unit)) / 2 for unit in np.eye(6)], 1)
@@ -207,12 +211,6 @@ def _agreed(off: np.ndarray, slopes: np.ndarray) -> np.ndarray:
     return change
 
 
-def _shown(camera: Camera, places: np.ndarray) -> np.ndarray:
-    """[M, 2] pixels at which a camera shows places [M, 3]."""
-    pixels = (places @ camera.viewmat[:3, :3].T + camera.viewmat[:3, 3]) @ camera.K.T.astype(np.float64)
-    return pixels[:, :2] / np.maximum(pixels[:, 2:], 1e-9)
-
-
 def _moved(camera: Camera, change: np.ndarray) -> Camera:
     """A camera turned by a rotation vector and moved, [6], both in its own directions."""
     motion = np.eye(4)
@@ -222,9 +220,6 @@ def _moved(camera: Camera, change: np.ndarray) -> Camera:
 
 def _apart(camera: Camera, moved: Camera, focus: np.ndarray) -> float:
     """Median pixels between where two cameras show what is as far away from the first as focus [3], all over its picture."""
-    across = np.stack(np.meshgrid(np.linspace(0, camera.width, 5), np.linspace(0, camera.height, 5)), -1).reshape(-1, 2)
-    inverse = np.linalg.inv(camera.viewmat.astype(np.float64))
     depth = abs(float(camera.forward @ (focus - camera.center)))
-    rays = np.c_[across, np.ones(len(across))] @ np.linalg.inv(camera.K.astype(np.float64)).T
-    places = depth * rays @ inverse[:3, :3].T + inverse[:3, 3]
-    return float(np.median(np.linalg.norm(_shown(moved, places) - across, axis=1)))
+    places = unproject(camera.resized(5, 5), np.full((5, 5), depth))
+    return float(np.median(np.linalg.norm(project(moved, places)[0] - project(camera, places)[0], axis=-1)))
