@@ -74,7 +74,7 @@ class KeyframeConfig:
     """Weight of the points' opacities once densification is over, summed and divided by the pixels of an image: what explains little
     fades, floaters first; goes past the paper."""
     lambda_spread: float = 0.0
-    """Weight of the variance of the log depths that a pixel shows: floaters before a surface fade; goes past the paper."""
+    """Weight of what lies before the surface that a pixel shows, by its distance in log depth: floaters fade; goes past the paper."""
     densify_gradient: float = 2e-4
     densify_every: int = 100
     average_share: float = 0.0

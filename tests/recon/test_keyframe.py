@@ -124,7 +124,7 @@ def test_faint_points_and_monsters_are_pruned_but_never_all() -> None:
     trainer = KeyframeTrainer(
         TrainablePoints.from_gaussians(sick, default_rates(UNIT), CPU), gains(), CONFIG, max_points=200
     )
-    trainer._prune(UNIT, 1.0)
+    trainer._prune(UNIT, 0.9)
     np.testing.assert_allclose(trainer.points.gaussians().means, THING.means[15:])
     for _ in range(2):
         with torch.no_grad():
@@ -148,6 +148,35 @@ def test_what_explains_nothing_fades_when_opacity_has_a_price() -> None:
     free, priced = left(0.0), left(0.3)
     assert free.opacities[free.means[:, 2] > 1.2].sum() > 1.3 * priced.opacities[priced.means[:, 2] > 1.2].sum()
     assert psnr(priced, UNSEEN) > psnr(free, UNSEEN) - 1
+
+
+def test_what_hides_nothing_else_is_not_made_to_hide_things() -> None:
+    """Thick mist of a plain wall's colour before all that the cameras see: where it goes, the wall behind explains the pictures."""
+    plain = replace(WALL, sh=np.zeros_like(WALL.sh))  # grey
+    scene = Gaussians.concatenate([plain, THING])
+    mist = np.random.default_rng(5).uniform([-2.2, -1.4, -2.4], [2.2, 1.4, -1.8], (300, 3)).astype(np.float32)
+    thick = blots(len(mist), [0, 0, 0], [1, 1, 1], 0.3, 2)
+    start = Gaussians.concatenate([scene, replace(thick, means=mist, sh=np.zeros_like(thick.sh))])
+    images = np.stack([render_image(scene, camera, near=NEAR) for camera in CAMERAS]).clip(0, 1)
+    seen = replace(stage(), images=torch.from_numpy((images * 255).round().astype(np.uint8)))
+    points = TrainablePoints.from_gaussians(start, default_rates(UNIT, 1.0), CPU)
+    with torch.no_grad():
+        points.params["logit_opacities"][len(scene) :] = 0.4  # each 60 %
+    config = replace(CONFIG, lambda_spread=1.0, densify_every=1000)
+    trainer = KeyframeTrainer(points, gains(), config, max_points=len(start))
+    trainer.train(seen, 200, 200, Silent())
+    found = trainer.points.gaussians()
+    truth, image = (render_image(g, UNSEEN, near=NEAR).clip(0, 1) for g in (scene, found))
+    assert -10 * np.log10(np.square(image - truth).mean()) > 28
+
+
+def test_large_points_that_a_plain_wall_needs_stay_in_the_end() -> None:
+    wall = blots(4, [-1, -1, 2], [1, 1, 2], 0.9, 1)
+    wall = replace(wall, scales=np.full_like(wall.scales, 0.7 * UNIT), opacities=np.full(4, 0.9, np.float32))
+    points = TrainablePoints.from_gaussians(wall, default_rates(UNIT, 1.0), CPU)
+    trainer = KeyframeTrainer(points, gains(), CONFIG, max_points=4)
+    trainer.train(stage(), 10, 10, Silent())
+    assert len(trainer.points) == 4
 
 
 def test_depths_do_not_spread_where_that_costs() -> None:

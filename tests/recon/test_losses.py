@@ -98,12 +98,38 @@ def test_what_is_at_one_depth_does_not_spread():
 
 
 @pytest.mark.parametrize("scale", [1.0, 1000.0])
-def test_the_spread_is_the_variance_of_log_depths(scale):
-    points, view, opacities = seen([2.0, 4.0], [0.2, 0.9], scale)
+@pytest.mark.parametrize("behind", [2.5, 4.0])
+def test_what_is_before_a_surface_pays_by_its_distance(scale: float, behind: float) -> None:
+    points, view, opacities = seen([2.0, behind], [0.2, 0.9], scale)
     spread = losses.spread(points, view, 0.1 * scale)
-    first, second = 0.2, 0.8 * 0.9
-    expected = first * second / (first + second) * np.log(2) ** 2
-    assert spread.item() == pytest.approx(expected, rel=0.02)
+    first, second, apart = 0.2, 0.8 * 0.9, np.log(behind / 2)
+    share = second / (first + second)
+    assert spread.item() == pytest.approx(first * share**2 * min(apart, losses.APART) ** 2, rel=0.02)
     spread.backward()
+    assert opacities.grad is not None
     assert opacities.grad[0] > 0, "the floater shall fade"
     assert opacities.grad[0] > opacities.grad[1]
+
+
+@pytest.mark.parametrize("mist", [0.1, 0.4, 0.6, 0.9])
+def test_mist_before_a_surface_fades_however_thick_it_is(mist: float) -> None:
+    """The variance of depths, which is symmetric, would have it fill the pixel from half of it on, and hide what is behind."""
+    points, view, opacities = seen([1.0, 4.0], [mist, 0.95])
+    losses.spread(points, view, 0.1).backward()
+    assert opacities.grad is not None
+    assert opacities.grad[0] > 0
+    assert opacities.grad[1] <= 0, "the surface stays"
+
+
+def test_the_spread_of_many_layers_and_of_none_is_finite() -> None:
+    for depths, shown in (
+        ([0.2, 1.0, 1.1, 3.0, 40.0], [0.3] * 5),
+        ([2.0, 3.0], [0.0, 0.0]),
+        ([2.0, 2.0000001], [0.5, 0.5]),
+    ):
+        points, view, opacities = seen(depths, shown)
+        spread = losses.spread(points, view, 0.1)
+        spread.backward()
+        assert opacities.grad is not None
+        assert torch.isfinite(spread)
+        assert torch.isfinite(opacities.grad).all()

@@ -99,6 +99,7 @@ class KeyframeTrainer:
         self.generator = torch.Generator().manual_seed(seed)
         self.rng = np.random.default_rng(seed)
         self.done = 0
+        self.strides = torch.ones(len(points), 1, device=points.means.device)
 
     def train(self, stage: Stage, iterations: int, total: int, progress: Progress) -> None:
         """Run `iterations` of `total` on one resolution; call again with another stage to go on."""
@@ -181,10 +182,16 @@ class KeyframeTrainer:
         points.append({name: torch.cat([newborn[name], halves[name]]) for name in newborn})
 
     def _doomed(self, unit: float, share: float) -> Tensor:
-        """Points too faint or absurdly large. Young points may be faint: the threshold of 5.1 is reached at half time."""
+        """Points too faint, or absurdly large for where they are. Young ones may be faint: the threshold of 5.1 holds from half time.
+
+        In the end size does not matter: nothing could fill the hole that a plain wall would have.
+        """
         faint = self.config.cull_opacity * min(1.0, max(0.1, 2 * share))
         with torch.no_grad():
-            return (self.points.opacities < faint) | (self.points.scales.amax(1) > 0.5 * unit)
+            doomed = self.points.opacities < faint
+            if share < 1:
+                doomed |= self.points.scales.amax(1) > 0.5 * unit * self.strides[:, 0]
+        return doomed
 
     def _prune(self, unit: float, share: float) -> None:
         doomed = self._doomed(unit, share)

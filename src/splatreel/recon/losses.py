@@ -11,6 +11,10 @@ from splatreel.recon.drawing import Splats, View
 
 CLEAR = 1e-3
 """Alpha below which a pixel shows nothing that could be apart."""
+VAGUE = 1e-5
+"""Variance of log depths below which a pixel shows one surface."""
+APART = 0.45
+"""Difference of log depths beyond which layers pay no more for being apart: what is seen through a window is no mistake."""
 
 
 def arap(means: Tensor, dx: Tensor, dq: Tensor, neighbour: Tensor, weights: Tensor, unit: float) -> Tensor:
@@ -37,17 +41,27 @@ def temporal(model: Deformation, means: Tensor, frame: float, other: float, delt
 
 
 def spread(points: Splats, view: View, near: float) -> Tensor:
-    """How far apart the points are that a pixel shows: the variance of their log depths, as they are blended; mean over pixels.
+    """What lies before the surface that a pixel shows, by the square of its distance to it in log depth; mean over pixels.
 
-    A surface has next to none, a floater before it has. It is the distortion loss of Mip-NeRF 360 (Barron et al. 2022, equation 15)
-    with squares, which take one pass, in place of absolute distances. Depths get no gradient: what is apart shall fade and not move.
-    Log depths mean the same in millimetres and in metres.
+    It is the distortion loss of Mip-NeRF 360 (Barron et al. 2022, equation 15) made one-sided. That pulls a pixel's points together
+    wherever most of them are: mist that fills more than half of a pixel is made to fill all of it, and captures before plain walls end
+    in it. Here mist only ever fades. A pixel's points are taken for two layers, which the first three moments of their log depths
+    tell: a front one, and a far one that makes up a share f of them. Each pays f^2 times its squared distance to the far one, less
+    where the layers are farther apart than `APART`, as a mean over what the pixel shows: how much it shows costs nothing. Depths
+    get no gradient: what is apart shall fade and not move. Log depths mean the same in millimetres and in metres.
     """
     depth = (points.depths.detach().clamp_min(near) / near).log()
-    moments = torch.stack([depth, depth.square()], 1)
+    powers = torch.stack([depth, depth.square(), depth**3], 1)
     size = view.width, view.height
     sums, alpha = splat.rasterize(
-        points.means2d, points.conics, moments, points.opacities, points.depths, points.radii, *size
+        points.means2d, points.conics, powers, points.opacities, points.depths, points.radii, *size
     )
-    variance = sums[..., 1] - sums[..., 0].square() / alpha.clamp_min(CLEAR)
-    return variance.clamp_min(0).mean()
+    first, second, third = (sums / alpha.clamp_min(CLEAR)[..., None]).unbind(-1)
+    with torch.no_grad():
+        variance = (second - first.square()).clamp_min(VAGUE)
+        skewness = (third - 3 * first * variance - first**3) / variance**1.5
+        root = (skewness.square() + 4).sqrt()
+        far = first + variance.sqrt() * (skewness + root) / 2
+        share = (root - skewness) / (2 * root)
+        weight = alpha * share.square() * (APART**2 / (variance * root.square())).clamp_max(1)
+    return (weight * (second - 2 * far * first + far.square())).mean()
