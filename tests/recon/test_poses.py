@@ -4,7 +4,7 @@ import cv2
 import numpy as np
 import pytest
 
-from splatreel.recon.poses import Findings, check_poses
+from splatreel.recon.poses import MOVED, PLENTY, Findings, Verdict, check_poses
 from splatreel.scene.camera import Camera
 from tests.recon.corner import WIDTH, arc, pictures
 
@@ -86,3 +86,12 @@ def test_what_moves_is_not_taken_for_a_camera_that_does() -> None:
 
 def test_without_features_nothing_is_said() -> None:
     assert check_poses(CAMERAS, np.full((2, 9, 64, WIDTH, 3), 90, np.uint8)) == ALL_RIGHT
+
+
+def test_the_fewer_features_tell_the_farther_off_must_a_camera_be():
+    """A dancer before plain walls has few, and her outlines are elsewhere for each camera."""
+    few, off = PLENTY // 4, 2 * MOVED
+    assert Verdict(CAMERAS[0], gain=2, moved=off, features=PLENTY).wrong
+    assert not Verdict(CAMERAS[0], gain=2, moved=off, features=few).wrong
+    assert Verdict(CAMERAS[0], gain=2, moved=5 * MOVED, features=few).wrong
+    assert not Verdict(CAMERAS[0], gain=1, moved=5 * MOVED, features=PLENTY).wrong

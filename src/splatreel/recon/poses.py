@@ -29,11 +29,13 @@ NARROW = 3.0
 ROUNDS = 25
 MOVED = 0.7
 """Pixels that what a camera shows must be off, in the median, for it to be touched."""
+PLENTY = 160
+"""Features that are enough to tell that; of half as many, on a dancer before plain walls, twice as far off is asked."""
 GAIN = 1.4
 """Times as many places must be shown where they are then."""
 FEWEST = 80, 200
 """Places by which a camera is judged, and matches by which it is a stranger."""
-CHANCE = 2.0
+CHANCE = 1.6
 """Times as many matches as by chance that are on their lines in any camera that sees what the others do."""
 STEP = 1e-3
 """Radians, and of the cameras' distance from each other: what six unknowns of a pose are counted in."""
@@ -67,16 +69,20 @@ class Findings:
 
 
 @dataclass(frozen=True)
-class _Verdict:
-    """camera: where it would show most places where they are; gain: how many times as many; moved: pixels that takes, median."""
+class Verdict:
+    """camera: where it would show most places where they are; gain: how many times as many; moved: pixels that takes, median.
+
+    features: how many tell.
+    """
 
     camera: Camera
     gain: float = 1.0
     moved: float = 0.0
+    features: int = 0
 
     @property
     def wrong(self) -> bool:
-        return self.gain > GAIN and self.moved > MOVED
+        return self.gain > GAIN and self.moved > MOVED * max(1.0, PLENTY / max(self.features, 1))
 
 
 class _Sight:
@@ -111,12 +117,12 @@ class _Sight:
         near, chance = np.abs(np.concatenate(off)) < CLOSE, CLOSE / (REACHES[0] * self.cameras[number].width)
         return len(near) >= FEWEST[1] and near.mean() < CHANCE * chance
 
-    def judge(self, number: int) -> _Verdict:
+    def judge(self, number: int) -> Verdict:
         """Where a camera would have to be to show most places where they are that two others agree on."""
         camera = self.cameras[number]
         places, pixels = self._places(number)
         if len(places) < FEWEST[0]:
-            return _Verdict(camera)
+            return Verdict(camera)
         far = [np.linalg.norm(camera.center - other.center) for other in self.cameras if other is not camera]
         units = STEP * np.repeat([1, float(np.median(far))], 3)
 
@@ -131,7 +137,8 @@ class _Sight:
         before = before.reshape(-1, 2)
         at_once, believed = (np.linalg.norm(error, axis=1) < CLOSE for error in (before, before + step))
         moved = float(np.median(np.linalg.norm(step[believed], axis=1))) if believed.any() else 0.0
-        return _Verdict(_moved(camera, units * change), believed.sum() / max(at_once.sum(), 1), moved)
+        gain, features = believed.sum() / max(at_once.sum(), 1), len(np.unique(pixels, axis=0))
+        return Verdict(_moved(camera, units * change), gain, moved, features)
 
     def _places(self, number: int) -> tuple[np.ndarray, np.ndarray]:
         """Places [M, 3] that two other cameras agree on, and pixels [M, 2] of the features that this one matched with both."""
