@@ -20,6 +20,7 @@ ROWS = {
     "dominoes": "dominoes: a ring of cameras, fast and small",
     "juggle": "juggle: a dome of cameras, three balls alike, a bat that swings",
     "studio": "studio: twenty phones, out of step, with exposures that change",
+    "cove": "cove: a dancer before plain white walls",
     "kitchen": "kitchen: cameras on one side, far things in the window",
     "yard": "yard: outdoors, ten cameras to train on",
 }

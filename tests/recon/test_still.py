@@ -1,3 +1,4 @@
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -21,6 +22,14 @@ class Trace(Silent):
         self.done = done
 
 
+class Notes(Silent):
+    def __init__(self) -> None:
+        self.notes: list[str] = []
+
+    def note(self, text: str) -> None:
+        self.notes.append(text)
+
+
 def images(capture: WallCapture, frame: int) -> np.ndarray:
     return capture.read(frame, 1, [camera.name for camera in capture.cameras])[0]
 
@@ -34,3 +43,15 @@ def test_a_frame_alone_is_the_first_keyframe_of_a_run(tmp_path: Path) -> None:
         np.testing.assert_array_equal(value, keyframe[name])
     assert layout.to_dict() == checkpoint.load_json(work / "layout.json")
     assert trace.done == 40
+
+
+def test_cameras_that_do_not_agree_are_told_of() -> None:
+    capture, heard = WallCapture(1), Notes()
+    config = replace(CONFIG, keyframe=replace(CONFIG.keyframe, first_iterations=150, pace=4.0))
+    shown = images(capture, 0)
+    reconstruct_still(capture.cameras, shown, config, progress=heard)
+    assert not heard.notes
+    noise = np.random.default_rng(0).integers(0, 256, (len(shown), 2, 3, 3)).astype(np.uint8)
+    others = noise.repeat(-(-shown.shape[1] // 2), 1).repeat(-(-shown.shape[2] // 3), 2)
+    reconstruct_still(capture.cameras, others[:, : shown.shape[1], : shown.shape[2]], config, progress=heard)
+    assert "do not agree" in heard.notes[0]

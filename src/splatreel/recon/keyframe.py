@@ -135,6 +135,16 @@ class KeyframeTrainer:
         average.settle(self.points.params.values())
         self._prune(stage.unit, self.done / total)
 
+    @torch.no_grad()
+    def psnr(self, stage: Stage) -> float:
+        """Mean PSNR over a stage's images, without a backdrop."""
+        values = []
+        for view, image, gain in zip(stage.views, stage.images, self.gains.values, strict=True):
+            shown = draw(deformed(self.points.params, None, None, view, stage.near), view).image
+            error = ((shown * gain).clamp(0, 1) - image.float() / 255).square().mean()
+            values.append(-10 * math.log10(max(float(error), 1e-12)))
+        return float(np.mean(values))
+
     def _stride(self, stage: Stage) -> None:
         """Points that are far away go far in a step, so that it is as many pixels at any distance."""
         centers = torch.stack([view.center for view in stage.views])

@@ -15,6 +15,9 @@ from splatreel.recon.layout import Layout, measure
 from splatreel.scene.camera import Camera
 from splatreel.scene.gaussians import Gaussians
 
+POOR = 20.0
+"""dB on the training views of a scene below which its user hears of it: pictures of noise and haste alone have more."""
+
 
 def reconstruct_still(
     cameras: list[Camera],
@@ -95,3 +98,6 @@ def train_frame(
         trainer.train(stage.halved(), coarse, iterations, progress)
     trainer.train(stage, iterations - coarse, iterations, progress)
     progress.update(iterations, points=len(trainer.points))
+    if trainer.static is None and (psnr := trainer.psnr(stage)) < POOR:
+        why = "the cameras do not agree on what they see. Are their poses, lenses and clocks right?"
+        progress.note(f"training views {psnr:.1f} dB only: {why}")
