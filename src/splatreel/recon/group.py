@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -332,9 +331,7 @@ class GroupTrainer:
             view = self.frames.views[camera]
             moment = self.delays.moment(frame, camera, self.frames.count)
             image = draw(self._at(moment, view), view, self.backdrop.scenery(camera)).image
-            target = self.frames.images[frame, camera].float() / 255
-            error = ((image * self.gains.values[camera]).clamp(0, 1) - target).square().mean()
-            values.append(-10 * math.log10(max(float(error), 1e-12)))
+            values.append(losses.psnr(image * self.gains.values[camera], self.frames.images[frame, camera]))
         return float(np.mean(values))
 
     @torch.no_grad()

@@ -16,7 +16,7 @@ from splatreel.recon.average import Average
 from splatreel.recon.colors import CameraGains
 from splatreel.recon.density import GradientMeter, children, select_growth
 from splatreel.recon.drawing import Backdrop, Splats, View, deformed, draw, halved
-from splatreel.recon.losses import spread
+from splatreel.recon.losses import psnr, spread
 from splatreel.recon.points import TrainablePoints, default_rates
 from splatreel.scene.gaussians import Gaussians
 
@@ -141,8 +141,7 @@ class KeyframeTrainer:
         values = []
         for view, image, gain in zip(stage.views, stage.images, self.gains.values, strict=True):
             shown = draw(deformed(self.points.params, None, None, view, stage.near), view).image
-            error = ((shown * gain).clamp(0, 1) - image.float() / 255).square().mean()
-            values.append(-10 * math.log10(max(float(error), 1e-12)))
+            values.append(psnr(shown * gain, image))
         return float(np.mean(values))
 
     def _stride(self, stage: Stage) -> None:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 import torch
 from torch import Tensor
 
@@ -15,6 +17,12 @@ VAGUE = 1e-5
 """Variance of log depths below which a pixel shows one surface."""
 APART = 0.45
 """Difference of log depths beyond which layers pay no more for being apart: what is seen through a window is no mistake."""
+
+
+def psnr(image: Tensor, target: Tensor) -> float:
+    """dB of an image [H, W, 3] against its target, uint8."""
+    error = (image.clamp(0, 1) - target.float() / 255).square().mean()
+    return -10 * math.log10(max(float(error), 1e-12))
 
 
 def arap(means: Tensor, dx: Tensor, dq: Tensor, neighbour: Tensor, weights: Tensor, unit: float) -> Tensor:
