@@ -83,7 +83,7 @@ def camera(name: str, x: float) -> Camera:
 def write_golden(path: Path, codec: Literal["predictive", "h265"] = "h265", renditions: tuple[Rate, ...] = ()) -> None:
     """Write a golden reel into a directory: layers of degree 3 and 2, dynamic points of degree 1, the second group shaded.
 
-    The predictive one is drawn with `antialias`.
+    The predictive one is drawn with `antialias`, and its second group grows darker and redder.
     """
     rng = np.random.default_rng(4)
     if path.exists():
@@ -108,7 +108,9 @@ def write_golden(path: Path, codec: Literal["predictive", "h265"] = "h265", rend
         dynamic = random_gaussians(rng, moving, 1, (0.5, 0.2, 0))
         dx, dq = random_motion(rng, dynamic, frames)
         shade = random_shade(rng, moving, frames) if index else None
-        writer.add_group(Group(index, index * 6, dynamic, dx, dq, alive, shade), weights(moving))
+        dusk = np.geomspace((1.0, 1.0, 1.0), (0.8, 0.5, 0.4), frames, dtype=np.float32)
+        light = dusk if index and codec == "predictive" else None
+        writer.add_group(Group(index, index * 6, dynamic, dx, dq, alive, shade, light), weights(moving))
     writer.finish()
 
 
@@ -122,8 +124,8 @@ def decoded(path: Path) -> dict[str, np.ndarray]:
         group = reel.group(index)
         arrays |= _flat(f"group{index}.dynamic", group.dynamic)
         arrays |= {f"group{index}.{name}": getattr(group, name) for name in ("dx", "dq", "alive")}
-        if group.shade is not None:
-            arrays[f"group{index}.shade"] = group.shade
+        changes = {f"group{index}.{name}": getattr(group, name) for name in ("shade", "light")}
+        arrays |= {name: change for name, change in changes.items() if change is not None}
     for time in TIMES:
         arrays |= _flat(f"at{time:g}", Timeline(reel).at(time))
     return arrays

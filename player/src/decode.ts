@@ -5,6 +5,7 @@ import { ReelError, inSection, messageOf } from "./errors";
 import { decodeGaussians, type DecodePoints, type Gaussians } from "./gaussians";
 import { decodeOffsets, type DecodeTrack, type Offsets } from "./offsets";
 import { plain, type Kernels } from "./kernels";
+import { decodeLight } from "./light";
 import { decodeMotion, decodePredictive } from "./predictive";
 import { decodeShade, inOrder } from "./shade";
 
@@ -14,30 +15,35 @@ export interface DecodedFile {
   alive: Uint8Array;
   /** Groups with dynamic points. */
   offsets: Offsets | null;
+  /** Groups whose light changes: [T, 3] factors of all colours. */
+  light: Float32Array | null;
 }
 
 /** Decode a layer or group file. Errors name the file. */
 export async function decodeFile(bytes: Uint8Array, name: string, decodePoints: DecodePoints, decodeTrack: DecodeTrack, kernels: Kernels = plain): Promise<DecodedFile> {
   const file = parseContainer(bytes, name);
   try {
-    const [{ points, offsets }, alive] = await Promise.all([
+    const [{ points, offsets }, alive, light] = await Promise.all([
       file.sections.means?.codec === "lattice" ? decodePredicted(file, kernels) : decodePaper(file, decodePoints, decodeTrack, kernels),
       file.sections.alive ? flags(file, "alive") : new Uint8Array(),
+      file.kind === "group" && file.sections.light ? decodeLight(file) : null,
     ]);
-    return { points, alive, offsets };
+    return { points, alive, offsets, light };
   } catch (error) {
     throw new ReelError(`${name} cannot be played: ${messageOf(error)}.`, { cause: error });
   }
 }
 
-async function decodePredicted(file: Container, kernels: Kernels): Promise<Omit<DecodedFile, "alive">> {
+type Moving = Pick<DecodedFile, "points" | "offsets">;
+
+async function decodePredicted(file: Container, kernels: Kernels): Promise<Moving> {
   const { points, here } = await decodePredictive(file, kernels);
   if (file.kind !== "group") return { points, offsets: null };
   const motion = await decodeMotion(file, here);
   return { points, offsets: { ...motion, shade: await decodeShade(file, motion.frames, here) } };
 }
 
-async function decodePaper(file: Container, decodePoints: DecodePoints, decodeTrack: DecodeTrack, kernels: Kernels): Promise<Omit<DecodedFile, "alive">> {
+async function decodePaper(file: Container, decodePoints: DecodePoints, decodeTrack: DecodeTrack, kernels: Kernels): Promise<Moving> {
   const section = file.sections.offsets;
   if (file.kind === "group" && file.points > 0 && !section) throw new ReelError("it has no section offsets");
   if (section && section.codec !== "h265") {
@@ -52,7 +58,7 @@ async function decodePaper(file: Container, decodePoints: DecodePoints, decodeTr
 
 /** The buffers of a decoded file, to be handed to another thread without copying. */
 export function buffersOf(file: DecodedFile): ArrayBuffer[] {
-  const arrays: ArrayBufferView[] = [file.alive];
+  const arrays: ArrayBufferView[] = [file.alive, ...(file.light ? [file.light] : [])];
   const collect = (value: object): void => {
     for (const item of Object.values(value)) if (ArrayBuffer.isView(item)) arrays.push(item);
   };

@@ -2,6 +2,7 @@
 import type { DecodedFile } from "./decode";
 import { ReelError } from "./errors";
 import { TEXTURE_WIDTH } from "./layout";
+import { lightAt } from "./light";
 import { eyeOf } from "./matrix";
 import { hitsAt, middleDepth, type Hit } from "./pick";
 import { Rows } from "./rows";
@@ -46,7 +47,7 @@ export class Renderer {
   private readonly rows = new Rows();
   private capacity = 0;
   private readonly layers: PointTextures[] = [];
-  private readonly groups = new Map<number, { textures: PointTextures; alive: Uint8Array }>();
+  private readonly groups = new Map<number, { textures: PointTextures; alive: Uint8Array; light: Float32Array | null }>();
   private flagsKey = "";
   private last: { scene: Scene; weight: number; view: View } | null = null;
   /** The browser draws without a graphics device. */
@@ -94,7 +95,7 @@ export class Renderer {
   /** Upload a group; returns the index of its first point in the draw order. */
   addGroup(index: number, file: DecodedFile): number {
     const textures = this.upload(file);
-    this.groups.set(index, { textures, alive: file.alive });
+    this.groups.set(index, { textures, alive: file.alive, light: file.light });
     return textures.firstRow * TEXTURE_WIDTH;
   }
 
@@ -252,6 +253,8 @@ export class Renderer {
     project.use();
     setView(gl, project, view);
     gl.uniform1i(project.at("uAntialias"), this.antialias ? 1 : 0);
+    const { current } = scene;
+    gl.uniform3fv(project.at("uLight"), current ? lightAt(this.groups.get(current.group)!.light, current.frame) : [1, 1, 1]);
     gl.uniform1i(project.at("uMoving"), 0);
     gl.uniform4fv(project.at("uWeights"), staticWeights(weight));
     for (const layer of this.layers.slice(0, scene.layers)) this.projectFile(layer);

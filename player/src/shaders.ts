@@ -40,6 +40,7 @@ uniform vec4 uLens;
 uniform vec4 uRange;
 uniform vec2 uSize;
 uniform float uNear;
+uniform vec3 uLight;
 layout(location = 0) out uvec4 outShape;
 layout(location = 1) out uvec4 outColor;
 
@@ -161,7 +162,7 @@ void main() {
   if (any(lessThan(center + reach, vec2(0.0))) || any(greaterThan(center - reach, uSize))) return;
   color *= 0.28209479177387814;
   if (uShDegree > 0) color += viewDependent(int(p0.w), normalize(mean - uEye));
-  color = max(color + 0.5, 0.0);
+  color = max(color + 0.5, 0.0) * uLight;
   outShape = uvec4(floatBitsToUint(center), packHalf2x16(axis), packHalf2x16(other));
   outColor = uvec4(packHalf2x16(color.rg), packHalf2x16(vec2(color.b, opacity)), floatBitsToUint(extent), floatBitsToUint(camera.z));
 }`;

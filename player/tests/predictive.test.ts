@@ -46,6 +46,8 @@ test("the golden reel decodes to the numbers that Python decodes", async () => {
     compare(`group${index}.dx`, plain(dx, 3, dxMin, dxStep), (i) => dxStep[i % 3] / 2);
     compare(`group${index}.dq`, plain(dq, 4, dqMin, dqStep), (i) => dqStep[i % 4] / 2);
     assert.equal(shade !== null, index === 1);
+    assert.equal(file.light !== null, index === 1);
+    if (file.light) compare(`group${index}.light`, file.light);
     if (shade) compare(`group${index}.shade`, plain(shade.data, 4, shade.min, shade.step), (i) => shade.step[i % 4] / 2);
   }
 });

@@ -203,7 +203,8 @@ class Config:
     check_poses: bool = False
     """Cameras that were touched after their calibration are put right, and those that show something else left out."""
     even_exposure: bool = False
-    """What a camera's exposure does over time, by itself, is taken out of its pictures before anything looks at them."""
+    """What a camera's exposure does over time, and the light of the whole scene, is taken out of the pictures before anything looks at
+    them. The light comes back when the reel is played."""
     antialias: bool = False
     """Splats thinner than a pixel are drawn fainter (Mip-Splatting): pictures of any size look alike. Beyond the paper."""
     seed: int = 0

@@ -40,7 +40,8 @@ def files() -> dict[str, bytes]:
         found[f"group-{name}"], _ = encode_group(group, config, weights(POINTS))
         if config.source == "ofs":
             shade = np.linspace(-0.2, 0.2, FRAMES * POINTS * 4, dtype=np.float32).reshape(FRAMES, POINTS, 4)
-            shaded = dataclasses.replace(group, shade=shade)
+            light = np.linspace(0.5, 2, FRAMES * 3, dtype=np.float32).reshape(FRAMES, 3)
+            shaded = dataclasses.replace(group, shade=shade, light=light)
             found[f"group-{name}-shaded"], _ = encode_group(shaded, config, weights(POINTS))
     with tempfile.TemporaryDirectory() as folder:
         found["manifest"] = (write_reel(Path(folder) / "reel") / "manifest.json").read_bytes()

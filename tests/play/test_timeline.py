@@ -1,6 +1,7 @@
 """What a reel shows at a time, most of all in the overlap of two groups."""
 
 import shutil
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -69,6 +70,24 @@ def test_overlap(reel, frame, weight):
     weights = np.repeat([1, 1 - weight, 1 - weight, weight, weight], [5, 1, 5, 4, 7])
     np.testing.assert_array_equal(shown.means, expected.means)
     np.testing.assert_allclose(shown.opacities, 1 - (1 - expected.opacities) ** weights, atol=2e-4)
+
+
+def test_light_is_that_of_the_group_that_comes_and_falls_on_everything(reel, tmp_path):
+    """The same reel with a second group whose light changes: the same points, only brighter, the ones that leave as well."""
+    reader = ReelReader(reel)
+    light = np.linspace((1, 0.5, 0.25), (2, 1, 0.5), 6, dtype=np.float32)
+    writer = new_writer(tmp_path, overlap=OVERLAP)
+    writer.add_layer(0, 0, points(6, seed=1))
+    writer.add_group(new_group(0, 5, 6, frames=6, first_frame=0))
+    writer.add_layer(1, FIRST, points(4, seed=2))
+    writer.add_group(replace(new_group(1, 7, reader.group(1).alive, frames=6, first_frame=FIRST), light=light))
+    writer.finish()
+    lit, plain = open_reel(tmp_path), open_reel(reel)
+    camera = replace(plain.manifest.camera, width=64, height=48)
+    for frame, factor in ((3, np.ones(3)), (4.5, (light[0] + light[1]) / 2), (7, light[3])):
+        shown, before = lit.at(frame / FPS), plain.at(frame / FPS)
+        np.testing.assert_array_equal(shown.opacities, before.opacities)
+        np.testing.assert_allclose(lit.render(shown, camera), plain.render(before, camera) * factor, atol=2e-3)
 
 
 def test_after_the_overlap(reel):

@@ -12,11 +12,11 @@ from splatreel.progress import Silent
 from splatreel.recon.average import EVERY
 from splatreel.recon.colors import CameraGains
 from splatreel.recon.drawing import View, deformed
-from splatreel.recon.keyframe import SH_C0, KeyframeTrainer, Stage, starting_points
+from splatreel.recon.keyframe import KeyframeTrainer, Stage, starting_points
 from splatreel.recon.losses import spread
 from splatreel.recon.points import TrainablePoints, default_rates
 from splatreel.scene.camera import Camera
-from splatreel.scene.gaussians import Gaussians
+from splatreel.scene.gaussians import C0, Gaussians
 from tests.recon.captures import blots
 from tests.recon.scenes import look_at, ring
 
@@ -57,7 +57,7 @@ def test_points_start_as_large_as_their_distance_and_in_their_colour() -> None:
     np.testing.assert_allclose(points.scales, 0.07, atol=1e-6, err_msg="kept below 0.07 of the viewing distance")
     wide = starting_points(grid, colors, CONFIG, 10.0, CPU).gaussians()
     np.testing.assert_allclose(wide.scales, 0.1, rtol=1e-4)
-    np.testing.assert_allclose(points.sh[:, 0] * SH_C0 + 0.5, colors, atol=1e-6)
+    np.testing.assert_allclose(points.sh[:, 0] * C0 + 0.5, colors, atol=1e-6)
     np.testing.assert_allclose(points.opacities, 0.1, atol=1e-6)
     assert points.sh.shape == (64, 4, 3)
 

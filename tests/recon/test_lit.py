@@ -1,7 +1,7 @@
 import numpy as np
 
-from splatreel.recon.keyframe import SH_C0
 from splatreel.recon.lit import Lit
+from splatreel.scene.gaussians import C0
 from tests.recon.scenes import random_gaussians
 
 
@@ -12,7 +12,7 @@ def test_colours_follow_the_light() -> None:
     assert len(lit) == 5
     for frame in range(3):
         there = lit.at(frame)
-        color, base = 0.5 + SH_C0 * there.sh[:, 0], 0.5 + SH_C0 * points.sh[:, 0]
+        color, base = 0.5 + C0 * there.sh[:, 0], 0.5 + C0 * points.sh[:, 0]
         np.testing.assert_allclose(color, base * np.exp(light[frame])[:, None], atol=1e-5)
         np.testing.assert_array_equal(there.sh[:, 1:], points.sh[:, 1:])
         np.testing.assert_array_equal(there.opacities, points.opacities)

@@ -51,6 +51,23 @@ def test_exposures_go_on_from_group_to_group_and_a_restored_rig_knows_as_much(tm
     assert notes.lines[1] == f"cameras are out of step, {NAMES[0]} is 0.30 frames early: allowed for"
 
 
+def test_light_is_taken_out_and_goes_on_from_group_to_group(tmp_path: Path) -> None:
+    rig, notes = Rig(CAMERAS, CONFIG, CPU), Notes()
+    dusk = np.array([1, 0.9, 0.8, 0.7, 0.7, 0.7], np.float32)
+    still = np.repeat(CAPTURE.read(0, 1, NAMES), 6, 0)
+    frames = np.rint(still * dusk[:, None, None, None, None]).astype(np.uint8)
+    for first, folder in ((0, tmp_path / "a"), (3, tmp_path / "b")):
+        folder.mkdir()
+        light = rig.even_out(own := frames[first : first + 4].copy(), 3, folder, notes)
+        assert light is not None
+        assert np.abs(light - dusk[first : first + 4, None]).max() < 0.02
+        assert np.abs(own.astype(float) - still[0]).mean() < 1.5
+        other = Rig(CAMERAS, CONFIG, CPU)
+        other.restore(3, folder)
+        assert np.array_equal(other.light, rig.light)
+    assert [line[:25] for line in notes.lines] == ["the light changes by up t"] * 2
+
+
 @pytest.mark.parametrize("restored", [False, True])
 def test_what_is_off_is_not_written_and_changes_nothing(tmp_path: Path, restored: bool) -> None:
     rig, notes = (

@@ -19,6 +19,8 @@ from splatreel.codec.reader import ReelReader
 from splatreel.codec.verify import verify_reel
 from splatreel.config import Config, GroupConfig, KeyframeConfig, LayeringConfig
 from splatreel.errors import CaptureError, ReconstructionError, ReelError, SplatreelError, UsageError
+from splatreel.evaluation.undecoded import undecoded_frames
+from splatreel.kernels.image import render_image
 from splatreel.progress import Silent, Span
 from splatreel.recon.sequence import Result, reconstruct
 from tests.recon.captures import WallCapture
@@ -319,7 +321,16 @@ def test_everything_moves(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> No
 
 
 def test_the_light_changes_everywhere(tmp_path: Path) -> None:
-    assert verify_reel(reconstruct(WallCapture(3, speed=0, dims=True), tmp_path, CONFIG).reel).groups == 1
+    capture = WallCapture(3, speed=0, dims=True)
+    assert verify_reel(reconstruct(capture, tmp_path / "a", CONFIG).reel).groups == 1
+    result = reconstruct(capture, tmp_path / "b", replace(CONFIG, even_exposure=True))
+    group = ReelReader(result.reel).group(0)
+    assert len(group.dynamic) == 0
+    assert group.light is not None
+    np.testing.assert_allclose(group.light[:, 0], [1, 0.5, 1], atol=0.02)
+    undecoded = undecoded_frames(result.work, result.reel)
+    bright, dark = (render_image(undecoded(frame), capture.cameras[0]).mean() for frame in (0, 1))
+    assert dark == pytest.approx(0.5 * bright, rel=0.03)
 
 
 def test_captures_that_cannot_be_reconstructed(tmp_path: Path) -> None:

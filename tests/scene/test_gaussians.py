@@ -4,9 +4,10 @@ import numpy as np
 import pytest
 
 from splatreel.errors import GaussiansError
+from splatreel.kernels.image import render_image
 from splatreel.scene import rotations
 from splatreel.scene.gaussians import Gaussians
-from tests.golden import random_gaussians
+from tests.golden import camera, random_gaussians
 
 
 def points(count=6, degree=1):
@@ -78,3 +79,12 @@ def test_concatenating_pads_colours():
 
 def test_empty():
     assert (len(Gaussians.empty()), Gaussians.empty(2).sh_degree) == (0, 2)
+
+
+@pytest.mark.parametrize("degree", [0, 3])
+def test_brightened_is_every_colour_times_the_factor(degree):
+    gaussians, factor = points(degree=degree), np.array([0.3, 1, 2.5], np.float32)
+    view = camera("a", 0.5)
+    np.testing.assert_allclose(
+        render_image(gaussians.brightened(factor), view), render_image(gaussians, view) * factor, atol=1e-4
+    )

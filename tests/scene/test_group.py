@@ -65,6 +65,18 @@ def test_colours_and_opacities_change_between_frames_and_opacities_stay_opacitie
         dataclasses.replace(g, shade=shade[:3])
 
 
+def test_light_between_frames_and_outside():
+    g = group()
+    assert g.light_at(1) is None
+    light = np.linspace((1, 1, 1), (0.7, 0.4, 1.6), 4, dtype=np.float32)
+    lit = dataclasses.replace(g, light=light)
+    np.testing.assert_allclose(lit.light_at(1.5), (light[1] + light[2]) / 2, atol=1e-6)
+    np.testing.assert_array_equal(lit.light_at(99), light[3])
+    np.testing.assert_array_equal(lit.at(1.5).sh, g.at(1.5).sh)
+    with pytest.raises(GaussiansError, match="light"):
+        dataclasses.replace(g, light=light[:3])
+
+
 @pytest.mark.parametrize(("frames", "count"), [(4, 6), (4, 4)])
 def test_offsets_must_fit(frames, count):
     g = group()

@@ -6,6 +6,7 @@ import numpy as np
 
 from splatreel.codec import offsets, predictive, quantize
 from splatreel.codec.container import FileHeader, pack_file, unpack_file
+from splatreel.codec.light import decode_light, encode_light
 from splatreel.codec.sections import MAX_POINTS, Section, Sections, decode_gaussians, encode_gaussians
 from splatreel.config import EncodeConfig
 from splatreel.errors import ReelError
@@ -52,6 +53,8 @@ def encode_group(group: Group, config: EncodeConfig, importance: np.ndarray | No
     if group.shade is not None and len(order):
         here = here or predictive.neighbours_in_order(len(order))
         sections |= predictive.encode_shade(group.shade, order, here, config)
+    if group.light is not None:
+        sections |= encode_light(group.light)
     if len(group.alive):
         sections["alive"] = Section(*quantize.encode_bits(group.alive))
     header = FileHeader("group", group.index, len(order), group.first_frame, group.frames)
@@ -84,10 +87,11 @@ def decode_group(data: bytes, source: str) -> Group:
         if "shade" in sections and header.points:
             here = here or predictive.neighbours_in_order(header.points)
             shade = predictive.decode_shade(sections, header.frames, here)
+        light = decode_light(sections, header.frames) if "light" in sections else None
         alive = np.zeros(0, bool)
         if "alive" in sections:
             alive = _decode_alive(sections["alive"])
-        return Group(header.index, header.first_frame, dynamic, dx, dq, alive, shade)
+        return Group(header.index, header.first_frame, dynamic, dx, dq, alive, shade, light)
     except ReelError as error:
         raise ReelError(f"{source}: {error}") from error
 

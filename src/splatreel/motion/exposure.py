@@ -1,8 +1,8 @@
-"""Exposures that change while a capture is filmed: phones set theirs by themselves (beyond the paper).
+"""Exposures and light that change while a capture is filmed: phones set theirs by themselves, clouds pass (beyond the paper).
 
 Everything that compares frames would take such a change for motion, and static points cannot follow it. It multiplies the whole of
-one camera's pictures by the same factor, and is taken out of them. What differs from place to place is light in the scene, such as
-that which bodies take from a wall, and so is what all cameras see at once: both stay, for cameras that are held out see them too.
+one camera's pictures by the same factor, and is taken out of them. What all cameras see at once is the light of the whole scene: a
+reel says it, and it comes back when it is played. What differs from place to place, such as what bodies take from a wall, stays.
 """
 
 from __future__ import annotations
@@ -34,20 +34,22 @@ SHOULDER = 240
 """Grey level from which on a correction fades: what is white stays white."""
 
 
-def exposures(frames: np.ndarray) -> np.ndarray:
-    """How each camera's exposure differs from that at the keyframe. frames: [T, C, H, W, 3] uint8, the keyframe first.
+def exposures(frames: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """How each camera's exposure, and the light, differ from those at the keyframe. frames: [T, C, H, W, 3] uint8, the keyframe first.
 
-    Returns [T, C, 3] float32, logarithms of the factor in each colour. It is the one that most blocks of a picture agree on, if that
-    is more than `ALIKE` times their spread, less what the cameras have in common, if that is more than `CERTAIN` times what chance
-    could do. Either is shrunk towards nothing as it comes near to its limit.
+    Returns exposures [T, C, 3] and light [T, 3], float32: logarithms of the factor in each colour. A camera's pictures change by the
+    sum of both, the factor that most blocks of a picture agree on, if that is more than `ALIKE` times their spread. The light is what
+    the cameras have in common, if that is more than `CERTAIN` times what chance could do. Either is shrunk towards nothing as it
+    comes near to its limit.
     """
     with ThreadPoolExecutor(threads.count()) as pool:
         changes = np.stack(list(pool.map(lambda camera: _changes(frames[:, camera]), range(frames.shape[1]))), 1)
-    return (changes - _common(changes)).astype(np.float32)
+    light = _common(changes)
+    return (changes - light[:, None]).astype(np.float32), light.astype(np.float32)
 
 
 def even_out(frames: np.ndarray, change: np.ndarray) -> None:
-    """Take exposures out of frames, in place. frames: [T, C, H, W, 3] uint8. change: [T, C, 3] logarithms, as of `exposures`."""
+    """Take changes out of frames, in place. frames: [T, C, H, W, 3] uint8. change: [T, C, 3] logarithms."""
     levels = np.arange(256)[:, None]
     fade = np.clip((255 - levels) / (255 - SHOULDER), 0, 1)
     for t, c in np.argwhere(np.any(change != 0, 2)):
@@ -94,8 +96,8 @@ def _agreed(ratios: np.ndarray) -> np.ndarray:
 
 
 def _common(changes: np.ndarray) -> np.ndarray:
-    """[T, 1, 3] what the cameras have in common, shrunk to nothing where that may be chance. changes: [T, C, 3]."""
-    mean = changes.mean(1, keepdims=True)
+    """[T, 3] what the cameras have in common, shrunk to nothing where that may be chance. changes: [T, C, 3]."""
+    mean = changes.mean(1)
     chance = changes.var(1).sum() / changes.shape[1]
     return _beyond(CERTAIN**2 * chance, np.square(mean).sum()) * mean
 

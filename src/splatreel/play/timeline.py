@@ -55,8 +55,11 @@ class Timeline:
         weight = self._weight(frame, new)
         if index == 0 or weight >= 1:
             static, _ = self.reel.static(index)
-            return _joined([static[new.alive], new.at(frame - new.first_frame)])
-        return self._faded(frame, weight, self.reel.group(index - 1), new)
+            shown = _joined([static[new.alive], new.at(frame - new.first_frame)])
+        else:
+            shown = self._faded(frame, weight, self.reel.group(index - 1), new)
+        light = new.light_at(frame - new.first_frame)
+        return shown if light is None else shown.brightened(light)
 
     def render(self, gaussians: Gaussians, camera: Camera) -> np.ndarray:
         """The picture that a camera takes of Gaussians of this reel, [H, W, 3] float32, drawn as the manifest says."""

@@ -14,10 +14,9 @@ from splatreel.motion.flow import Flow
 from splatreel.motion.leap import leaps
 from splatreel.motion.track import Tracker, Trail, identity
 from splatreel.progress import Progress
-from splatreel.recon.keyframe import SH_C0
 from splatreel.recon.lit import Lit
 from splatreel.scene.camera import Camera
-from splatreel.scene.gaussians import Gaussians
+from splatreel.scene.gaussians import C0, Gaussians
 
 STEP = 4
 """Frames between two looks for things that appeared."""
@@ -112,6 +111,6 @@ def _appeared(
     motion = way * leaps(found.points, found.sizes, tracker.cameras, here, there, depths, tracker.near)
     count, bands = len(found.points), moving.sh.shape[1]
     sh = np.zeros((count, bands, 3), np.float32)
-    sh[:, 0] = (found.colors - 0.5) / SH_C0
+    sh[:, 0] = (found.colors - 0.5) / C0
     scales = np.repeat(found.sizes[:, None], 3, 1)
     return Gaussians(found.points, identity(count), scales, np.full(count, 0.7, np.float32), sh), motion

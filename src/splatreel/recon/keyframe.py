@@ -18,9 +18,7 @@ from splatreel.recon.density import GradientMeter, children, select_growth
 from splatreel.recon.drawing import Backdrop, Splats, View, deformed, draw, halved
 from splatreel.recon.losses import psnr, spread
 from splatreel.recon.points import TrainablePoints, default_rates
-from splatreel.scene.gaussians import Gaussians
-
-SH_C0 = 0.28209479177387814
+from splatreel.scene.gaussians import C0, Gaussians
 
 
 @dataclass(frozen=True)
@@ -57,7 +55,7 @@ def starting_points(
     count = len(points)
     quats = torch.zeros(count, 4, device=device)
     quats[:, 0] = 1
-    base = (torch.from_numpy(np.asarray(colors, np.float32)).to(device) - 0.5) / SH_C0
+    base = (torch.from_numpy(np.asarray(colors, np.float32)).to(device) - 0.5) / C0
     params = {
         "means": points,
         "quats": quats,

@@ -6,8 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from splatreel.recon.keyframe import SH_C0
-from splatreel.scene.gaussians import Gaussians
+from splatreel.scene.gaussians import C0, Gaussians
 
 
 @dataclass(frozen=True)
@@ -36,5 +35,5 @@ class Lit:
 
     def _shade(self, light: np.ndarray) -> np.ndarray:
         """[..., M, 3] float32, what c_base gains in a light [..., M]."""
-        color = np.maximum(0.5 + SH_C0 * self.points.sh[:, 0], 0)
-        return (np.expm1(light)[..., None] * (color / SH_C0)).astype(np.float32)
+        color = np.maximum(0.5 + C0 * self.points.sh[:, 0], 0)
+        return (np.expm1(light)[..., None] * (color / C0)).astype(np.float32)

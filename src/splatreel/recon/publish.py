@@ -67,16 +67,15 @@ def load_group(work: Path, index: int) -> Group:
     arrays = checkpoint.load_arrays(group_folder(work, index) / "group.safetensors")
     first = int(arrays["first_frame"][0])
     alive = arrays["alive"].astype(bool)
-    dynamic, shade = checkpoint.unpack(arrays), arrays.get("shade")
-    return Group(index, first, dynamic, arrays["dx"], arrays["dq"], alive, shade)
+    dynamic, shade, light = checkpoint.unpack(arrays), arrays.get("shade"), arrays.get("light")
+    return Group(index, first, dynamic, arrays["dx"], arrays["dq"], alive, shade, light)
 
 
 def save_group(work: Path, group: Group, importance: np.ndarray | None = None) -> None:
     """importance: [N, 3] of its dynamic points, so that encoding it again takes no pictures."""
     arrays = checkpoint.pack(group.dynamic) | {"dx": group.dx, "dq": group.dq, "alive": group.alive}
     arrays["first_frame"] = np.array([group.first_frame])
-    if group.shade is not None:
-        arrays["shade"] = group.shade
+    arrays |= {name: value for name in ("shade", "light") if (value := getattr(group, name)) is not None}
     if importance is not None:
         arrays["importance"] = importance
     checkpoint.save_arrays(group_folder(work, group.index) / "group.safetensors", arrays)

@@ -1,4 +1,4 @@
-"""What a run learns of its cameras, and hands from group to group: poses, colour gains, exposures, delays."""
+"""What a run learns of its cameras, and hands from group to group: poses, colour gains, exposures and the light, delays."""
 
 from __future__ import annotations
 
@@ -20,13 +20,16 @@ from splatreel.scene.camera import Camera
 POSES, EXPOSURE, DELAYS = "poses.safetensors", "exposure.safetensors", "delays.safetensors"
 """Checkpoints in a group's folder. Gains are with its keyframe, which they were learned with."""
 CHANGED = 0.02
-"""Share by which an exposure changes, from which on a user hears of it."""
+"""Share by which an exposure or the light changes, from which on a user hears of it."""
 OUT_OF_STEP = 0.1
 """Frames that a camera is late, from which on a user hears of it."""
 
 
 class Rig:
-    """The training cameras as they are now. exposure: [C, 3] logarithm of that at the next keyframe, against the capture's first."""
+    """The training cameras as they are now.
+
+    exposure: [C, 3] logarithms of theirs at the next keyframe, against the capture's first. light: [3] that of the light there.
+    """
 
     def __init__(self, cameras: list[Camera], config: Config, device: torch.device) -> None:
         self.cameras, self.config, self.device = list(cameras), config, device
@@ -35,7 +38,7 @@ class Rig:
     def _start(self) -> None:
         count, config = len(self.cameras), self.config
         self.gains = CameraGains(count, self.device, config.correct_colors)
-        self.exposure = np.zeros((count, 3), np.float32)
+        self.exposure, self.light = np.zeros((count, 3), np.float32), np.zeros(3, np.float32)
         self.delays = Delays(count, config.group.delays)
 
     @property
@@ -97,21 +100,28 @@ class Rig:
     def _packed(self) -> dict[str, np.ndarray]:
         return {"viewmats": np.stack([camera.viewmat for camera in self.cameras])}
 
-    def even_out(self, frames: np.ndarray, own: int, folder: Path, progress: Progress) -> None:
-        """Take out of a group's frames [T, C, H, W, 3] uint8, in place, what exposures did since the first one of the capture.
+    def even_out(self, frames: np.ndarray, own: int, folder: Path, progress: Progress) -> np.ndarray | None:
+        """Take out of a group's frames [T, C, H, W, 3] uint8, in place, what exposures and the light did since the capture's first.
 
-        own: how many of them are not the next group's, too. folder: of the group.
+        own: how many of them are not the next group's, too. folder: of the group. Returns the light, `Group.light`.
         """
         if not self.config.even_exposure:
-            return
-        change = exposures(frames) + self.exposure
-        even_out(frames, change)
+            return None
+        changes = exposures(frames)
+        change, light = changes[0] + self.exposure, changes[1] + self.light
+        even_out(frames, change + light[:, None])
         most = np.abs(change).max((0, 2))
         if most.max() > CHANGED:
             name = self.names[int(most.argmax())]
             progress.note(f"exposures change by up to {most.max():.0%} ({name}): taken out of the pictures")
-        checkpoint.save_arrays(folder / EXPOSURE, {"change": change})
-        self._expose(change, own)
+        if (most := np.abs(np.expm1(light)).max()) > CHANGED:
+            progress.note(
+                f"the light changes by up to {most:.0%}: taken out of the pictures, and back when they are played"
+            )
+        arrays = {"change": change, "light": light}
+        checkpoint.save_arrays(folder / EXPOSURE, arrays)
+        self._expose(arrays, own)
+        return np.exp(light) if light.any() else None
 
     def keep_delays(self, folder: Path, progress: Progress) -> None:
         """After a group's training: its delays are where the next one starts."""
@@ -130,7 +140,7 @@ class Rig:
         if (keyframe := folder / "keyframe.safetensors").exists():
             self.load_gains(checkpoint.load_arrays(keyframe))
         if (exposure := folder / EXPOSURE).exists():
-            self._expose(checkpoint.load_arrays(exposure)["change"], own)
+            self._expose(checkpoint.load_arrays(exposure), own)
         if (delays := folder / DELAYS).exists():
             self.delays.load(checkpoint.load_arrays(delays)["delays"])
 
@@ -140,5 +150,6 @@ class Rig:
     def load_gains(self, arrays: dict[str, np.ndarray]) -> None:
         self.gains.load(torch.from_numpy(arrays["gains"]).to(self.gains.values.device))
 
-    def _expose(self, change: np.ndarray, own: int) -> None:
-        self.exposure = change[min(own, len(change) - 1)]  # the next keyframe, if the groups overlap
+    def _expose(self, arrays: dict[str, np.ndarray], own: int) -> None:
+        keyframe = min(own, len(arrays["change"]) - 1)  # the next one, if the groups overlap
+        self.exposure, self.light = arrays["change"][keyframe], arrays["light"][keyframe]

@@ -155,7 +155,7 @@ class Reconstruction:
     def _group(self, span: Span, scene: Scene, frames: np.ndarray, layout: Layout, writer: ReelWriter) -> Scene:
         """All stages of one group; returns the scene at the next keyframe."""
         with self._timed("exposure"):
-            self.rig.even_out(frames, span.own, self._folder(span), self.progress)
+            light = self.rig.even_out(frames, span.own, self._folder(span), self.progress)
         with self._timed("poses"):
             self.rig.place(frames, self._folder(span), self.progress)
         points = self._keyframe(span, scene, frames, layout)
@@ -183,7 +183,7 @@ class Reconstruction:
             self.progress.update(iterations, dynamic=len(result.dynamic))
         result.dynamic.check_finite(f"Group {span.index}")
         self.rig.keep_delays(self._folder(span), self.progress)
-        group = Group(span.index, span.first, result.dynamic, result.dx, result.dq, result.alive, result.shade)
+        group = Group(span.index, span.first, result.dynamic, result.dx, result.dq, result.alive, result.shade, light)
         with self._timed("encode"):
             shown = importance(writer, scene.static, group)[0]
             save_group(self.work, group, shown)  # before it is published: what is in the reel is never trained again

@@ -9,6 +9,9 @@ import numpy as np
 from splatreel.errors import GaussiansError
 from splatreel.scene import rotations
 
+C0 = 0.28209479177387814
+"""The constant spherical harmonic."""
+
 
 @dataclass(frozen=True)
 class Gaussians:
@@ -64,6 +67,12 @@ class Gaussians:
         sh = self.sh.copy()
         sh[:, 0] += shade[:, :3]
         return Gaussians(self.means, self.quats, self.scales, np.clip(self.opacities + shade[:, 3], 0, 1), sh)
+
+    def brightened(self, factor: np.ndarray) -> Gaussians:
+        """Every colour, seen from anywhere, times factor [3]."""
+        sh = self.sh * factor
+        sh[:, 0] += (factor - 1) * np.float32(0.5 / C0)  # colours are 0.5 and what harmonics add
+        return Gaussians(self.means, self.quats, self.scales, self.opacities, sh)
 
     def faded(self, weight: float | np.ndarray) -> Gaussians:
         """Faded by weight 0..1 in optical depth: opacity becomes 1 - (1 - opacity)^weight.

@@ -20,6 +20,7 @@ class Group:
     alive: [S] bool over all static points of the layers born up to and including this group, in reel order.
     shade: [T, N, 4] float32, what c_base and the opacity gain on their canonical values; None where they stay. Beyond the paper:
     light and shadow pass over things, flames flicker, things come and go.
+    light: [T, 3] float32, factors by which everything is brighter in red, green and blue; None where it is not. Beyond the paper.
     """
 
     index: int
@@ -29,6 +30,7 @@ class Group:
     dq: np.ndarray
     alive: np.ndarray
     shade: np.ndarray | None = None
+    light: np.ndarray | None = None
 
     def __post_init__(self) -> None:
         frames, n = self.dx.shape[0], len(self.dynamic)
@@ -38,6 +40,8 @@ class Group:
             )
         if self.shade is not None and self.shade.shape != (frames, n, 4):
             raise GaussiansError(f"Group {self.index}: shade {self.shade.shape} does not fit {n} dynamic points.")
+        if self.light is not None and self.light.shape != (frames, 3):
+            raise GaussiansError(f"Group {self.index}: light {self.light.shape} does not fit {frames} frames.")
         if frames < 1:
             raise GaussiansError(f"Group {self.index}: holds no frame.")
 
@@ -48,14 +52,24 @@ class Group:
     def at(self, frame: float) -> Gaussians:
         """The dynamic points at a frame counted from first_frame; between frames dx and shade are linear, dq normalised linear.
 
-        Times outside the group are clamped to its first and last frame.
+        Times outside the group are clamped to its first and last frame. Without its light, which is that of the static points, too.
         """
-        frame = float(np.clip(frame, 0, self.frames - 1))
-        low = min(int(frame), max(self.frames - 2, 0))
-        high = min(low + 1, self.frames - 1)
-        u = np.float32(frame - low)
+        low, high, u = self._between(frame)
         dx = (1 - u) * self.dx[low] + u * self.dx[high]
         a, b = self.dq[low], self.dq[high]
         near = np.where((a * b).sum(-1, keepdims=True) < 0, -b, b)  # the shorter way round
         moved = self.dynamic.moved(dx, (1 - u) * a + u * near)
         return moved if self.shade is None else moved.shaded((1 - u) * self.shade[low] + u * self.shade[high])
+
+    def light_at(self, frame: float) -> np.ndarray | None:
+        """[3], linear between frames, clamped as in `at`; None where the light stays."""
+        if self.light is None:
+            return None
+        low, high, u = self._between(frame)
+        return (1 - u) * self.light[low] + u * self.light[high]
+
+    def _between(self, frame: float) -> tuple[int, int, np.float32]:
+        """The frames around a time, and how far it is from the first to the second."""
+        frame = float(np.clip(frame, 0, self.frames - 1))
+        low = min(int(frame), max(self.frames - 2, 0))
+        return low, min(low + 1, self.frames - 1), np.float32(frame - low)

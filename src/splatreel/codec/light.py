@@ -1,0 +1,30 @@
+"""The light of a whole group, frame by frame, as the section `light` (beyond the paper)."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from splatreel.codec import quantize
+from splatreel.codec.sections import Section, Sections, named, section_of
+from splatreel.errors import ReelError
+
+BITS = 12
+"""Of the logarithms over their range: where the light halves, a thirtieth of a grey level."""
+MOST = 1024.0
+"""Factor by which light may be brighter or darker."""
+
+
+def encode_light(light: np.ndarray) -> Sections:
+    """light: [T, 3] factors, `Group.light`."""
+    return {"light": Section(*quantize.encode_linear(np.clip(light, 1 / MOST, MOST), BITS, log=True))}
+
+
+def decode_light(sections: Sections, frames: int) -> np.ndarray:
+    """[T, 3] float32. Raises `ReelError`."""
+    section = section_of(sections, "light", "linear")
+    light = named("light", quantize.decode_linear, section.data, section.parameters, frames, 3)
+    if not ((light > 0.99 / MOST) & (light < 1.01 * MOST)).all():
+        raise ReelError(
+            f"section 'light' has factors from {light.min():.3g} to {light.max():.3g}, not within {MOST:g} of 1."
+        )
+    return light
