@@ -1,3 +1,4 @@
+import json
 import shutil
 import sys
 from pathlib import Path
@@ -60,11 +61,120 @@ def test_the_smallest_images_that_are_large_enough_are_read(scene: Path) -> None
     assert folders.which(open_capture(scene, width=20).read(0, 1, ["view/cam01"])[0, 0]) == (1, 0)
 
 
-def test_lens_distortion_is_refused_with_the_remedy(tmp_path: Path) -> None:
+@pytest.mark.parametrize(
+    ("model", "params"),
+    [
+        ("SIMPLE_RADIAL", "80 32 24 0.3"),
+        ("SIMPLE_RADIAL", "80 30 25 -0.2"),
+        ("OPENCV_FISHEYE", "60 62 32 24 0.1 0 0 0"),
+    ],
+)
+def test_what_a_lens_bends_is_straight(tmp_path: Path, model: str, params: str) -> None:
+    """Pictures whose colours say which way a pixel looks."""
+    pycolmap = pytest.importorskip("pycolmap")
+    scene = folders.colmap(tmp_path / "scene", model, params)
+    lens = pycolmap.Camera(model=model, width=64, height=48, params=[float(p) for p in params.split()])
+    x, y = np.meshgrid(np.arange(64) + 0.5, np.arange(48) + 0.5)
+    rays = np.asarray(lens.cam_from_img(np.stack([x.ravel(), y.ravel()], 1))).reshape(48, 64, -1)
+    colors = np.concatenate([128 + 150 * rays[..., :2], np.full((48, 64, 1), 7)], 2)
+    for file in (scene / "images_2").rglob("*.jpg"):
+        file.unlink()
+        Image.fromarray(np.rint(colors).astype(np.uint8)).save(file.with_suffix(".png"))
+    capture = open_capture(scene)
+    camera = capture.cameras[1]
+    K = camera.K.astype(float)
+    assert (camera.width, camera.height, K[0, 0], K[0, 2]) == (64, 48, K[1, 1], 32)
+    expected = np.stack([(x - K[0, 2]) / K[0, 0], (y - K[1, 2]) / K[1, 1]], 2)
+    found = (capture.read(0, 1, [camera.name])[0, 0, ..., :2] - 128.0) / 150
+    assert np.abs(found - expected).max() < 2 / 150
+    assert (
+        np.abs(rays[..., :2]).max((0, 1)).min() <= 1.15 * np.abs(expected).max((0, 1)).max()
+    )  # most of it is still seen
+
+
+def test_parameters_of_no_lens_are_refused(tmp_path: Path) -> None:
     pytest.importorskip("pycolmap")
-    scene = folders.colmap(tmp_path / "scene", "SIMPLE_RADIAL", "80 32 24 0.1")
-    with pytest.raises(CaptureError, match=r"camera 1 is SIMPLE_RADIAL .*0\.1.*image_undistorter"):
+    scene = folders.colmap(tmp_path / "scene", "SIMPLE_RADIAL", "80 500 24 0.1")
+    with pytest.raises(CaptureError, match=r"camera 1 is SIMPLE_RADIAL .*500.*Calibrate it again"):
         open_capture(scene)
+
+
+def filmed(folder: Path, names: list[str], frames: list[int]) -> Path:
+    """The model with a video of each camera."""
+    made = folders.colmap(folder)
+    text = (made / "sparse/0/images.txt").read_text().replace("view/", "")
+    (made / "sparse/0/images.txt").write_text(text)
+    shutil.rmtree(made / "images_2")
+    (made / "videos").mkdir()
+    for c, (name, count) in enumerate(zip(names, frames, strict=True)):
+        folders.write_video(made / "videos" / name, [folders.frame(c, t, 64, 48) for t in range(count)])
+    return made
+
+
+def test_videos_are_those_of_the_cameras(tmp_path: Path) -> None:
+    pytest.importorskip("pycolmap")
+    scene = filmed(tmp_path / "scene", [f"cam{c:02d}.MOV" for c in range(4)], [5] * 4)
+    capture = open_capture(scene, scale=0.5)
+    assert (capture.frames, capture.fps, capture.width, capture.height) == (5, 30.0, 32, 24)
+    assert folders.which(capture.read(3, 1, ["cam02"])[0, 0]) == (2, 3)
+    (scene / "splatreel.json").write_text('{"held_out": ["cam03"]}')
+    assert open_capture(scene).held_out == ["cam03"]
+
+
+def test_a_missing_video_is_named(tmp_path: Path) -> None:
+    pytest.importorskip("pycolmap")
+    scene = filmed(tmp_path / "scene", ["cam00.mp4", "cam01.mp4", "b.mp4", "cam03.mp4"], [2] * 4)
+    with pytest.raises(
+        CaptureError, match=r"4 cameras, and 1 of them no video, the first is cam02; .* b, cam00, cam01, cam03"
+    ):
+        open_capture(scene)
+
+
+def test_videos_that_do_not_start_together(tmp_path: Path) -> None:
+    """Frames are those of the same moment; the last ones are those that all of the videos have."""
+    pytest.importorskip("pycolmap")
+    names = [f"cam{c:02d}.mp4" for c in range(4)]
+    scene = filmed(tmp_path / "scene", names, [8, 9, 10, 11])
+    with pytest.raises(CaptureError, match=r"cam00\.mp4 has 8, cam03\.mp4 has 11.*--frames 0:8.*capture sync"):
+        open_capture(scene)
+    starts = {"cam00": 0.0, "cam01": 2 / 30, "cam02": 0.11, "cam03": 0}
+    (scene / "splatreel.json").write_text(json.dumps({"starts": starts}))
+    capture = open_capture(scene)
+    assert capture.frames == 7
+    shown = capture.read(1, 6, ["cam00", "cam01", "cam02"])
+    assert [[folders.which(image) for image in step] for step in shown] == [
+        [(0, t), (1, t + 2), (2, t + 3)] for t in range(1, 7)
+    ]
+    for wrong, message in (
+        ({"cam07": 0.1}, "when 'cam07' starts"),
+        ({"cam02": 9}, "cam02 starts at 9 s, .* ends at 0.3 s"),
+    ):
+        (scene / "splatreel.json").write_text(json.dumps({"starts": wrong}))
+        with pytest.raises(CaptureError, match=message):
+            open_capture(scene)
+
+
+def test_cameras_of_other_sizes_are_cut_to_that_of_the_most(tmp_path: Path) -> None:
+    """One upright camera among lying ones: it sees less, and nothing is squeezed."""
+    pytest.importorskip("pycolmap")
+    scene = folders.colmap(tmp_path / "scene")
+    sparse = scene / "sparse" / "0"
+    (sparse / "cameras.txt").write_text("1 PINHOLE 64 48 80 80 32 24\n2 PINHOLE 60 90 100 100 30 45\n")
+    text = (sparse / "images.txt").read_text().replace(" 1 view/cam02", " 2 view/cam02")
+    (sparse / "images.txt").write_text(text)
+    y, x = np.mgrid[:90, :60]
+    upright = np.stack([x * 4, y * 2, x * 0], 2).astype(np.uint8)
+    Image.fromarray(upright).save(scene / "images_2" / "view" / "cam02.png")
+    (scene / "images_2" / "view" / "cam02.jpg").unlink()
+    capture = open_capture(scene, width=64)
+    camera = capture.camera("view/cam02")
+    assert (camera.width, camera.height) == (64, 48)
+    assert camera.K[0, 0] == camera.K[1, 1] == pytest.approx(100 * 64 / 60, rel=0.01)
+    picture = capture.read(0, 1, ["view/cam01", "view/cam02"])[0]
+    assert folders.which(picture[0]) == (1, 0)
+    scale = 100 / camera.K[0, 0]
+    np.testing.assert_allclose(picture[1, 24, 8:56, 0], 4 * ((np.arange(8, 56) - 31.5) * scale + 29.5), atol=3)
+    np.testing.assert_allclose(picture[1, 8:40, 32, 1], 2 * ((np.arange(8, 40) - 23.5) * scale + 44.5), atol=3)
 
 
 @pytest.mark.parametrize(

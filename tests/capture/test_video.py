@@ -1,3 +1,4 @@
+import struct
 from pathlib import Path
 
 import numpy as np
@@ -23,7 +24,7 @@ def read(
     video: VideoFile, first: int, count: int, width: int = folders.WIDTH, height: int = folders.HEIGHT
 ) -> np.ndarray:
     out = np.empty((count, height, width, 3), np.uint8)
-    video.read_into(out, first)
+    video.read_into(out, np.arange(first, first + count))
     return out
 
 
@@ -95,3 +96,20 @@ def test_something_else_than_a_video_is_named(tmp_path: Path, content: bytes) ->
     path.write_bytes(content)
     with pytest.raises(CaptureError, match=r"cam05\.mp4: cannot be decoded"):
         VideoFile(path)
+
+
+@pytest.mark.parametrize(("turns", "matrix"), [(3, (0, 1, -1, 0)), (2, (-1, 0, 0, -1)), (1, (0, -1, 1, 0))])
+def test_pictures_are_as_they_are_shown(tmp_path: Path, turns: int, matrix: tuple[int, ...]) -> None:
+    """Phones store upright pictures lying, and say so in the track's header."""
+    lying = np.zeros((24, 32, 3), np.uint8)
+    lying[:8, :16] = 255
+    folders.write_video(tmp_path / "a.mp4", [lying] * 2)
+    data = bytearray((tmp_path / "a.mp4").read_bytes())
+    at = data.index(b"tkhd") + 44
+    a, b, c, d = (value << 16 for value in matrix)
+    data[at : at + 36] = struct.pack(">9i", a, b, 0, c, d, 0, 0, 0, 1 << 30)
+    (tmp_path / "a.mp4").write_bytes(data)
+    video, shown = VideoFile(tmp_path / "a.mp4"), np.rot90(lying, turns)
+    assert (video.height, video.width) == shown.shape[:2]
+    found = read(video, 1, 1, video.width, video.height)[0]
+    assert np.abs(found.astype(int) - shown).mean() < 3

@@ -1,10 +1,13 @@
-"""COLMAP models: one time step of undistorted photographs, with their cameras and sparse points.
+"""COLMAP models: cameras with their lenses and sparse points, and a video of each, or a photograph: one time step.
 
-The photographs lie in `images`, or smaller in `images_2`, `images_4`, ...; their names may differ from the model's in the extension.
+The videos lie in the folder itself or in `videos`; the photographs in `images`, or smaller in `images_2`, `images_4`, ... Their
+names may differ from the model's in the extension. Pictures of lenses that bend, or of another shape than the other cameras', are
+made those of pinhole cameras.
 """
 
 from __future__ import annotations
 
+from collections import Counter
 from pathlib import Path
 from types import ModuleType
 from typing import Any
@@ -13,13 +16,20 @@ import numpy as np
 
 from splatreel.capture.base import Capture, Request
 from splatreel.capture.images import image_size, read_image
+from splatreel.capture.lens import Lens, pinhole
+from splatreel.capture.sidecar import read_sidecar
+from splatreel.capture.videos import Videos
 from splatreel.errors import CaptureError, MissingDependencyError
 from splatreel.scene.camera import Camera
 
 MODELS = ("sparse/0", "sparse", "colmap/sparse/0", ".")
-SUFFIXES = (".jpg", ".jpeg", ".png", ".webp", ".tif", ".tiff", ".bmp")
+IMAGE_SUFFIXES = (".jpg", ".jpeg", ".png", ".webp", ".tif", ".tiff", ".bmp")
+VIDEO_SUFFIXES = (".mp4", ".mov", ".m4v", ".mkv", ".webm", ".avi", ".mts")
+VIDEOS = ("videos", ".")
 FOCAL_LENGTHS = {"SIMPLE_PINHOLE": 1, "PINHOLE": 2, "SIMPLE_RADIAL": 1, "RADIAL": 1, "OPENCV": 2}
 """Camera models that are pinholes if their distortion is zero, and how many of their parameters are focal lengths."""
+SAME_SHAPE = 0.01
+"""Share by which widths over heights may differ without a picture being cut."""
 
 
 def is_colmap(path: Path) -> bool:
@@ -27,10 +37,10 @@ def is_colmap(path: Path) -> bool:
 
 
 class ColmapCapture(Capture):
-    """A COLMAP model with its images; the first image by name is held out unless the request says otherwise.
+    """A COLMAP model with its videos or images; the first camera by name is held out unless the request or its note says otherwise.
 
-    A camera is named by its image without the extension. `scale` counts from the size that the model is for, whichever folder of
-    images is there; the smallest images that are large enough are read. Without a size they are read as they are.
+    A camera is named by its image without the extension. `scale` counts from the size that most of the model's images have, whichever
+    folder of images is there; the smallest images that are large enough are read. Without a size they are read as they are.
     """
 
     def __init__(self, path: Path, request: Request) -> None:
@@ -38,31 +48,95 @@ class ColmapCapture(Capture):
         if model is None:
             raise CaptureError(f"{path}: holds no COLMAP model (cameras.bin or cameras.txt in {', '.join(MODELS)}).")
         reconstruction = _read_model(model)
-        cameras = sorted((_camera(model, i) for i in reconstruction.images.values()), key=lambda c: c.name)
-        folders = _image_folders(path, cameras)
-        first = cameras[0]
-        if request.width is None and request.scale is None:
-            width, height = max(folders)
+        images = sorted(reconstruction.images.values(), key=_name)
+        names, lenses = [_name(image) for image in images], [image.camera for image in images]
+        shape = Counter((lens.width, lens.height) for lens in lenses).most_common(1)[0][0]
+        files, sidecar = video_files(path), read_sidecar(path)
+        self._videos: Videos | None = None
+        if files:
+            self._videos = Videos(path, _of_cameras(path, files, names), sidecar, request)
+            width, height = request.size(*shape, path)
         else:
-            width, height = request.size(first.width, first.height, path)
-        large_enough = [size for size in folders if size[0] >= width]
-        self._files = folders[min(large_enough) if large_enough else max(folders)]
+            width, height = self._choose_images(path, names, shape, request)
+        self._lenses: dict[str, Lens] = {}
         points, colors = _points(reconstruction)
+        held_out = names[:1] if sidecar.held_out is None else sidecar.held_out
         super().__init__(
             path,
-            [_resized(model, c, first, width, height) for c in cameras],
-            held_out=[first.name] if request.held_out is None else request.held_out,
-            frame_range=request.range(1, path),
+            [self._camera(model, image, width, height) for image in images],
+            held_out=held_out if request.held_out is None else request.held_out,
+            frame_range=request.range(self._videos.frames if self._videos else 1, path),
+            fps=self._videos.fps if self._videos else 30.0,
             points=points,
             point_colors=colors,
         )
 
+    def _choose_images(self, path: Path, names: list[str], shape: tuple[int, int], request: Request) -> tuple[int, int]:
+        """The folder that is read, and the size of what comes out."""
+        folders = _image_folders(path, names)
+        width, height = max(folders)
+        if request.width is not None or request.scale is not None:
+            width, height = request.size(*shape, path)
+        large_enough = [size for size in folders if size[0] >= width]
+        self._images = folders[min(large_enough) if large_enough else max(folders)]
+        return width, height
+
+    def _camera(self, model: Path, image: Any, width: int, height: int) -> Camera:
+        """One image of the model as a camera of the output size, and, where it takes more than resizing, its lens."""
+        name, lens, viewmat = _name(image), image.camera, np.eye(4)
+        pose = image.cam_from_world  # a property up to pycolmap 3.11, a method since
+        viewmat[:3] = (pose if hasattr(pose, "matrix") else pose()).matrix()
+        if _is_pinhole(lens) and abs(lens.width / lens.height * height / width - 1) <= SAME_SHAPE:
+            K = np.asarray(lens.calibration_matrix())
+            return Camera(name, viewmat, K, lens.width, lens.height).resized(width, height)
+        found = pinhole(name, viewmat, lens, width, height)
+        if found is None:
+            raise CaptureError(
+                f"{model}: camera {lens.camera_id} is {lens.model.name} with parameters {np.asarray(lens.params).tolist()}, which "
+                f"is no lens that could be straightened. Calibrate it again."
+            )
+        self._lenses[name] = found[1]
+        return found[0]
+
     def sources(self) -> list[Path]:
-        return [self._files[camera.name] for camera in self.cameras]
+        return self._videos.sources() if self._videos else [self._images[camera.name] for camera in self.cameras]
 
     def _read_into(self, out: np.ndarray, first: int, cameras: list[str]) -> None:
+        """Those that take no more than resizing all at once, straight into place."""
         for c, name in enumerate(cameras):
-            out[0, c] = read_image(self._files[name], self.width, self.height)
+            if lens := self._lenses.get(name):
+                bent = np.empty((len(out), 1, lens.height, lens.width, 3), np.uint8)
+                self._read_raw(bent, first, [name])
+                for t, picture in enumerate(bent[:, 0]):
+                    out[t, c] = lens.straighten(picture)
+        plain = [c for c, name in enumerate(cameras) if name not in self._lenses]
+        if len(plain) == len(cameras):
+            self._read_raw(out, first, cameras)
+        elif plain:
+            straight = np.empty((len(out), len(plain), *out.shape[2:]), np.uint8)
+            self._read_raw(straight, first, [cameras[c] for c in plain])
+            out[:, plain] = straight
+
+    def _read_raw(self, out: np.ndarray, first: int, cameras: list[str]) -> None:
+        """As the files have them, but for the size."""
+        if self._videos:
+            self._videos.read_into(out, first, cameras)
+            return
+        for c, name in enumerate(cameras):
+            out[0, c] = read_image(self._images[name], out.shape[3], out.shape[2])
+
+    def close(self) -> None:
+        if self._videos:
+            self._videos.close()
+
+
+def video_files(path: Path) -> dict[str, Path]:
+    """The videos of a folder by name, those in its folder `videos` or else its own."""
+    for folder in VIDEOS:
+        files = {f.stem: f for f in sorted((path / folder).glob("*")) if f.suffix.lower() in VIDEO_SUFFIXES}
+        if files:
+            return files
+    return {}
 
 
 def _model_folder(path: Path) -> Path | None:
@@ -72,7 +146,8 @@ def _model_folder(path: Path) -> Path | None:
     return None
 
 
-def _pycolmap() -> ModuleType:
+def import_pycolmap() -> ModuleType:
+    """Raises `MissingDependencyError` where it is not installed. PyAV is loaded already: after pycolmap, either may crash."""
     try:
         import pycolmap
     except ImportError as error:
@@ -82,7 +157,7 @@ def _pycolmap() -> ModuleType:
 
 def _read_model(model: Path) -> Any:
     """The model as a pycolmap.Reconstruction with at least one image."""
-    pycolmap = _pycolmap()
+    pycolmap = import_pycolmap()
     try:
         reconstruction = pycolmap.Reconstruction(str(model))
     except Exception as error:  # pycolmap passes on whatever its C++ reader throws
@@ -92,48 +167,43 @@ def _read_model(model: Path) -> Any:
     return reconstruction
 
 
-def _camera(model: Path, image: Any) -> Camera:
-    """One image of the model as a camera of the model's size."""
-    camera = image.camera
-    kind, params = camera.model.name, np.asarray(camera.params, np.float64)
-    if kind not in FOCAL_LENGTHS or np.abs(params[FOCAL_LENGTHS[kind] + 2 :]).max(initial=0) > 1e-9:
+def _name(image: Any) -> str:
+    return Path(image.name).with_suffix("").as_posix()
+
+
+def _is_pinhole(lens: Any) -> bool:
+    focal_lengths = FOCAL_LENGTHS.get(lens.model.name)
+    return focal_lengths is not None and np.abs(lens.params[focal_lengths + 2 :]).max(initial=0) <= 1e-9
+
+
+def _of_cameras(path: Path, files: dict[str, Path], names: list[str]) -> dict[str, Path]:
+    """The video of every camera of the model."""
+    absent = [name for name in names if name not in files]
+    if absent:
         raise CaptureError(
-            f"{model}: camera {camera.camera_id} is {kind} with parameters {params.tolist()}; only undistorted pinhole cameras "
-            f"work. Run `colmap image_undistorter` on the model first."
+            f"{path}: the model has {len(names)} cameras, and {len(absent)} of them no video, the first is {absent[0]}; there are "
+            f"{', '.join(files)}. Name each video as its image in the model."
         )
-    viewmat = np.eye(4)
-    pose = image.cam_from_world  # a property up to pycolmap 3.11, a method since
-    viewmat[:3] = (pose if hasattr(pose, "matrix") else pose()).matrix()
-    name = Path(image.name).with_suffix("").as_posix()
-    return Camera(name, viewmat, np.asarray(camera.calibration_matrix()), camera.width, camera.height)
+    return {name: files[name] for name in names}
 
 
-def _resized(model: Path, camera: Camera, first: Camera, width: int, height: int) -> Camera:
-    if abs(camera.width / camera.height * first.height / first.width - 1) > 0.01:
-        raise CaptureError(
-            f"{model}: {first.name} is {first.width}x{first.height} but {camera.name} is {camera.width}x{camera.height}; "
-            f"all images must have the same aspect ratio."
-        )
-    return camera.resized(width, height)
-
-
-def _image_folders(path: Path, cameras: list[Camera]) -> dict[tuple[int, int], dict[str, Path]]:
+def _image_folders(path: Path, names: list[str]) -> dict[tuple[int, int], dict[str, Path]]:
     """By the size of its images, each folder that has the image of every camera, as {camera: file}."""
     folders, missing = {}, []
     for folder in sorted(path.glob("images*")):
         files = {
             f.relative_to(folder).with_suffix("").as_posix(): f
             for f in folder.rglob("*")
-            if f.suffix.lower() in SUFFIXES
+            if f.suffix.lower() in IMAGE_SUFFIXES
         }
-        absent = [c.name for c in cameras if c.name not in files]
+        absent = [name for name in names if name not in files]
         if absent:
-            missing.append(f"{folder.name} lacks {len(absent)} of {len(cameras)}, the first is {absent[0]}")
+            missing.append(f"{folder.name} lacks {len(absent)} of {len(names)}, the first is {absent[0]}")
         else:
-            folders[image_size(files[cameras[0].name])] = files
+            folders[image_size(files[names[0]])] = files
     if not folders:
         raise CaptureError(
-            f"{path}: no folder images, images_2, ... holds the images of all {len(cameras)} cameras of the model"
+            f"{path}: no folder images, images_2, ... holds the images of all {len(names)} cameras of the model"
             f"{': ' + '; '.join(missing) if missing else ''}. Copy them there; the extension may differ."
         )
     return folders

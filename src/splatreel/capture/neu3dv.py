@@ -2,31 +2,30 @@
 
 A row of poses_bounds is a 3x5 matrix, then near and far. The matrix holds camera-to-world axes in the order (down, right,
 backwards), the camera centre, and (height, width, focal). The principal point is the image centre.
-An optional `splatreel.json` beside the videos may say {"held_out": [camera names], "fps": number}.
+An optional `splatreel.json` beside the videos says more (`capture/sidecar.py`).
 """
 
 from __future__ import annotations
 
-import json
-from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from zipfile import BadZipFile
 
 import numpy as np
 
-from splatreel import threads
 from splatreel.capture.base import Capture, Request
+from splatreel.capture.colmap import is_colmap
+from splatreel.capture.sidecar import read_sidecar
 from splatreel.capture.video import VideoFile
+from splatreel.capture.videos import Videos
 from splatreel.errors import CaptureError
 from splatreel.scene.camera import Camera
 
 POSES = "poses_bounds.npy"
-SIDECAR = "splatreel.json"
 HELD_OUT = "cam00"
 
 
 def is_neu3dv(path: Path) -> bool:
-    return (path / POSES).is_file() or any(path.glob("cam*.mp4"))
+    return (path / POSES).is_file() or (any(path.glob("cam*.mp4")) and not is_colmap(path))
 
 
 class Neu3DVCapture(Capture):
@@ -40,50 +39,38 @@ class Neu3DVCapture(Capture):
                 f"{path}: {len(files)} videos (cam*.mp4) but {len(poses)} rows in {POSES}. Rows belong to the videos in the "
                 f"order of their names: add the missing videos, or remove the rows of cameras that are not there."
             )
-        sidecar = _read_sidecar(path / SIDECAR)
-        self._videos = {f.stem: VideoFile(f) for f in files}
-        counts = {name: v.frames for name, v in self._videos.items()}
-        if request.frames is None and len(set(counts.values())) > 1:
-            low = min(counts, key=lambda n: counts[n])
-            high = max(counts, key=lambda n: counts[n])
-            raise CaptureError(
-                f"{path}: the videos have unequal frame counts: {low}.mp4 has {counts[low]}, {high}.mp4 has {counts[high]}. "
-                f"If they start together, choose the frames all of them have: --frames 0:{counts[low]}."
-            )
+        sidecar, names = read_sidecar(path), [file.stem for file in files]
+        self._videos = Videos(path, dict(zip(names, files, strict=True)), sidecar, request)
         cameras = [
             _camera(path, video, row).resized(*request.size(video.width, video.height, path))
-            for video, row in zip(self._videos.values(), poses, strict=True)
+            for video, row in zip(map(self._videos.__getitem__, names), poses, strict=True)
         ]
-        default = sidecar.get("held_out", [HELD_OUT] if HELD_OUT in counts else [])
+        default = sidecar.held_out if sidecar.held_out is not None else [name for name in names if name == HELD_OUT]
         super().__init__(
             path,
             cameras,
             held_out=default if request.held_out is None else request.held_out,
-            frame_range=request.range(min(counts.values(), default=0), path),
-            fps=sidecar.get("fps") or next(iter(self._videos.values())).fps or 30.0,
+            frame_range=request.range(self._videos.frames, path),
+            fps=self._videos.fps,
             near=float(poses[:, 15].min()),
         )
 
     def _read_into(self, out: np.ndarray, first: int, cameras: list[str]) -> None:
-        """Cameras are decoded in parallel; FFmpeg works without the interpreter lock."""
-        with ThreadPoolExecutor(min(len(cameras), threads.count()) or 1) as pool:
-            jobs = [pool.submit(self._videos[name].read_into, out[:, c], first) for c, name in enumerate(cameras)]
-            for job in jobs:
-                job.result()
+        self._videos.read_into(out, first, cameras)
 
     def sources(self) -> list[Path]:
-        return [video.path for video in self._videos.values()]
+        return self._videos.sources()
 
     def close(self) -> None:
-        for video in self._videos.values():
-            video.close()
+        self._videos.close()
 
 
 def _read_poses(file: Path) -> np.ndarray:
     """poses_bounds.npy as [C, 17] float64, checked."""
     if not file.is_file():
         raise CaptureError(
-            f"{file}: is missing. A Neu3DV folder needs it beside its videos; LLFF's imgs2poses makes one."
+            f"{file}: is missing. A Neu3DV folder needs it beside its videos; LLFF's imgs2poses makes one, and so, as a COLMAP "
+            f"model, does `splatreel capture calibrate {file.parent}`."
         )
     try:
         poses = np.load(file, allow_pickle=False)
@@ -131,20 +118,3 @@ def _camera(path: Path, video: VideoFile, row: np.ndarray) -> Camera:
     viewmat[:3, 3] = -rotation @ center
     K = np.array([[focal, 0, width / 2], [0, focal, height / 2], [0, 0, 1]])
     return Camera(video.path.stem, viewmat, K, round(width), round(height)).resized(video.width, video.height)
-
-
-def _read_sidecar(file: Path) -> dict:
-    if not file.is_file():
-        return {}
-    try:
-        content = json.loads(file.read_text(encoding="utf-8"))
-        if not isinstance(content, dict):
-            raise ValueError("is not a JSON object")
-        held_out, fps = content.get("held_out", []), content.get("fps", 30.0)
-        if not isinstance(held_out, list) or not all(isinstance(n, str) for n in held_out):
-            raise ValueError(f"held_out is {held_out!r:.100}, expected a list of camera names")
-        if isinstance(fps, bool) or not isinstance(fps, int | float) or not 0 < fps < float("inf"):
-            raise ValueError(f"fps is {fps!r:.100}, expected a positive number")
-    except (OSError, ValueError, RecursionError) as error:
-        raise CaptureError(f"{file}: {error}. Correct it or remove it.") from error
-    return content

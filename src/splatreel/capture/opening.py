@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from pathlib import Path
 
 from splatreel.capture.base import Capture, Request
@@ -13,7 +14,14 @@ from splatreel.errors import CaptureError
 LOOKED_FOR = """\
   Neu3DV:          poses_bounds.npy and cam00.mp4, cam01.mp4, ...
   Panoptic Sports: train_meta.json, test_meta.json and ims/
-  COLMAP:          sparse/0/cameras.bin (or .txt) and images/ or images_2/, images_4/, images_8/"""
+  COLMAP:          sparse/0/cameras.bin (or .txt) and a video a camera, or images/, images_2/, images_4/, images_8/
+  Videos alone:    first run `splatreel capture calibrate` on them, and `splatreel capture sync` if they do not start together"""
+
+READERS: tuple[tuple[Callable[[Path], bool], Callable[[Path, Request], Capture]], ...] = (
+    (is_neu3dv, Neu3DVCapture),
+    (is_panoptic, PanopticCapture),
+    (is_colmap, ColmapCapture),
+)
 
 
 def open_capture(
@@ -32,11 +40,8 @@ def open_capture(
     """
     folder = Path(path)
     request = Request(width, scale, frames, held_out)
-    if is_neu3dv(folder):
-        return Neu3DVCapture(folder, request)
-    if is_panoptic(folder):
-        return PanopticCapture(folder, request)
-    if is_colmap(folder):
-        return ColmapCapture(folder, request)
+    for fits, reader in READERS:
+        if fits(folder):
+            return reader(folder, request)
     state = "holds none of these" if folder.is_dir() else "is not a folder; one of these was looked for"
     raise CaptureError(f"{folder}: {state}:\n{LOOKED_FOR}")

@@ -20,12 +20,13 @@ import numpy as np
 from splatreel import threads
 from splatreel.capture import toyroom
 from splatreel.capture.raytracer import trace_cover, trace_frame, trace_still
+from splatreel.capture.sidecar import SIDECAR
 from splatreel.errors import CaptureError, UsageError
 from splatreel.scene.camera import Camera
 
 VERSION = 1
 """Raised when the same arguments make another capture than before."""
-SIDECAR = "splatreel.json"
+
 NEAR, FAR = 2.0, 9.0
 """Bounds of the visible content from every camera, world units."""
 TARGET = np.array([0.0, 0.72, -0.25])

@@ -25,7 +25,8 @@ class VideoFile:
 
     The file is scanned once without decoding, so that frames are known by their presentation times: their number is exact and
     variable frame rates cannot shift one camera against another. The decoder is opened by the first read and kept.
-    width, height: pixels as stored. frames: how many there are. fps: average frames a second.
+    width, height: pixels as shown: phones store upright pictures lying. frames: how many there are. times: [frames] seconds after the
+    first. fps: average frames a second.
     """
 
     def __init__(self, path: Path) -> None:
@@ -42,6 +43,7 @@ class VideoFile:
                 )
             stream = container.streams.video[0]
             self.width, self.height = stream.codec_context.width, stream.codec_context.height
+            time_base = float(stream.time_base or 0)
             self.fps = float(stream.average_rate or stream.guessed_rate or 0)
             declared = stream.frames
             packets = [
@@ -49,10 +51,14 @@ class VideoFile:
                 for p in container.demux(stream)
                 if p.size and p.pts is not None
             ]
+            self._turns = _quarter_turns(container, stream)
+        if self._turns % 2:
+            self.width, self.height = self.height, self.width
         self._pts = sorted(pts for pts, _, _, discard in packets if not discard)
         self._keys = sorted(pts for pts, key, _, discard in packets if key and not discard)
         self._numbers = {pts: number for number, pts in enumerate(self._pts)}
         self.frames = len(self._pts)
+        self.times = (np.array(self._pts, np.float64) - (self._pts or [0])[0]) * time_base
         whole = sum(not corrupt for _, _, corrupt, _ in packets)
         if whole < max(declared, len(packets), 1):
             advice = f"or cut every video to {whole} frames" if whole else "or leave the camera out"
@@ -60,16 +66,16 @@ class VideoFile:
                 f"{path}: is truncated: {whole} of {max(declared, len(packets))} frames are whole. Copy the file again, {advice}."
             )
 
-    def read_into(self, out: np.ndarray, first: int) -> None:
-        """Decode frames first .. first + len(out) - 1 into out [count, H, W, 3] uint8 sRGB, resized by area to H x W."""
-        end = first + len(out)
+    def read_into(self, out: np.ndarray, numbers: np.ndarray) -> None:
+        """Decode the frames of these numbers, in rising order, into out [count, H, W, 3] uint8 sRGB, resized by area to H x W."""
+        first, end = int(numbers[0]), int(numbers[-1]) + 1
         if not 0 <= first < end <= self.frames:
             raise CaptureError(f"{self.path}: frames {first}:{end} asked for, the video has {self.frames}.")
         with self._lock, self._guard():
-            missing = set(range(first, end))
+            missing = set(numbers.tolist())
             for number, frame in self._decode_from(first):
                 if number in missing:
-                    out[number - first] = _to_rgb(frame, out.shape[2], out.shape[1])
+                    out[numbers == number] = _to_rgb(frame, out.shape[2], out.shape[1], self._turns)
                     missing.discard(number)
                 if not missing:
                     break
@@ -125,7 +131,19 @@ class VideoFile:
             ) from error
 
 
-def _to_rgb(frame: av.VideoFrame, width: int, height: int) -> np.ndarray:
+def _quarter_turns(container: InputContainer, stream: av.VideoStream) -> int:
+    """Counterclockwise, by which pictures are turned to be shown. A file that cannot be decoded says so when it is read."""
+    try:
+        container.seek(0)
+        frame = next(container.decode(stream), None)
+    except FFmpegError:
+        return 0
+    return round(getattr(frame, "rotation", 0) / 90) % 4
+
+
+def _to_rgb(frame: av.VideoFrame, width: int, height: int, turns: int) -> np.ndarray:
+    if turns % 2:
+        width, height = height, width
     shrinks = width < frame.width or height < frame.height
     interpolation = Interpolation.AREA if shrinks else UPSAMPLE_CHROMA
-    return frame.reformat(width, height, "rgb24", interpolation=interpolation).to_ndarray()
+    return np.rot90(frame.reformat(width, height, "rgb24", interpolation=interpolation).to_ndarray(), turns)

@@ -1,4 +1,4 @@
-"""`splatreel capture check`."""
+"""`splatreel capture check | calibrate | sync`."""
 
 from __future__ import annotations
 
@@ -40,3 +40,45 @@ def capture_check(capture: Positional[Path], /, width: int | None = None, frames
     print(f"{capture}: {type(source).__name__}, every frame can be read")
     print(f"  {len(names)} cameras, held out: {held_out}; {points}")
     print(f"  {source.frames} frames at {source.fps:g} a second, {source.width} x {source.height} pixels")
+
+
+def capture_calibrate(capture: Positional[Path], /) -> None:
+    """Find out where the cameras of a folder of videos stand and what their lenses do, from the first frames, by COLMAP.
+
+    Writes the model sparse/0 into the folder. Where the videos do not start together, run `capture sync` before.
+
+    Args:
+        capture: Folder of the videos, one a camera.
+    """
+    from splatreel.capture.calibrate import MODEL, calibrate
+    from splatreel.progress import console
+
+    progress = console()
+    try:
+        found = calibrate(capture, progress)
+    finally:
+        progress.close()
+    print(f"{capture / MODEL}: {len(found.placed)} cameras, points are off by {found.error:.2f} pixels")
+    if found.lost:
+        print(f"  left out, for they show too little of what the others do: {', '.join(found.lost)}")
+    if found.doubtful:
+        print(f"  doubtful, for they see few points: {', '.join(f'{n} ({found.placed[n]})' for n in found.doubtful)}")
+
+
+def capture_sync(capture: Positional[Path], /) -> None:
+    """Find out by their sound when the videos of a folder start, and note it in its splatreel.json.
+
+    Args:
+        capture: Folder of the videos, one a camera.
+    """
+    from splatreel.capture.sync import synchronise
+    from splatreel.progress import console
+
+    progress = console()
+    try:
+        starts = synchronise(capture, progress)
+    finally:
+        progress.close()
+    print(f"{capture / 'splatreel.json'}: seconds of each video at which all of them start")
+    for name, start in starts.items():
+        print(f"  {name} {start:.3f}")

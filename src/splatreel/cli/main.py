@@ -10,7 +10,7 @@ from collections.abc import Sequence
 from tyro.extras import SubcommandApp
 
 from splatreel.cli import bench
-from splatreel.cli.capture import capture_check
+from splatreel.cli.capture import capture_calibrate, capture_check, capture_sync
 from splatreel.cli.demo import demo
 from splatreel.cli.encode import encode
 from splatreel.cli.evaluate import evaluate
@@ -27,8 +27,9 @@ DESCRIPTION = "Volumetric video from many static cameras: reconstruct, compress,
 def build() -> SubcommandApp:
     """All verbs, in the order in which one meets them."""
     capture = SubcommandApp()
-    capture.__doc__ = "Look at a capture before using it."
-    capture.command(name="check")(capture_check)
+    capture.__doc__ = "Get a capture ready, and look at it before using it."
+    for name, verb in (("check", capture_check), ("calibrate", capture_calibrate), ("sync", capture_sync)):
+        capture.command(name=name)(verb)
     app = SubcommandApp()
     app.command(demo)
     app.command(capture, name="capture")

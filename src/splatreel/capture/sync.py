@@ -1,0 +1,125 @@
+"""When each video of a folder starts, by what all of them heard."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from itertools import combinations
+from pathlib import Path
+
+import av
+import numpy as np
+from av.error import FFmpegError
+
+from splatreel.capture.colmap import video_files
+from splatreel.capture.sidecar import write_starts
+from splatreel.errors import CaptureError
+from splatreel.progress import Progress
+
+RATE = 8000
+"""Samples a second: claps, steps and voices; an eighth of a millisecond."""
+LONGEST = 180
+"""Seconds of a video that are listened to."""
+APART = 0.05
+"""Seconds from the best alignment on, from which another one is a rival."""
+CLEAR = 2.0
+"""Times its best rival that an alignment must stand out."""
+
+
+@dataclass(frozen=True)
+class Agreement:
+    """Two videos: the second began `later` seconds after the first; `clear`: how far that stands out."""
+
+    later: float
+    clear: float
+
+
+def synchronise(path: Path, progress: Progress) -> dict[str, float]:
+    """Find by sound when the videos of a folder start, and note it in its `splatreel.json`; returns seconds by camera.
+
+    Raises `CaptureError` for a video without sound, or one that heard nothing that the others did.
+    """
+    files = video_files(path)
+    if len(files) < 2:
+        raise CaptureError(f"{path}: {len(files)} videos; there is nothing to bring together.")
+    progress.stage("sound", len(files))
+    sounds = {}
+    for count, (name, file) in enumerate(files.items(), 1):
+        sounds[name] = listen(file)
+        progress.update(count)
+    began = align(path, sounds, progress)
+    last = max(began.values())
+    starts = {name: round(last - time, 6) for name, time in began.items()}
+    write_starts(path, starts)
+    return starts
+
+
+def align(path: Path, sounds: dict[str, np.ndarray], progress: Progress) -> dict[str, float]:
+    """When each of several sounds [samples] began, seconds against the first; each is joined to those that it fits best."""
+    length = 1 << (2 * max(map(len, sounds.values())) - 1).bit_length()
+    spectra = {name: np.fft.rfft(sound, length).astype(np.complex64) for name, sound in sounds.items()}
+    pairs = list(combinations(sounds, 2))
+    progress.stage("alignment", len(pairs))
+    found: dict[tuple[str, str], Agreement] = {}
+    for count, (a, b) in enumerate(pairs, 1):
+        found[a, b] = agreement = _compare(spectra[a], spectra[b], length)
+        found[b, a] = Agreement(-agreement.later, agreement.clear)
+        progress.update(count)
+    began = {next(iter(sounds)): 0.0}
+    while len(began) < len(sounds):
+        waiting = [pair for pair in found if pair[0] in began and pair[1] not in began]
+        a, b = max(waiting, key=lambda pair: found[pair].clear)
+        if found[a, b].clear < CLEAR:
+            lost = ", ".join(name for name in sounds if name not in began)
+            raise CaptureError(
+                f"{path}: what {lost} heard fits nothing that the others did. Clap once where all cameras hear it, or write into "
+                f'splatreel.json when each video starts: {{"starts": {{"{b}": seconds, ...}}}}.'
+            )
+        began[b] = began[a] + found[a, b].later
+    return began
+
+
+def listen(file: Path) -> np.ndarray:
+    """The sound of a video from its first picture on, [samples] float32 at `RATE`. Raises `CaptureError` where there is none."""
+    try:
+        with av.open(str(file)) as container:
+            if not (container.streams.audio and container.streams.video):
+                raise CaptureError(
+                    f"{file}: has no sound to synchronise by. Write into splatreel.json when each video starts, or cut the "
+                    f"videos to the same moment."
+                )
+            video, audio = container.streams.video[0], container.streams.audio[0]
+            before = float((video.start_time or 0) * (video.time_base or 0))
+            resampler = av.AudioResampler("flt", "mono", RATE)
+            sound = np.zeros(LONGEST * RATE, np.float32)
+            end = 0
+            for frame in container.decode(audio):
+                at = round(((frame.time or 0.0) - before) * RATE)
+                if at >= len(sound):
+                    break
+                for part in resampler.resample(frame):
+                    end = max(end, _put(sound, end if end else at, part.to_ndarray()[0]))
+    except FFmpegError as error:
+        raise CaptureError(
+            f"{file}: its sound cannot be decoded ({error.strerror or error}). Copy the file again."
+        ) from error
+    return sound[:end]
+
+
+def _put(sound: np.ndarray, at: int, part: np.ndarray) -> int:
+    """Samples from a place on, what is before the first picture left out; returns the place after them."""
+    part = part[max(-at, 0) :]
+    at = max(at, 0)
+    part = part[: len(sound) - at]
+    sound[at : at + len(part)] = part
+    return at + len(part)
+
+
+def _compare(a: np.ndarray, b: np.ndarray, length: int) -> Agreement:
+    """Of two spectra, by their phases alone: what is loud in one place counts no more than what is heard everywhere."""
+    cross = a * np.conj(b)
+    fit = np.fft.irfft(cross / np.maximum(np.abs(cross), 1e-12), length)
+    best = int(fit.argmax())
+    rivals = np.roll(fit, -best)
+    away = round(APART * RATE)
+    clear = fit[best] / max(rivals[away:-away].max(), 1e-12)
+    return Agreement((best if best < length // 2 else best - length) / RATE, float(clear))

@@ -1,0 +1,78 @@
+"""One video a camera: which of their frames were taken together, decoded in parallel."""
+
+from __future__ import annotations
+
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+
+import numpy as np
+
+from splatreel import threads
+from splatreel.capture.base import Request
+from splatreel.capture.sidecar import SIDECAR, Sidecar
+from splatreel.capture.video import VideoFile
+from splatreel.errors import CaptureError
+
+
+class Videos:
+    """The videos of a capture, by camera.
+
+    They start together, or when the sidecar says: then each frame is the one taken nearest to its time. frames: how many time steps
+    all of them have. fps: of the capture.
+    Raises `CaptureError` where their lengths differ and nothing says how they belong together.
+    """
+
+    def __init__(self, path: Path, files: dict[str, Path], sidecar: Sidecar, request: Request) -> None:
+        self._files = {name: VideoFile(file) for name, file in files.items()}
+        rates = [video.fps for video in self._files.values()]
+        self.fps = sidecar.fps or (float(np.median(rates)) if rates else 0.0) or 30.0
+        unknown = [name for name in sidecar.starts if name not in self._files]
+        if unknown:
+            raise CaptureError(f"{path / SIDECAR}: says when {unknown[0]!r} starts, but no video is called so.")
+        self._numbers = {name: self._frames_of(name, sidecar, path) for name in self._files}
+        counts = {name: len(numbers) for name, numbers in self._numbers.items()}
+        self.frames = min(counts.values(), default=0)
+        if request.frames is None and not sidecar.starts and len(set(counts.values())) > 1:
+            low, high = min(counts, key=lambda n: counts[n]), max(counts, key=lambda n: counts[n])
+            raise CaptureError(
+                f"{path}: the videos have unequal frame counts: {files[low].name} has {counts[low]}, {files[high].name} has "
+                f"{counts[high]}. If they start together, choose the frames all of them have: --frames 0:{counts[low]}. If they "
+                f"do not, `splatreel capture sync` finds by their sound when each one starts."
+            )
+
+    def __getitem__(self, name: str) -> VideoFile:
+        return self._files[name]
+
+    def _frames_of(self, name: str, sidecar: Sidecar, path: Path) -> np.ndarray:
+        """Which frame of a video is shown at each time step."""
+        video = self._files[name]
+        if not sidecar.starts:
+            return np.arange(video.frames)
+        start, last = sidecar.starts.get(name, 0.0), video.times[-1] if video.frames else -1.0
+        if start > last:
+            raise CaptureError(f"{path / SIDECAR}: {name} starts at {start:g} s, but its video ends at {last:g} s.")
+        wanted = start + np.arange(int((last - start) * self.fps + 0.5) + 1) / self.fps
+        after = np.searchsorted(video.times, wanted).clip(1, max(video.frames - 1, 1))
+        nearer = wanted - video.times[after - 1] <= video.times[np.minimum(after, video.frames - 1)] - wanted
+        return np.where(nearer, after - 1, np.minimum(after, video.frames - 1))
+
+    def read_into(self, out: np.ndarray, first: int, cameras: list[str]) -> None:
+        """Time steps first .. first + len(out) - 1 into out [count, len(cameras), H, W, 3] uint8.
+
+        Cameras are decoded in parallel; FFmpeg works without the interpreter lock.
+        """
+        steps = slice(first, first + len(out))
+        with ThreadPoolExecutor(min(len(cameras), threads.count()) or 1) as pool:
+            jobs = [
+                pool.submit(self._files[name].read_into, out[:, c], self._numbers[name][steps])
+                for c, name in enumerate(cameras)
+            ]
+            for job in jobs:
+                job.result()
+
+    def sources(self) -> list[Path]:
+        return [video.path for video in self._files.values()]
+
+    def close(self) -> None:
+        for video in self._files.values():
+            video.close()

@@ -1,0 +1,78 @@
+import json
+from pathlib import Path
+
+import av
+import numpy as np
+import pytest
+
+from splatreel.capture.sync import RATE, synchronise
+from splatreel.errors import CaptureError
+from splatreel.progress import Silent
+
+HEARD = 44100
+BEGAN = {"a": 0.4, "b": 1.25, "c": 0.0}
+"""Seconds of the scene at which each video begins."""
+
+
+def scene(seconds: float) -> np.ndarray:
+    """Claps and a hum, [samples]."""
+    rng = np.random.default_rng(0)
+    sound = 0.02 * np.sin(np.arange(round(seconds * HEARD)) * 0.02)
+    for at in rng.uniform(0, seconds - 0.1, 12):
+        clap = rng.normal(size=2000) * np.exp(-np.arange(2000) / 300)
+        sound[round(at * HEARD) :][:2000] += 0.3 * clap
+    return sound
+
+
+def film(path: Path, sound: np.ndarray | None, seconds: float = 4) -> None:
+    """A black video with sound, or without."""
+    with av.open(str(path), "w") as container:
+        pictures = container.add_stream("libx264", rate=10)
+        pictures.width, pictures.height, pictures.pix_fmt = 32, 32, "yuv420p"
+        track = container.add_stream("aac", rate=HEARD) if sound is not None else None
+        for _ in range(round(10 * seconds)):
+            container.mux(pictures.encode(av.VideoFrame.from_ndarray(np.zeros((32, 32, 3), np.uint8), format="rgb24")))
+        container.mux(pictures.encode(None))
+        if track is None or sound is None:
+            return
+        for at in range(0, len(sound) - 1023, 1024):
+            part = np.clip(sound[at : at + 1024], -1, 1).astype(np.float32)
+            frame = av.AudioFrame.from_ndarray(part[None], format="fltp", layout="mono")
+            frame.sample_rate, frame.pts = HEARD, at
+            container.mux(track.encode(frame))
+        container.mux(track.encode(None))
+
+
+@pytest.fixture
+def folder(tmp_path: Path) -> Path:
+    whole, rng = scene(6), np.random.default_rng(1)
+    for name, start in BEGAN.items():
+        heard = whole[round(start * HEARD) :][: 4 * HEARD]
+        film(tmp_path / f"{name}.mp4", heard + 0.01 * rng.normal(size=len(heard)))
+    return tmp_path
+
+
+def test_videos_start_when_all_of_them_have_begun(folder: Path) -> None:
+    (folder / "splatreel.json").write_text('{"fps": 10}')
+    starts = synchronise(folder, Silent())
+    assert starts == pytest.approx({name: 1.25 - began for name, began in BEGAN.items()}, abs=2 / RATE)
+    assert json.loads((folder / "splatreel.json").read_text()) == {"fps": 10, "starts": starts}
+
+
+def test_a_video_without_sound_is_named(folder: Path) -> None:
+    film(folder / "d.mp4", None)
+    with pytest.raises(CaptureError, match=r"d\.mp4: has no sound"):
+        synchronise(folder, Silent())
+    assert not (folder / "splatreel.json").exists()
+
+
+def test_a_video_that_heard_something_else_is_named(folder: Path) -> None:
+    film(folder / "d.mp4", 0.1 * np.random.default_rng(2).normal(size=4 * HEARD))
+    with pytest.raises(CaptureError, match="what d heard fits nothing"):
+        synchronise(folder, Silent())
+
+
+def test_one_video_has_nothing_to_be_brought_together_with(tmp_path: Path) -> None:
+    film(tmp_path / "a.mp4", None)
+    with pytest.raises(CaptureError, match="1 videos"):
+        synchronise(tmp_path, Silent())
