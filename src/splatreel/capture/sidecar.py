@@ -6,7 +6,7 @@ import json
 import math
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeGuard
 
 from splatreel.errors import CaptureError
 from splatreel.scene.atomic import write_bytes
@@ -60,5 +60,5 @@ def _content(file: Path) -> dict[str, Any]:
     return content
 
 
-def _is_number(value: object) -> bool:
+def _is_number(value: object) -> TypeGuard[float]:
     return isinstance(value, int | float) and not isinstance(value, bool) and math.isfinite(value)
