@@ -108,3 +108,30 @@ def test_commands_run_outside_of_the_main_thread() -> None:
     thread.start()
     thread.join()
     assert codes == [1]
+
+
+COLMAP = """
+import sys, time
+from splatreel.capture.colmap import import_pycolmap
+from splatreel.cli.failure import Terminated, termination
+
+try:
+    with termination():
+        import_pycolmap()
+        print("ready", flush=True)
+        time.sleep(60)
+except Terminated:
+    sys.exit(143)
+"""
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="POSIX signals")
+def test_colmap_does_not_take_a_signal_for_a_crash() -> None:
+    pytest.importorskip("pycolmap")
+    process = subprocess.Popen(
+        [sys.executable, "-c", COLMAP], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+    )
+    assert process.stdout is not None
+    assert process.stdout.readline() == "ready\n"
+    process.terminate()
+    assert (process.wait(20), process.communicate()[1]) == (143, "")

@@ -7,6 +7,8 @@ made those of pinhole cameras.
 
 from __future__ import annotations
 
+import signal
+import threading
 from collections import Counter
 from pathlib import Path
 from types import ModuleType
@@ -148,10 +150,13 @@ def _model_folder(path: Path) -> Path | None:
 
 def import_pycolmap() -> ModuleType:
     """Raises `MissingDependencyError` where it is not installed. PyAV is loaded already: after pycolmap, either may crash."""
+    ended_by = signal.getsignal(signal.SIGTERM)
     try:
         import pycolmap
     except ImportError as error:
         raise MissingDependencyError("Reading COLMAP models needs pycolmap: pip install 'splatreel[recon]'.") from error
+    if ended_by is not None and threading.current_thread() is threading.main_thread():
+        signal.signal(signal.SIGTERM, ended_by)  # its log takes the signal for a crash: it dumps the stack and aborts
     return pycolmap
 
 
