@@ -75,6 +75,13 @@ def test_white_stays_white() -> None:
     assert np.all(film == 255)
 
 
+def test_white_walls_are_as_grey_as_they_were_in_dim_light() -> None:
+    film = np.full((2, 1, 8, 8, 3), 150, np.uint8)
+    film[1] = 255  # 1.7 times as bright
+    even_out(film, np.array([0, np.log(1.7)], np.float32)[:, None, None].repeat(3, 2))
+    assert np.all(film == 150)
+
+
 def test_a_frame_that_shows_something_else_takes_its_neighbours_exposure() -> None:
     drift = np.linspace(0, 0.07, FRAMES)[:, None, None] * np.linspace(-1, 1, CAMERAS)[None, :, None] * np.ones(3)
     film = filmed(drift)

@@ -32,6 +32,9 @@ CERTAIN = 3.0
 """Standard errors by which cameras must agree on a change that is the scene's."""
 SHOULDER = 240
 """Grey level from which on a correction fades: what is white stays white."""
+DAZZLING = 0.15, 0.3
+"""Logarithms of a change up to which it does, for what is white is too bright in either light; from the second on it is a white wall
+that was grey, and does not."""
 
 
 def exposures(frames: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -51,8 +54,9 @@ def exposures(frames: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 def even_out(frames: np.ndarray, change: np.ndarray) -> None:
     """Take changes out of frames, in place. frames: [T, C, H, W, 3] uint8. change: [T, C, 3] logarithms."""
     levels = np.arange(256)[:, None]
-    fade = np.clip((255 - levels) / (255 - SHOULDER), 0, 1)
+    white = 1 - np.clip((255 - levels) / (255 - SHOULDER), 0, 1)
     for t, c in np.argwhere(np.any(change != 0, 2)):
+        fade = 1 - white * np.interp(np.abs(change[t, c]).max(), DAZZLING, (1, 0))
         table = np.rint(levels * (1 + fade * np.expm1(-change[t, c]))).clip(0, 255).astype(np.uint8)
         frames[t, c] = cv2.LUT(frames[t, c], table[None])
 
