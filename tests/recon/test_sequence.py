@@ -333,6 +333,14 @@ def test_the_light_changes_everywhere(tmp_path: Path) -> None:
     assert dark == pytest.approx(0.5 * bright, rel=0.03)
 
 
+def test_pictures_that_do_not_fit_into_memory(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    capture = WallCapture(FRAMES)
+    monkeypatch.setattr("splatreel.recon.memory.physical_memory", lambda: 60_000)
+    with pytest.raises(ReconstructionError, match=r"wall: pictures of 48x32 by 4 cameras take .* --width \d+ fits"):
+        reconstruct(capture, tmp_path / "a", CONFIG)
+    assert not (tmp_path / "a").exists()
+
+
 def test_captures_that_cannot_be_reconstructed(tmp_path: Path) -> None:
     capture = WallCapture(2)
     capture.held_out = ["cam00", "cam01"]

@@ -30,6 +30,7 @@ from splatreel.recon.keyframe import KeyframeTrainer
 from splatreel.recon.layering import Layers, convertible, label_points, separate
 from splatreel.recon.layout import Layout
 from splatreel.recon.lit import Lit
+from splatreel.recon.memory import check_memory
 from splatreel.recon.plan import Plan
 from splatreel.recon.points import TrainablePoints, default_rates
 from splatreel.recon.publish import (
@@ -104,6 +105,7 @@ def reconstruct(
     capture raises for frames that cannot be read. What is finished stays, whatever is raised.
     """
     check_capture(capture)
+    check_memory(capture, config.group.length + config.group.overlap)
     chosen = pick_device(device)
     with Claim(Path(out), capture, config) as claim:
         return Reconstruction(capture, claim, config, chosen, progress or Silent()).run()
