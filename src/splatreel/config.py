@@ -16,7 +16,7 @@ from splatreel.errors import UsageError
 
 Quality = Literal["draft", "standard", "paper"]
 Rate = Literal["high", "medium", "low"]
-COARSENESS: dict[Rate, float] = {"high": 0.3, "medium": 0.6, "low": 2.5}
+COARSENESS: dict[Rate, float] = {"high": 0.3, "medium": 0.65, "low": 2.5}
 """Of the rates of the predictive codec, best first; low has about half of the bytes of medium."""
 
 
@@ -133,7 +133,7 @@ class EncodeConfig:
 
     codec: Literal["predictive", "h265"] = "predictive"
     """`predictive` is ours and looks at the two values below only; `h265` is the paper's, which the others are of."""
-    coarseness: float = 0.6
+    coarseness: float = 0.65
     """Of the predictive codec: what all of its steps are multiplied by. 0.6 loses less than 0.05 dB on the captures measured."""
     renditions: tuple[Rate, ...] = ()
     """Of the predictive codec: rates that every group is written in, best first, in place of a coarseness. Layers are the best's."""

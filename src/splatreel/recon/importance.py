@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
+
 import numpy as np
 import torch
 
@@ -10,23 +12,25 @@ from splatreel.scene.camera import Camera
 from splatreel.scene.gaussians import Gaussians
 
 VIEWS = 24
-"""Pictures that are looked at, at most."""
+"""Pictures of a moment that are looked at, at most."""
 
 
-def weigh(moments: list[Gaussians], cameras: list[Camera], near: float, antialias: bool = False) -> np.ndarray:
+def weigh(
+    moments: Iterable[Gaussians], cameras: list[Camera], near: float, antialias: bool = False, views: int = VIEWS
+) -> np.ndarray:
     """[N, 3] float32: how much the pictures change with a point's shape (its log scales), its colour and its place (world units).
 
-    moments: the same N points at some times. Root of the summed squares over all pixels of the derivatives, estimated: the gradient of
-    a picture weighted by random signs has that sum as its expected square (Hutchinson's estimator).
+    moments: the same N points at some times, each seen by `views` of the cameras at most. Root of the summed squares over all pixels
+    of the derivatives, estimated: the gradient of a picture weighted by random signs has that sum as its expected square
+    (Hutchinson's estimator).
     """
     rng = np.random.default_rng(0)
-    squares = np.zeros((len(moments[0]), 3))
-    each = max(VIEWS // len(moments), 1)
+    squares: np.ndarray | float = 0.0
+    apart = max(len(cameras) // views, 1)
     for number, points in enumerate(moments):
         # Every moment is seen by other cameras, spread over all of them.
-        chosen = range(number % max(len(cameras) // each, 1), len(cameras), max(len(cameras) // each, 1))
-        for index in list(chosen)[:each]:
-            squares += _squares(points, cameras[index], near, antialias, rng)
+        for camera in cameras[number % apart :: apart][:views]:
+            squares = squares + _squares(points, camera, near, antialias, rng)
     return np.sqrt(squares).astype(np.float32)
 
 

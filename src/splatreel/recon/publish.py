@@ -28,8 +28,8 @@ TRIALS = 12
 """Encodings that `meet_rate` tries."""
 MOST_WORKERS = 8
 """Groups encoded at a time: each is held in memory."""
-MOMENTS = 4
-"""Times of a group at which the importance of its points is looked at."""
+MOMENTS, VIEWS = 32, 2
+"""Times of a group at which the importance of its points is looked at, and pictures at each: what shows for a few frames shows."""
 
 
 def group_folder(work: Path, index: int) -> Path:
@@ -113,9 +113,10 @@ def importance(writer: ReelWriter, static: Gaussians, group: Group) -> Shown:
     config = writer.config
     if config.codec == "h265" and not (config.weigh and config.sh_entries):
         return None, None
-    times = np.linspace(0, group.frames - 1, MOMENTS)
-    moments = [Gaussians.concatenate([group.at(time), static[group.alive]]) for time in times]
-    found = weigh(moments, list(writer.manifest.cameras), writer.manifest.near, writer.manifest.antialias)
+    times = np.linspace(0, group.frames - 1, min(MOMENTS, group.frames))
+    moments = (Gaussians.concatenate([group.at(time), static[group.alive]]) for time in times)
+    manifest = writer.manifest
+    found = weigh(moments, list(manifest.cameras), manifest.near, manifest.antialias, VIEWS)
     resting = np.zeros((len(static), 3), np.float32)
     resting[group.alive] = found[len(group.dynamic) :]
     return found[: len(group.dynamic)], resting
