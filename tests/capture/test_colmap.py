@@ -130,6 +130,18 @@ def test_a_missing_video_is_named(tmp_path: Path) -> None:
         open_capture(scene)
 
 
+def test_a_video_of_something_else_does_not_hide_the_images(scene: Path) -> None:
+    folders.write_video(scene / "preview.mp4", [folders.frame(0, 0)])
+    assert open_capture(scene).frames == 1
+
+
+def test_points_are_those_of_the_frame_that_was_calibrated(tmp_path: Path) -> None:
+    pytest.importorskip("pycolmap")
+    scene = filmed(tmp_path / "scene", [f"cam{c:02d}.mp4" for c in range(4)], [5] * 4)
+    assert open_capture(scene).points is not None
+    assert open_capture(scene, frames=(2, 5)).points is None
+
+
 def test_videos_that_do_not_start_together(tmp_path: Path) -> None:
     """Frames are those of the same moment; the last ones are those that all of the videos have."""
     pytest.importorskip("pycolmap")

@@ -10,12 +10,14 @@ from __future__ import annotations
 import signal
 import threading
 from collections import Counter
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from types import ModuleType
 from typing import Any
 
 import numpy as np
 
+from splatreel import threads
 from splatreel.capture.base import Capture, Request
 from splatreel.capture.images import image_size, read_image
 from splatreel.capture.lens import Lens, pinhole
@@ -55,19 +57,20 @@ class ColmapCapture(Capture):
         shape = Counter((lens.width, lens.height) for lens in lenses).most_common(1)[0][0]
         files, sidecar = video_files(path), read_sidecar(path)
         self._videos: Videos | None = None
-        if files:
+        if any(name in files for name in names):
             self._videos = Videos(path, _of_cameras(path, files, names), sidecar, request)
             width, height = request.size(*shape, path)
         else:
             width, height = self._choose_images(path, names, shape, request)
         self._lenses: dict[str, Lens] = {}
-        points, colors = _points(reconstruction)
+        span = request.range(self._videos.frames if self._videos else 1, path)
+        points, colors = _points(reconstruction) if span[0] == 0 else (None, None)  # of what the model was made from
         held_out = names[:1] if sidecar.held_out is None else sidecar.held_out
         super().__init__(
             path,
             [self._camera(model, image, width, height) for image in images],
             held_out=held_out if request.held_out is None else request.held_out,
-            frame_range=request.range(self._videos.frames if self._videos else 1, path),
+            frame_range=span,
             fps=self._videos.fps if self._videos else 30.0,
             points=points,
             point_colors=colors,
@@ -104,20 +107,25 @@ class ColmapCapture(Capture):
         return self._videos.sources() if self._videos else [self._images[camera.name] for camera in self.cameras]
 
     def _read_into(self, out: np.ndarray, first: int, cameras: list[str]) -> None:
-        """Those that take no more than resizing all at once, straight into place."""
-        for c, name in enumerate(cameras):
-            if lens := self._lenses.get(name):
-                bent = np.empty((len(out), 1, lens.height, lens.width, 3), np.uint8)
-                self._read_raw(bent, first, [name])
-                for t, picture in enumerate(bent[:, 0]):
-                    out[t, c] = lens.straighten(picture)
-        plain = [c for c, name in enumerate(cameras) if name not in self._lenses]
-        if len(plain) == len(cameras):
+        """Cameras are read in parallel."""
+        if not self._lenses:
             self._read_raw(out, first, cameras)
-        elif plain:
-            straight = np.empty((len(out), len(plain), *out.shape[2:]), np.uint8)
-            self._read_raw(straight, first, [cameras[c] for c in plain])
-            out[:, plain] = straight
+            return
+        with ThreadPoolExecutor(min(len(cameras), threads.count()) or 1) as pool:
+            jobs = [pool.submit(self._read_camera, out[:, c : c + 1], first, name) for c, name in enumerate(cameras)]
+            for job in jobs:
+                job.result()
+
+    def _read_camera(self, out: np.ndarray, first: int, name: str) -> None:
+        """out: [count, 1, H, W, 3]."""
+        lens = self._lenses.get(name)
+        if lens is None:
+            self._read_raw(out, first, [name])
+            return
+        bent = np.empty((len(out), 1, lens.height, lens.width, 3), np.uint8)
+        self._read_raw(bent, first, [name])
+        for t, picture in enumerate(bent[:, 0]):
+            out[t, 0] = lens.straighten(picture)
 
     def _read_raw(self, out: np.ndarray, first: int, cameras: list[str]) -> None:
         """As the files have them, but for the size."""
@@ -209,7 +217,8 @@ def _image_folders(path: Path, names: list[str]) -> dict[tuple[int, int], dict[s
     if not folders:
         raise CaptureError(
             f"{path}: no folder images, images_2, ... holds the images of all {len(names)} cameras of the model"
-            f"{': ' + '; '.join(missing) if missing else ''}. Copy them there; the extension may differ."
+            f"{': ' + '; '.join(missing) if missing else ''}. Copy them there, or a "
+            f"video of each camera, named as its image, beside the model; extensions may differ."
         )
     return folders
 
