@@ -2,7 +2,7 @@ from pathlib import Path
 
 import pytest
 
-from splatreel.cli.options import parse_frames, parse_names, parse_numbers, reel_folder
+from splatreel.cli.options import parse_frames, parse_held_out, parse_names, parse_numbers, reel_folder
 from splatreel.errors import UsageError
 
 
@@ -44,3 +44,9 @@ def test_the_reel_is_found_inside_the_output_of_a_run(tmp_path: Path) -> None:
     (tmp_path / "reel" / "manifest.json").touch()
     assert reel_folder(tmp_path) == tmp_path / "reel"
     assert reel_folder(tmp_path / "reel") == tmp_path / "reel"
+
+
+def test_no_camera_may_be_held_out() -> None:
+    assert parse_held_out(None) is None
+    assert parse_held_out("none") == []
+    assert parse_held_out("cam00,none") == ["cam00", "none"]

@@ -9,7 +9,7 @@ from pathlib import Path
 from tyro.conf import Positional
 from tyro.extras import SubcommandApp
 
-from splatreel.cli.options import parse_frames, parse_names, parse_numbers, reel_folder
+from splatreel.cli.options import parse_frames, parse_held_out, parse_names, parse_numbers, reel_folder
 from splatreel.cli.reconstruct import Device, configure
 from splatreel.config import Quality
 from splatreel.errors import UsageError
@@ -188,7 +188,7 @@ def reconstruct(
         width: Width of the images to train on, in pixels; their own by default.
         scale: Size of the images to train on, as a share of their own, instead of the width.
         frames: Which frames, as A:B (B is left out); 0:35, one group, is quick. All by default.
-        hold_out: Names of cameras to keep for evaluation, as NAME,NAME; what the format says by default.
+        hold_out: Names of cameras to keep for evaluation, as NAME,NAME, or none; what the format says by default.
         quality: How long to train.
         against: Another quality to compare it with, which may take hours if it is `paper`.
         loop: Reconstruct once more with the frames played over and over for so many, to see whether memory grows.
@@ -199,7 +199,7 @@ def reconstruct(
         json: Print one JSON object a line.
     """
     use_threads(threads)
-    span, held_out = parse_frames(frames), parse_names(hold_out, "--hold-out")
+    span, held_out = parse_frames(frames), parse_held_out(hold_out)
     if repeats < 1 or against == quality:
         raise UsageError("bench reconstruct needs --repeats 1 or more, and an --against that is another quality.")
     configs = {name: configure(name, None, None, seed) for name in (quality, against) if name is not None}

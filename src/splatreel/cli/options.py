@@ -36,6 +36,11 @@ def parse_names(text: str | None, option: str) -> list[str] | None:
     return names
 
 
+def parse_held_out(text: str | None) -> list[str] | None:
+    """As `parse_names`; `none` is no camera."""
+    return [] if text is not None and text.strip() == "none" else parse_names(text, "--hold-out")
+
+
 def parse_numbers(text: str | None, option: str) -> list[int] | None:
     """`0,14,28` as a list of frames; None stays None. Raises `UsageError` for anything else, or a number given twice."""
     names = parse_names(text, option)

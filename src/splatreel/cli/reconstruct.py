@@ -8,7 +8,7 @@ from typing import Literal
 
 from tyro.conf import Positional
 
-from splatreel.cli.options import parse_frames, parse_names, parse_renditions
+from splatreel.cli.options import parse_frames, parse_held_out, parse_renditions
 from splatreel.config import Config, Quality, Rate, preset
 from splatreel.errors import UsageError
 from splatreel.threads import use as use_threads
@@ -43,7 +43,7 @@ def reconstruct(
         width: Width of the images to train on, in pixels; their own by default.
         scale: Size of the images to train on, as a share of their own, instead of the width.
         frames: Which frames, as A:B (B is left out); all by default.
-        hold_out: Names of cameras to keep for evaluation, as NAME,NAME; what the format says by default.
+        hold_out: Names of cameras to keep for evaluation, as NAME,NAME; none: all are trained on; what the format says by default.
         quality: How long to train.
         device: Where to train; auto takes a CUDA GPU if there is one.
         codec: How points are coded; what the quality says by default.
@@ -54,7 +54,7 @@ def reconstruct(
         profile: Measure where the time goes, and write it to OUT/profile.md.
     """
     use_threads(threads)
-    span, held_out = parse_frames(frames), parse_names(hold_out, "--hold-out")
+    span, held_out = parse_frames(frames), parse_held_out(hold_out)
     config = with_renditions(configure(quality, codec, deformation, seed), parse_renditions(renditions))
     from splatreel.capture.opening import open_capture
     from splatreel.evaluation.profile import profiled
