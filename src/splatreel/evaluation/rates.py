@@ -15,7 +15,7 @@ import numpy as np
 from splatreel.capture.base import Capture
 from splatreel.codec.info import reel_info
 from splatreel.codec.reader import ReelReader
-from splatreel.config import EncodeConfig
+from splatreel.config import COARSENESS, EncodeConfig
 from splatreel.errors import UsageError
 from splatreel.evaluation.bd_rate import bd_rate
 from splatreel.evaluation.evaluate import check_same_capture, choose_cameras, choose_frames, read_frames
@@ -35,12 +35,8 @@ CONFIGURATIONS: dict[str, EncodeConfig] = {
     "paper, CRF 28": dataclasses.replace(PAPER, crf=28),
     "paper, CRF 36": dataclasses.replace(PAPER, crf=36),
     "h265, its codebook weighed": EncodeConfig(codec="h265"),
-    "predictive 0.3 (--rate high)": EncodeConfig(coarseness=0.3),
-    "predictive 0.6 (--rate medium)": EncodeConfig(),
-    "predictive 0.8": EncodeConfig(coarseness=0.8),
-    "predictive 1.2": EncodeConfig(coarseness=1.2),
-    "predictive 2.5 (--rate low)": EncodeConfig(coarseness=2.5),
-    "predictive 4": EncodeConfig(coarseness=4.0),
+    **{f"predictive {value:g} (--rate {rate})": EncodeConfig(coarseness=value) for rate, value in COARSENESS.items()},
+    **{f"predictive {value:g}": EncodeConfig(coarseness=value) for value in (0.8, 1.2, 4.0)},
 }
 MOTION = ("offsets", "dx", "dq", "shade")
 Write = Callable[[Path, EncodeConfig], object]
