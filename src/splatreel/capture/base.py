@@ -5,12 +5,15 @@ from __future__ import annotations
 import hashlib
 import math
 from abc import ABC, abstractmethod
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from splatreel import threads
 from splatreel.errors import CaptureError
 from splatreel.scene.camera import Camera
 
@@ -208,3 +211,14 @@ class Capture(ABC):
             "cameras": [camera.name for camera in self.cameras],
             "fingerprint": self.fingerprint(),
         }
+
+
+def read_cameras(read: Callable[[np.ndarray, int, str], None], out: np.ndarray, first: int, cameras: list[str]) -> None:
+    """Fill out [count, len(cameras), H, W, 3] by read(out [count, H, W, 3], first, camera), cameras in parallel.
+
+    FFmpeg and OpenCV work without the interpreter lock.
+    """
+    with ThreadPoolExecutor(min(len(cameras), threads.count()) or 1) as pool:
+        jobs = [pool.submit(read, out[:, c], first, name) for c, name in enumerate(cameras)]
+        for job in jobs:
+            job.result()

@@ -78,9 +78,9 @@ def _write_pictures(path: Path, files: dict[str, Path], folder: Path, progress: 
     videos = Videos(path, files, read_sidecar(path), Request(frames=(0, 1)))
     try:
         for count, name in enumerate(files, 1):
-            picture = np.empty((1, 1, videos[name].height, videos[name].width, 3), np.uint8)
-            videos.read_into(picture, 0, [name])
-            Image.fromarray(picture[0, 0]).save(folder / f"{name}.png", compress_level=1)
+            picture = np.empty((1, videos[name].height, videos[name].width, 3), np.uint8)
+            videos.read_camera(picture, 0, name)
+            Image.fromarray(picture[0]).save(folder / f"{name}.png", compress_level=1)
             progress.update(count)
     finally:
         videos.close()

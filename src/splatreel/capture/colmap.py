@@ -10,15 +10,13 @@ from __future__ import annotations
 import signal
 import threading
 from collections import Counter
-from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from types import ModuleType
 from typing import Any
 
 import numpy as np
 
-from splatreel import threads
-from splatreel.capture.base import Capture, Request
+from splatreel.capture.base import Capture, Request, read_cameras
 from splatreel.capture.images import image_size, read_image
 from splatreel.capture.lens import Lens, pinhole
 from splatreel.capture.sidecar import read_sidecar
@@ -89,8 +87,7 @@ class ColmapCapture(Capture):
     def _camera(self, model: Path, image: Any, width: int, height: int) -> Camera:
         """One image of the model as a camera of the output size, and, where it takes more than resizing, its lens."""
         name, lens, viewmat = _name(image), image.camera, np.eye(4)
-        pose = image.cam_from_world  # a property up to pycolmap 3.11, a method since
-        viewmat[:3] = (pose if hasattr(pose, "matrix") else pose()).matrix()
+        viewmat[:3] = image.cam_from_world().matrix()
         if _is_pinhole(lens) and abs(lens.width / lens.height * height / width - 1) <= SAME_SHAPE:
             K = np.asarray(lens.calibration_matrix())
             return Camera(name, viewmat, K, lens.width, lens.height).resized(width, height)
@@ -107,33 +104,24 @@ class ColmapCapture(Capture):
         return self._videos.sources() if self._videos else [self._images[camera.name] for camera in self.cameras]
 
     def _read_into(self, out: np.ndarray, first: int, cameras: list[str]) -> None:
-        """Cameras are read in parallel."""
-        if not self._lenses:
-            self._read_raw(out, first, cameras)
-            return
-        with ThreadPoolExecutor(min(len(cameras), threads.count()) or 1) as pool:
-            jobs = [pool.submit(self._read_camera, out[:, c : c + 1], first, name) for c, name in enumerate(cameras)]
-            for job in jobs:
-                job.result()
+        read_cameras(self._read_camera, out, first, cameras)
 
     def _read_camera(self, out: np.ndarray, first: int, name: str) -> None:
-        """out: [count, 1, H, W, 3]."""
         lens = self._lenses.get(name)
         if lens is None:
-            self._read_raw(out, first, [name])
+            self._read_raw(out, first, name)
             return
-        bent = np.empty((len(out), 1, lens.height, lens.width, 3), np.uint8)
-        self._read_raw(bent, first, [name])
-        for t, picture in enumerate(bent[:, 0]):
-            out[t, 0] = lens.straighten(picture)
+        bent = np.empty((len(out), lens.height, lens.width, 3), np.uint8)
+        self._read_raw(bent, first, name)
+        for t, picture in enumerate(bent):
+            out[t] = lens.straighten(picture)
 
-    def _read_raw(self, out: np.ndarray, first: int, cameras: list[str]) -> None:
-        """As the files have them, but for the size."""
+    def _read_raw(self, out: np.ndarray, first: int, name: str) -> None:
+        """As the files have it, but for the size."""
         if self._videos:
-            self._videos.read_into(out, first, cameras)
-            return
-        for c, name in enumerate(cameras):
-            out[0, c] = read_image(self._images[name], out.shape[3], out.shape[2])
+            self._videos.read_camera(out, first, name)
+        else:
+            out[0] = read_image(self._images[name], out.shape[2], out.shape[1])
 
     def close(self) -> None:
         if self._videos:

@@ -12,7 +12,7 @@ from zipfile import BadZipFile
 
 import numpy as np
 
-from splatreel.capture.base import Capture, Request
+from splatreel.capture.base import Capture, Request, read_cameras
 from splatreel.capture.colmap import is_colmap
 from splatreel.capture.sidecar import read_sidecar
 from splatreel.capture.video import VideoFile
@@ -56,7 +56,7 @@ class Neu3DVCapture(Capture):
         )
 
     def _read_into(self, out: np.ndarray, first: int, cameras: list[str]) -> None:
-        self._videos.read_into(out, first, cameras)
+        read_cameras(self._videos.read_camera, out, first, cameras)
 
     def sources(self) -> list[Path]:
         return self._videos.sources()

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import json
 import math
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, TypeGuard
@@ -27,7 +29,7 @@ class Sidecar:
 def read_sidecar(folder: Path) -> Sidecar:
     """What the note in a folder says; nothing where there is none. Raises `CaptureError` for one that says what cannot be."""
     file = folder / SIDECAR
-    try:
+    with _naming(file):
         content = _content(file)
         held_out, fps, starts = content.get("held_out"), content.get("fps"), content.get("starts", {})
         if "held_out" in content and not (isinstance(held_out, list) and all(isinstance(n, str) for n in held_out)):
@@ -36,19 +38,24 @@ def read_sidecar(folder: Path) -> Sidecar:
             raise ValueError(f"fps is {fps!r:.100}, expected a positive number")
         if not isinstance(starts, dict) or not all(_is_number(s) and s >= 0 for s in starts.values()):
             raise ValueError(f"starts is {starts!r:.100}, expected seconds of 0 or more by camera")
-    except (OSError, ValueError, RecursionError) as error:
-        raise CaptureError(f"{file}: {error}. Correct it or remove it.") from error
-    return Sidecar(held_out, fps, starts)
+        return Sidecar(held_out, fps, starts)
 
 
 def write_starts(folder: Path, starts: dict[str, float]) -> None:
     """Note when each video starts; what else the note says stays. Raises `CaptureError` for a note that is no JSON object."""
     file = folder / SIDECAR
-    try:
+    with _naming(file):
         content = _content(file)
+    write_bytes(file, (json.dumps(content | {"starts": starts}, indent=1) + "\n").encode())
+
+
+@contextmanager
+def _naming(file: Path) -> Iterator[None]:
+    """What is wrong with a note is said with its name."""
+    try:
+        yield
     except (OSError, ValueError, RecursionError) as error:
         raise CaptureError(f"{file}: {error}. Correct it or remove it.") from error
-    write_bytes(file, (json.dumps(content | {"starts": starts}, indent=1) + "\n").encode())
 
 
 def _content(file: Path) -> dict[str, Any]:

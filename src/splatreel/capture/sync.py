@@ -56,12 +56,12 @@ def synchronise(path: Path, progress: Progress) -> dict[str, float]:
 def align(path: Path, sounds: dict[str, np.ndarray], progress: Progress) -> dict[str, float]:
     """When each of several sounds [samples] began, seconds against the first; each is joined to those that it fits best."""
     length = 1 << (2 * max(map(len, sounds.values())) - 1).bit_length()
-    spectra = {name: np.fft.rfft(sound, length).astype(np.complex64) for name, sound in sounds.items()}
+    phases = {name: _phases(sound, length) for name, sound in sounds.items()}
     pairs = list(combinations(sounds, 2))
     progress.stage("alignment", len(pairs))
     found: dict[tuple[str, str], Agreement] = {}
     for count, (a, b) in enumerate(pairs, 1):
-        found[a, b] = agreement = _compare(spectra[a], spectra[b], length)
+        found[a, b] = agreement = _compare(phases[a], phases[b], length)
         found[b, a] = Agreement(-agreement.later, agreement.clear)
         progress.update(count)
     began = {next(iter(sounds)): 0.0}
@@ -114,10 +114,14 @@ def _put(sound: np.ndarray, at: int, part: np.ndarray) -> int:
     return at + len(part)
 
 
+def _phases(sound: np.ndarray, length: int) -> np.ndarray:
+    """The spectrum without its loudness: what is loud in one place counts no more than what is heard everywhere."""
+    spectrum = np.fft.rfft(sound, length)
+    return (spectrum / np.maximum(np.abs(spectrum), 1e-12)).astype(np.complex64)
+
+
 def _compare(a: np.ndarray, b: np.ndarray, length: int) -> Agreement:
-    """Of two spectra, by their phases alone: what is loud in one place counts no more than what is heard everywhere."""
-    cross = a * np.conj(b)
-    fit = np.fft.irfft(cross / np.maximum(np.abs(cross), 1e-12), length)
+    fit = np.fft.irfft(a * np.conj(b), length)
     best = int(fit.argmax())
     rivals = np.roll(fit, -best)
     away = round(APART * RATE)

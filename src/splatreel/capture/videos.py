@@ -1,13 +1,11 @@
-"""One video a camera: which of their frames were taken together, decoded in parallel."""
+"""One video a camera, and which of their frames were taken together."""
 
 from __future__ import annotations
 
-from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import numpy as np
 
-from splatreel import threads
 from splatreel.capture.base import Request
 from splatreel.capture.sidecar import SIDECAR, Sidecar
 from splatreel.capture.video import VideoFile
@@ -52,23 +50,11 @@ class Videos:
         if start > last:
             raise CaptureError(f"{path / SIDECAR}: {name} starts at {start:g} s, but its video ends at {last:g} s.")
         wanted = start + np.arange(int((last - start) * self.fps + 0.5) + 1) / self.fps
-        after = np.searchsorted(video.times, wanted).clip(1, max(video.frames - 1, 1))
-        nearer = wanted - video.times[after - 1] <= video.times[np.minimum(after, video.frames - 1)] - wanted
-        return np.where(nearer, after - 1, np.minimum(after, video.frames - 1))
+        return np.searchsorted((video.times[1:] + video.times[:-1]) / 2, wanted)  # the nearest
 
-    def read_into(self, out: np.ndarray, first: int, cameras: list[str]) -> None:
-        """Time steps first .. first + len(out) - 1 into out [count, len(cameras), H, W, 3] uint8.
-
-        Cameras are decoded in parallel; FFmpeg works without the interpreter lock.
-        """
-        steps = slice(first, first + len(out))
-        with ThreadPoolExecutor(min(len(cameras), threads.count()) or 1) as pool:
-            jobs = [
-                pool.submit(self._files[name].read_into, out[:, c], self._numbers[name][steps])
-                for c, name in enumerate(cameras)
-            ]
-            for job in jobs:
-                job.result()
+    def read_camera(self, out: np.ndarray, first: int, name: str) -> None:
+        """Time steps first .. first + len(out) - 1 of a camera into out [count, H, W, 3] uint8."""
+        self._files[name].read_into(out, self._numbers[name][first : first + len(out)])
 
     def sources(self) -> list[Path]:
         return [video.path for video in self._files.values()]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from contextlib import closing
 from pathlib import Path
 
 from tyro.conf import Positional
@@ -53,11 +54,8 @@ def capture_calibrate(capture: Positional[Path], /) -> None:
     from splatreel.capture.calibrate import MODEL, calibrate
     from splatreel.progress import console
 
-    progress = console()
-    try:
+    with closing(console()) as progress:
         found = calibrate(capture, progress)
-    finally:
-        progress.close()
     print(f"{capture / MODEL}: {len(found.placed)} cameras, points are off by {found.error:.2f} pixels")
     if found.lost:
         print(f"  left out, for they show too little of what the others do: {', '.join(found.lost)}")
@@ -74,11 +72,8 @@ def capture_sync(capture: Positional[Path], /) -> None:
     from splatreel.capture.sync import synchronise
     from splatreel.progress import console
 
-    progress = console()
-    try:
+    with closing(console()) as progress:
         starts = synchronise(capture, progress)
-    finally:
-        progress.close()
     print(f"{capture / 'splatreel.json'}: seconds of each video at which all of them start")
     for name, start in starts.items():
         print(f"  {name} {start:.3f}")
