@@ -10,6 +10,7 @@ from __future__ import annotations
 import signal
 import threading
 from collections import Counter
+from dataclasses import replace
 from pathlib import Path
 from types import ModuleType
 from typing import Any
@@ -56,7 +57,9 @@ class ColmapCapture(Capture):
         files, sidecar = video_files(path), read_sidecar(path)
         self._videos: Videos | None = None
         if any(name in files for name in names):
-            self._videos = Videos(path, _of_cameras(path, files, names), sidecar, request)
+            # Videos that calibration left out start as well.
+            starts = {name: start for name, start in sidecar.starts.items() if name in names or name not in files}
+            self._videos = Videos(path, _of_cameras(path, files, names), replace(sidecar, starts=starts), request)
             width, height = request.size(*shape, path)
         else:
             width, height = self._choose_images(path, names, shape, request)
