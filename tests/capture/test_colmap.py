@@ -157,6 +157,9 @@ def test_videos_that_do_not_start_together(tmp_path: Path) -> None:
     assert [[folders.which(image) for image in step] for step in shown] == [
         [(0, t), (1, t + 2), (2, t + 3)] for t in range(1, 7)
     ]
+    shutil.copy(scene / "videos" / "cam00.mp4", scene / "videos" / "lost.mp4")  # what `calibrate` could not place
+    (scene / "splatreel.json").write_text(json.dumps({"starts": starts | {"lost": 0.05}}))
+    assert open_capture(scene).frames == 7
     for wrong, message in (
         ({"cam07": 0.1}, "when 'cam07' starts"),
         ({"cam02": 9}, "cam02 starts at 9 s, .* ends at 0.3 s"),
