@@ -47,9 +47,9 @@ def nothing(frames: np.ndarray) -> Lit:
     return Lit(Gaussians.empty(0), np.zeros((len(frames), 0)))
 
 
-def started(frames: np.ndarray, dynamic: Gaussians = THING) -> Start:
+def started(frames: np.ndarray, dynamic: Gaussians = THING, static: Gaussians = WALL) -> Start:
     gains = np.ones((len(CAMERAS), 3), np.float32)
-    return follow(dynamic, nothing(frames), WALL, CAMERAS, frames, gains, DisFlow(), NEAR, False, Silent())
+    return follow(dynamic, nothing(frames), static, CAMERAS, frames, gains, DisFlow(), NEAR, False, Silent())
 
 
 def test_newcomers_are_appended_with_tracks(arrival: np.ndarray) -> None:
@@ -128,3 +128,21 @@ def test_what_lies_in_shadow_is_no_newcomer_and_rests() -> None:
     np.testing.assert_array_equal(start.shades[:, len(THING) :], lit.shades)
     assert not start.shades[:, : len(THING)].any()
     assert len(started(frames).dynamic) > len(THING), "unknown, it would have been"
+
+
+def test_what_rests_and_then_leaves_is_no_longer_static() -> None:
+    """A ball among the static points is gone from one frame to the next: its points belong to the group, those of the wall do not."""
+    ball = visitor()
+    static = Gaussians.concatenate([WALL, THING, ball])
+    start = started(film(True)[::-1].copy(), Gaussians.empty(0), static)
+    assert start.left.shape == (len(static),)
+    assert start.left[-len(ball) :].mean() > 0.7
+    assert start.left[: -len(ball)].mean() < 0.02
+    taken = (start.dynamic.means[:, None] == static.means[start.left]).all(2).any(1)
+    assert taken.sum() == start.left.sum()
+    assert start.tracks.shape == (FRAMES, len(start.dynamic), 3)
+    np.testing.assert_array_equal(start.tracks[0, taken], start.dynamic.means[taken])
+
+
+def test_what_stays_is_static() -> None:
+    assert not started(film(False), Gaussians.empty(0), Gaussians.concatenate([WALL, THING])).left.any()

@@ -31,15 +31,18 @@ Splats = tuple[Tensor, Tensor, Tensor, Tensor]
 class Trail:
     """Points on their way: where they are at the frames passed so far. start: the frame where `points` are in place.
 
-    motion: [N, 3], about how they move there, if that is known.
+    motion: [N, 3], about how they move there, if that is known. rested: they were there all the time before.
     """
 
-    def __init__(self, points: Gaussians, start: int, motion: np.ndarray | None = None) -> None:
+    def __init__(
+        self, points: Gaussians, start: int, motion: np.ndarray | None = None, *, rested: bool = False
+    ) -> None:
         self.points, self.start = points, start
         self.tensors = _tensors(points)
         self.neighbours = _neighbours(self.tensors[0])
         moves = torch.zeros_like(self.tensors[0]) if motion is None else torch.from_numpy(motion)
         self._forth, self._back = ([(self.tensors[0], way * moves)] for way in (1, -1))
+        self._back += [(self.tensors[0], moves)] * (start if rested else 0)
         self.parts: Parts | None = None  # as soon as somebody has looked at them
 
     def last(self, forth: bool) -> tuple[Tensor, Tensor]:
@@ -49,6 +52,11 @@ class Trail:
     def go(self, forth: bool, motion: Tensor) -> None:
         """One frame on. motion: [N, 3]."""
         (self._forth if forth else self._back).append((self.last(forth)[0] + motion, motion))
+
+    @property
+    def first(self) -> int:
+        """The earliest frame passed."""
+        return self.start - len(self._back) + 1
 
     @property
     def here(self) -> Gaussians:
@@ -73,16 +81,20 @@ class Tracker:
         self.poses, self.lenses = np.stack([c.viewmat for c in cameras]), np.stack([c.K for c in cameras])
         # What hides what is told well enough at half size.
         self.lookouts = [camera.resized((camera.width + 1) // 2, (camera.height + 1) // 2) for camera in cameras]
-        self.walls = [_glance(_tensors(static), None, camera, near)[0] for camera in self.lookouts]
+        self.look_past(static)
+
+    def look_past(self, static: Gaussians) -> None:
+        """From now on these are what may hide points."""
+        self.walls = [_glance(_tensors(static), None, camera, self.near)[0] for camera in self.lookouts]
 
     def forth(self, trails: list[Trail], frame: int) -> None:
         """From a frame to the next."""
         self._step(trails, frame, frame + 1)
 
     def back(self, trails: list[Trail]) -> None:
-        """From the start of each to the first frame."""
-        for frame in range(max((trail.start for trail in trails), default=0), 0, -1):
-            self._step([trail for trail in trails if trail.start >= frame], frame, frame - 1)
+        """From the earliest frame that each has passed to the first."""
+        for frame in range(max((trail.first for trail in trails), default=0), 0, -1):
+            self._step([trail for trail in trails if trail.first == frame], frame, frame - 1)
 
     def depths(self, points: Gaussians) -> np.ndarray:
         """[C, H, W] what every view sees of the static points and these, infinite for nothing."""

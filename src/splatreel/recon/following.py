@@ -12,6 +12,7 @@ from splatreel.kernels.image import render_image
 from splatreel.motion.appear import find, wrong_pixels
 from splatreel.motion.flow import Flow
 from splatreel.motion.leap import leaps
+from splatreel.motion.lift import shares
 from splatreel.motion.track import Tracker, Trail, identity
 from splatreel.progress import Progress
 from splatreel.recon.lit import Lit
@@ -22,8 +23,14 @@ STEP = 4
 """Frames between two looks for things that appeared."""
 
 ROOM = 6000
-"""Newcomers a group takes, or as many as it has dynamic points: flicker and noise are no things."""
+"""Points a group takes so, or as many as it has dynamic points: flicker and noise are no things."""
 
+LEFT = 0.7
+"""Share of what is seen of a static point, over all views, that must be wrong for it to have left its place."""
+PEELS = 3
+"""Times that one looks, at most: behind a thing's points are others of it, which show once those are gone."""
+FEW = 20
+"""Static points that leave together, at least: a speck is no thing, and to find out where things went takes flow once more."""
 
 Draw = Callable[[Gaussians, Camera], np.ndarray]
 """The picture of Gaussians from a camera, [H, W, 3]."""
@@ -34,11 +41,13 @@ class Start:
     """What the training of a group starts from. dynamic: its points at the keyframe.
 
     tracks: [T, N, 3] their positions at every frame, shades: [T, N, 3] what their c_base gains there, or None where nobody has looked.
+    left: [S] bool, the static points that are among them now.
     """
 
     dynamic: Gaussians
     tracks: np.ndarray | None = None
     shades: np.ndarray | None = None
+    left: np.ndarray | None = None
 
 
 def follow(
@@ -53,64 +62,105 @@ def follow(
     antialias: bool,
     progress: Progress,
 ) -> Start:
-    """Track dynamic points through frames [T, C, H, W, 3] uint8, and add points where several views lack something.
+    """Track dynamic points through frames [T, C, H, W, 3] uint8; add what several views lack, and static points that leave.
 
-    Points come in this order: dynamic ones, newcomers, lit ones, whose light is of the same frames. gains: [C, 3] colour gain of each
-    camera. near, antialias: how pictures of the points are drawn.
+    Points come in this order: dynamic ones, those that were added, lit ones, whose light is of the same frames. gains: [C, 3] colour
+    gain of each camera. near, antialias: how pictures of the points are drawn.
     """
-    resting = Gaussians.concatenate([static, lit.points])
-    tracker = Tracker(resting, cameras, frames, flow, near)
+    tracker = Tracker(Gaussians.concatenate([static, lit.points]), cameras, frames, flow, near)
+    watch = _Watch(tracker, gains, partial(render_image, near=near, antialias=antialias), dynamic, static, lit)
     trails = [Trail(dynamic, 0)]
-    draw = partial(render_image, near=near, antialias=antialias)
-    known = _wrong(dynamic, resting, tracker, 0, gains, draw)
     room = max(ROOM, len(dynamic))
     for frame in range(1, len(frames)):
         tracker.forth(trails, frame - 1)
         if frame % STEP == 0:
             progress.update(frame, dynamic=sum(len(trail.points) for trail in trails))
-            moved = Gaussians.concatenate([trail.here for trail in trails])
-            still = Gaussians.concatenate([static, lit.at(frame)])
-            newcomers, motion = _appeared(moved, still, tracker, frame, gains, known, draw)
+            newcomers, motion = watch.appeared(trails, frame)
             room -= len(newcomers)
             if len(newcomers) and room >= 0:
                 trails.append(Trail(newcomers, frame, motion))
+            leave = watch.leave(trails, frame)
+            if FEW <= leave.sum() <= room:
+                room -= leave.sum()
+                trails.append(watch.depart(leave, frame))
     tracker.back(trails)
+    return _start(trails, lit, ~watch.stays)
+
+
+def _start(trails: list[Trail], lit: Lit, left: np.ndarray) -> Start:
+    """All trails from their places at the keyframe on, then what is lit."""
     tracks = [trail.positions for trail in trails]
     starts = [
         trail.points.moved(track[0] - trail.points.means, identity(len(trail.points)))
         for trail, track in zip(trails[1:], tracks[1:], strict=True)
     ]
-    points = Gaussians.concatenate([dynamic, *starts, lit.points])
-    shades = np.zeros((len(frames), len(points), 3), np.float32)
+    points = Gaussians.concatenate([trails[0].points, *starts, lit.points])
+    shades = np.zeros((len(lit.light), len(points), 3), np.float32)
     shades[:, len(points) - len(lit) :] = lit.shades
-    return Start(points, np.concatenate([*tracks, lit.tracks], axis=1), shades)
+    return Start(points, np.concatenate([*tracks, lit.tracks], axis=1), shades, left)
 
 
-def _wrong(
-    moving: Gaussians, static: Gaussians, tracker: Tracker, frame: int, gains: np.ndarray, draw: Draw
-) -> np.ndarray:
-    """[C, H, W] bool: where the views of a frame differ from the scene as it is tracked. moving: the dynamic points there."""
-    scene = Gaussians.concatenate([static, moving])
-    views = zip(tracker.cameras, tracker.frames[frame], gains, strict=True)
-    return np.stack([wrong_pixels(draw(scene, c) * gain, image) for c, image, gain in views])
+class _Watch:
+    """Compares the views with the scene as it is tracked. stays: [S] bool, the static points that have not left so far."""
+
+    def __init__(
+        self, tracker: Tracker, gains: np.ndarray, draw: Draw, dynamic: Gaussians, static: Gaussians, lit: Lit
+    ) -> None:
+        self.tracker, self.gains, self.draw, self.static, self.lit = tracker, gains, draw, static, lit
+        self.stays = np.ones(len(static), bool)
+        self.known = self._wrong(dynamic, Gaussians.concatenate([static, lit.points]), 0)
+        """[C, H, W] bool: wrong already where the points were trained: mirrors, nothing new."""
+
+    def appeared(self, trails: list[Trail], frame: int) -> tuple[Gaussians, np.ndarray]:
+        """Gaussians, in place at a frame, of what the views show there and the scene does not, and about how they move, [N, 3]."""
+        moving, tracker = _moved(trails), self.tracker
+        resting = Gaussians.concatenate([self.static[self.stays], self.lit.at(frame)])
+        wrong = self._wrong(moving, resting, frame) & ~self.known
+        depths, here = tracker.depths(moving), tracker.frames[frame]
+        found = find(tracker.cameras, here, wrong, depths, tracker.near, seed=frame)
+        way = 1 if frame + 1 < len(tracker.frames) else -1
+        there = tracker.frames[frame + way]
+        motion = way * leaps(found.points, found.sizes, tracker.cameras, here, there, depths, tracker.near)
+        count, bands = len(found.points), moving.sh.shape[1]
+        sh = np.zeros((count, bands, 3), np.float32)
+        sh[:, 0] = (found.colors - 0.5) / C0
+        scales = np.repeat(found.sizes[:, None], 3, 1)
+        return Gaussians(found.points, identity(count), scales, np.full(count, 0.7, np.float32), sh), motion
+
+    def leave(self, trails: list[Trail], frame: int) -> np.ndarray:
+        """[S] bool: static points that are not there any more at a frame: nearly all that the views see of them is wrong.
+
+        Masks at the keyframe miss what rests for most of the group and then leaves at once.
+        """
+        moving, light = _moved(trails), self.lit.at(frame)
+        leave = np.zeros(len(self.static), bool)
+        for _ in range(PEELS):
+            staying = self.stays & ~leave
+            resting = Gaussians.concatenate([self.static[staying], light])
+            wrong = self._wrong(moving, resting, frame) & ~self.known
+            seen = shares(Gaussians.concatenate([resting, moving]), self.tracker.cameras, wrong, self.tracker.near)
+            found = seen[: staying.sum()] > LEFT
+            if not found.any():
+                break
+            leave[staying] = found
+        return leave
+
+    def depart(self, leave: np.ndarray, frame: int) -> Trail:
+        """These static points, which rested until the last look, and where they went since."""
+        self.stays &= ~leave
+        self.tracker.look_past(Gaussians.concatenate([self.static[self.stays], self.lit.points]))
+        trail = Trail(self.static[leave], frame - STEP, rested=True)
+        for before in range(frame - STEP, frame):
+            self.tracker.forth([trail], before)
+        return trail
+
+    def _wrong(self, moving: Gaussians, resting: Gaussians, frame: int) -> np.ndarray:
+        """[C, H, W] bool: where the views of a frame differ from the scene as it is then."""
+        scene, tracker = Gaussians.concatenate([resting, moving]), self.tracker
+        views = zip(tracker.cameras, tracker.frames[frame], self.gains, strict=True)
+        return np.stack([wrong_pixels(self.draw(scene, c) * gain, image) for c, image, gain in views])
 
 
-def _appeared(
-    moving: Gaussians, static: Gaussians, tracker: Tracker, frame: int, gains: np.ndarray, known: np.ndarray, draw: Draw
-) -> tuple[Gaussians, np.ndarray]:
-    """Gaussians, in place at a frame, of what the views show there and the scene does not, and about how they move, [N, 3].
-
-    moving: the dynamic points there. known: [C, H, W] bool, what was wrong at the keyframe already, where the points had been
-    trained: mirrors, not newcomers.
-    """
-    wrong = _wrong(moving, static, tracker, frame, gains, draw) & ~known
-    depths, here = tracker.depths(moving), tracker.frames[frame]
-    found = find(tracker.cameras, here, wrong, depths, tracker.near, seed=frame)
-    way = 1 if frame + 1 < len(tracker.frames) else -1
-    there = tracker.frames[frame + way]
-    motion = way * leaps(found.points, found.sizes, tracker.cameras, here, there, depths, tracker.near)
-    count, bands = len(found.points), moving.sh.shape[1]
-    sh = np.zeros((count, bands, 3), np.float32)
-    sh[:, 0] = (found.colors - 0.5) / C0
-    scales = np.repeat(found.sizes[:, None], 3, 1)
-    return Gaussians(found.points, identity(count), scales, np.full(count, 0.7, np.float32), sh), motion
+def _moved(trails: list[Trail]) -> Gaussians:
+    """All points where the trails have come to."""
+    return Gaussians.concatenate([trail.here for trail in trails])

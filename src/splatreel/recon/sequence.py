@@ -165,6 +165,8 @@ class Reconstruction:
         layers = self._layer(span, scene, frames, layout)
         scene = self._settle(span, scene, layers, writer)
         start = self._follow(span, scene, layers.lit, frames, layout)
+        if start.left is not None:
+            scene.alive[scene.alive] = ~start.left
         self.rig.delays.restart()
         with self._timed("group"):
             iterations = self.config.group.iterations_per_frame * span.count
