@@ -113,6 +113,21 @@ def test_points_follow_a_true_flow() -> None:
     assert furthest(truth[[0] * 6], truth) > 8, "the points do move"
 
 
+def test_what_rested_is_followed_from_there_only() -> None:
+    """Points that stood until frame 2: forth as always, and back they are where they stood, whatever flow says."""
+    truth = paths(PATCH, 6, turn=0.04)
+    tracker = Tracker(WALL, CAMERAS, TrueFlow(truth).frames(), TrueFlow(truth), NEAR)
+    trail = Trail(at(PATCH, truth[2]), 2, rested=True)
+    assert trail.first == 0
+    for frame in range(2, 5):
+        tracker.forth([trail], frame)
+    tracker.back([trail])
+    tracks = trail.positions
+    assert tracks.shape == truth.shape
+    np.testing.assert_array_equal(tracks[:3], np.broadcast_to(truth[2].astype(np.float32), (3, *truth[2].shape)))
+    assert furthest(tracks[2:], truth[2:]) < 1
+
+
 def test_points_follow_the_flow_of_pictures() -> None:
     truth = paths(PATCH, 5, turn=0.03)
     images = [
