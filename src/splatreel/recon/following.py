@@ -80,7 +80,7 @@ def follow(
             if len(newcomers) and room >= 0:
                 trails.append(Trail(newcomers, frame, motion))
             leave = watch.leave(trails, frame)
-            if FEW <= leave.sum() <= room:
+            if 0 < leave.sum() <= room:
                 room -= leave.sum()
                 trails.append(watch.depart(leave, frame))
     tracker.back(trails)
@@ -137,10 +137,10 @@ class _Watch:
         for _ in range(PEELS):
             staying = self.stays & ~leave
             resting = Gaussians.concatenate([self.static[staying], light])
-            wrong = self._wrong(moving, resting, frame) & ~self.known
-            seen = shares(Gaussians.concatenate([resting, moving]), self.tracker.cameras, wrong, self.tracker.near)
-            found = seen[: staying.sum()] > LEFT
-            if not found.any():
+            wrong = (self._wrong(moving, resting, frame) & ~self.known)[:, ::2, ::2]  # told well enough at half size
+            everything, tracker = Gaussians.concatenate([resting, moving]), self.tracker
+            found = shares(everything, tracker.lookouts, wrong, tracker.near)[: staying.sum()] > LEFT
+            if found.sum() < FEW:
                 break
             leave[staying] = found
         return leave
