@@ -92,18 +92,13 @@ def test_what_was_wrong_at_the_keyframe_is_no_newcomer(arrival: np.ndarray) -> N
 
 def test_more_newcomers_than_there_is_room_for_are_noise(arrival: np.ndarray, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(following, "ROOM", 5)
-    static, gains = Gaussians.concatenate([WALL, THING[3:]]), np.ones((len(CAMERAS), 3), np.float32)
-    start = follow(THING[:3], nothing(arrival), static, CAMERAS, arrival, gains, DisFlow(), NEAR, False, Silent())
+    start = started(arrival, THING[:3], Gaussians.concatenate([WALL, THING[3:]]))
     assert len(start.dynamic) == 3
     assert start.tracks.shape == (FRAMES, 3, 3)
 
 
 def test_a_group_without_dynamic_points_takes_newcomers(arrival: np.ndarray) -> None:
-    gains = np.ones((len(CAMERAS), 3), np.float32)
-    static = Gaussians.concatenate([WALL, THING])
-    start = follow(
-        Gaussians.empty(0), nothing(arrival), static, CAMERAS, arrival, gains, DisFlow(), NEAR, False, Silent()
-    )
+    start = started(arrival, Gaussians.empty(0), Gaussians.concatenate([WALL, THING]))
     assert len(start.dynamic) > 20
     assert start.tracks.shape == (FRAMES, len(start.dynamic), 3)
 

@@ -75,11 +75,13 @@ def follow(
         tracker.forth(trails, frame - 1)
         if frame % STEP == 0:
             progress.update(frame, dynamic=sum(len(trail.points) for trail in trails))
-            newcomers, motion = watch.appeared(trails, frame)
+            wrong = watch.wrong(trails, frame)
+            newcomers, motion = watch.appeared(trails, frame, wrong)
             room -= len(newcomers)
             if len(newcomers) and room >= 0:
                 trails.append(Trail(newcomers, frame, motion))
-            leave = watch.leave(trails, frame)
+                wrong = watch.wrong(trails, frame)
+            leave = watch.leave(trails, frame, wrong)
             if 0 < leave.sum() <= room:
                 room -= leave.sum()
                 trails.append(watch.depart(leave, frame))
@@ -108,14 +110,20 @@ class _Watch:
     ) -> None:
         self.tracker, self.gains, self.draw, self.static, self.lit = tracker, gains, draw, static, lit
         self.stays = np.ones(len(static), bool)
-        self.known = self._wrong(dynamic, Gaussians.concatenate([static, lit.points]), 0)
+        self.known = self._differs(Gaussians.concatenate([static, lit.points, dynamic]), 0)
         """[C, H, W] bool: wrong already where the points were trained: mirrors, nothing new."""
 
-    def appeared(self, trails: list[Trail], frame: int) -> tuple[Gaussians, np.ndarray]:
+    def wrong(self, trails: list[Trail], frame: int, leave: np.ndarray | None = None) -> np.ndarray:
+        """[C, H, W] bool: where the views of a frame differ from the scene there, and did not at the keyframe.
+
+        leave: [S] bool, static points that are left out.
+        """
+        resting = self._resting(frame, self.stays if leave is None else self.stays & ~leave)
+        return self._differs(Gaussians.concatenate([resting, _moved(trails)]), frame) & ~self.known
+
+    def appeared(self, trails: list[Trail], frame: int, wrong: np.ndarray) -> tuple[Gaussians, np.ndarray]:
         """Gaussians, in place at a frame, of what the views show there and the scene does not, and about how they move, [N, 3]."""
         moving, tracker = _moved(trails), self.tracker
-        resting = Gaussians.concatenate([self.static[self.stays], self.lit.at(frame)])
-        wrong = self._wrong(moving, resting, frame) & ~self.known
         depths, here = tracker.depths(moving), tracker.frames[frame]
         found = find(tracker.cameras, here, wrong, depths, tracker.near, seed=frame)
         way = 1 if frame + 1 < len(tracker.frames) else -1
@@ -127,19 +135,20 @@ class _Watch:
         scales = np.repeat(found.sizes[:, None], 3, 1)
         return Gaussians(found.points, identity(count), scales, np.full(count, 0.7, np.float32), sh), motion
 
-    def leave(self, trails: list[Trail], frame: int) -> np.ndarray:
+    def leave(self, trails: list[Trail], frame: int, wrong: np.ndarray) -> np.ndarray:
         """[S] bool: static points that are not there any more at a frame: nearly all that the views see of them is wrong.
 
         Masks at the keyframe miss what rests for most of the group and then leaves at once.
         """
-        moving, light = _moved(trails), self.lit.at(frame)
+        moving, tracker = _moved(trails), self.tracker
         leave = np.zeros(len(self.static), bool)
-        for _ in range(PEELS):
+        for peel in range(PEELS):
+            if peel:
+                wrong = self.wrong(trails, frame, leave)
             staying = self.stays & ~leave
-            resting = Gaussians.concatenate([self.static[staying], light])
-            wrong = (self._wrong(moving, resting, frame) & ~self.known)[:, ::2, ::2]  # told well enough at half size
-            everything, tracker = Gaussians.concatenate([resting, moving]), self.tracker
-            found = shares(everything, tracker.lookouts, wrong, tracker.near)[: staying.sum()] > LEFT
+            everything = Gaussians.concatenate([self._resting(frame, staying), moving])
+            smaller = wrong[:, ::2, ::2]  # tells well enough
+            found = shares(everything, tracker.lookouts, smaller, tracker.near)[: staying.sum()] > LEFT
             if found.sum() < FEW:
                 break
             leave[staying] = found
@@ -154,10 +163,13 @@ class _Watch:
             self.tracker.forth([trail], before)
         return trail
 
-    def _wrong(self, moving: Gaussians, resting: Gaussians, frame: int) -> np.ndarray:
-        """[C, H, W] bool: where the views of a frame differ from the scene as it is then."""
-        scene, tracker = Gaussians.concatenate([resting, moving]), self.tracker
-        views = zip(tracker.cameras, tracker.frames[frame], self.gains, strict=True)
+    def _resting(self, frame: int, staying: np.ndarray) -> Gaussians:
+        """The static points that stay, [S] bool, and what is lit, in the light of a frame."""
+        return Gaussians.concatenate([self.static[staying], self.lit.at(frame)])
+
+    def _differs(self, scene: Gaussians, frame: int) -> np.ndarray:
+        """[C, H, W] bool: where the views of a frame differ from a scene."""
+        views = zip(self.tracker.cameras, self.tracker.frames[frame], self.gains, strict=True)
         return np.stack([wrong_pixels(self.draw(scene, c) * gain, image) for c, image, gain in views])
 
 
