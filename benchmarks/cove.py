@@ -32,8 +32,11 @@ def main(
     quality: Quality = "standard", frames: int = 45, seed: int = 0, out: Path | None = None, note: str = ""
 ) -> None:
     """Film, reconstruct, evaluate, record. Pictures are 288x384."""
-    film = Film(ring(288, 384), HELD_OUT, standing(), moving, LIGHT, NOISE, GAIN)
-    film.run("cove", quality, frames, seed, out, note)
+    film().run("cove", quality, frames, seed, out, note)
+
+
+def film() -> Film:
+    return Film(ring(288, 384), HELD_OUT, standing(), moving, LIGHT, NOISE, GAIN)
 
 
 def ring(width: int, height: int) -> list[Camera]:

@@ -34,9 +34,13 @@ def main(
     quality: Quality = "standard", frames: int = 45, seed: int = 0, out: Path | None = None, note: str = ""
 ) -> None:
     """Film, reconstruct, evaluate, record. Pictures are 320x180."""
-    film = Film(ring(320, 180), HELD_OUT, standing(), moving, LIGHT, NOISE, GAIN)
-    reel = film.run("dominoes", quality, frames, seed, out, note)
-    record("dominoes, the ball", {"cameras": film.shows(reel, frames, partial(moving, ball=False))}, note)
+    filmed = film()
+    reel = filmed.run("dominoes", quality, frames, seed, out, note)
+    record("dominoes, the ball", {"cameras": filmed.shows(reel, frames, partial(moving, ball=False))}, note)
+
+
+def film() -> Film:
+    return Film(ring(320, 180), HELD_OUT, standing(), moving, LIGHT, NOISE, GAIN)
 
 
 def ring(width: int, height: int) -> list[Camera]:

@@ -38,10 +38,14 @@ def main(
     quality: Quality = "standard", frames: int = 60, seed: int = 0, out: Path | None = None, note: str = ""
 ) -> None:
     """Film, reconstruct, evaluate, record. Pictures are 320x180."""
-    film = Film(dome(320, 180), HELD_OUT, standing(), moving, LIGHT, NOISE, GAIN)
-    reel = film.run("juggle", quality, frames, seed, out, note)
+    filmed = film()
+    reel = filmed.run("juggle", quality, frames, seed, out, note)
     for thing in ("balls", "bat"):
-        record(f"juggle, the {thing}", {"cameras": film.shows(reel, frames, partial(moving, without=thing))}, note)
+        record(f"juggle, the {thing}", {"cameras": filmed.shows(reel, frames, partial(moving, without=thing))}, note)
+
+
+def film() -> Film:
+    return Film(dome(320, 180), HELD_OUT, standing(), moving, LIGHT, NOISE, GAIN)
 
 
 def dome(width: int, height: int) -> list[Camera]:

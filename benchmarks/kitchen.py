@@ -34,9 +34,11 @@ def main(
     quality: Quality = "standard", frames: int = 45, seed: int = 0, out: Path | None = None, note: str = ""
 ) -> None:
     """Film, reconstruct, evaluate, record. Pictures are 336x252."""
-    Film(wall(336, 252), HELD_OUT, standing(), moving, LIGHT, NOISE, GAIN).run(
-        "kitchen", quality, frames, seed, out, note
-    )
+    film().run("kitchen", quality, frames, seed, out, note)
+
+
+def film() -> Film:
+    return Film(wall(336, 252), HELD_OUT, standing(), moving, LIGHT, NOISE, GAIN)
 
 
 def wall(width: int, height: int) -> list[Camera]:

@@ -44,9 +44,13 @@ def main(
 
     drift: how far exposures go, as the logarithm of a gain. late: frames by which phones are out of step at most.
     """
-    film = Film(arc(320, 180), HELD_OUT, standing(), moving, LIGHT, NOISE, GAIN, drift, late)
-    reel = film.run("studio", quality, frames, seed, out, note)
-    record("studio, the scarf", {"cameras": film.shows(reel, frames, partial(moving, scarf=False))}, note)
+    filmed = film(drift, late)
+    reel = filmed.run("studio", quality, frames, seed, out, note)
+    record("studio, the scarf", {"cameras": filmed.shows(reel, frames, partial(moving, scarf=False))}, note)
+
+
+def film(drift: float = 0.0, late: float = 0.0) -> Film:
+    return Film(arc(320, 180), HELD_OUT, standing(), moving, LIGHT, NOISE, GAIN, drift, late)
 
 
 def arc(width: int, height: int) -> list[Camera]:

@@ -33,9 +33,13 @@ def main(
     quality: Quality = "standard", frames: int = 40, seed: int = 0, out: Path | None = None, note: str = ""
 ) -> None:
     """Film, reconstruct, evaluate, record. Pictures are 400x225."""
-    film = Film(arc(400, 225), HELD_OUT, standing(), moving, LIGHT, NOISE, GAIN)
-    reel = film.run("yard", quality, frames, seed, out, note)
-    record("yard, the ball", {"cameras": film.shows(reel, frames, partial(moving, ball=False))}, note)
+    filmed = film()
+    reel = filmed.run("yard", quality, frames, seed, out, note)
+    record("yard, the ball", {"cameras": filmed.shows(reel, frames, partial(moving, ball=False))}, note)
+
+
+def film() -> Film:
+    return Film(arc(400, 225), HELD_OUT, standing(), moving, LIGHT, NOISE, GAIN)
 
 
 def arc(width: int, height: int) -> list[Camera]:

@@ -22,7 +22,7 @@ AROUND = (1, 2, 3, 4, 6, 8, 10, 12)
 """Ranks of the neighbours that a patch asks."""
 BAD = 0.06
 """Colour difference, 0..1, from which on flow is not believed."""
-BETTER = 0.7
+BETTER = 0.85
 """Of that difference, what a rigid move must be below."""
 RATE = 0.2
 """How fast colours follow what is seen where flow is believed: light changes, and what turns."""

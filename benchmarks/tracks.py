@@ -1,0 +1,133 @@
+"""Tracks against the truth: of points on all that moves in the films, the share that stays on what they are on.
+
+They start where they belong and nothing is trained, so that only the tracker is judged.
+
+python benchmarks/tracks.py
+"""
+
+import time
+from pathlib import Path
+
+import numpy as np
+import tyro
+
+import cove
+import dominoes
+import juggle
+import kitchen
+import studio
+import yard
+from film import Film
+from record import record
+from splatreel.capture.base import Capture
+from splatreel.capture.opening import open_capture
+from splatreel.capture.raytracer import trace_cover, trace_still
+from splatreel.capture.solids import HALF, POSITION, ROTATION, Shapes
+from splatreel.config import preset
+from splatreel.motion.flow import make_flow
+from splatreel.motion.track import Tracker, Trail, identity
+from splatreel.scene.camera import Camera
+from splatreel.scene.gaussians import Gaussians
+
+FILMS = {"cove": cove, "dominoes": dominoes, "juggle": juggle, "kitchen": kitchen, "studio": studio, "yard": yard}
+SPACING, OFF = 1.6, 3.0
+"""Pixels between two points at their median depth, and from a solid, from which on a point is no longer on it."""
+RESTS = 1.0
+"""Pixels; a solid that goes less far is left out."""
+LOOKS = (8, 16, 24, 34)
+
+
+def main(films: tuple[str, ...] = tuple(FILMS), frames: int = 35, out: Path = Path("out"), note: str = "") -> None:
+    """Film what is not there yet, track one group, print, record. films: names of benchmarks."""
+    values = {}
+    for name in films:
+        film: Film = FILMS[name].film()
+        path = out / f"benchmark-tracks-{name}-{frames}"
+        if not path.exists():
+            film.write(path, frames)
+        values[name] = followed(film, open_capture(path))
+        print(f"{name}: {values[name]}")
+    record("tracks", {"frames": frames, "films": values}, note)
+
+
+def followed(film: Film, capture: Capture) -> dict:
+    """How the points of one film fare."""
+    cameras = capture.training_cameras
+    frames = capture.read(0, capture.frames, [camera.name for camera in cameras])
+    seen = [_seen(film, camera) for camera in cameras]
+    depth = np.median(np.concatenate([depths for _, _, depths in seen]))
+    pixel = float(depth / cameras[0].K[0, 0])
+    moving, static = (_points(np.concatenate([s[k] for s in seen]), SPACING * pixel) for k in (0, 1))
+    started = time.monotonic()
+    tracker = Tracker(static, cameras, frames, make_flow(preset("standard").layering.flow), 0.1 * float(depth))
+    trail = Trail(moving, 0)
+    for frame in range(len(frames) - 1):
+        tracker.forth([trail], frame)
+    seconds = time.monotonic() - started
+    on = _on(film, trail.positions.astype(np.float64), pixel)
+    shares = {str(frame): round(float(on[frame].mean()), 4) for frame in LOOKS if frame < len(on)}
+    return {
+        "points": on.shape[1],
+        "on": round(float(on[1:].mean()), 4),
+        "on_at": shares,
+        "seconds": round(seconds, 1),
+    }
+
+
+def _seen(film: Film, camera: Camera) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """A camera's first frame: places [M, 3] on what moves and [S, 3] on what does not, and the depths [M] of the first."""
+    scene = film.moving(0.0)
+    cover, depth = trace_cover(
+        camera, trace_still(camera, film.still, film.light), scene, np.ones(len(scene.solids), bool)
+    )
+    rows, columns = np.mgrid[: camera.height, : camera.width] + 0.5
+    rays = np.stack([columns, rows, np.ones_like(rows)], -1) @ np.linalg.inv(camera.K.astype(np.float64)).T
+    places = (rays * depth[..., None] - camera.viewmat[:3, 3]) @ camera.viewmat[:3, :3]
+    all_of_it = cover > 0.99
+    return places[all_of_it], places[(cover == 0) & (depth < 100)], depth[all_of_it]
+
+
+def _points(places: np.ndarray, spacing: float) -> Gaussians:
+    """Opaque balls at these places, one in each cube of a grid."""
+    means = places[np.unique(np.floor(places / spacing).astype(np.int64), axis=0, return_index=True)[1]]
+    count = len(means)
+    scales = np.full((count, 3), 0.7 * spacing, np.float32)
+    opacities, sh = np.full(count, 0.95, np.float32), np.zeros((count, 1, 3), np.float32)
+    return Gaussians(means.astype(np.float32), identity(count), scales, opacities, sh)
+
+
+def _on(film: Film, places: np.ndarray, pixel: float) -> np.ndarray:
+    """[T, P] bool: which points of places [T, N, 3] are on the solid that they began on, of those whose solid moves."""
+    scenes = [film.moving(frame / 30) for frame in range(len(places))]
+    first = np.stack([_distance(scenes[0], solid, places[0]) for solid in range(len(scenes[0].solids))])
+    owner, there = first.argmin(0), first.min(0) < OFF / 2 * pixel
+    columns = []
+    for solid in range(len(first)):
+        chosen = there & (owner == solid)
+        way = np.stack([_carried(scenes[0], scene, solid, places[0, chosen]) for scene in scenes])
+        if chosen.any() and np.abs(way - way[:1]).max() > RESTS * pixel:
+            off = [_distance(scene, solid, now) for scene, now in zip(scenes, places[:, chosen], strict=True)]
+            columns.append(np.stack(off) < OFF * pixel)
+    return np.concatenate(columns, axis=1)
+
+
+def _pose(scene: Shapes, solid: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Middle [3], half extents [3] and rotation [3, 3] of a solid."""
+    row = scene.solids[solid]
+    return row[POSITION:HALF], row[HALF:ROTATION], row[ROTATION : ROTATION + 9].reshape(3, 3)
+
+
+def _distance(scene: Shapes, solid: int, places: np.ndarray) -> np.ndarray:
+    """[N] from the box around a solid."""
+    middle, half, turn = _pose(scene, solid)
+    return np.linalg.norm(np.maximum(np.abs((places - middle) @ turn) - half, 0), axis=-1)
+
+
+def _carried(before: Shapes, after: Shapes, solid: int, places: np.ndarray) -> np.ndarray:
+    """Places [N, 3] on a solid, after it has moved."""
+    (middle, _, turn), (there, _, turned) = _pose(before, solid), _pose(after, solid)
+    return (places - middle) @ turn @ turned.T + there
+
+
+if __name__ == "__main__":
+    tyro.cli(main)
