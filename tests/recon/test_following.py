@@ -49,7 +49,7 @@ def nothing(frames: np.ndarray) -> Lit:
 
 def started(frames: np.ndarray, dynamic: Gaussians = THING, static: Gaussians = WALL) -> Start:
     gains = np.ones((len(CAMERAS), 3), np.float32)
-    return follow(dynamic, nothing(frames), static, CAMERAS, frames, gains, DisFlow(), NEAR, False, Silent())
+    return follow(dynamic, None, nothing(frames), static, CAMERAS, frames, gains, DisFlow(), NEAR, False, Silent())
 
 
 def test_newcomers_are_appended_with_tracks(arrival: np.ndarray) -> None:
@@ -117,7 +117,7 @@ def test_what_lies_in_shadow_is_no_newcomer_and_rests() -> None:
     films = [[render_image(scene, camera, near=NEAR) for camera in CAMERAS] for scene in scenes]
     frames = (np.clip(films, 0, 1) * 255).round().astype(np.uint8)
     gains = np.ones((len(CAMERAS), 3), np.float32)
-    start = follow(THING, lit, static, CAMERAS, frames, gains, DisFlow(), NEAR, False, Silent())
+    start = follow(THING, None, lit, static, CAMERAS, frames, gains, DisFlow(), NEAR, False, Silent())
     assert len(start.dynamic) == len(THING) + len(lit), "nothing is new"
     np.testing.assert_array_equal(start.tracks[:, len(THING) :], lit.tracks)
     np.testing.assert_array_equal(start.shades[:, len(THING) :], lit.shades)

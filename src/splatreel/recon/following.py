@@ -52,6 +52,7 @@ class Start:
 
 def follow(
     dynamic: Gaussians,
+    motion: np.ndarray | None,
     lit: Lit,
     static: Gaussians,
     cameras: list[Camera],
@@ -64,22 +65,24 @@ def follow(
 ) -> Start:
     """Track dynamic points through frames [T, C, H, W, 3] uint8; add what several views lack, and static points that leave.
 
-    Points come in this order: dynamic ones, those that were added, lit ones, whose light is of the same frames. gains: [C, 3] colour
-    gain of each camera. near, antialias: how pictures of the points are drawn.
+    motion: [N, 3], about how the dynamic points move at the keyframe, if that is known. gains: [C, 3] colour gain of each camera.
+    near, antialias: how pictures of the points are drawn.
+
+    Points come in this order: dynamic ones, those that were added, lit ones, whose light is of the same frames.
     """
     tracker = Tracker(Gaussians.concatenate([static, lit.points]), cameras, frames, flow, near)
     watch = _Watch(tracker, gains, partial(render_image, near=near, antialias=antialias), dynamic, static, lit)
-    trails = [Trail(dynamic, 0)]
+    trails = [Trail(dynamic, 0, motion)]
     room = max(ROOM, len(dynamic))
     for frame in range(1, len(frames)):
         tracker.forth(trails, frame - 1)
         if frame % STEP == 0:
             progress.update(frame, dynamic=sum(len(trail.points) for trail in trails))
             wrong = watch.wrong(trails, frame)
-            newcomers, motion = watch.appeared(trails, frame, wrong)
+            newcomers, leap = watch.appeared(trails, frame, wrong)
             room -= len(newcomers)
             if len(newcomers) and room >= 0:
-                trails.append(Trail(newcomers, frame, motion))
+                trails.append(Trail(newcomers, frame, leap))
                 wrong = watch.wrong(trails, frame)
             leave = watch.leave(trails, frame, wrong)
             if 0 < leave.sum() <= room:

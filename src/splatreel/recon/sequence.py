@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -31,6 +31,7 @@ from splatreel.recon.layering import Layers, convertible, label_points, separate
 from splatreel.recon.layout import Layout
 from splatreel.recon.lit import Lit
 from splatreel.recon.memory import check_memory
+from splatreel.recon.momentum import Momentum
 from splatreel.recon.plan import Plan
 from splatreel.recon.points import TrainablePoints, default_rates
 from splatreel.recon.publish import (
@@ -78,11 +79,15 @@ def spans(frames: int, length: int, overlap: int) -> list[Span]:
 
 @dataclass
 class Scene:
-    """What is handed from group to group. static: all static points so far, as decoded; alive: [S] bool; dynamic: at the keyframe."""
+    """What is handed from group to group. static: all static points so far, as decoded; alive: [S] bool; dynamic: at the keyframe.
+
+    momentum: how they were going there, unless it is the first.
+    """
 
     static: Gaussians
     alive: np.ndarray
     dynamic: Gaussians
+    momentum: Momentum | None = None
 
 
 @dataclass(frozen=True)
@@ -161,7 +166,7 @@ class Reconstruction:
         with self._timed("poses"):
             self.rig.place(frames, self._folder(span), self.progress)
         points = self._keyframe(span, scene, frames, layout)
-        scene = Scene(scene.static, scene.alive, points)
+        scene = replace(scene, dynamic=points)
         layers = self._layer(span, scene, frames, layout)
         scene = self._settle(span, scene, layers, writer)
         start = self._follow(span, scene, layers.lit, frames, layout)
@@ -261,7 +266,7 @@ class Reconstruction:
     def _settle(self, span: Span, scene: Scene, layers: Layers, writer: ReelWriter) -> Scene:
         """Store the new static points as a layer, and go on with what a reader of the reel will see of them (closed loop)."""
         if len(layers.settled) == 0:
-            return Scene(scene.static, layers.alive, layers.dynamic)
+            return replace(scene, alive=layers.alive, dynamic=layers.dynamic)
         with self._timed("encode"):
             seen = Gaussians.concatenate(
                 [layers.settled, layers.dynamic, layers.lit.points, scene.static[layers.alive]]
@@ -272,7 +277,8 @@ class Reconstruction:
         arrays = checkpoint.pack(raw, "raw_") | checkpoint.pack(decoded, "decoded_") | {"importance": shows[order]}
         checkpoint.save_arrays(self._folder(span) / "layer.safetensors", arrays)
         alive = np.concatenate([layers.alive, np.ones(len(decoded), bool)])
-        return Scene(Gaussians.concatenate([scene.static, decoded]), alive, layers.dynamic)
+        static = Gaussians.concatenate([scene.static, decoded])
+        return replace(scene, static=static, alive=alive, dynamic=layers.dynamic)
 
     def _follow(self, span: Span, scene: Scene, lit: Lit, frames: np.ndarray, layout: Layout) -> Start:
         """Tracks of the dynamic points, to start their deformation from, and new points for what appears."""
@@ -282,8 +288,10 @@ class Reconstruction:
             self.progress.stage(self._title(span, "tracking"), span.count, self.plan.tracking(span.index))
             gains = self.rig.packed_gains()["gains"]
             static, flow = scene.static[scene.alive], make_flow(self.config.layering.flow)
+            motion = scene.momentum and scene.momentum.at(scene.dynamic.means, layout.unit)
             start = follow(
                 scene.dynamic,
+                motion,
                 lit,
                 static,
                 self.rig.cameras,
@@ -308,7 +316,7 @@ class Reconstruction:
 
     def _hand_over(self, span: Span, static: Gaussians, group: Group) -> Scene:
         """The scene at the next keyframe: the dynamic points, deformed there (paper section 4)."""
-        return Scene(static, group.alive, group.at(span.own))
+        return Scene(static, group.alive, group.at(span.own), Momentum.of(group, span.own))
 
     def _restore(self, span: Span, scene: Scene, publisher: Publisher) -> Scene:
         """The scene after a finished group, from the checkpoints and the scene before; the reel gets what it lacks."""
