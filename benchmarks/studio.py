@@ -50,6 +50,7 @@ def main(
 
 
 def film(drift: float = 0.0, late: float = 0.0) -> Film:
+    """In step and evenly exposed unless told otherwise: where things are in a frame is then the same for all cameras."""
     return Film(arc(320, 180), HELD_OUT, standing(), moving, LIGHT, NOISE, GAIN, drift, late)
 
 

@@ -6,6 +6,7 @@ python benchmarks/tracks.py
 """
 
 import time
+from contextlib import closing
 from pathlib import Path
 
 import numpy as np
@@ -17,7 +18,7 @@ import juggle
 import kitchen
 import studio
 import yard
-from film import Film
+from film import FPS, Film
 from record import record
 from splatreel.capture.base import Capture
 from splatreel.capture.opening import open_capture
@@ -35,6 +36,9 @@ SPACING, OFF = 1.6, 3.0
 RESTS = 1.0
 """Pixels; a solid that goes less far is left out."""
 LOOKS = (8, 16, 24, 34)
+"""Frames of which the share is told by itself."""
+SKY = 100.0
+"""Depth from which on nothing stands."""
 
 
 def main(films: tuple[str, ...] = tuple(FILMS), frames: int = 35, out: Path = Path("out"), note: str = "") -> None:
@@ -45,7 +49,8 @@ def main(films: tuple[str, ...] = tuple(FILMS), frames: int = 35, out: Path = Pa
         path = out / f"benchmark-tracks-{name}-{frames}"
         if not path.exists():
             film.write(path, frames)
-        values[name] = followed(film, open_capture(path))
+        with closing(open_capture(path)) as capture:
+            values[name] = followed(film, capture)
         print(f"{name}: {values[name]}")
     record("tracks", {"frames": frames, "films": values}, note)
 
@@ -84,7 +89,7 @@ def _seen(film: Film, camera: Camera) -> tuple[np.ndarray, np.ndarray, np.ndarra
     rays = np.stack([columns, rows, np.ones_like(rows)], -1) @ np.linalg.inv(camera.K.astype(np.float64)).T
     places = (rays * depth[..., None] - camera.viewmat[:3, 3]) @ camera.viewmat[:3, :3]
     all_of_it = cover > 0.99
-    return places[all_of_it], places[(cover == 0) & (depth < 100)], depth[all_of_it]
+    return places[all_of_it], places[(cover == 0) & (depth < SKY)], depth[all_of_it]
 
 
 def _points(places: np.ndarray, spacing: float) -> Gaussians:
@@ -98,7 +103,7 @@ def _points(places: np.ndarray, spacing: float) -> Gaussians:
 
 def _on(film: Film, places: np.ndarray, pixel: float) -> np.ndarray:
     """[T, P] bool: which points of places [T, N, 3] are on the solid that they began on, of those whose solid moves."""
-    scenes = [film.moving(frame / 30) for frame in range(len(places))]
+    scenes = [film.moving(frame / FPS) for frame in range(len(places))]
     first = np.stack([_distance(scenes[0], solid, places[0]) for solid in range(len(scenes[0].solids))])
     owner, there = first.argmin(0), first.min(0) < OFF / 2 * pixel
     columns = []
