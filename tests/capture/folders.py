@@ -108,6 +108,47 @@ def colmap(folder: Path, model: str = "PINHOLE", params: str = "80 80 32 24", im
     return folder
 
 
+def technicolor(folder: Path, frames: int = 3, first: int = 51) -> Path:
+    """Cameras 00 to 03 of a scene whose frames count from 51."""
+    folder.mkdir()
+    lines = ["f cu cv ar sk qw qx qy qz tx ty tz"]
+    for c, camera in enumerate(cameras()):
+        numbers = [40.0, WIDTH / 2, HEIGHT / 2, 1, 0, *_quaternion(camera.viewmat[:3, :3]), *camera.viewmat[:3, 3]]
+        lines.append(" ".join(str(float(x)) for x in numbers))
+        for t in range(frames):
+            Image.fromarray(frame(c, t)).save(folder / f"Painter_undist_{first + t:05d}_{c:02d}.png")
+    (folder / "cameras_parameters.txt").write_text("\n".join(lines) + "\n")
+    return folder
+
+
+def easyvolcap(folder: Path, frames: int = 3, bends: tuple[float, ...] = (0, 0, 0, 0, 0), size: int = 2) -> Path:
+    """Cameras 00 to 03; K is for pictures `size` times as large as those that lie there."""
+    import cv2
+
+    folder.mkdir()
+    intrinsics = cv2.FileStorage(str(folder / "intri.yml"), cv2.FILE_STORAGE_WRITE)
+    extrinsics = cv2.FileStorage(str(folder / "extri.yml"), cv2.FILE_STORAGE_WRITE)
+    for storage in (intrinsics, extrinsics):
+        storage.startWriteStruct("names", cv2.FileNode_SEQ)
+        for c in range(4):
+            storage.write("", f"{c:02d}")
+        storage.endWriteStruct()
+    for c, camera in enumerate(cameras()):
+        intrinsics.write(f"K_{c:02d}", camera.K.astype(float) * [[size], [size], [1]])
+        intrinsics.write(f"D_{c:02d}", np.array(bends, float).reshape(5, 1))
+        intrinsics.write(f"W_{c:02d}", float(size * WIDTH))
+        intrinsics.write(f"H_{c:02d}", float(size * HEIGHT))
+        extrinsics.write(f"Rot_{c:02d}", camera.viewmat[:3, :3].astype(float))
+        extrinsics.write(f"R_{c:02d}", cv2.Rodrigues(camera.viewmat[:3, :3].astype(float))[0])
+        extrinsics.write(f"T_{c:02d}", camera.viewmat[:3, 3:].astype(float))
+        (folder / "images" / f"{c:02d}").mkdir(parents=True)
+        for t in range(frames):
+            Image.fromarray(frame(c, t)).save(folder / "images" / f"{c:02d}" / f"{t:06d}.png")
+    intrinsics.release()
+    extrinsics.release()
+    return folder
+
+
 def _quaternion(rotation: np.ndarray) -> np.ndarray:
     """wxyz of a rotation by less than half a turn."""
     w = np.sqrt(1 + np.trace(rotation)) / 2

@@ -218,3 +218,20 @@ def test_without_pycolmap_the_extra_is_named(tmp_path: Path, monkeypatch: pytest
     monkeypatch.setitem(sys.modules, "pycolmap", None)
     with pytest.raises(MissingDependencyError, match=r"splatreel\[recon\]"):
         open_capture(folders.colmap(tmp_path / "scene"))
+
+
+@pytest.mark.parametrize("named_by", ["camera", "picture"])
+def test_a_folder_of_pictures_a_camera(scene: Path, named_by: str) -> None:
+    """The model's images may be called as their cameras, or as the first picture in each one's folder."""
+    shutil.rmtree(scene / "images_2")
+    for c in range(4):
+        folder = scene / "images" / f"cam{c:02d}"
+        folder.mkdir(parents=True)
+        for t in range(3):
+            Image.fromarray(folders.frame(c, t)).save(folder / f"{t:06d}.png")
+    model = scene / "sparse" / "0" / "images.txt"
+    text = model.read_text().replace("view/", "")
+    model.write_text(text if named_by == "camera" else text.replace(".png", "/000000.png"))
+    capture = open_capture(scene)
+    assert ([c.name for c in capture.cameras], capture.frames) == (["cam00", "cam01", "cam02", "cam03"], 3)
+    assert [folders.which(image) for image in capture.read(1, 2, ["cam03"])[:, 0]] == [(3, 1), (3, 2)]

@@ -146,3 +146,12 @@ def test_videos_of_different_sizes_are_refused(scene: Path) -> None:
 def test_two_cameras_are_too_few(tmp_path: Path) -> None:
     with pytest.raises(CaptureError, match=r"2 cameras \(cam00, cam01\); at least 3"):
         open_capture(folders.neu3dv(tmp_path / "scene", count=2, frames=2))
+
+
+def test_camera_0_is_held_out_in_meetrooms_names_too(tmp_path: Path) -> None:
+    scene = folders.neu3dv(tmp_path / "discussion")
+    for file in sorted(scene.glob("cam*.mp4")):
+        file.rename(scene / f"cam_{int(file.stem[3:])}.mp4")
+    capture = open_capture(scene)
+    assert capture.held_out == ["cam_0"]
+    capture.close()

@@ -3,13 +3,17 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Protocol
 
 import numpy as np
 
-from splatreel.errors import MissingDependencyError
+from splatreel.errors import CaptureError, MissingDependencyError
 from splatreel.scene.camera import Camera
 
+FOCAL_LENGTHS = {"SIMPLE_PINHOLE": 1, "PINHOLE": 2, "SIMPLE_RADIAL": 1, "RADIAL": 1, "OPENCV": 2, "FULL_OPENCV": 2}
+"""Camera models that are pinholes if their distortion is zero, and how many of their parameters are focal lengths."""
+SAME_SHAPE = 0.01
+"""Share by which widths over heights may differ without a picture being cut."""
 BORDER = 64
 """Points along each side of a picture that must lie inside of the lens's picture."""
 NARROWER = 1.005
@@ -32,13 +36,62 @@ class Lens:
 
     def straighten(self, picture: np.ndarray) -> np.ndarray:
         """[height, width, 3] uint8 of the lens to [H, W, 3] of the pinhole camera."""
-        return _cv2().remap(picture, self.places, None, _cv2().INTER_CUBIC, borderMode=_cv2().BORDER_REPLICATE)
+        cv2 = import_cv2("Straightening pictures")
+        return cv2.remap(picture, self.places, None, cv2.INTER_CUBIC, borderMode=cv2.BORDER_REPLICATE)
 
 
-def pinhole(name: str, viewmat: np.ndarray, lens: Any, width: int, height: int) -> tuple[Camera, Lens] | None:
+class Reader(Protocol):
+    """What reads the pictures of cameras by name."""
+
+    def read_camera(self, out: np.ndarray, first: int, name: str) -> None:
+        """Time steps first .. first + len(out) - 1 of a camera into out [count, H, W, 3] uint8, resized to H x W."""
+
+
+class Straightened:
+    """Pictures of cameras of which some have lenses that bend."""
+
+    def __init__(self, source: Reader, lenses: dict[str, Lens]) -> None:
+        self._source, self._lenses = source, lenses
+
+    def read_camera(self, out: np.ndarray, first: int, name: str) -> None:
+        lens = self._lenses.get(name)
+        if lens is None:
+            self._source.read_camera(out, first, name)
+            return
+        bent = np.empty((len(out), lens.height, lens.width, 3), np.uint8)
+        self._source.read_camera(bent, first, name)
+        for t, picture in enumerate(bent):
+            out[t] = lens.straighten(picture)
+
+
+def resized(
+    name: str, viewmat: np.ndarray, lens: Any, width: int, height: int, origin: str
+) -> tuple[Camera, Lens | None]:
+    """A camera of the output size, and, where it takes more than resizing, its lens.
+
+    lens: a pycolmap.Camera. origin: where it is from, for `CaptureError` where it is no lens that could be straightened.
+    """
+    if _is_pinhole(lens) and abs(lens.width / lens.height * height / width - 1) <= SAME_SHAPE:
+        K = np.asarray(lens.calibration_matrix())
+        return Camera(name, viewmat, K, lens.width, lens.height).resized(width, height), None
+    found = _pinhole(name, viewmat, lens, width, height)
+    if found is None:
+        raise CaptureError(
+            f"{origin} is {lens.model.name} with parameters {np.asarray(lens.params).tolist()}, which "
+            f"is no lens that could be straightened. Calibrate it again."
+        )
+    return found
+
+
+def _is_pinhole(lens: Any) -> bool:
+    focal_lengths = FOCAL_LENGTHS.get(lens.model.name)
+    return focal_lengths is not None and np.abs(lens.params[focal_lengths + 2 :]).max(initial=0) <= 1e-9
+
+
+def _pinhole(name: str, viewmat: np.ndarray, lens: Any, width: int, height: int) -> tuple[Camera, Lens] | None:
     """The pinhole camera that sees the most of a lens without seeing past its borders, and how its pictures are made.
 
-    lens: a pycolmap.Camera. None where there is no such camera: what the model says is no lens.
+    None where there is no such camera: what the model says is no lens.
     """
     focal = _focal(lens, width, height)
     if focal is None:
@@ -73,9 +126,10 @@ def _shown(lens: Any, focal: float, width: int, height: int, pixels: np.ndarray)
     return np.asarray(lens.img_from_cam(rays), np.float64).reshape(-1, 2)
 
 
-def _cv2() -> Any:
+def import_cv2(purpose: str) -> Any:
+    """Raises `MissingDependencyError` where OpenCV is not installed. purpose: what needs it."""
     try:
         import cv2
     except ImportError as error:
-        raise MissingDependencyError("Straightening pictures needs OpenCV: pip install 'splatreel[recon]'.") from error
+        raise MissingDependencyError(f"{purpose} needs OpenCV: pip install 'splatreel[recon]'.") from error
     return cv2

@@ -7,6 +7,7 @@ An optional `splatreel.json` beside the videos says more (`capture/sidecar.py`).
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 from zipfile import BadZipFile
 
@@ -21,7 +22,8 @@ from splatreel.errors import CaptureError
 from splatreel.scene.camera import Camera
 
 POSES = "poses_bounds.npy"
-HELD_OUT = "cam00"
+HELD_OUT = re.compile("cam_?0+")
+"""The camera numbered 0: `cam00`, in MeetRoom `cam_0`."""
 
 
 def is_neu3dv(path: Path) -> bool:
@@ -29,7 +31,7 @@ def is_neu3dv(path: Path) -> bool:
 
 
 class Neu3DVCapture(Capture):
-    """A Neu3DV folder; cam00 is held out unless the request or `splatreel.json` says otherwise."""
+    """A Neu3DV folder; the camera numbered 0 is held out unless the request or `splatreel.json` says otherwise."""
 
     def __init__(self, path: Path, request: Request) -> None:
         files = sorted(path.glob("cam*.mp4"))
@@ -45,7 +47,7 @@ class Neu3DVCapture(Capture):
             _camera(path, video, row).resized(*request.size(video.width, video.height, path))
             for video, row in zip(map(self._videos.__getitem__, names), poses, strict=True)
         ]
-        default = sidecar.held_out if sidecar.held_out is not None else [name for name in names if name == HELD_OUT]
+        default = sidecar.held_out if sidecar.held_out is not None else [n for n in names if HELD_OUT.fullmatch(n)]
         super().__init__(
             path,
             cameras,

@@ -7,19 +7,25 @@ from pathlib import Path
 
 from splatreel.capture.base import Capture, Request
 from splatreel.capture.colmap import ColmapCapture, is_colmap
+from splatreel.capture.easyvolcap import EasyVolcapCapture, is_easyvolcap
 from splatreel.capture.neu3dv import Neu3DVCapture, is_neu3dv
 from splatreel.capture.panoptic import PanopticCapture, is_panoptic
+from splatreel.capture.technicolor import TechnicolorCapture, is_technicolor
 from splatreel.errors import CaptureError
 
 LOOKED_FOR = """\
   Neu3DV:          poses_bounds.npy and cam00.mp4, cam01.mp4, ...
   Panoptic Sports: train_meta.json, test_meta.json and ims/
-  COLMAP:          sparse/0/cameras.bin (or .txt) and a video a camera, or images/, images_2/, images_4/, images_8/
+  Technicolor:     cameras_parameters.txt and SCENE_undist_FRAME_CAMERA.png
+  EasyVolcap:      intri.yml, extri.yml and images/CAMERA/*.jpg or videos/CAMERA.mp4
+  COLMAP:          sparse/0/cameras.bin (or .txt) and a video a camera, or images/, images_2/, ... with a picture or a folder a camera
   Videos alone:    first run `splatreel capture calibrate` on them, and `splatreel capture sync` if they do not start together"""
 
 READERS: tuple[tuple[Callable[[Path], bool], Callable[[Path, Request], Capture]], ...] = (
     (is_neu3dv, Neu3DVCapture),
     (is_panoptic, PanopticCapture),
+    (is_technicolor, TechnicolorCapture),
+    (is_easyvolcap, EasyVolcapCapture),
     (is_colmap, ColmapCapture),
 )
 

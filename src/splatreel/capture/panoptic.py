@@ -11,12 +11,12 @@ from pathlib import Path
 
 import numpy as np
 
-from splatreel.capture.base import Capture, Request
-from splatreel.capture.images import read_image
+from splatreel.capture.base import Capture, Request, read_cameras
+from splatreel.capture.pictures import Pictures
+from splatreel.capture.sidecar import Sidecar
 from splatreel.errors import CaptureError
 from splatreel.scene.camera import Camera
 
-FPS = 30.0
 META = ("train_meta.json", "test_meta.json")
 
 
@@ -47,23 +47,21 @@ class PanopticCapture(Capture):
             raise CaptureError(f"{path}: cameras have unequal frame counts {counts}; make the two meta files agree.")
         if len(counts) < len(views):
             raise CaptureError(f"{path}: a camera is listed twice in {' and '.join(META)}; remove it from one of them.")
-        self._files = {v.camera.name: v.files for v in views}
+        files = {v.camera.name: [path / "ims" / file for file in v.files] for v in views}
+        self._pictures = Pictures(path, files, Sidecar(), request)
         super().__init__(
             path,
             [v.camera.resized(*request.size(v.camera.width, v.camera.height, path)) for v in views],
             held_out=defaults if request.held_out is None else request.held_out,
-            frame_range=request.range(min(counts.values(), default=0), path),
-            fps=FPS,
+            frame_range=request.range(self._pictures.frames, path),
+            fps=self._pictures.fps,
         )
 
     def sources(self) -> list[Path]:
-        times = slice(self.first_frame, self.first_frame + self.frames)
-        return [self.path / "ims" / file for files in self._files.values() for file in files[times]]
+        return self._pictures.sources(self.first_frame, self.frames)
 
     def _read_into(self, out: np.ndarray, first: int, cameras: list[str]) -> None:
-        for c, name in enumerate(cameras):
-            for t in range(len(out)):
-                out[t, c] = read_image(self.path / "ims" / self._files[name][first + t], self.width, self.height)
+        read_cameras(self._pictures.read_camera, out, first, cameras)
 
 
 def _read_meta(file: Path) -> list[_View]:

@@ -1,0 +1,56 @@
+"""One image file a camera and time step."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+
+from splatreel.capture.base import Request
+from splatreel.capture.images import image_size, read_image
+from splatreel.capture.sidecar import SIDECAR, Sidecar
+from splatreel.errors import CaptureError
+
+IMAGE_SUFFIXES = (".jpg", ".jpeg", ".png", ".webp", ".tif", ".tiff", ".bmp")
+
+
+class Pictures:
+    """The image files of a capture, by camera, in the order of time; all cameras start together.
+
+    frames: how many time steps all of them have. fps: what the sidecar says, or 30: pictures do not tell.
+    Raises `CaptureError` where a camera has more than another and the request does not say which, or the sidecar when videos start.
+    """
+
+    def __init__(self, path: Path, files: dict[str, list[Path]], sidecar: Sidecar, request: Request) -> None:
+        self.path = path
+        self._files = files
+        self.fps = sidecar.fps or 30.0
+        if sidecar.starts:
+            raise CaptureError(
+                f"{path / SIDECAR}: says when videos start, but the cameras have pictures. Remove `starts`."
+            )
+        counts = {name: len(found) for name, found in files.items()}
+        self.frames = min(counts.values(), default=0)
+        if request.frames is None and len(set(counts.values())) > 1:
+            low, high = min(counts, key=lambda n: counts[n]), max(counts, key=lambda n: counts[n])
+            raise CaptureError(
+                f"{path}: the cameras have unequal numbers of pictures: {low} has {counts[low]}, {high} has {counts[high]}. Add "
+                f"those that are missing, or, if all start together, choose the frames all of them have: --frames 0:{counts[low]}."
+            )
+
+    def size(self, name: str) -> tuple[int, int]:
+        """(width, height) of a camera's first picture."""
+        return image_size(self._files[name][0])
+
+    def read_camera(self, out: np.ndarray, first: int, name: str) -> None:
+        """Time steps first .. first + len(out) - 1 of a camera into out [count, H, W, 3] uint8."""
+        for picture, file in zip(out, self._files[name][first : first + len(out)], strict=True):
+            picture[:] = read_image(file, out.shape[2], out.shape[1])
+
+    def sources(self, first: int, count: int) -> list[Path]:
+        return [file for files in self._files.values() for file in files[first : first + count]]
+
+
+def image_files(folder: Path) -> list[Path]:
+    """The images that lie in a folder, by name."""
+    return sorted(file for file in folder.glob("*") if file.suffix.lower() in IMAGE_SUFFIXES)

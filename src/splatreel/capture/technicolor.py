@@ -1,0 +1,116 @@
+"""Technicolor light-field videos (Sabater et al. 2017), undistorted: `SCENE_undist_FRAME_CAMERA.png` and `cameras_parameters.txt`.
+
+After a line of titles, a line a camera: focal length, principal point (2), aspect ratio, skew, rotation quaternion wxyz and translation
+of world to camera.
+"""
+
+from __future__ import annotations
+
+import re
+from collections import defaultdict
+from pathlib import Path
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from splatreel.capture.base import Capture, Request, read_cameras
+from splatreel.capture.pictures import Pictures, image_files
+from splatreel.capture.sidecar import read_sidecar
+from splatreel.errors import CaptureError
+from splatreel.scene.camera import Camera
+
+PARAMETERS = "cameras_parameters.txt"
+HELD_OUT = "10"
+"""In the middle of the rig; what the field's tables are of (paper, appendix B)."""
+NUMBERS = 12
+PICTURE = re.compile(r".+_undist_(\d+)_(\d+)")
+
+
+def is_technicolor(path: Path) -> bool:
+    return (path / PARAMETERS).is_file()
+
+
+class TechnicolorCapture(Capture):
+    """A Technicolor folder; cameras are named by their two digits, and 10 is held out unless the request or its note says otherwise."""
+
+    def __init__(self, path: Path, request: Request) -> None:
+        sidecar, files = read_sidecar(path), _pictures(path)
+        rows = _read_parameters(path / PARAMETERS)
+        if sorted(int(name) for name in files) != list(range(len(rows))):
+            raise CaptureError(
+                f"{path}: pictures of the cameras {', '.join(sorted(files)) or 'none'} (SCENE_undist_FRAME_CAMERA.png), but "
+                f"{len(rows)} lines of cameras in {PARAMETERS}. They belong together in their order, from 00 on: add what is missing."
+            )
+        self._pictures = Pictures(path, files, sidecar, request)
+        names = sorted(files)
+        default = sidecar.held_out if sidecar.held_out is not None else [name for name in names if name == HELD_OUT]
+        super().__init__(
+            path,
+            [self._camera(name, row, request) for name, row in zip(names, rows, strict=True)],
+            held_out=default if request.held_out is None else request.held_out,
+            frame_range=request.range(self._pictures.frames, path),
+            fps=self._pictures.fps,
+        )
+
+    def _camera(self, name: str, row: np.ndarray, request: Request) -> Camera:
+        viewmat = np.eye(4)
+        viewmat[:3, :3] = Rotation.from_quat(row[[6, 7, 8, 5]]).as_matrix()
+        viewmat[:3, 3] = row[9:12]
+        K = np.array([[row[0], 0, row[1]], [0, row[0], row[2]], [0, 0, 1]])
+        width, height = self._pictures.size(name)
+        return Camera(name, viewmat, K, width, height).resized(*request.size(width, height, self._pictures.path))
+
+    def sources(self) -> list[Path]:
+        return self._pictures.sources(self.first_frame, self.frames)
+
+    def _read_into(self, out: np.ndarray, first: int, cameras: list[str]) -> None:
+        read_cameras(self._pictures.read_camera, out, first, cameras)
+
+
+def _pictures(path: Path) -> dict[str, list[Path]]:
+    """By camera, in the order of frames, which every camera must have the same of."""
+    found: dict[str, dict[int, Path]] = defaultdict(dict)
+    for file in image_files(path):
+        if match := PICTURE.fullmatch(file.stem):
+            found[match[2]][int(match[1])] = file
+    times = sorted({time for files in found.values() for time in files})
+    for name, files in found.items():
+        if absent := [time for time in times if time not in files]:
+            raise CaptureError(
+                f"{path}: camera {name} has no picture of frame {absent[0]:05d}, which others have. Copy it there, or remove that "
+                f"frame of all cameras."
+            )
+    return {name: [files[time] for time in times] for name, files in sorted(found.items())}
+
+
+def _read_parameters(file: Path) -> np.ndarray:
+    """[cameras, 12], checked."""
+    try:
+        rows = [
+            np.array(line.split(), np.float64)
+            for line in file.read_text(encoding="utf-8").splitlines()[1:]
+            if line.strip()
+        ]
+    except (OSError, ValueError) as error:
+        raise CaptureError(
+            f"{file}: cannot be read ({error}). After a line of titles it has a line of numbers a camera."
+        ) from error
+    for number, row in enumerate(rows):
+        if row.shape != (NUMBERS,):
+            raise CaptureError(
+                f"{file}: camera {number} has {row.size} numbers, expected {NUMBERS}. Only undistorted pictures are read, and they "
+                f"have: focal length, principal point, aspect ratio, skew, quaternion wxyz, translation."
+            )
+        focal, aspect, skew, turn = row[0], row[3], row[4], np.linalg.norm(row[5:9])
+        if not (
+            np.isfinite(row).all()
+            and focal > 0
+            and abs(turn - 1) < 1e-2
+            and abs(aspect - 1) < 1e-2
+            and abs(skew) < 1e-2 * focal
+        ):
+            raise CaptureError(
+                f"{file}: camera {number} is {row.tolist()}: its focal length must be positive, its aspect ratio 1, its skew 0 and "
+                f"its quaternion of length 1. Copy the file again."
+            )
+    return np.array(rows).reshape(-1, NUMBERS)
