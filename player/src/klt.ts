@@ -6,9 +6,11 @@ export const SHARES = [1 / Math.sqrt(3), 1 / Math.sqrt(2), 1 / Math.sqrt(6)];
 
 /** A section whose coefficients are still coded. */
 export interface Klt {
-  /** [N, K channels] coefficients, a `field`, of which a point has the first `ends` [N]. */
+  /** [N, L] coefficients, a `field`, of which a point has the first `ends` [N]. */
   data: Uint8Array;
   ends: Int32Array;
+  /** [L] the channel of each; the first of a channel is of the first vector of the basis, and so on. */
+  columns: Uint8Array;
   channels: number;
   /** [D, K] in the section's unit */
   basis: Float64Array;
@@ -59,16 +61,31 @@ export function decodeTexture(klt: Klt, form: Form): Texture {
   return wholes(values, form, points, klt.dimensions, klt.ends.length);
 }
 
+/** Where coefficients go in rows of `across` channels, a row a vector of the basis, and how many rows the first 0, 1, ... L of them reach. */
+export function placesOf(columns: Uint8Array, across: number): { places: Int32Array; rows: Int32Array } {
+  const places = new Int32Array(columns.length);
+  const rows = new Int32Array(columns.length + 1);
+  const vectors = new Int32Array(across);
+  columns.forEach((channel, at) => {
+    places[at] = across * vectors[channel]++ + channel;
+    rows[at + 1] = Math.max(rows[at], vectors[channel]);
+  });
+  return { places, rows };
+}
+
 /** The sum of dimension d, the n-th of the points and channel c goes to d across + n along + c. */
-function expand({ data, ends, channels, basis, dimensions, levels, shifts }: Klt, points: Uint32Array, result: Float32Array, across: number, along: number): void {
+function expand({ data, ends, columns, channels, basis, dimensions, levels, shifts }: Klt, points: Uint32Array, result: Float32Array, across: number, along: number): void {
   const stride = basis.length / dimensions;
-  const found = decodeField(data, channels * stride, levels, shifts, ends);
+  const found = decodeField(data, columns.length, levels, shifts, ends);
+  const { places, rows } = placesOf(columns, channels);
   const own = new Float64Array(channels * stride);
   const last = dimensions - 1;
   for (let n = 0; n < points.length; n++) {
-    const used = Math.ceil(ends[points[n]] / channels);
-    const from = channels * stride * points[n];
-    for (let c = 0; c < channels; c++) for (let k = 0; k < used; k++) own[c * stride + k] = found[from + k * channels + c];
+    const end = ends[points[n]];
+    const used = rows[end];
+    const from = columns.length * points[n];
+    own.fill(0, 0, channels * used);
+    for (let at = 0; at < end; at++) own[places[at]] = found[from + at];
     // Four dimensions at a time: what is read of the point serves all, and no sum waits for another. The last may come twice.
     for (let first = 0; first < dimensions; first += 4) {
       const d = Math.max(Math.min(first, dimensions - 4), 0);
@@ -76,7 +93,7 @@ function expand({ data, ends, channels, basis, dimensions, levels, shifts }: Klt
       for (let c = 0, to = n * along; c < channels; c++, to++) {
         let [s, s1, s2, s3] = [0, 0, 0, 0];
         for (let k = 0, a = d * stride, a1 = d1 * stride, a2 = d2 * stride, a3 = d3 * stride; k < used; k++) {
-          const value = own[c * stride + k];
+          const value = own[k * channels + c];
           s += basis[a + k] * value;
           s1 += basis[a1 + k] * value;
           s2 += basis[a2 + k] * value;

@@ -19,6 +19,8 @@ export interface Offsets {
   dxStep: number[];
   dqMin: number[];
   dqStep: number[];
+  /** Whether dq turns about the world's axes, after the points' own rotations; else about those that these have made of them. */
+  worldly: boolean;
   /** Null where colour and opacity stay. */
   shade: Shade | null;
 }
@@ -55,6 +57,7 @@ export async function decodeOffsets(bytes: Uint8Array, section: Section, file: C
     dxStep: dx.step,
     dqMin: dq.min,
     dqStep: dq.step,
+    worldly: false,
   };
 }
 

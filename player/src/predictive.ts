@@ -1,5 +1,6 @@
 /** Points and offsets of the predictive codec: whole numbers back to Gaussians (docs/format.md). */
 import type { Container, Section } from "./container";
+import { toShapes } from "./covariance";
 import { sectionOf, tensor } from "./dequantize";
 import { EntropyDecoder, unzigzag } from "./entropy";
 import { ReelError, inSection } from "./errors";
@@ -28,31 +29,19 @@ export interface Neighbourhood {
 
 export async function decodePredictive(file: Container, kernels: Kernels): Promise<{ points: Gaussians; here: Neighbourhood }> {
   const count = file.points;
-  const { means, lattice } = await inSection("means", () => decodeMeans(file, count));
+  const { lattice, ...cells } = await inSection("means", () => decodeLattice(file, count));
   const levels = kernels.levelsOf(lattice);
   const here = { levels, classes: await decodeClasses(file, levels, kernels), kernels };
-  const xyz = await values(file, "quats", SHAPE, 3, here);
-  const scales = await values(file, "scales", SHAPE, 3, here);
+  const means = await inSection("places", () => decodePlaces(file, lattice, cells, here.classes[MOTION]));
+  const { quats, scales } = toShapes(await values(file, "shapes", SHAPE, 6, here));
   const opacities = await values(file, "opacities", SHAPE, 1, here);
   const shBase = await values(file, "sh_base", COLOR, 3, here);
   const rest = file.sections.sh_rest ? await decodeRest(file, here) : { shRest: new Uint32Array(count), codebook: new Float32Array(), shDegree: 0 };
-  const quats = new Float32Array(4 * count);
-  for (let i = 0, t = 0, f = 0; i < count; i++, t += 3, f += 4) {
-    const x = xyz[t];
-    const y = xyz[t + 1];
-    const z = xyz[t + 2];
-    const square = x * x + y * y + z * z;
-    const w = Math.sqrt(Math.max(1 - square, 0));
-    const norm = Math.sqrt(w * w + square);
-    quats[f] = w / norm;
-    quats[f + 1] = x / norm;
-    quats[f + 2] = y / norm;
-    quats[f + 3] = z / norm;
-    for (let a = t; a < t + 3; a++) scales[a] = 2 ** Math.min(Math.max(scales[a], -126), 126);
-    primaries(shBase, t);
+  for (let i = 0; i < count; i++) {
+    primaries(shBase, 3 * i);
     opacities[i] = Math.min(Math.max(opacities[i], 0), 1);
   }
-  const plain = { means, quats, scales: new Float32Array(scales), opacities: new Float32Array(opacities), shBase: new Float32Array(shBase) };
+  const plain = { means, quats, scales, opacities: new Float32Array(opacities), shBase: new Float32Array(shBase) };
   return { points: { count, ...plain, ...rest }, here };
 }
 
@@ -70,31 +59,56 @@ export async function decodeMotion(file: Container, here: Neighbourhood): Promis
     dq: turns.data as Uint8Array,
     dqMin: turns.min,
     dqStep: turns.step,
+    worldly: true,
   };
 }
 
-function decodeMeans(file: Container, count: number): { means: Float32Array; lattice: Float64Array } {
+/** What the positions in a lattice mean: `min` + `step` times them, and how many bits the finest points have for their place in a cell. */
+interface Cells {
+  low: number[];
+  step: number;
+  finer: number;
+}
+
+function decodeLattice(file: Container, count: number): Cells & { lattice: Float64Array } {
   const section = sectionOf(file, "means", "lattice");
   const low = section.min as number[];
+  const finer = section.finer as number;
   const step = stepOf(section);
+  if (!(Number.isInteger(finer) && finer >= 0 && finer <= 7)) throw new ReelError(`its points have ${JSON.stringify(finer)} bits more`);
   if (!Array.isArray(low) || low.length !== 3 || !low.every(Number.isFinite)) throw new ReelError("its positions have no origin");
   const decoder = new EntropyDecoder(tensor(file, "means"), 1);
   const lattice = new Float64Array(3 * count);
-  const means = new Float32Array(3 * count);
   let code = 0;
   for (let i = 0; i < count; i++) {
     code += decoder.nextLarge(0);
     if (code >= 2 ** 51) throw new ReelError("its positions leave their lattice");
     const high = Math.floor(code / 2 ** 24);
     const rest = code - high * 2 ** 24;
-    for (let a = 0; a < 3; a++) {
-      const q = everyThird(rest >> a) | (everyThird(high >> a) << 8);
-      lattice[3 * i + a] = q;
-      means[3 * i + a] = low[a] + q * step;
-    }
+    for (let a = 0; a < 3; a++) lattice[3 * i + a] = everyThird(rest >> a) | (everyThird(high >> a) << 8);
   }
   decoder.finish();
-  return { means, lattice };
+  return { lattice, low, step, finer };
+}
+
+/** Positions [N, 3]: a point of class c has `finer` - c bits along each axis for its place in its cell, the lowest ones of all points first. */
+function decodePlaces(file: Container, lattice: Float64Array, { low, step, finer }: Cells, classes: Uint8Array): Float32Array {
+  sectionOf(file, "places", "plain");
+  const data = tensor(file, "places");
+  let total = 0;
+  for (const kind of classes) total += 3 * Math.max(finer - kind, 0);
+  if (data.length !== (total + 7) >> 3) throw new ReelError(`it holds ${data.length} bytes where its points have ${total} bits`);
+  const places = new Uint8Array(lattice.length);
+  for (let b = 0, bit = 0; b < finer; b++) {
+    for (let i = 0; i < classes.length; i++) {
+      if (finer - classes[i] <= b) continue;
+      for (let at = 3 * i; at < 3 * i + 3; at++, bit++) places[at] |= ((data[bit >> 3] >> (bit & 7)) & 1) << b;
+    }
+  }
+  return Float32Array.from(lattice, (cell, at) => {
+    const parts = 2 ** Math.max(finer - classes[Math.floor(at / 3)], 0);
+    return low[at % 3] + (cell + (2 * places[at] + 1 - parts) / (2 * parts)) * step;
+  });
 }
 
 /** Bits 0, 3, 6, ... of a number of at most 27 bits. */
@@ -153,16 +167,32 @@ export function kltOf(file: Container, name: string, kind: number, dimensions: n
   const step = stepOf(section);
   const data = tensor(file, name);
   const view = new DataView(data.buffer, data.byteOffset, data.byteLength);
-  const sizes = data.byteLength < 12 ? [NaN] : [0, 4, 8].map((at) => view.getUint32(at, true));
-  if (sizes.reduce((sum, size) => sum + size, 12) !== data.byteLength) throw new ReelError("it does not hold its streams");
-  const [first, second] = [12 + sizes[0], 12 + sizes[0] + sizes[1]];
-  const columns = decodeBasis(data.subarray(12, first), section, dimensions);
-  const ends = here.kernels.decodeField(data.subarray(first, second), 1, here.levels, new Uint8Array(file.points));
-  const most = columns.length * channels;
-  if (!ends.every((end) => end >= 0 && end <= most)) throw new ReelError(`it has points of more columns than ${most}`);
-  const basis = new Float64Array(dimensions * columns.length);
-  columns.forEach((column, k) => column.forEach((value, d) => (basis[d * columns.length + k] = value * step)));
-  return { data: data.subarray(second), ends, channels, basis, dimensions, levels: here.levels, shifts: here.classes[kind] };
+  const sizes = data.byteLength < 16 ? [NaN] : [0, 4, 8, 12].map((at) => view.getUint32(at, true));
+  if (sizes.reduce((sum, size) => sum + size, 16) !== data.byteLength) throw new ReelError("it does not hold its streams");
+  let cut = 16;
+  const [basisData, columnsData, endsData, body] = sizes.map((size) => data.subarray(cut, (cut += size)));
+  const vectors = decodeBasis(basisData, section, dimensions);
+  const columns = decodeColumns(columnsData, section, vectors.length, channels);
+  const ends = here.kernels.decodeField(endsData, 1, here.levels, new Uint8Array(file.points));
+  if (!ends.every((end) => end >= 0 && end <= columns.length)) throw new ReelError(`it has points of more columns than ${columns.length}`);
+  const basis = new Float64Array(dimensions * vectors.length);
+  vectors.forEach((vector, k) => vector.forEach((value, d) => (basis[d * vectors.length + k] = value * step)));
+  return { data: body, ends, columns, channels, basis, dimensions, levels: here.levels, shifts: here.classes[kind] };
+}
+
+/** The channel of each column: no channel has more than the basis has vectors. */
+function decodeColumns(data: Uint8Array, section: Section, vectors: number, channels: number): Uint8Array {
+  const count = section.columns as number;
+  if (!(Number.isInteger(count) && count >= 1 && count <= vectors * channels)) throw new ReelError(`it has ${JSON.stringify(count)} columns`);
+  const decoder = new EntropyDecoder(data, 1);
+  const used = new Int32Array(channels);
+  const columns = Uint8Array.from({ length: count }, () => {
+    const channel = decoder.next(0);
+    if (!(channel < channels && used[channel]++ < vectors)) throw new ReelError("it has columns of other channels");
+    return channel;
+  });
+  decoder.finish();
+  return columns;
 }
 
 function stepOf(section: Section): number {

@@ -267,7 +267,7 @@ export class Renderer {
     const group = shown && this.groups.get(shown.group)!.textures;
     if (!shown || !group || !group.range) return;
     const { gl, project } = this;
-    const { frames, dxMin, dxStep, dqMin, dqStep, shade } = group.range;
+    const { frames, dxMin, dxStep, dqMin, dqStep, worldly, shade } = group.range;
     const low = Math.min(Math.floor(shown.frame), frames - 1);
     gl.uniform2i(project.at("uFrames"), low, Math.min(low + 1, frames - 1));
     gl.uniform1f(project.at("uBetween"), shown.frame - low);
@@ -275,6 +275,7 @@ export class Renderer {
     gl.uniform3fv(project.at("uDxStep"), dxStep);
     gl.uniform4fv(project.at("uDqMin"), dqMin);
     gl.uniform4fv(project.at("uDqStep"), dqStep);
+    gl.uniform1i(project.at("uWorldly"), worldly ? 1 : 0);
     gl.uniform4fv(project.at("uShadeMin"), shade?.min ?? [0, 0, 0, 0]);
     gl.uniform4fv(project.at("uShadeStep"), shade?.step ?? [0, 0, 0, 0]);
     gl.uniform4f(project.at("uWeights"), weight, 0, 0, 0);

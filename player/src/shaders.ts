@@ -27,7 +27,7 @@ uniform highp usampler2DArray uShade;
 uniform int uFirstRow;
 uniform int uCount;
 uniform int uShDegree;
-uniform bool uMoving, uShaded, uAntialias;
+uniform bool uMoving, uWorldly, uShaded, uAntialias;
 uniform ivec2 uFrames;
 uniform float uBetween;
 uniform vec3 uDxMin, uDxStep;
@@ -119,7 +119,7 @@ void main() {
   vec3 color = vec3(opacityAndRed.y, unpackHalf2x16(p2.z));
   if (uMoving) {
     mean += movedBy(at);
-    quat = multiply(quat, turnedBy(at));
+    quat = uWorldly ? multiply(turnedBy(at), quat) : multiply(quat, turnedBy(at));
   }
   if (uShaded) {
     vec4 gain = shadedBy(at);

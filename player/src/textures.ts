@@ -10,7 +10,7 @@ export function rowsOf(count: number): number {
 }
 
 /** What stays on the CPU of a group's offsets once they are uploaded. */
-export type OffsetRange = Pick<Offsets, "frames" | "dxMin" | "dxStep" | "dqMin" | "dqStep" | "shade">;
+export type OffsetRange = Pick<Offsets, "frames" | "dxMin" | "dxStep" | "dqMin" | "dqStep" | "worldly" | "shade">;
 
 export class PointTextures {
   readonly count: number;

@@ -3,7 +3,7 @@ import { streamOf } from "./entropy";
 import { ReelError } from "./errors";
 import { CONTEXT_OF, CONTEXTS, firstStride, type Levels } from "./field";
 import type { Kernels } from "./kernels";
-import { coded, scaleOf, SHARES, type Form, type Klt, type Texture } from "./klt";
+import { coded, placesOf, scaleOf, SHARES, type Form, type Klt, type Texture } from "./klt";
 
 /** What ../wasm exports; all but memory take and give addresses and whole numbers. */
 interface Module {
@@ -12,8 +12,8 @@ interface Module {
   open(lookup: number, states: number, lanes: number, words: number, wordCount: number, raw: number, rawBytes: number): void;
   field(found: number, sizes: number, contextOf: number, order: number, neighbours: number, weights: number, shifts: number, ends: number, count: number, columns: number): number;
   levels(lattice: number, count: number, firstStride: number, order: number, neighbours: number, weights: number): void;
-  expand(found: number, ends: number, points: number, count: number, channels: number, basis: number, dimensions: number, K: number, own: number, result: number): void;
-  expandRows(found: number, ends: number, points: number, count: number, basis: number, dimensions: number, K: number, result: number): void;
+  expand(found: number, ends: number, points: number, count: number, columns: number, places: number, rows: number, basis: number, dimensions: number, K: number, own: number, result: number): void;
+  expandRows(found: number, ends: number, points: number, count: number, columns: number, basis: number, dimensions: number, result: number): void;
   turn(values: number, count: number): void;
   color(values: number, count: number, shares: number): void;
   range(values: number, count: number, ranges: number): void;
@@ -128,25 +128,26 @@ function field(arena: Arena, data: Uint8Array, columns: number, levels: Levels, 
   return { found, ends: endsAt };
 }
 
-function decodeRows(arena: Arena, { data, ends, basis, dimensions, levels, shifts }: Klt): Float32Array {
-  const columns = basis.length / dimensions;
-  const at = field(arena, data, columns, levels, shifts, ends);
+function decodeRows(arena: Arena, { data, ends, columns, basis, dimensions, levels, shifts }: Klt): Float32Array {
+  const K = basis.length / dimensions;
+  const at = field(arena, data, columns.length, levels, shifts, ends);
   const points = coded(ends);
   const result = new Float32Array(points.length * dimensions);
-  const across = Float64Array.from(basis, (_, i) => basis[(i % dimensions) * columns + Math.floor(i / dimensions)]);
+  const across = Float64Array.from(basis, (_, i) => basis[(i % dimensions) * K + Math.floor(i / dimensions)]);
   const [from, transposed, to] = [arena.put(points), arena.put(across), arena.room(result.byteLength)];
-  arena.run.expandRows(at.found, at.ends, from, points.length, transposed, dimensions, columns, to);
+  arena.run.expandRows(at.found, at.ends, from, points.length, columns.length, transposed, dimensions, to);
   return arena.take(to, result);
 }
 
-function decodeTexture(arena: Arena, { data, ends, channels, basis, dimensions, levels, shifts }: Klt, form: Form): Texture {
+function decodeTexture(arena: Arena, { data, ends, columns, basis, dimensions, levels, shifts }: Klt, form: Form): Texture {
   const { run } = arena;
   const K = basis.length / dimensions;
-  const at = field(arena, data, channels * K, levels, shifts, ends);
+  const at = field(arena, data, columns.length, levels, shifts, ends);
+  const { places, rows } = placesOf(columns, 4);
   const some = coded(ends);
   const count = some.length * dimensions;
-  const [points, basisAt, own, values] = [arena.put(some), arena.put(basis), arena.zeros(32 * K), arena.room(16 * count)];
-  run.expand(at.found, at.ends, points, some.length, channels, basisAt, dimensions, K, own, values);
+  const [points, basisAt, own, values] = [arena.put(some), arena.put(basis), arena.room(32 * K), arena.room(16 * count)];
+  run.expand(at.found, at.ends, points, some.length, columns.length, arena.put(places), arena.put(rows), basisAt, dimensions, K, own, values);
   if (form.turn === "quaternion") run.turn(values, count);
   if (form.turn === "colour") run.color(values, count, arena.put(Float64Array.from(SHARES)));
   const ranges = arena.put(Float32Array.from([...form.rest, ...form.rest]));

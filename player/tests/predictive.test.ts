@@ -23,6 +23,20 @@ function compare(name: string, found: ArrayLike<number>, tolerance: (i: number) 
   });
 }
 
+/** Rotations [T, N, 4] about the world's axes as those about what the points' own [N, 4] have made of them: q^-1 dq q. */
+function local(dq: number[], quats: Float32Array): number[] {
+  const times = (a: ArrayLike<number>, b: ArrayLike<number>): number[] => [
+    a[0] * b[0] - a[1] * b[1] - a[2] * b[2] - a[3] * b[3],
+    a[0] * b[1] + a[1] * b[0] + a[2] * b[3] - a[3] * b[2],
+    a[0] * b[2] + a[2] * b[0] + a[3] * b[1] - a[1] * b[3],
+    a[0] * b[3] + a[3] * b[0] + a[1] * b[2] - a[2] * b[1],
+  ];
+  return Array.from({ length: dq.length / 4 }, (_, i) => {
+    const own = quats.subarray((4 * i) % quats.length, ((4 * i) % quats.length) + 4);
+    return times(times([own[0], -own[1], -own[2], -own[3]], dq.slice(4 * i, 4 * i + 4)), own);
+  }).flat();
+}
+
 function comparePoints(prefix: string, { points }: DecodedFile): void {
   for (const name of ["means", "quats", "scales", "opacities"] as const) compare(`${prefix}.${name}`, points[name]);
   const rest = 3 * ((points.shDegree + 1) ** 2 - 1);
@@ -40,11 +54,12 @@ test("the golden reel decodes to the numbers that Python decodes", async () => {
     const file = await decode(read(entry.uri));
     comparePoints(`group${index}.dynamic`, file);
     compare(`group${index}.alive`, file.alive);
-    const { dx, dxMin, dxStep, dq, dqMin, dqStep, shade } = file.offsets!;
+    const { dx, dxMin, dxStep, dq, dqMin, dqStep, worldly, shade } = file.offsets!;
+    assert.ok(worldly);
     const plain = (q: ArrayLike<number>, channels: number, min: number[], step: number[]): number[] =>
       Array.from({ length: (q.length / 4) * channels }, (_, i) => min[i % channels] + step[i % channels] * q[4 * Math.floor(i / channels) + (i % channels)]);
     compare(`group${index}.dx`, plain(dx, 3, dxMin, dxStep), (i) => dxStep[i % 3] / 2);
-    compare(`group${index}.dq`, plain(dq, 4, dqMin, dqStep), (i) => dqStep[i % 4] / 2);
+    compare(`group${index}.dq`, local(plain(dq, 4, dqMin, dqStep), file.points.quats), () => Math.hypot(...dqStep) / 2);
     assert.equal(shade !== null, index === 1);
     assert.equal(file.light !== null, index === 1);
     if (file.light) compare(`group${index}.light`, file.light);

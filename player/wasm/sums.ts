@@ -3,11 +3,10 @@
 @external("env", "sin") declare function sin(x: f64): f64;
 @external("env", "cos") declare function cos(x: f64): f64;
 
-/** own f64 [K, 4]: the coefficients of a point of i32 [K, channels], of which `used` rows count. */
-function gather(from: usize, used: i32, channels: i32, own: usize): void {
-  for (let k = 0; k < used; k++, own += 32, from += 4 * channels) {
-    for (let c = 0; c < channels; c++) store<f64>(own + 8 * c, <f64>load<i32>(from + 4 * c));
-  }
+/** own f64 [rows, 4]: the first `end` i32 coefficients of a point at their places, i32 [end], and zeros. */
+function gather(from: usize, end: i32, places: usize, rows: i32, own: usize): void {
+  memory.fill(own, 0, 32 * rows);
+  for (let at = 0; at < end; at++) store<f64>(own + 8 * load<i32>(places + 4 * at), <f64>load<i32>(from + 4 * at));
 }
 
 @inline function narrowed(low: v128, high: v128): v128 {
@@ -15,16 +14,17 @@ function gather(from: usize, used: i32, channels: i32, own: usize): void {
 }
 
 /**
- * result f32 [D, count, 4] of `count` points u32: sums over k of basis f64 [D, K] times found i32 [N, K, channels], 3 or 4 channels. ends: i32 [N];
- * own: f64 [K, 4] of zeros, scratch.
+ * result f32 [D, count, 4] of `count` points u32: sums over k of basis f64 [D, K] times found i32 [N, columns], 3 or 4 channels. ends: i32 [N];
+ * places i32 [columns], rows i32 [columns + 1]: see placesOf; own: f64 [K, 4], scratch.
  */
-export function expand(found: usize, ends: usize, points: usize, count: i32, channels: i32, basis: usize, dimensions: i32, K: i32, own: usize, result: usize): void {
+export function expand(found: usize, ends: usize, points: usize, count: i32, columns: i32, places: usize, rows: usize, basis: usize, dimensions: i32, K: i32, own: usize, result: usize): void {
   const across = 16 * count;
   const last = dimensions - 1;
   for (let n = 0; n < count; n++, result += 16) {
     const point = load<u32>(points + 4 * n);
-    const used = (load<i32>(ends + 4 * point) + channels - 1) / channels;
-    gather(found + 4 * channels * K * point, used, channels, own);
+    const end = load<i32>(ends + 4 * point);
+    const used = load<i32>(rows + 4 * end);
+    gather(found + 4 * columns * point, end, places, used, own);
     // Four dimensions at a time: what is read of the point serves all. The last may come twice.
     for (let first = 0; first < dimensions; first += 4) {
       const d = max<i32>(min<i32>(first, dimensions - 4), 0);
@@ -60,12 +60,12 @@ export function expand(found: usize, ends: usize, points: usize, count: i32, cha
   }
 }
 
-/** result f32 [count, D], D at least 8: as above for one channel; basis: f64 [K, D]; own: f64 [K], scratch. */
-export function expandRows(found: usize, ends: usize, points: usize, count: i32, basis: usize, dimensions: i32, K: i32, result: usize): void {
+/** result f32 [count, D], D at least 8: as above for one channel, whose columns are the vectors; basis: f64 [K, D]. */
+export function expandRows(found: usize, ends: usize, points: usize, count: i32, columns: i32, basis: usize, dimensions: i32, result: usize): void {
   for (let n = 0; n < count; n++, result += 4 * dimensions) {
     const point = load<u32>(points + 4 * n);
     const used = load<i32>(ends + 4 * point);
-    const from = found + 4 * K * point;
+    const from = found + 4 * columns * point;
     for (let first = 0; first < dimensions; first += 8) {
       const d = min<i32>(first, dimensions - 8);
       let s = f64x2.splat(0), s1 = s, s2 = s, s3 = s;

@@ -13,5 +13,12 @@ def test_what_was_looked_for_is_listed(tmp_path: Path, make: bool) -> None:
         path.mkdir()
     with pytest.raises(CaptureError) as error:
         open_capture(path)
-    for name in (str(path), "poses_bounds.npy", "train_meta.json", "cameras_parameters.txt", "intri.yml", "cameras.bin"):
+    for name in (
+        str(path),
+        "poses_bounds.npy",
+        "train_meta.json",
+        "cameras_parameters.txt",
+        "intri.yml",
+        "cameras.bin",
+    ):
         assert name in str(error.value)

@@ -5,8 +5,7 @@ import dataclasses
 import numpy as np
 import pytest
 
-from splatreel.codec import klt, lattice, predictive, rotvec
-from splatreel.codec.canonical import canonical, turned
+from splatreel.codec import covariance, klt, lattice, predictive, rotvec
 from splatreel.codec.container import pack_file, unpack_file
 from splatreel.codec.group_file import decode_group, decode_layer, encode_group, encode_layer
 from splatreel.config import EncodeConfig
@@ -33,22 +32,6 @@ def covariances(gaussians):
     return axes @ axes.transpose(0, 2, 1)
 
 
-def angles(a, b):
-    return 2 * np.arccos(np.clip(np.abs((a * b).sum(-1)), 0, 1))
-
-
-def test_canonical_is_the_same_gaussian():
-    before = points()
-    after, turn = canonical(before)
-    np.testing.assert_allclose(covariances(after), covariances(before), atol=1e-6)
-    assert (np.diff(after.scales, axis=1) <= 0).all()
-    assert (after.quats[:, 0] >= np.abs(after.quats[:, 1:]).max(1) - 1e-6).all()
-    dq = rotations.normalize(np.random.default_rng(0).normal(size=(4, 300, 4)))
-    for frame, offset in enumerate(turned(dq, turn)):
-        moved = [covariances(g.moved(np.zeros((300, 3)), q)) for g, q in ((after, offset), (before, dq[frame]))]
-        np.testing.assert_allclose(*moved, atol=1e-6)
-
-
 def test_rotation_vectors_go_on_where_quaternions_turn_round():
     angle = np.linspace(0, 9, 40)[:, None, None]
     quats = np.concatenate([np.cos(angle / 2), np.sin(angle / 2) * [0, 0.6, 0.8]], -1)
@@ -73,16 +56,20 @@ def test_klt_keeps_what_few_directions_hold():
 @pytest.mark.parametrize("offset", [0.0, 1000.0])
 def test_positions(count, offset):
     means = np.random.default_rng(count).normal(size=(count, 3)) + offset
-    data, parameters, order, found = lattice.encode_positions(means, 0.001)
-    decoded, again = lattice.decode_positions(data, parameters, count)
-    np.testing.assert_array_equal(found, again)
-    np.testing.assert_allclose(decoded, means[order], atol=0.00051 + 1e-7 * offset)
+    data, parameters, order, found = lattice.encode_positions(means, 0.004)
+    np.testing.assert_array_equal(lattice.decode_positions(data, parameters, count), found)
+    bits = np.arange(count) % 4
+    places = lattice.encode_places(means[order], parameters, found, bits)
+    decoded = lattice.decode_places(places, parameters, found, bits)
+    assert (np.abs(decoded - means[order]) <= 0.00201 * 0.5 ** bits[:, None] + 1e-7 * offset).all()
+    assert len(places) == (3 * bits.sum() + 7) // 8
 
 
 def test_points_that_coincide_and_a_scene_too_large_for_the_step():
     means = np.concatenate([np.zeros((5, 3)), np.full((1, 3), 1e6)])
     data, parameters, order, _ = lattice.encode_positions(means, 1e-3)
-    decoded, _ = lattice.decode_positions(data, parameters, 6)
+    found, bits = lattice.decode_positions(data, parameters, 6), np.zeros(6, np.int64)
+    decoded = lattice.decode_places(b"", parameters, found, bits)
     np.testing.assert_allclose(decoded, means[order], atol=parameters["step"])
 
 
@@ -94,7 +81,8 @@ def test_points_come_back():
     steps = predictive.STEPS
     before = before[order]
     assert np.abs(after.means - before.means).max() <= 0.51 * steps.position * size
-    np.testing.assert_allclose(np.sort(np.log2(after.scales)), np.sort(np.log2(before.scales)), atol=0.61 * steps.scale)
+    shapes = [covariance.of_shapes(g.quats, g.scales) for g in (after, before)]
+    np.testing.assert_allclose(*shapes, atol=0.61 * steps.shape)
     assert np.abs(after.opacities - before.opacities).max() <= 0.61 * steps.opacity
     assert np.abs(after.sh[:, 0] - before.sh[:, 0]).max() <= 1.1 * steps.color
     assert np.sqrt(((after.sh[:, 1:] - before.sh[:, 1:]) ** 2).mean()) <= steps.rest
@@ -153,10 +141,15 @@ def test_important_points_keep_their_precision():
     [
         ("means", {"step": -1.0}, "'means' has step"),
         ("means", {"min": [0.0]}, "'means' has min"),
-        ("quats", {"step": float("nan")}, "'quats' has step"),
-        ("quats", {"codec": "linear"}, "'quats' has the unknown codec"),
+        ("means", {"finer": 8}, "'means' has finer"),
+        ("means", {"finer": 2}, "'places' holds"),
+        ("places", {"codec": "bits"}, "'places' has the unknown codec"),
+        ("shapes", {"step": float("nan")}, "'shapes' has step"),
+        ("shapes", {"codec": "linear"}, "'shapes' has the unknown codec"),
         ("dx", {"shifts": []}, "'dx' has shifts"),
         ("dx", {"shifts": [99]}, "'dx' has shifts"),
+        ("dx", {"columns": 0}, "'dx' has columns"),
+        ("dx", {"columns": 1}, "'dx'"),
         ("dq", {"step": None}, "'dq' has step"),
         ("sh_rest", {"degree": 7}, "'sh_rest' has degree"),
     ],

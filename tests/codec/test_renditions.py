@@ -35,10 +35,10 @@ def test_each_rendition_is_encoded_at_its_rate(reel):
         reader = ReelReader(reel, name)
         assert reader.manifest.renditions == ()
         _, sections = unpack_file(reader.read_file(reader.manifest.groups[0]))
-        steps[name] = sections["scales"].parameters["step"]
+        steps[name] = sections["shapes"].parameters["step"]
     assert steps["low"] / steps["high"] == pytest.approx(COARSENESS["low"] / COARSENESS["high"])
     _, sections = unpack_file(reader.read_file(manifest.layers[0]))
-    assert sections["scales"].parameters["step"] == steps["high"]
+    assert sections["shapes"].parameters["step"] == steps["high"]
 
 
 def test_the_best_is_read_where_none_is_named(reel):
@@ -46,7 +46,7 @@ def test_the_best_is_read_where_none_is_named(reel):
     assert all((getattr(found, f.name) == getattr(best, f.name)).all() for f in fields(best))
     low = open_reel(reel, "low").at(0.2)
     assert len(low) == len(best)
-    assert np.abs(np.sort(low.means[:, 0]) - np.sort(best.means[:, 0])).max() < 0.01
+    assert np.abs(np.sort(low.means[:, 0]) - np.sort(best.means[:, 0])).max() < 0.02
     assert (low.means != best.means).any()
 
 

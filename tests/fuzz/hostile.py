@@ -18,8 +18,8 @@ from splatreel.codec import klt
 from tests.fuzz.edits import Draft
 from tests.fuzz.seeds import files
 
-_LENGTHS = struct.Struct("<III")
-"""Of the three streams of a `klt` section."""
+_LENGTHS = struct.Struct("<IIII")
+"""Of the four streams of a `klt` section."""
 FOLDER = Path(__file__).parent.parent / "data" / "hostile"
 LIES: dict[str, tuple[str, Callable[[Draft], object]]] = {
     "layer-millions-of-points": ("layer-predictive", lambda d: d.own.update(points=8_000_000)),
@@ -34,8 +34,10 @@ LIES: dict[str, tuple[str, Callable[[Draft], object]]] = {
     "layer-no-positions": ("layer-predictive", lambda d: d.own["sections"].pop("means")),
     "layer-draco-cut-off": ("layer-h265", lambda d: d.sections.update(means=d.sections["means"][:20])),
     "layer-draco-no-positions": ("layer-h265", lambda d: d.sections.update(means=_normals(d.sections["means"]))),
-    "layer-huge-step": ("layer-predictive", lambda d: d.own["sections"]["quats"].update(step=1e300)),
-    "layer-stream-cut-off": ("layer-predictive", lambda d: d.sections.update(scales=d.sections["scales"][:-3])),
+    "layer-huge-step": ("layer-predictive", lambda d: d.own["sections"]["shapes"].update(step=1e300)),
+    "layer-stream-cut-off": ("layer-predictive", lambda d: d.sections.update(shapes=d.sections["shapes"][:-3])),
+    "layer-places-cut-off": ("layer-predictive", lambda d: d.sections.update(places=d.sections["places"][:-3])),
+    "layer-thousands-of-bits": ("layer-predictive", lambda d: d.own["sections"]["means"].update(finer=4000)),
     "group-millions-of-frames": ("group-predictive", lambda d: d.own.update(frames=5_000_000)),
     "group-billions-of-flags": ("group-h265", lambda d: d.own["sections"]["alive"].update(count=1 << 40)),
     "group-video-cut-off": ("group-h265", lambda d: d.sections.update(offsets=d.sections["offsets"][:900])),

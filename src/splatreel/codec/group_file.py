@@ -119,7 +119,7 @@ def _decode_moving(sections: Sections, header: FileHeader) -> Moving:
         return dynamic, means - means[0], rotations.multiply(back, quats), None
     dynamic, here = _decode_points(sections, count)
     if here is not None:
-        return dynamic, *predictive.decode_offsets(sections, frames, here), here
+        return dynamic, *predictive.decode_offsets(sections, frames, dynamic.quats, here), here
     if not count:
         return dynamic, np.zeros((frames, 0, 3), np.float32), np.zeros((frames, 0, 4), np.float32), None
     if "offsets" not in sections:

@@ -40,6 +40,26 @@ def real(basis: np.ndarray, shifts: list[int]) -> np.ndarray:
     return basis * 2.0 ** -np.array(shifts)
 
 
+def columns_of(found: np.ndarray) -> np.ndarray:
+    """The order [K C] of the coefficients [N, K, C], as k C + c: large ones first, but those of a channel in the order of the basis.
+
+    What is small in all points then comes last, and few of them have it.
+    """
+    sizes = np.abs(found).mean(0)
+    falling = np.maximum.accumulate(sizes[::-1])[::-1]
+    return np.argsort(-falling.ravel(), kind="stable")
+
+
+def decode_columns(data: bytes, count: int, kinds: int, channels: int) -> np.ndarray:
+    """Which of the channels each of `count` columns is of; at most `kinds`, those of the basis, of each. Raises `ReelError`."""
+    stream = Stream(data, 1)
+    columns = stream.read(count)
+    stream.finish()
+    if (columns < 0).any() or (columns >= channels).any() or np.bincount(columns, minlength=1).max() > kinds:
+        raise ReelError(f"has columns that are not those of {channels} channels of {kinds} each.")
+    return columns
+
+
 def encode_basis(basis: np.ndarray) -> bytes:
     """Column after column."""
     return encode(zigzag(basis.T.ravel()), np.zeros(basis.size, np.int64), 1)
@@ -59,15 +79,19 @@ def decode_basis(data: bytes, parameters: Parameters, name: str, dimensions: int
     return real(basis.reshape(len(shifts), dimensions).T, shifts)
 
 
-def expand(found: np.ndarray, ends: np.ndarray, basis: np.ndarray, channels: int) -> np.ndarray:
-    """[D, N, C] float32 of coefficients [N, K C], of which a point has the first `ends` [N], in a basis [D, K]."""
+def expand(found: np.ndarray, ends: np.ndarray, basis: np.ndarray, columns: np.ndarray, channels: int) -> np.ndarray:
+    """[D, N, C] float32 of coefficients [N, L], of which a point has the first `ends` [N], in a basis [D, K].
+
+    columns: [L] the channel of each; the first of a channel is of the first vector of the basis, and so on.
+    """
     result = np.empty((len(basis), len(found), channels), np.float32)
-    _expand(found, ends, np.ascontiguousarray(basis.T), result)
+    vectors = np.array([(columns[:place] == channel).sum() for place, channel in enumerate(columns)], np.int64)
+    _expand(found, ends, np.ascontiguousarray(basis.T), columns.astype(np.int64), vectors, result)
     return result
 
 
 @njit(**EXACT)
-def _expand(found, ends, basis, result):
+def _expand(found, ends, basis, columns, vectors, result):
     dimensions, count, channels = result.shape
     sums = np.empty((_BLOCK, channels, dimensions))
     for first in range(0, count, _BLOCK):
@@ -77,7 +101,7 @@ def _expand(found, ends, basis, result):
             for column in range(ends[first + i]):
                 value = np.float64(found[first + i, column])
                 if value != 0:
-                    row, total = basis[column // channels], sums[i, column % channels]
+                    row, total = basis[vectors[column]], sums[i, columns[column]]
                     for d in range(dimensions):
                         total[d] += value * row[d]
         for d in range(dimensions):

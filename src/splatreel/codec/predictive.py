@@ -12,10 +12,10 @@ from itertools import pairwise
 
 import numpy as np
 
-from splatreel.codec import klt, rotvec
-from splatreel.codec.canonical import canonical, turned
+from splatreel.codec import covariance, klt, rotvec
+from splatreel.codec.entropy import encode
 from splatreel.codec.field import MAX_CLASS, Levels, decode_field, encode_field, ends_of, levels_of
-from splatreel.codec.lattice import decode_positions, encode_positions
+from splatreel.codec.lattice import decode_places, decode_positions, encode_places, encode_positions
 from splatreel.codec.quantize import integer, number
 from splatreel.codec.sections import MAX_POINTS, Section, Sections, named, section_of
 from splatreel.config import EncodeConfig
@@ -25,21 +25,20 @@ from splatreel.scene.gaussians import Gaussians
 
 COLORS = np.array([[1, 1, 1], [1, 0, -1], [-1, 2, -1]]) / np.sqrt([[3], [2], [6]])
 """Orthonormal: brightness, red against blue, green against both."""
-_STREAMS = struct.Struct("<III")
+_STREAMS = struct.Struct("<IIII")
 
 
 @dataclass(frozen=True)
 class Steps:
     """Steps of the most important points at `EncodeConfig.coarseness` 1.
 
-    position and motion are in multiples of the points' typical size, turn is in radians, scale in octaves.
+    position and motion are in multiples of the points' typical size, turn is in radians, shape in octaves (`covariance`).
     """
 
-    position: float = 0.04
+    position: float = 0.028
     motion: float = 0.18
     turn: float = 0.06
-    quat: float = 0.01
-    scale: float = 0.06
+    shape: float = 0.065
     opacity: float = 0.01
     color: float = 0.025
     rest: float = 0.016
@@ -90,11 +89,11 @@ def classes_of(importance: np.ndarray | None, count: int, coarseness: float = 1.
 
 @dataclass(frozen=True)
 class EncodedPoints:
-    """Sections of points; order [N]: the input point of each encoded one. turn [N, 4]: see `canonical`. size: typical, world units."""
+    """Sections of points; order [N]: the input point of each encoded one. quats: theirs, [N, 4]. size: typical, world units."""
 
     sections: Sections
     order: np.ndarray
-    turn: np.ndarray
+    quats: np.ndarray
     size: float
     neighbourhood: Neighbourhood
 
@@ -108,20 +107,24 @@ def encode_points(
         raise ReelError(f"{len(gaussians)} points are more than a file holds ({MAX_POINTS}).")
     coarse = config.coarseness
     size = float(np.exp(np.median(np.log(np.maximum(gaussians.scales, 1e-30)))))
-    data, parameters, order, lattice = encode_positions(gaussians.means, STEPS.position * coarse * size)
-    points, turn = canonical(gaussians[order])
+    finer = COARSEST[coarse > 1]
+    step = STEPS.position * coarse * size
+    data, parameters, order, lattice = encode_positions(gaussians.means, step * 2**finer)
+    points = gaussians[order]
     classes = classes_of(None if importance is None else importance[order], len(order), coarse)
     if not moving:
         classes[:, MOTION] = classes[:, SHAPE]
     levels = levels_of(lattice)
     here = Neighbourhood(levels, classes)
+    places = encode_places(points.means, parameters, lattice, np.maximum(finer - classes[:, MOTION], 0))
+    shapes = covariance.of_shapes(points.quats, points.scales)
     sections = {
-        "means": Section(data, parameters),
+        "means": Section(data, parameters | {"finer": finer}),
         "classes": Neighbourhood(levels, np.zeros_like(classes)).encode(
             SHAPE, classes - classes[:, :1] * RELATIVE, 1.0
         ),
-        "quats": here.encode(SHAPE, points.quats[:, 1:], STEPS.quat * coarse),
-        "scales": here.encode(SHAPE, np.log2(np.maximum(points.scales, 1e-30)), STEPS.scale * coarse),
+        "places": Section(places, {"codec": "plain"}),
+        "shapes": here.encode(SHAPE, shapes, STEPS.shape * coarse),
         "opacities": here.encode(SHAPE, points.opacities[:, None], STEPS.opacity * coarse),
         "sh_base": here.encode(COLOR, points.sh[:, 0] @ COLORS.T, STEPS.color * coarse),
     }
@@ -129,13 +132,14 @@ def encode_points(
         rest = points.sh[:, 1:].reshape(len(points), -1).astype(np.float64)
         section, _ = _encode_klt(COLOR, rest[:, :, None], STEPS.rest * coarse, here)
         sections["sh_rest"] = Section(section.data, section.parameters | {"degree": points.sh_degree})
-    return EncodedPoints(sections, order, turn, size, here)
+    return EncodedPoints(sections, order, points.quats, size, here)
 
 
 def decode_points(sections: Sections, count: int) -> tuple[Gaussians, Neighbourhood]:
     """The `count` >= 1 points of a file's sections. Raises `ReelError` that names the section."""
     section = section_of(sections, "means", "lattice")
-    means, lattice = named("means", decode_positions, section.data, section.parameters, count)
+    lattice = named("means", decode_positions, section.data, section.parameters, count)
+    finer = named("means", integer, section.parameters, "finer", 0, MAX_CLASS)
     levels = levels_of(lattice)
     flat = Neighbourhood(levels, np.zeros((count, 3), np.int64))
     classes = flat.decode(SHAPE, sections, "classes", 3).astype(np.int64)
@@ -143,9 +147,11 @@ def decode_points(sections: Sections, count: int) -> tuple[Gaussians, Neighbourh
     if (classes < 0).any() or (classes > MAX_CLASS).any():
         raise ReelError(f"section 'classes' has classes outside 0..{MAX_CLASS}.")
     here = Neighbourhood(levels, classes)
-    xyz = here.decode(SHAPE, sections, "quats", 3)
-    quats = np.concatenate([np.sqrt(np.maximum(1 - (xyz**2).sum(1, keepdims=True), 0)), xyz], 1)
-    scales = np.exp2(np.clip(here.decode(SHAPE, sections, "scales", 3), -126, 126))
+    bits = np.maximum(finer - classes[:, MOTION], 0)
+    means = named(
+        "places", decode_places, section_of(sections, "places", "plain").data, section.parameters, lattice, bits
+    )
+    quats, scales = covariance.to_shapes(here.decode(SHAPE, sections, "shapes", covariance.NUMBERS))
     opacities = np.clip(here.decode(SHAPE, sections, "opacities", 1)[:, 0], 0, 1)
     sh = (here.decode(COLOR, sections, "sh_base", 3) @ COLORS)[:, None]
     if "sh_rest" in sections:
@@ -153,18 +159,19 @@ def decode_points(sections: Sections, count: int) -> tuple[Gaussians, Neighbourh
         degree = named("sh_rest", integer, section.parameters, "degree", 1, 3)
         rest = named("sh_rest", _decode_klt, COLOR, section, 3 * ((degree + 1) ** 2 - 1), 1, here)
         sh = np.concatenate([sh, rest[:, :, 0].T.reshape(count, -1, 3)], 1)
-    return Gaussians(means, rotations.normalize(quats), scales, opacities, sh), here
+    return Gaussians(means, quats, scales, opacities, sh), here
 
 
 def encode_offsets(dx: np.ndarray, dq: np.ndarray, points: EncodedPoints, config: EncodeConfig) -> Sections:
     """Sections `dx` and `dq` of offsets dx [T, N, 3] and dq [T, N, 4] in the order of the input points.
 
-    Each is decoded again, and its largest error, of a coordinate in world units or of a rotation in radians, is stored.
+    Rotations are stored about the world's axes, in which neighbours turn alike. Each section is decoded again, and its largest error,
+    of a coordinate in world units or of a rotation in radians, is stored.
     """
     here = points.neighbourhood
     moves = np.asarray(dx, np.float64)[:, points.order].transpose(1, 0, 2)
-    turns = turned(rotations.normalize(np.asarray(dq, np.float64))[:, points.order], points.turn)
-    vectors = rotvec.of_quats(turns).transpose(1, 0, 2)
+    vectors = rotvec.of_quats(rotations.normalize(np.asarray(dq, np.float64))[:, points.order]).transpose(1, 0, 2)
+    vectors = vectors @ rotations.to_matrix(rotations.normalize(points.quats.astype(np.float64))).transpose(0, 2, 1)
     sections: Sections = {}
     steps = {"dx": (moves, STEPS.motion * points.size), "dq": (vectors, STEPS.turn)}
     for name, (values, step) in steps.items():
@@ -174,12 +181,14 @@ def encode_offsets(dx: np.ndarray, dq: np.ndarray, points: EncodedPoints, config
     return sections
 
 
-def decode_offsets(sections: Sections, frames: int, here: Neighbourhood) -> tuple[np.ndarray, np.ndarray]:
-    """dx [T, N, 3] and unit dq [T, N, 4], float32. Raises `ReelError`."""
+def decode_offsets(
+    sections: Sections, frames: int, quats: np.ndarray, here: Neighbourhood
+) -> tuple[np.ndarray, np.ndarray]:
+    """dx [T, N, 3] and unit dq [T, N, 4], float32, of points turned by quats [N, 4]. Raises `ReelError`."""
     dx, vectors = (
         named(name, _decode_klt, MOTION, section_of(sections, name, "klt"), frames, 3, here) for name in ("dx", "dq")
     )
-    return dx, rotvec.expand(vectors)
+    return dx, rotvec.expand(vectors, rotations.to_matrix(quats.astype(np.float64)))
 
 
 def encode_shade(shade: np.ndarray, order: np.ndarray, here: Neighbourhood, config: EncodeConfig) -> Sections:
@@ -206,29 +215,39 @@ def _encode_klt(kind: int, values: np.ndarray, step: float, here: Neighbourhood)
     count, dimensions, channels = values.shape
     samples = values.transpose(0, 2, 1).reshape(-1, dimensions)
     basis, shifts = klt.analyse(samples, step)
-    found = klt.coefficients(samples, basis, shifts).reshape(count, channels, -1).transpose(0, 2, 1)
-    wanted, classes = found.reshape(count, -1) / step, here.classes[:, kind]
+    found = klt.coefficients(samples, basis, shifts).reshape(count, channels, -1).transpose(0, 2, 1) / step
+    order, classes = klt.columns_of(found), here.classes[:, kind]
+    wanted = found.reshape(count, -1)[:, order]
     ends = ends_of(wanted, classes)
-    streams = klt.encode_basis(basis), encode_field(ends[:, None], here.levels, np.zeros_like(classes))[0]
-    body, kept = encode_field(wanted, here.levels, classes, ends)
-    data = _STREAMS.pack(*(len(stream) for stream in (*streams, body))) + b"".join((*streams, body))
-    section = Section(data, {"codec": "klt", "step": step, "shifts": shifts})
-    return section, klt.expand(kept, ends, klt.real(basis, shifts) * step, channels)
+    order = order[: max(int(ends.max()), 1)]
+    kinds = int((order // channels).max()) + 1  # of the basis, what some point has
+    basis, shifts, columns = basis[:, :kinds], shifts[:kinds], order % channels
+    body, kept = encode_field(wanted[:, : len(order)], here.levels, classes, ends)
+    streams = (
+        klt.encode_basis(basis),
+        encode(columns, np.zeros_like(columns), 1),
+        encode_field(ends[:, None], here.levels, np.zeros_like(classes))[0],
+        body,
+    )
+    data = _STREAMS.pack(*map(len, streams)) + b"".join(streams)
+    section = Section(data, {"codec": "klt", "step": step, "shifts": shifts, "columns": len(columns)})
+    return section, klt.expand(kept, ends, klt.real(basis, shifts) * step, columns, channels)
 
 
 def _decode_klt(kind: int, section: Section, dimensions: int, channels: int, here: Neighbourhood) -> np.ndarray:
     """Values [D, N, C] float32. Raises `ReelError`."""
     data, parameters = section.data, section.parameters
-    sizes = _STREAMS.unpack_from(data) if len(data) >= _STREAMS.size else (0, 0, 0)
+    sizes = _STREAMS.unpack_from(data) if len(data) >= _STREAMS.size else (0,) * 4
     if _STREAMS.size + sum(sizes) != len(data):
         raise ReelError(f"holds {len(data)} bytes, its streams {', '.join(map(str, sizes))}.")
     cuts = np.cumsum([_STREAMS.size, *sizes]).tolist()
-    basis_data, ends_data, body = (data[a:b] for a, b in pairwise(cuts))
+    basis_data, columns_data, ends_data, body = (data[a:b] for a, b in pairwise(cuts))
     step = number(parameters, "step", 1e-12, 1e12)
     basis = klt.decode_basis(basis_data, parameters, "shifts", dimensions)
-    columns, classes = basis.shape[1] * channels, here.classes[:, kind]
+    most = integer(parameters, "columns", 1, basis.shape[1] * channels)
+    columns, classes = klt.decode_columns(columns_data, most, basis.shape[1], channels), here.classes[:, kind]
     ends = decode_field(ends_data, (len(classes), 1), here.levels, np.zeros_like(classes))[:, 0].astype(np.int64)
-    if (ends < 0).any() or (ends > columns).any():
-        raise ReelError(f"has points of {ends.min()} to {ends.max()} columns, of {columns}.")
-    found = decode_field(body, (len(classes), columns), here.levels, classes, ends)
-    return klt.expand(found, ends, basis * step, channels)
+    if (ends < 0).any() or (ends > most).any():
+        raise ReelError(f"has points of {ends.min()} to {ends.max()} columns, of {most}.")
+    found = decode_field(body, (len(classes), most), here.levels, classes, ends)
+    return klt.expand(found, ends, basis * step, columns, channels)

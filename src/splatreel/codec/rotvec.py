@@ -31,8 +31,10 @@ def to_quats(vectors: np.ndarray) -> np.ndarray:
 
 
 @njit(**EXACT)
-def expand(vectors):
-    """Unit quaternions [T, N, 4] float32 of vectors [T, N, 3] float32, fast where they are zero."""
+def expand(vectors, turns):
+    """Unit quaternions [T, N, 4] float32 of vectors [T, N, 3] float32 about the world's axes, about those that turns [N, 3, 3] made of
+    them; fast where they are zero.
+    """
     frames, count, _ = vectors.shape
     quats = np.empty((frames, count, 4), np.float32)
     for t in range(frames):
@@ -43,5 +45,7 @@ def expand(vectors):
             if square > 1e-20:
                 angle = np.sqrt(square)
                 w, share = np.cos(angle / 2), np.sin(angle / 2) / angle
-            quats[t, i] = w, x * share, y * share, z * share
+            quats[t, i, 0] = w
+            for k in range(3):
+                quats[t, i, k + 1] = share * (turns[i, 0, k] * x + turns[i, 1, k] * y + turns[i, 2, k] * z)
     return quats
