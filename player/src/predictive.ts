@@ -105,10 +105,12 @@ function decodePlaces(file: Container, lattice: Float64Array, { low, step, finer
       for (let at = 3 * i; at < 3 * i + 3; at++, bit++) places[at] |= ((data[bit >> 3] >> (bit & 7)) & 1) << b;
     }
   }
-  return Float32Array.from(lattice, (cell, at) => {
-    const parts = 2 ** Math.max(finer - classes[Math.floor(at / 3)], 0);
-    return low[at % 3] + (cell + (2 * places[at] + 1 - parts) / (2 * parts)) * step;
-  });
+  const means = new Float32Array(lattice.length);
+  for (let i = 0, at = 0; i < classes.length; i++) {
+    const parts = 2 ** Math.max(finer - classes[i], 0);
+    for (let a = 0; a < 3; a++, at++) means[at] = low[a] + (lattice[at] + (2 * places[at] + 1 - parts) / (2 * parts)) * step;
+  }
+  return means;
 }
 
 /** Bits 0, 3, 6, ... of a number of at most 27 bits. */

@@ -39,7 +39,7 @@ def pack_file(header: FileHeader, sections: Sections) -> bytes:
     own |= {"first_frame": header.first_frame} | ({"frames": header.frames} if header.kind == "group" else {})
     own["sections"] = {name: section.parameters for name, section in sorted(sections.items())}
     tensors = {name: np.frombuffer(section.data, np.uint8) for name, section in sections.items()}
-    return safetensors.numpy.save(tensors, {_KEY: json.dumps(own, allow_nan=False)})
+    return safetensors.numpy.save(tensors, {_KEY: json.dumps(own, separators=(",", ":"), allow_nan=False)})
 
 
 def unpack_file(data: bytes) -> tuple[FileHeader, Sections]:

@@ -109,8 +109,8 @@ class Manifest:
             "group_length": self.group_length,
             "overlap": self.overlap,
             "sh_degree": self.sh_degree,
-            "bounds": np.asarray(self.bounds, np.float64).tolist(),
-            "up": np.asarray(self.up, np.float64).tolist(),
+            "bounds": [_short(corner) for corner in self.bounds],
+            "up": _short(self.up),
             "camera": _camera_to_json(self.camera),
             "cameras": [_camera_to_json(camera) for camera in self.cameras],
             "near": self.near,
@@ -122,7 +122,7 @@ class Manifest:
             "layers": [_file_to_json(layer, "layer") for layer in self.layers],
             "groups": [_file_to_json(group, "group") for group in self.groups],
         }
-        return json.dumps(document, indent=1, allow_nan=False) + "\n"
+        return "{\n" + ",\n".join(f"{json.dumps(name)}: {_lines(value)}" for name, value in document.items()) + "\n}\n"
 
 
 def parse_manifest(data: bytes, source: str) -> Manifest:
@@ -262,9 +262,21 @@ def _camera_to_json(camera: Camera) -> dict[str, Any]:
         "name": camera.name,
         "width": int(camera.width),
         "height": int(camera.height),
-        "K": camera.K.astype(np.float64).ravel().tolist(),
-        "viewmat": camera.viewmat.astype(np.float64).ravel().tolist(),
+        "K": _short(camera.K),
+        "viewmat": _short(camera.viewmat),
     }
+
+
+def _short(array: np.ndarray) -> list[float]:
+    """As float32, in as few digits as tell them apart: many cameras are a good part of a small reel."""
+    return [float(str(value)) for value in np.asarray(array, np.float32).ravel()]
+
+
+def _lines(value: Any) -> str:
+    """JSON on one line, or, of a list of objects, on one each: short, and yet to be read."""
+    if isinstance(value, list) and value and isinstance(value[0], dict):
+        return "[\n" + ",\n".join(_lines(entry) for entry in value) + "\n]"
+    return json.dumps(value, separators=(",", ":"), allow_nan=False)
 
 
 def _list(document: dict[str, Any], name: str, low: int, high: int) -> list:
