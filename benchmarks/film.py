@@ -16,7 +16,7 @@ from ball import found
 from run import run
 from splatreel import threads
 from splatreel.capture.opening import open_capture
-from splatreel.capture.raytracer import trace_frame, trace_still
+from splatreel.capture.raytracer import Still, trace_frame, trace_still
 from splatreel.capture.solids import Shapes
 from splatreel.capture.synthetic import VideoWriter, llff_row
 from splatreel.config import Quality, preset
@@ -69,10 +69,14 @@ class Film:
         seen = trace_still(camera, self.still, self.light)
         with VideoWriter(folder / f"{camera.name}.mp4", camera, FPS) as video:
             for t in range(frames):
-                clean = trace_frame(camera, seen, self.still, self.moving(max(t + late, 0) / FPS), self.light)
+                clean = self.picture(camera, seen, max(t + late, 0) / FPS)
                 exposure = 1.0 if fixed else np.exp(self.drift * np.sin(phase + speed * t / FPS))
                 noisy = clean * gain * exposure + rng.normal(0, self.noise, clean.shape)
                 video.add(noisy.clip(0, 255).astype(np.uint8))
+
+    def picture(self, camera: Camera, seen: Still, seconds: float) -> np.ndarray:
+        """[H, W, 3] grey levels without noise, at a time. seen: what the camera sees of what stands."""
+        return trace_frame(camera, seen, self.still, self.moving(seconds), self.light)
 
     def _habits(self, number: int) -> np.ndarray:
         """[3] of a camera: when its exposure goes up, radians, how fast, radians a second, and by how many frames it is late."""

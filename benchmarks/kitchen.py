@@ -56,7 +56,7 @@ def wall(width: int, height: int) -> list[Camera]:
 
 def standing() -> Shapes:
     b = Builder()
-    _room(b)
+    room(b)
     b.body()
     b.add(BOX, (0, 0.45, -0.3), (1.6, 0.45, 0.5), (toys.WHITE, STEEL), tx.CHECKS, 3.0, 0.2, occlusion=0.3)
     b.add(BOX, (-2.2, 0.9, -2.8), (0.5, 0.9, 0.35), (STEEL,), occlusion=0.3)
@@ -72,7 +72,7 @@ def standing() -> Shapes:
     return b.shapes()
 
 
-def _room(b: Builder) -> None:
+def room(b: Builder) -> None:
     """A floor, a papered wall with a window in it, and hills far behind."""
     b.body(shadows=False)
     b.add(BOX, (0, -0.5, -3), (9, 0.5, 9), (toys.WOOD, (0.78, 0.56, 0.34)), tx.PLANKS, 2.0, 0.3, occlusion=0)

@@ -23,6 +23,7 @@ ROWS = {
     "cove": "cove: a dancer before plain white walls",
     "kitchen": "kitchen: cameras on one side, far things in the window",
     "yard": "yard: outdoors, ten cameras to train on",
+    "hearth": "hearth: fire, steam, poured water, a screen whose picture changes at once",
 }
 """Benchmarks that always have a row, measured or not. Those of single frames get one when they have been recorded."""
 ORACLE, ON_ITS_OWN = "oracle", "each frame on its own"
