@@ -17,10 +17,11 @@ from typing import Any
 
 import numpy as np
 
-from splatreel.capture.base import Capture, Request, read_cameras
+from splatreel.capture.base import Request
 from splatreel.capture.images import image_size
-from splatreel.capture.lens import Lens, Straightened, resized
+from splatreel.capture.lens import Lens, resized
 from splatreel.capture.pictures import IMAGE_SUFFIXES, Pictures, image_files
+from splatreel.capture.recorded import RecordedCapture
 from splatreel.capture.sidecar import read_sidecar
 from splatreel.capture.videos import Videos
 from splatreel.errors import CaptureError, MissingDependencyError
@@ -35,7 +36,7 @@ def is_colmap(path: Path) -> bool:
     return _model_folder(path) is not None
 
 
-class ColmapCapture(Capture):
+class ColmapCapture(RecordedCapture):
     """A COLMAP model with its videos or images; the first camera by name is held out unless the request or its note says otherwise.
 
     A camera is named by its image without the extension, or by its folder where that has other pictures of it. `scale` counts from the
@@ -49,43 +50,29 @@ class ColmapCapture(Capture):
             raise CaptureError(f"{path}: holds no COLMAP model (cameras.bin or cameras.txt in {', '.join(MODELS)}).")
         reconstruction = _read_model(model)
         images = sorted(reconstruction.images.values(), key=_name)
-        lenses = [image.camera for image in images]
-        shape = Counter((lens.width, lens.height) for lens in lenses).most_common(1)[0][0]
+        shape = Counter((image.camera.width, image.camera.height) for image in images).most_common(1)[0][0]
         files, names, sidecar = video_files(path), _camera_names(path, images), read_sidecar(path)
         if any(name in files for name in names):
             # Videos that calibration left out start as well.
             starts = {name: start for name, start in sidecar.starts.items() if name in names or name not in files}
-            self._source = Videos(path, _of_cameras(path, files, names), replace(sidecar, starts=starts), request)
+            source = Videos(path, _of_cameras(path, files, names), replace(sidecar, starts=starts), request)
             width, height = request.size(*shape, path)
         else:
             pictures, (width, height) = _choose(path, names, shape, request)
-            self._source = Pictures(path, pictures, sidecar, request)
-        span = request.range(self._source.frames, path)
-        points, colors = _points(reconstruction) if span[0] == 0 else (None, None)  # of what the model was made from
-        held_out = names[:1] if sidecar.held_out is None else sidecar.held_out
-        straight: dict[str, Lens] = {}
+            source = Pictures(path, pictures, sidecar, request)
+        first, _ = request.range(source.frames, path)
+        points, colors = _points(reconstruction) if first == 0 else (None, None)  # of what the model was made from
+        lenses: dict[str, Lens] = {}
         super().__init__(
             path,
-            [_camera(model, name, image, width, height, straight) for name, image in zip(names, images, strict=True)],
-            held_out=held_out if request.held_out is None else request.held_out,
-            frame_range=span,
-            fps=self._source.fps,
+            [_camera(model, name, image, width, height, lenses) for name, image in zip(names, images, strict=True)],
+            source,
+            request,
+            held_out=names[:1] if sidecar.held_out is None else sidecar.held_out,
+            lenses=lenses,
             points=points,
             point_colors=colors,
         )
-        self._straightened = Straightened(self._source, straight)
-
-    def sources(self) -> list[Path]:
-        if isinstance(self._source, Videos):
-            return self._source.sources()
-        return self._source.sources(self.first_frame, self.frames)
-
-    def _read_into(self, out: np.ndarray, first: int, cameras: list[str]) -> None:
-        read_cameras(self._straightened.read_camera, out, first, cameras)
-
-    def close(self) -> None:
-        if isinstance(self._source, Videos):
-            self._source.close()
 
 
 def _camera(model: Path, name: str, image: Any, width: int, height: int, lenses: dict[str, Lens]) -> Camera:

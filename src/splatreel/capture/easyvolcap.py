@@ -13,10 +13,11 @@ from typing import Any
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from splatreel.capture.base import Capture, Request, read_cameras
+from splatreel.capture.base import Request
 from splatreel.capture.colmap import import_pycolmap, pictures_by_camera, video_files
-from splatreel.capture.lens import Lens, Straightened, import_cv2, resized
+from splatreel.capture.lens import Lens, import_cv2, resized
 from splatreel.capture.pictures import Pictures
+from splatreel.capture.recorded import RecordedCapture
 from splatreel.capture.sidecar import read_sidecar
 from splatreel.capture.videos import Videos
 from splatreel.errors import CaptureError
@@ -29,7 +30,7 @@ def is_easyvolcap(path: Path) -> bool:
     return (path / INTRINSICS).is_file() and (path / EXTRINSICS).is_file()
 
 
-class EasyVolcapCapture(Capture):
+class EasyVolcapCapture(RecordedCapture):
     """An EasyVolcap folder; the first camera is held out unless the request or `splatreel.json` says otherwise."""
 
     def __init__(self, path: Path, request: Request) -> None:
@@ -43,41 +44,22 @@ class EasyVolcapCapture(Capture):
                 f"video videos/NAME.mp4, the first is {absent[0]!r}. Copy them there."
             )
         if pictures:
-            self._source = Pictures(path, pictures, sidecar, request)
-            read = self._source.size(names[0])
+            source = Pictures(path, pictures, sidecar, request)
+            read = source.size(names[0])
         else:
-            self._source = Videos(path, {name: videos[name] for name in names}, sidecar, request)
-            read = self._source[names[0]].width, self._source[names[0]].height
+            source = Videos(path, {name: videos[name] for name in names}, sidecar, request)
+            read = source[names[0]].width, source[names[0]].height
         size = request.size(*read, path)
-        straight: dict[str, Lens] = {}
+        lenses: dict[str, Lens] = {}
         cameras = []
         for name in names:
             lens = _lens(intrinsics, name, read)
             camera, bent = resized(name, _viewmat(extrinsics, name), lens, *size, f"{path / INTRINSICS}: camera {name}")
             cameras.append(camera)
             if bent is not None:
-                straight[name] = bent
-        self._straightened = Straightened(self._source, straight)
+                lenses[name] = bent
         held_out = names[:1] if sidecar.held_out is None else sidecar.held_out
-        super().__init__(
-            path,
-            cameras,
-            held_out=held_out if request.held_out is None else request.held_out,
-            frame_range=request.range(self._source.frames, path),
-            fps=self._source.fps,
-        )
-
-    def sources(self) -> list[Path]:
-        if isinstance(self._source, Videos):
-            return self._source.sources()
-        return self._source.sources(self.first_frame, self.frames)
-
-    def _read_into(self, out: np.ndarray, first: int, cameras: list[str]) -> None:
-        read_cameras(self._straightened.read_camera, out, first, cameras)
-
-    def close(self) -> None:
-        if isinstance(self._source, Videos):
-            self._source.close()
+        super().__init__(path, cameras, source, request, held_out=held_out, lenses=lenses)
 
 
 class _Numbers:

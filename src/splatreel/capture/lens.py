@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 
@@ -38,30 +38,6 @@ class Lens:
         """[height, width, 3] uint8 of the lens to [H, W, 3] of the pinhole camera."""
         cv2 = import_cv2("Straightening pictures")
         return cv2.remap(picture, self.places, None, cv2.INTER_CUBIC, borderMode=cv2.BORDER_REPLICATE)
-
-
-class Reader(Protocol):
-    """What reads the pictures of cameras by name."""
-
-    def read_camera(self, out: np.ndarray, first: int, name: str) -> None:
-        """Time steps first .. first + len(out) - 1 of a camera into out [count, H, W, 3] uint8, resized to H x W."""
-
-
-class Straightened:
-    """Pictures of cameras of which some have lenses that bend."""
-
-    def __init__(self, source: Reader, lenses: dict[str, Lens]) -> None:
-        self._source, self._lenses = source, lenses
-
-    def read_camera(self, out: np.ndarray, first: int, name: str) -> None:
-        lens = self._lenses.get(name)
-        if lens is None:
-            self._source.read_camera(out, first, name)
-            return
-        bent = np.empty((len(out), lens.height, lens.width, 3), np.uint8)
-        self._source.read_camera(bent, first, name)
-        for t, picture in enumerate(bent):
-            out[t] = lens.straighten(picture)
 
 
 def resized(

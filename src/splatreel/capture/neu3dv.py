@@ -13,8 +13,9 @@ from zipfile import BadZipFile
 
 import numpy as np
 
-from splatreel.capture.base import Capture, Request, read_cameras
+from splatreel.capture.base import Request
 from splatreel.capture.colmap import is_colmap
+from splatreel.capture.recorded import RecordedCapture
 from splatreel.capture.sidecar import read_sidecar
 from splatreel.capture.video import VideoFile
 from splatreel.capture.videos import Videos
@@ -30,7 +31,7 @@ def is_neu3dv(path: Path) -> bool:
     return (path / POSES).is_file() or (any(path.glob("cam*.mp4")) and not is_colmap(path))
 
 
-class Neu3DVCapture(Capture):
+class Neu3DVCapture(RecordedCapture):
     """A Neu3DV folder; the camera numbered 0 is held out unless the request or `splatreel.json` says otherwise."""
 
     def __init__(self, path: Path, request: Request) -> None:
@@ -42,29 +43,20 @@ class Neu3DVCapture(Capture):
                 f"order of their names: add the missing videos, or remove the rows of cameras that are not there."
             )
         sidecar, names = read_sidecar(path), [file.stem for file in files]
-        self._videos = Videos(path, dict(zip(names, files, strict=True)), sidecar, request)
+        videos = Videos(path, dict(zip(names, files, strict=True)), sidecar, request)
         cameras = [
             _camera(path, video, row).resized(*request.size(video.width, video.height, path))
-            for video, row in zip(map(self._videos.__getitem__, names), poses, strict=True)
+            for video, row in zip(map(videos.__getitem__, names), poses, strict=True)
         ]
         default = sidecar.held_out if sidecar.held_out is not None else [n for n in names if HELD_OUT.fullmatch(n)]
         super().__init__(
             path,
             cameras,
-            held_out=default if request.held_out is None else request.held_out,
-            frame_range=request.range(self._videos.frames, path),
-            fps=self._videos.fps,
+            videos,
+            request,
+            held_out=default,
             near=float(poses[:, 15].min()),
         )
-
-    def _read_into(self, out: np.ndarray, first: int, cameras: list[str]) -> None:
-        read_cameras(self._videos.read_camera, out, first, cameras)
-
-    def sources(self) -> list[Path]:
-        return self._videos.sources()
-
-    def close(self) -> None:
-        self._videos.close()
 
 
 def _read_poses(file: Path) -> np.ndarray:

@@ -11,8 +11,9 @@ from pathlib import Path
 
 import numpy as np
 
-from splatreel.capture.base import Capture, Request, read_cameras
+from splatreel.capture.base import Request
 from splatreel.capture.pictures import Pictures
+from splatreel.capture.recorded import RecordedCapture
 from splatreel.capture.sidecar import Sidecar
 from splatreel.errors import CaptureError
 from splatreel.scene.camera import Camera
@@ -30,7 +31,7 @@ class _View:
     files: list[str]
 
 
-class PanopticCapture(Capture):
+class PanopticCapture(RecordedCapture):
     """A Panoptic Sports folder; cameras are named by their number, those of test_meta.json are held out by default."""
 
     def __init__(self, path: Path, request: Request) -> None:
@@ -48,20 +49,13 @@ class PanopticCapture(Capture):
         if len(counts) < len(views):
             raise CaptureError(f"{path}: a camera is listed twice in {' and '.join(META)}; remove it from one of them.")
         files = {v.camera.name: [path / "ims" / file for file in v.files] for v in views}
-        self._pictures = Pictures(path, files, Sidecar(), request)
         super().__init__(
             path,
             [v.camera.resized(*request.size(v.camera.width, v.camera.height, path)) for v in views],
-            held_out=defaults if request.held_out is None else request.held_out,
-            frame_range=request.range(self._pictures.frames, path),
-            fps=self._pictures.fps,
+            Pictures(path, files, Sidecar(), request),
+            request,
+            held_out=defaults,
         )
-
-    def sources(self) -> list[Path]:
-        return self._pictures.sources(self.first_frame, self.frames)
-
-    def _read_into(self, out: np.ndarray, first: int, cameras: list[str]) -> None:
-        read_cameras(self._pictures.read_camera, out, first, cameras)
 
 
 def _read_meta(file: Path) -> list[_View]:

@@ -50,6 +50,9 @@ class Pictures:
     def sources(self, first: int, count: int) -> list[Path]:
         return [file for files in self._files.values() for file in files[first : first + count]]
 
+    def close(self) -> None:
+        """Nothing is held open."""
+
 
 def image_files(folder: Path) -> list[Path]:
     """The images that lie in a folder, by name."""

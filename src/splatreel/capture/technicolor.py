@@ -13,8 +13,9 @@ from pathlib import Path
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from splatreel.capture.base import Capture, Request, read_cameras
+from splatreel.capture.base import Request
 from splatreel.capture.pictures import Pictures, image_files
+from splatreel.capture.recorded import RecordedCapture
 from splatreel.capture.sidecar import read_sidecar
 from splatreel.errors import CaptureError
 from splatreel.scene.camera import Camera
@@ -30,7 +31,7 @@ def is_technicolor(path: Path) -> bool:
     return (path / PARAMETERS).is_file()
 
 
-class TechnicolorCapture(Capture):
+class TechnicolorCapture(RecordedCapture):
     """A Technicolor folder; cameras are named by their two digits, and 10 is held out unless the request or its note says otherwise."""
 
     def __init__(self, path: Path, request: Request) -> None:
@@ -41,30 +42,24 @@ class TechnicolorCapture(Capture):
                 f"{path}: pictures of the cameras {', '.join(sorted(files)) or 'none'} (SCENE_undist_FRAME_CAMERA.png), but "
                 f"{len(rows)} lines of cameras in {PARAMETERS}. They belong together in their order, from 00 on: add what is missing."
             )
-        self._pictures = Pictures(path, files, sidecar, request)
+        pictures = Pictures(path, files, sidecar, request)
         names = sorted(files)
         default = sidecar.held_out if sidecar.held_out is not None else [name for name in names if name == HELD_OUT]
+        cameras = [_camera(name, row, *pictures.size(name)) for name, row in zip(names, rows, strict=True)]
         super().__init__(
             path,
-            [self._camera(name, row, request) for name, row in zip(names, rows, strict=True)],
-            held_out=default if request.held_out is None else request.held_out,
-            frame_range=request.range(self._pictures.frames, path),
-            fps=self._pictures.fps,
+            [camera.resized(*request.size(camera.width, camera.height, path)) for camera in cameras],
+            pictures,
+            request,
+            held_out=default,
         )
 
-    def _camera(self, name: str, row: np.ndarray, request: Request) -> Camera:
-        viewmat = np.eye(4)
-        viewmat[:3, :3] = Rotation.from_quat(row[[6, 7, 8, 5]]).as_matrix()
-        viewmat[:3, 3] = row[9:12]
-        K = np.array([[row[0], 0, row[1]], [0, row[0], row[2]], [0, 0, 1]])
-        width, height = self._pictures.size(name)
-        return Camera(name, viewmat, K, width, height).resized(*request.size(width, height, self._pictures.path))
 
-    def sources(self) -> list[Path]:
-        return self._pictures.sources(self.first_frame, self.frames)
-
-    def _read_into(self, out: np.ndarray, first: int, cameras: list[str]) -> None:
-        read_cameras(self._pictures.read_camera, out, first, cameras)
+def _camera(name: str, row: np.ndarray, width: int, height: int) -> Camera:
+    viewmat = np.eye(4)
+    viewmat[:3, :3] = Rotation.from_quat(row[[6, 7, 8, 5]]).as_matrix()
+    viewmat[:3, 3] = row[9:12]
+    return Camera(name, viewmat, np.array([[row[0], 0, row[1]], [0, row[0], row[2]], [0, 0, 1]]), width, height)
 
 
 def _pictures(path: Path) -> dict[str, list[Path]]:

@@ -56,7 +56,8 @@ class Videos:
         """Time steps first .. first + len(out) - 1 of a camera into out [count, H, W, 3] uint8."""
         self._files[name].read_into(out, self._numbers[name][first : first + len(out)])
 
-    def sources(self) -> list[Path]:
+    def sources(self, first: int, count: int) -> list[Path]:
+        """All videos: each holds all of its time steps."""
         return [video.path for video in self._files.values()]
 
     def close(self) -> None:

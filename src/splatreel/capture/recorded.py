@@ -1,0 +1,80 @@
+"""What all captures of files have in common: one source of pictures for all cameras, of which some may have lenses that bend."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Protocol
+
+import numpy as np
+
+from splatreel.capture.base import Capture, Request, read_cameras
+from splatreel.capture.lens import Lens
+from splatreel.scene.camera import Camera
+
+
+class Source(Protocol):
+    """Pictures of cameras by name. frames: how many time steps all of them have; fps: time steps a second."""
+
+    frames: int
+    fps: float
+
+    def read_camera(self, out: np.ndarray, first: int, name: str) -> None:
+        """Time steps first .. first + len(out) - 1 of a camera into out [count, H, W, 3] uint8, resized to H x W."""
+
+    def sources(self, first: int, count: int) -> list[Path]:
+        """The files that hold `count` time steps from `first` on."""
+        ...
+
+    def close(self) -> None:
+        """Release open files; reading again reopens them."""
+
+
+class RecordedCapture(Capture):
+    """A capture whose pictures are files.
+
+    held_out: what the format holds out; the request comes first. lenses: of those cameras whose pictures have to be straightened.
+    """
+
+    def __init__(
+        self,
+        path: Path,
+        cameras: list[Camera],
+        source: Source,
+        request: Request,
+        *,
+        held_out: list[str],
+        lenses: dict[str, Lens] | None = None,
+        points: np.ndarray | None = None,
+        point_colors: np.ndarray | None = None,
+        near: float | None = None,
+    ) -> None:
+        self._source, self._lenses = source, lenses or {}
+        super().__init__(
+            path,
+            cameras,
+            held_out=held_out if request.held_out is None else request.held_out,
+            frame_range=request.range(source.frames, path),
+            fps=source.fps,
+            points=points,
+            point_colors=point_colors,
+            near=near,
+        )
+
+    def _read_into(self, out: np.ndarray, first: int, cameras: list[str]) -> None:
+        read_cameras(self._read_camera, out, first, cameras)
+
+    def _read_camera(self, out: np.ndarray, first: int, name: str) -> None:
+        lens = self._lenses.get(name)
+        if lens is None:
+            self._source.read_camera(out, first, name)
+            return
+        bent = np.empty((len(out), lens.height, lens.width, 3), np.uint8)
+        self._source.read_camera(bent, first, name)
+        for t, picture in enumerate(bent):
+            out[t] = lens.straighten(picture)
+
+    def sources(self) -> list[Path]:
+        return self._source.sources(self.first_frame, self.frames)
+
+    def close(self) -> None:
+        self._source.close()
