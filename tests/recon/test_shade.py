@@ -2,7 +2,7 @@
 
 import torch
 
-from splatreel.recon.shade import Shade
+from splatreel.recon.shade import Shade, leaps_of
 
 CPU = torch.device("cpu")
 
@@ -62,3 +62,34 @@ def test_a_known_start_is_followed():
     for frame in range(20):
         torch.testing.assert_close(shade.at(frame)[:, :3], wanted[frame], atol=0.08, rtol=0)
         assert not shade.at(frame)[:, 3].any(), "opacities start as they are"
+
+
+def pictures(frames: int = 20) -> torch.Tensor:
+    """Two cameras that see a bar move, a pixel a frame, over grey noise; [T, 2, 40, 60, 3] uint8."""
+    rng = torch.Generator().manual_seed(0)
+    images = torch.randint(100, 120, (frames, 2, 40, 60, 3), generator=rng, dtype=torch.uint8)
+    for t in range(frames):
+        images[t, :, 5:35, 2 * t : 2 * t + 8] = 220
+    return images
+
+
+def test_a_leap_is_what_changes_at_once():
+    assert leaps_of(pictures()) == []
+    cut = pictures()
+    cut[9:, :, 30:, 40:] = 20  # a screen goes dark, and stays so
+    assert leaps_of(cut) == [9]
+    assert leaps_of(cut[:1]) == []
+    assert leaps_of(cut[:2]) == []
+
+
+def test_what_leaps_is_not_smeared():
+    def wanted(frame: float) -> torch.Tensor:
+        return torch.full((1, 4), 0.4 if frame >= 9 else 0.0) * torch.tensor([1.0, -1, 1, 0])
+
+    off = {}
+    for leaps in ((), (9,)):
+        shade = Shade(20, 1, CPU, leaps=leaps)
+        learn(shade, wanted, 1500, 20)
+        off[leaps] = max(float((shade.at(frame).detach() - wanted(frame)).abs().max()) for frame in range(20))
+    assert off[9,] < 0.06
+    assert off[()] > 2.5 * off[9,]

@@ -21,7 +21,7 @@ from splatreel.recon.following import Start
 from splatreel.recon.hashgrid import HashGrid
 from splatreel.recon.points import TrainablePoints
 from splatreel.recon.schedule import FrameSchedule
-from splatreel.recon.shade import Shade
+from splatreel.recon.shade import Shade, leaps_of
 from splatreel.recon.trajectory import Trajectory
 from splatreel.scene.gaussians import Gaussians
 
@@ -118,7 +118,9 @@ class GroupTrainer:
         tracks, shades = (None if a is None else torch.from_numpy(a).to(device) for a in (start.tracks, start.shades))
         rests = None if shades is None else shades.any(2).any(0)
         self.model = make_deformation(config.group.deformation, self.points.means.detach(), frames, seed, tracks, rests)
-        self.shade = Shade(frames.count, len(self.points), device, shades) if config.group.shade else None
+        self.shade = None
+        if config.group.shade:
+            self.shade = Shade(frames.count, len(self.points), device, shades, leaps_of(frames.images))
         self.iterations = config.group.iterations_per_frame * frames.count
         self.schedule = FrameSchedule(frames.count, len(frames.views), self.iterations, config.group.progressive, seed)
         self.rng = np.random.default_rng(seed)

@@ -1,10 +1,14 @@
 """How the colour and the opacity of dynamic points change within a group: what motion cannot tell (beyond the paper).
 
 Light and shadow pass over things, flames flicker, things come and go. Every point has a cubic B-spline in time of its own, as
-`trajectory` has for motion, with fewer knots: what changes fast is motion.
+`trajectory` has for motion, with fewer knots: what changes fast is motion. But where much changes at once, as on a screen that shows
+something else, it has one in every frame.
 """
 
 from __future__ import annotations
+
+from collections.abc import Iterable
+from itertools import pairwise
 
 import numpy as np
 import torch
@@ -19,16 +23,22 @@ RATES = (8e-3, 8e-3, 8e-3, 8e-2)
 """Learning rates of c_base and of the logit of the opacity."""
 LAMBDA = (3e-3, 3e-3, 3e-3, 1e-4)
 """Weights of the mean absolute change: it is worth its bytes only where it shows."""
+STRONG, LEAP, LEAST = 40, 1.5, 0.002
+"""Grey levels by which a pixel changes strongly; in a leap LEAP times as many do as in the frames before and after, and the share LEAST
+of all."""
 
 
 class Shade:
     """Changes of N points over the frames of a group. controls: [knots, N, 4] in units of the learning rates.
 
-    start: [T, N, 3] what c_base gains at every frame, at first; nothing by default.
+    start: [T, N, 3] what c_base gains at every frame, at first; nothing by default. leaps: frames that much is new in: see `leaps_of`.
     """
 
-    def __init__(self, frames: int, count: int, device: torch.device, start: Tensor | None = None) -> None:
-        self.spline = Spline(frames, frames_per_knot=FRAMES_PER_KNOT)
+    def __init__(
+        self, frames: int, count: int, device: torch.device, start: Tensor | None = None, leaps: Iterable[int] = ()
+    ) -> None:
+        bends = {frame for leap in leaps for frame in (leap - 1, leap)}
+        self.spline = Spline(frames, bends, FRAMES_PER_KNOT)
         self.rates, self.weights = torch.tensor(RATES, device=device), torch.tensor(LAMBDA, device=device)
         controls = torch.zeros(self.spline.knots, count, 4, device=device)
         if start is not None:
@@ -78,3 +88,20 @@ class Shade:
         self.adam.rewrite(
             lambda rows: torch.cat([rows, rest if added is None else added], 1), lambda rows: torch.cat([rows, rest], 1)
         )
+
+
+def leaps_of(images: Tensor) -> list[int]:
+    """Frames of images [T, C, H, W, 3] uint8 in which far more pixels change strongly than in those before and after.
+
+    What moves changes about as many in neighbouring frames. A quarter of the pixels is looked at.
+    """
+    few = images[:, :, ::2, ::2]
+    shares = [_strong(before.short(), now.short()) for before, now in pairwise(few)]
+    around = [max(shares[max(i - 1, 0) : i] + shares[i + 1 : i + 2], default=1.0) for i in range(len(shares))]
+    leap = [share > max(LEAP * other, LEAST) for share, other in zip(shares, around, strict=True)]
+    return [i + 1 for i in range(len(leap)) if leap[i]]
+
+
+def _strong(before: Tensor, now: Tensor) -> float:
+    """Share of the pixels of all cameras that change strongly."""
+    return float(((now - before).abs().amax(-1) > STRONG).float().mean())
