@@ -1,8 +1,10 @@
 """manifest.json: round trip, forward compatibility, hostile content."""
 
 import contextlib
+import dataclasses
 import json
 
+import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
@@ -22,6 +24,19 @@ def edited(change) -> bytes:
 
 def test_round_trip():
     assert parse_manifest(TEXT.encode(), "m").to_json() == TEXT
+
+
+def test_cameras_come_back_as_they_are_in_few_digits():
+    manifest = parse_manifest(TEXT.encode(), "m")
+    rng = np.random.default_rng(0)
+    viewmat, K = rng.normal(size=(4, 4)).astype(np.float32), (1000 * rng.random((3, 3))).astype(np.float32)
+    camera = dataclasses.replace(manifest.camera, viewmat=viewmat, K=K)
+    text = dataclasses.replace(manifest, cameras=(camera,)).to_json()
+    found = parse_manifest(text.encode(), "m").cameras[0]
+    np.testing.assert_array_equal(found.viewmat, viewmat)
+    np.testing.assert_array_equal(found.K, K)
+    line = next(line for line in text.splitlines() if line.startswith('{"name"'))
+    assert len(line) < 60 + 13 * 25
 
 
 def test_unknown_fields_are_ignored():
