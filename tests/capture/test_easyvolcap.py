@@ -87,6 +87,9 @@ def test_videos_in_place_of_pictures(scene: Path) -> None:
         ("extri.yml", "%YAML", "HTML", r"extri\.yml: is no YAML file of OpenCV's"),
         ("extri.yml", "dt: d", "dt: q", r"extri\.yml: Rot_00 is no matrix"),
         ("intri.yml", "rows: 5", "rows: 500000000", r"intri\.yml: D_00 is no matrix"),
+        ("intri.yml", "W_01:", "W_01: wide\nX_01:", r"intri\.yml: W_01 holds what is no number"),
+        ("intri.yml", "H_01:", "H_01: .Inf\nX_01:", r"intri\.yml: H_01 holds what is no number"),
+        ("intri.yml", '"03"', "[ 3 ]", r"intri\.yml: names holds what is no number"),
         ("intri.yml", '"03"', '"07"', r"1 of the 4 cameras in intri\.yml have neither pictures .* first is '07'"),
     ],
 )

@@ -78,7 +78,9 @@ class _Numbers:
     def names(self) -> list[str]:
         node = self._storage.getNode("names")
         found = [node.at(i) for i in range(node.size())] if node.isSeq() else []
-        names = [entry.string() or str(int(entry.real())) for entry in found]  # names without quotes are numbers
+        names = [
+            entry.string() or str(self._whole(entry, "names")) for entry in found
+        ]  # without quotes they are numbers
         if not names:
             raise CaptureError(f"{self.file}: lists no cameras under `names`. Export the cameras again.")
         return names
@@ -113,7 +115,13 @@ class _Numbers:
 
     def number(self, key: str, name: str) -> int:
         """0 where it is not there."""
-        return max(int(self._storage.getNode(f"{key}_{name}").real()), 0)
+        node = self._storage.getNode(f"{key}_{name}")
+        return 0 if node.empty() else max(self._whole(node, f"{key}_{name}"), 0)
+
+    def _whole(self, node: Any, key: str) -> int:
+        if not ((node.isInt() or node.isReal()) and np.isfinite(node.real())):
+            raise CaptureError(f"{self.file}: {key} holds what is no number. Export the cameras again.")
+        return int(node.real())
 
 
 def _lens(intrinsics: _Numbers, name: str, read: tuple[int, int]) -> Any:

@@ -22,7 +22,6 @@ class Pictures:
     """
 
     def __init__(self, path: Path, files: dict[str, list[Path]], sidecar: Sidecar, request: Request) -> None:
-        self.path = path
         self._files = files
         self.fps = sidecar.fps or 30.0
         if sidecar.starts:
