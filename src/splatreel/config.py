@@ -75,6 +75,8 @@ class KeyframeConfig:
     fades, floaters first; goes past the paper."""
     lambda_spread: float = 0.0
     """Weight of what lies before the surface that a pixel shows, by its distance in log depth: floaters fade; goes past the paper."""
+    lambda_rough: float = 0.0
+    """Weight of bends in depth where a picture is plain: with few cameras, nothing else says how far a wall is; goes past the paper."""
     densify_gradient: float = 2e-4
     densify_every: int = 100
     average_share: float = 0.0
@@ -238,6 +240,7 @@ def preset(quality: Quality) -> Config:
             steady=True,
             lambda_opacity=0.01,
             lambda_spread=1.0,
+            lambda_rough=0.3,
             pace=4.0,
             reach=8.0,
             max_points=60_000,

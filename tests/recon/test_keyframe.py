@@ -13,7 +13,7 @@ from splatreel.recon.average import EVERY
 from splatreel.recon.colors import CameraGains
 from splatreel.recon.drawing import View, deformed
 from splatreel.recon.keyframe import KeyframeTrainer, Stage, starting_points
-from splatreel.recon.losses import spread
+from splatreel.recon.losses import Depths, spread
 from splatreel.recon.points import TrainablePoints, default_rates
 from splatreel.scene.camera import Camera
 from splatreel.scene.gaussians import C0, Gaussians
@@ -189,7 +189,7 @@ def test_depths_do_not_spread_where_that_costs() -> None:
 
     view = View.of(UNSEEN, CPU)
     free, priced = (trained(weight) for weight in (0.0, 3.0))
-    spreads = [spread(deformed(p.params, None, None, view, NEAR), view, NEAR).item() for p in (free, priced)]
+    spreads = [spread(Depths.of(deformed(p.params, None, None, view, NEAR), view, NEAR)).item() for p in (free, priced)]
     assert spreads[1] < 0.7 * spreads[0]
     assert psnr(priced.gaussians(), UNSEEN) > psnr(free.gaussians(), UNSEEN) - 1.5
 

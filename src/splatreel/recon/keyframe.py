@@ -16,7 +16,7 @@ from splatreel.recon.average import Average
 from splatreel.recon.colors import CameraGains
 from splatreel.recon.density import GradientMeter, children, select_growth
 from splatreel.recon.drawing import Backdrop, Splats, View, deformed, draw, halved
-from splatreel.recon.losses import psnr, spread
+from splatreel.recon.losses import Depths, psnr, roughness, spread
 from splatreel.recon.points import TrainablePoints, default_rates
 from splatreel.scene.gaussians import C0, Gaussians
 
@@ -69,11 +69,11 @@ def starting_points(
 
 GROWTH = 0.6
 """Share of the iterations in which points are densified; from then on opacity has its price: earlier, it hinders what is to grow.
-Before a backdrop it has none, nor has spread: what moves has few points, and needs them."""
-SPREAD_FROM = 0.4
-"""Share of the iterations from which on points before a surface cost something: earlier, the surface is not there yet."""
-SPREAD_EVERY = 2
-"""Iterations between two that look at it. It then counts twice."""
+Before a backdrop nothing has a price: what moves has few points, and needs them."""
+SURFACES_FROM = 0.4
+"""Share of the iterations from which on points before a surface and bends cost something: earlier, the surface is not there yet."""
+SURFACES_EVERY = 2
+"""Iterations between two that look at surfaces. They then count twice."""
 
 
 class KeyframeTrainer:
@@ -154,7 +154,7 @@ class KeyframeTrainer:
         moving = deformed(p.params, None, None, view, stage.near)
         drawing = draw(moving, view, behind.scenery(camera) if behind else None)
         loss = splat.photometric_loss(drawing.image, stage.images[camera], gain=self.gains.of(camera))
-        cost = self._price(moving, view, stage.near, share) if behind is None else 0.0
+        cost = self._price(moving, camera, stage, share) if behind is None else 0.0
         (loss + cost).backward()
         grad = drawing.means2d.grad
         assert grad is not None
@@ -162,13 +162,16 @@ class KeyframeTrainer:
         self.gains.step()
         return loss.detach(), grad
 
-    def _price(self, points: Splats, view: View, near: float, share: float) -> Tensor | float:
-        """What opacities cost, per pixel, and points before a surface."""
-        config, cost = self.config, 0.0
+    def _price(self, points: Splats, camera: int, stage: Stage, share: float) -> Tensor | float:
+        """What opacities cost, per pixel, points before a surface, and surfaces that bend."""
+        config, view, cost = self.config, stage.views[camera], 0.0
         if config.lambda_opacity and share > GROWTH:
             cost = config.lambda_opacity * self.points.opacities.sum() / (view.width * view.height)
-        if config.lambda_spread and share > SPREAD_FROM and self.done % SPREAD_EVERY == 0:
-            cost = cost + SPREAD_EVERY * config.lambda_spread * spread(points, view, near)
+        weights = config.lambda_spread, config.lambda_rough
+        if any(weights) and share > SURFACES_FROM and self.done % SURFACES_EVERY == 0:
+            depths = Depths.of(points, view, stage.near)
+            prices = spread(depths), roughness(depths, stage.images[camera], stage.unit / stage.near)
+            cost = cost + SURFACES_EVERY * sum(w * price for w, price in zip(weights, prices, strict=True) if w)
         return cost
 
     def _anneal(self, share: float) -> None:
