@@ -44,6 +44,7 @@ PARTS: dict[str, dict[str, Any]] = {
     "no-price": {"keyframe.lambda_opacity": 0.0},
     "no-sh-price": {"group.lambda_sh": 0.0},
     "no-spread": {"keyframe.lambda_spread": 0.0},
+    "no-roughness": {"keyframe.lambda_rough": 0.0},
     "converted-anywhere": {"layering.adapt_changes": 0.0},
     "not-steady": {"keyframe.steady": False},
     "no-coarse": {"keyframe.coarse_share": 0.0},
