@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 import torch
 
-from splatreel.config import Config, GroupConfig, LayeringConfig
+from splatreel.config import Config, GroupConfig, KeyframeConfig, LayeringConfig
 from splatreel.kernels.image import render_image
 from splatreel.progress import Silent
 from splatreel.recon.colors import CameraGains
@@ -219,6 +219,16 @@ def test_pruning_keeps_the_rows_of_points_and_motion_together(filmed: GroupFrame
     np.testing.assert_allclose(after.dx, before.dx[:, kept], atol=1e-6)
     group._watch()
     group._step(0)  # the optimisers still fit
+
+
+def test_what_is_large_may_be_far_away_but_not_near(filmed: GroupFrames) -> None:
+    """A far wall that became dynamic, for somebody's shadow on it, would leave a hole."""
+    wide = 0.8 * filmed.unit
+    two = replace(THING[:2], means=np.array([[0, 0, 0], [0, 0, 4 * filmed.unit]], np.float32))
+    two = replace(two, scales=np.full((2, 3), wide, np.float32), opacities=np.full(2, 0.9, np.float32))
+    group = trainer(filmed, replace(config(), keyframe=KeyframeConfig(reach=8.0)), two)
+    group._prune()
+    np.testing.assert_allclose(group.points.means[:, 2].detach(), [4 * filmed.unit], atol=1e-5)
 
 
 def test_a_group_keeps_a_point_even_if_all_are_faint(filmed: GroupFrames) -> None:

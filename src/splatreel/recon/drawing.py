@@ -86,6 +86,15 @@ class Drawing:
     tiles: Tensor | None = None
 
 
+def strides(means: Tensor, views: list[View], unit: float, reach: float) -> Tensor:
+    """[N] distances of points [N, 3] to the nearest view in typical viewing distances `unit`, 1 to `reach`.
+
+    What is far may go as much farther in a step, and be as much larger: it is as many pixels at any distance.
+    """
+    centers = torch.stack([view.center for view in views])
+    return (torch.cdist(means.detach(), centers).amin(1) / unit).clamp(1, reach)
+
+
 def halved(images: Tensor) -> Tensor:
     """Images [C, H, W, 3] uint8 at half size, averaged over blocks of 2 x 2; an odd row or column is cut off."""
     small = torch.nn.functional.avg_pool2d(images.permute(0, 3, 1, 2).float(), 2)

@@ -16,7 +16,7 @@ from splatreel.recon.colors import CameraGains
 from splatreel.recon.deformation import Deformation
 from splatreel.recon.delays import Delays, slope
 from splatreel.recon.density import GradientMeter
-from splatreel.recon.drawing import Backdrop, Drawing, Splats, View, deformed, draw, filled, halved
+from splatreel.recon.drawing import Backdrop, Drawing, Splats, View, deformed, draw, filled, halved, strides
 from splatreel.recon.following import Start
 from splatreel.recon.hashgrid import HashGrid
 from splatreel.recon.points import TrainablePoints
@@ -294,11 +294,14 @@ class GroupTrainer:
                 self.shade.append(len(index), None)
 
     def _prune(self) -> None:
+        """Drop what hardly shows and what is absurdly large for where it is; far walls and trees are large, and would leave holes."""
+        frames, config = self.frames, self.config.keyframe
         with torch.no_grad():
             highest = 0 if self.shade is None else self.shade.highest
             opacities = (self.points.params["logit_opacities"] + highest).sigmoid()
-            keep = opacities >= self.config.keyframe.cull_opacity
-            keep &= self.points.scales.amax(1) < 0.5 * self.frames.unit
+            keep = opacities >= config.cull_opacity
+            largest = 0.5 * frames.unit * strides(self.points.means, frames.views, frames.unit, config.reach)
+            keep &= self.points.scales.amax(1) < largest
         if not bool(keep.all()) and bool(keep.any()):
             self._keep(torch.nonzero(keep)[:, 0])
 

@@ -15,7 +15,7 @@ from splatreel.progress import Progress
 from splatreel.recon.average import Average
 from splatreel.recon.colors import CameraGains
 from splatreel.recon.density import GradientMeter, children, select_growth
-from splatreel.recon.drawing import Backdrop, Splats, View, deformed, draw, halved
+from splatreel.recon.drawing import Backdrop, Splats, View, deformed, draw, halved, strides
 from splatreel.recon.losses import Depths, psnr, roughness, spread
 from splatreel.recon.points import TrainablePoints, default_rates
 from splatreel.scene.gaussians import C0, Gaussians
@@ -143,10 +143,7 @@ class KeyframeTrainer:
         return float(np.mean(values))
 
     def _stride(self, stage: Stage) -> None:
-        """Points that are far away go far in a step, so that it is as many pixels at any distance."""
-        centers = torch.stack([view.center for view in stage.views])
-        distances = torch.cdist(self.points.means.detach(), centers).amin(1, keepdim=True)
-        self.strides = (distances / stage.unit).clamp(1, self.config.reach)
+        self.strides = strides(self.points.means, stage.views, stage.unit, self.config.reach)[:, None]
 
     def _step(self, stage: Stage, camera: int, behind: Backdrop | None, share: float) -> tuple[Tensor, Tensor]:
         """share: of training that is over. Returns the loss and the gradient of the places on the image."""
