@@ -7,7 +7,6 @@ import dataclasses
 from pathlib import Path
 
 import numpy as np
-import torch
 import tyro
 
 from ablation import PARTS, changed
@@ -37,10 +36,16 @@ def main(
     """Train frame 0 and measure it on the held-out cameras. cameras: train on this many, evenly chosen. parts: of the ablation."""
     keep_freed_memory()
     source = open_capture(capture, width=width)
-    chosen = few(source.training_cameras, cameras)
+    chosen, views = few(source.training_cameras, cameras), held_out_views(source)
+    frames = source.read(0, min(source.frames, preset(quality).group.length), [camera.name for camera in chosen])
+    truths = source.read(0, 1, [view.name for view in views])[0].astype(np.float32) / 255
     for part in parts.split(","):
         config = changed(preset(quality), PARTS[part])
-        runs = [trained(source, chosen, dataclasses.replace(config, seed=seed)) for seed in range(seeds)]
+        images = steady(frames) if config.keyframe.steady else frames[0]
+        runs = []
+        for seed in range(seeds):
+            rendered = trained(source, chosen, images, dataclasses.replace(config, seed=seed), views)
+            runs.append([psnr(image, truth) for image, truth in zip(rendered, truths, strict=True)])
         values = {"quality": quality, "cameras": len(chosen), "psnr": np.mean(runs), "psnr_of_seeds": runs}
         record(f"keyframe {source.name} {source.width}, {len(chosen)} cameras, {part}", values, note)
         shown = ", ".join("/".join(f"{value:.2f}" for value in run) for run in runs)
@@ -54,19 +59,14 @@ def few(cameras: list[Camera], count: int | None) -> list[Camera]:
     return [cameras[i] for i in np.linspace(0, len(cameras) - 1, count).round().astype(int)]
 
 
-def trained(source: Capture, cameras: list[Camera], config: Config) -> list[float]:
-    """dB of every held-out camera, before encoding."""
-    frames = source.read(0, min(source.frames, config.group.length), [camera.name for camera in cameras])
-    images = steady(frames) if config.keyframe.steady else frames[0]
+def trained(
+    source: Capture, cameras: list[Camera], images: np.ndarray, config: Config, views: list[Camera]
+) -> list[np.ndarray]:
+    """What the held-out cameras see of a keyframe of images [C, H, W, 3] uint8, before encoding; each [H, W, 3] 0..1."""
     points = {"points": source.points, "point_colors": source.point_colors, "near": source.near}
-    gaussians, layout = reconstruct_still(cameras, images, config, device=torch.device("cpu"), **points)
-    views = held_out_views(source)
-    truths = source.read(0, 1, [view.name for view in views])[0].astype(np.float32) / 255
+    gaussians, layout = reconstruct_still(cameras, images, config, **points)
     how = {"near": layout.near, "antialias": config.antialias}
-    return [
-        psnr(np.clip(render_image(gaussians, view, **how), 0, 1), truth)
-        for view, truth in zip(views, truths, strict=True)
-    ]
+    return [np.clip(render_image(gaussians, view, **how), 0, 1) for view in views]
 
 
 if __name__ == "__main__":

@@ -78,9 +78,8 @@ class _Numbers:
     def names(self) -> list[str]:
         node = self._storage.getNode("names")
         found = [node.at(i) for i in range(node.size())] if node.isSeq() else []
-        names = [
-            entry.string() or str(self._whole(entry, "names")) for entry in found
-        ]  # without quotes they are numbers
+        # Names without quotes are numbers.
+        names = [entry.string() or str(self._whole(entry, "names")) for entry in found]
         if not names:
             raise CaptureError(f"{self.file}: lists no cameras under `names`. Export the cameras again.")
         return names

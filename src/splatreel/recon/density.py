@@ -9,6 +9,9 @@ from torch import Tensor
 
 from splatreel.recon.points import TrainablePoints
 
+LARGEST = 0.5
+"""Largest scale that a point may have, in typical viewing distances, times as much as it is farther away."""
+
 
 class GradientMeter:
     """Mean length of the screen-space positional gradient of every point, in normalised device units, over its views."""
@@ -41,6 +44,11 @@ def select_growth(meter: GradientMeter, threshold: float, room: int) -> Tensor:
         cut = torch.topk(gradient, room).values[-1]
         grow &= gradient >= cut
     return grow
+
+
+def too_large(scales: Tensor, strides: Tensor, unit: float) -> Tensor:
+    """Mask [N] of points absurdly large for where they are. scales: [N, 3]. strides: [N], see `drawing.strides`, as is unit."""
+    return scales.amax(1) > LARGEST * unit * strides
 
 
 def children(points: TrainablePoints, split: Tensor, generator: torch.Generator) -> dict[str, Tensor]:

@@ -15,7 +15,7 @@ from splatreel.recon import losses
 from splatreel.recon.colors import CameraGains
 from splatreel.recon.deformation import Deformation
 from splatreel.recon.delays import Delays, slope
-from splatreel.recon.density import GradientMeter
+from splatreel.recon.density import GradientMeter, too_large
 from splatreel.recon.drawing import Backdrop, Drawing, Splats, View, deformed, draw, filled, halved, strides
 from splatreel.recon.following import Start
 from splatreel.recon.hashgrid import HashGrid
@@ -300,8 +300,8 @@ class GroupTrainer:
             highest = 0 if self.shade is None else self.shade.highest
             opacities = (self.points.params["logit_opacities"] + highest).sigmoid()
             keep = opacities >= config.cull_opacity
-            largest = 0.5 * frames.unit * strides(self.points.means, frames.views, frames.unit, config.reach)
-            keep &= self.points.scales.amax(1) < largest
+            farther = strides(self.points.means, frames.views, frames.unit, config.reach)
+            keep &= ~too_large(self.points.scales, farther, frames.unit)
         if not bool(keep.all()) and bool(keep.any()):
             self._keep(torch.nonzero(keep)[:, 0])
 

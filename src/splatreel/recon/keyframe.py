@@ -14,7 +14,7 @@ from splatreel.kernels import splat
 from splatreel.progress import Progress
 from splatreel.recon.average import Average
 from splatreel.recon.colors import CameraGains
-from splatreel.recon.density import GradientMeter, children, select_growth
+from splatreel.recon.density import GradientMeter, children, select_growth, too_large
 from splatreel.recon.drawing import Backdrop, Splats, View, deformed, draw, halved, strides
 from splatreel.recon.losses import Depths, psnr, roughness, spread
 from splatreel.recon.points import TrainablePoints, default_rates
@@ -164,11 +164,11 @@ class KeyframeTrainer:
         config, view, cost = self.config, stage.views[camera], 0.0
         if config.lambda_opacity and share > GROWTH:
             cost = config.lambda_opacity * self.points.opacities.sum() / (view.width * view.height)
-        weights = config.lambda_spread, config.lambda_rough
-        if any(weights) and share > SURFACES_FROM and self.done % SURFACES_EVERY == 0:
+        priced = config.lambda_spread or config.lambda_rough
+        if priced and share > SURFACES_FROM and self.done % SURFACES_EVERY == 0:
             depths = Depths.of(points, view, stage.near)
-            prices = spread(depths), roughness(depths, stage.images[camera], stage.unit / stage.near)
-            cost = cost + SURFACES_EVERY * sum(w * price for w, price in zip(weights, prices, strict=True) if w)
+            rough = roughness(depths, stage.images[camera], stage.unit / stage.near)
+            cost = cost + SURFACES_EVERY * (config.lambda_spread * spread(depths) + config.lambda_rough * rough)
         return cost
 
     def _anneal(self, share: float) -> None:
@@ -197,7 +197,7 @@ class KeyframeTrainer:
         with torch.no_grad():
             doomed = self.points.opacities < faint
             if share < 1:
-                doomed |= self.points.scales.amax(1) > 0.5 * unit * self.strides[:, 0]
+                doomed |= too_large(self.points.scales, self.strides[:, 0], unit)
         return doomed
 
     def _prune(self, unit: float, share: float) -> None:
