@@ -144,11 +144,11 @@ def tile_spans(means2d: Tensor, radii: Tensor, width: int, height: int) -> Tenso
 def touched_tiles(spans: Tensor, width: int, height: int) -> Tensor:
     """[rows, columns] bool: the tiles that any splat of spans [N, 4] touches, by counting corners."""
     rows, columns = -(-height // TILE), -(-width // TILE)
-    left, right, top, bottom = spans[spans[:, 1] >= spans[:, 0]].long().unbind(1)
+    there = (spans[:, 1] >= spans[:, 0]).long()  # picked by weight: to drop the others would wait for the GPU
+    left, right, top, bottom = (spans.long() * there[:, None]).unbind(1)
     corners = torch.zeros((rows + 1) * (columns + 1), dtype=torch.int64, device=spans.device)
-    one = torch.ones_like(left)
     for y, x, sign in ((top, left, 1), (top, right + 1, -1), (bottom + 1, left, -1), (bottom + 1, right + 1, 1)):
-        corners.index_add_(0, y * (columns + 1) + x, one, alpha=sign)
+        corners.index_add_(0, y * (columns + 1) + x, there, alpha=sign)
     return corners.view(rows + 1, columns + 1).cumsum(0).cumsum(1)[:rows, :columns] > 0
 
 

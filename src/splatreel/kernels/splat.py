@@ -343,6 +343,13 @@ def _without_self(indices: np.ndarray, distances: np.ndarray) -> tuple[np.ndarra
 
 
 def _check_finite(**tensors: Tensor) -> None:
+    """Raises `GaussiansError`. What is trained on a GPU is not looked at here, as that would wait for it: see `check_finite`."""
+    if not any(tensor.is_cuda and tensor.requires_grad for tensor in tensors.values()):
+        check_finite(**tensors)
+
+
+def check_finite(**tensors: Tensor) -> None:
+    """Raises `GaussiansError` with the name of the tensor that holds NaN or infinity."""
     for name, tensor in tensors.items():
         values = tensor.detach()
         if (

@@ -148,6 +148,7 @@ class GroupTrainer:
                 self._drop_faint()
                 self._watch()
             if (iteration + 1) % SHOW_EVERY == 0 or share == 1:
+                self.points.check()
                 progress.update(iteration + 1, loss=float(loss), dynamic=len(self.points))
         progress.note(f"training views {self.psnr():.2f} dB, {len(self.points):,} dynamic points")
         return self.result()

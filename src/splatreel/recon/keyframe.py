@@ -129,6 +129,7 @@ class KeyframeTrainer:
             if averaged:
                 average.add(self.done, self.points.params.values())
             if self.done % 25 == 0:
+                self.points.check()
                 progress.update(self.done, loss=float(loss), points=len(self.points))
         average.settle(self.points.params.values())
         self._prune(stage.unit, self.done / total)

@@ -8,6 +8,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
+from splatreel.kernels import splat
 from splatreel.recon.adam import Adam, step
 from splatreel.scene.gaussians import Gaussians
 
@@ -99,8 +100,13 @@ class TrainablePoints:
         """Copies of the rows that an index or mask selects."""
         return {name: tensor.detach()[index].clone() for name, tensor in self.params.items()}
 
+    def check(self) -> None:
+        """Raises `GaussiansError` if a value is NaN or infinite. On a GPU nobody else looks, as to look is to wait for it."""
+        splat.check_finite(**self.params)
+
     def gaussians(self) -> Gaussians:
         """The points as plain activated arrays."""
+        self.check()
         return to_gaussians(self.params)
 
 

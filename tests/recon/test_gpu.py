@@ -1,0 +1,101 @@
+"""Reconstruction on CUDA, with a stand-in for the GPU: nothing meets that is on two devices, and iterations do not wait."""
+
+from collections import Counter
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import torch
+
+from splatreel.codec.verify import verify_reel
+from splatreel.errors import GaussiansError
+from splatreel.evaluation.undecoded import undecoded_frames
+from splatreel.kernels.image import render_image
+from splatreel.recon.group import GroupTrainer
+from splatreel.recon.hashgrid import HashGrid
+from splatreel.recon.keyframe import KeyframeTrainer
+from splatreel.recon.points import TrainablePoints, default_rates
+from splatreel.recon.sequence import Result, reconstruct
+from tests.recon.captures import WallCapture, blots
+from tests.recon.test_sequence import CONFIG, FRAMES
+from tests.standin.device import WAITS, gpu
+
+
+@pytest.fixture
+def waits(monkeypatch: pytest.MonkeyPatch) -> dict[str, list[Counter[str]]]:
+    """By trainer: how often each of its iterations waited for the device."""
+    counts: dict[str, list[Counter[str]]] = {}
+    for trainer in (KeyframeTrainer, GroupTrainer):
+        counts[trainer.__name__] = counted = []
+
+        def step(*arguments: Any, original: Any = trainer._step, counted: list[Counter[str]] = counted) -> Any:
+            before = WAITS.copy()
+            result = original(*arguments)
+            counted.append(WAITS - before)
+            return result
+
+        monkeypatch.setattr(trainer, "_step", step)
+    return counts
+
+
+def quality(result: Result, capture: WallCapture) -> float:
+    """PSNR of what was trained, before encoding, over all frames and cameras."""
+    scenes, names, errors = undecoded_frames(result.work, result.reel), [c.name for c in capture.cameras], []
+    for frame in range(FRAMES):
+        for camera, truth in zip(capture.cameras, capture.read(frame, 1, names)[0], strict=True):
+            shown = render_image(scenes(frame), camera, near=capture.near or 0.01)
+            errors.append(np.square(shown.clip(0, 1) - truth / 255).mean())
+    return float(-10 * np.log10(np.mean(errors)))
+
+
+def test_a_run_on_a_gpu_is_as_one_on_the_cpu(tmp_path: Path, waits: dict[str, list[Counter[str]]]) -> None:
+    capture = WallCapture(FRAMES)
+    on_cpu = reconstruct(capture, tmp_path / "cpu", CONFIG, device="cpu")
+    for counted in waits.values():
+        counted.clear()
+    with gpu():
+        on_gpu = reconstruct(capture, tmp_path / "gpu", CONFIG)
+    assert (on_cpu.device, on_gpu.device) == ("cpu", "cuda")
+    assert verify_reel(on_gpu.reel).groups == 2
+    assert quality(on_gpu, capture) == pytest.approx(quality(on_cpu, capture), abs=0.5)
+    keyframe, group = waits["KeyframeTrainer"], waits["GroupTrainer"]
+    first = CONFIG.keyframe.first_iterations
+    assert not any(keyframe[:first])
+    # Among static points, which of these the touched tiles hold is asked once; the first look of a view at them waits more often.
+    assert {sum(waited.values()) for waited in keyframe[-4:]} == {1}
+    assert min(sum(waited.values()) for waited in group) == 1
+
+
+def test_the_hash_grid_learns_the_same_on_a_gpu() -> None:
+    means, wanted = torch.rand(40, 3), torch.rand(40, 3) / 10
+
+    def learned(device: str) -> tuple[torch.Tensor, torch.Tensor]:
+        places, target = means.to(device), wanted.to(device)
+        model = HashGrid(places, 5, 1.0, 0)
+        model.reach(4)
+        for step in range(3):
+            dx, dq = model.offsets(places, 2.5)
+            (dx - target).square().sum().backward()
+            model.step(step / 3)
+        dx, dq = model.offsets(places, 2.5)
+        return dx.detach().cpu(), dq.detach().cpu()
+
+    expected = learned("cpu")
+    with gpu():
+        torch.testing.assert_close(learned("cuda"), expected, atol=1e-6, rtol=1e-3)
+
+
+@pytest.mark.parametrize("device", ["cpu", "cuda"])
+def test_values_that_are_not_finite_are_found_where_nobody_waits_for_them(device: str) -> None:
+    with gpu():
+        points = TrainablePoints.from_gaussians(
+            blots(5, [0, 0, 0], [1, 1, 1], 0.1, 0), default_rates(1.0), torch.device(device)
+        )
+        points.check()
+        with torch.no_grad():
+            points.means[2, 1] = torch.nan
+        with pytest.raises(GaussiansError, match="means holds 1 values"):
+            points.check()
+        with pytest.raises(GaussiansError, match="means holds 1 values"):
+            points.gaussians()

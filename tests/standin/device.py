@@ -1,0 +1,168 @@
+"""Tensors that say they are on CUDA and are not.
+
+Each wraps a tensor on the CPU, which only `remote` code gets to: numpy, and operations with tensors that do not say so, fail as they
+do on a GPU. What waits for the device (`item`, `nonzero`, masks as indices) is counted. To autograd they are on the CPU, whose engine
+needs no device then; so device and `is_cuda` are told to Python alone.
+"""
+
+from __future__ import annotations
+
+import importlib.util
+from collections import Counter
+from collections.abc import Iterator
+from contextlib import contextmanager
+from typing import Any
+
+import pytest
+import torch
+from torch import Tensor
+from torch.overrides import TorchFunctionMode
+from torch.utils._pytree import tree_leaves, tree_map
+
+WAITS = Counter[str]()
+"""How often what waited for the device."""
+_WAITING = {"aten::_local_scalar_dense": "item", "aten::nonzero": "nonzero"}
+_PULLS = {"aten::index", "aten::index_put_", "aten::_index_put_impl_"}
+"""Operations whose indices may be on the CPU; `copy_` goes from one device to the other."""
+_ON_CPU = (Tensor.numpy, Tensor.__array__, Tensor.data_ptr)
+
+
+class Remote(Tensor):
+    """A tensor [...] that says it is on CUDA; held: the one on the CPU."""
+
+    held: Tensor
+
+    @staticmethod
+    def __new__(cls, held: Tensor) -> Remote:
+        assert type(held) is Tensor
+        shape = {"strides": held.stride(), "storage_offset": held.storage_offset(), "dtype": held.dtype}
+        return Tensor._make_wrapper_subclass(cls, held.size(), **shape)  # pyright: ignore[reportAttributeAccessIssue]
+
+    def __init__(self, held: Tensor) -> None:
+        self.held = held
+
+    def __repr__(self, *, tensor_contents: Any = None) -> str:
+        return f"Remote({self.held})"
+
+    @classmethod
+    def __torch_function__(cls, func: Any, types: Any, args: Any = (), kwargs: Any = None) -> Any:
+        kwargs = dict(kwargs or {})
+        if func == Tensor.is_cuda.__get__:  # pyright: ignore[reportAttributeAccessIssue]
+            return True
+        if func == Tensor.device.__get__:  # pyright: ignore[reportAttributeAccessIssue]
+            return torch.device("cuda", 0)
+        if func in _ON_CPU:
+            raise TypeError("can't convert cuda:0 device type tensor to numpy. Use Tensor.cpu() first.")
+        if func in (Tensor.to, Tensor.cpu, Tensor.cuda):
+            return _moved(func, *args, **kwargs)
+        if kwargs.get("device") is not None:
+            kwargs["device"] = "cpu"  # a new tensor like this one: the result is wrapped
+        with torch._C.DisableTorchFunctionSubclass():
+            return func(*args, **kwargs)
+
+    @classmethod
+    def __torch_dispatch__(cls, func: Any, types: Any, args: Any = (), kwargs: Any = None) -> Any:
+        kwargs, name = kwargs or {}, func._schema.name
+        _meet(name, args, kwargs)
+        result = func(*tree_map(held, args), **tree_map(held, kwargs))
+        if func._schema.is_mutable:  # in place: the wrapper stays what it is
+            return None if result is None else kwargs.get("out", args[0])
+        return tree_map(lambda value: Remote(value) if type(value) is Tensor else value, result)
+
+
+def held(value: Any) -> Any:
+    """What a remote tensor wraps; anything else as it is."""
+    return value.held if isinstance(value, Remote) else value
+
+
+def _meet(name: str, args: Any, kwargs: Any) -> None:
+    """Raises RuntimeError where tensors of two devices meet that must not, and counts what waits."""
+    tensors = [value for value in tree_leaves((args, kwargs)) if isinstance(value, Tensor)]
+    near = [tensor for tensor in tensors if not isinstance(tensor, Remote) and tensor.dim()]
+    pulls = name in _PULLS and isinstance(args[0], Remote)
+    if near and not pulls and name != "aten::copy_":
+        raise RuntimeError(f"Expected all tensors to be on the same device: {name} of {[t.shape for t in near]}")
+    masks = name == "aten::index" and any(isinstance(t, Remote) and t.dtype == torch.bool for t in tree_leaves(args[1]))
+    if name in _WAITING or masks:
+        WAITS[_WAITING.get(name, "mask")] += 1
+
+
+class _Up(torch.autograd.Function):
+    @staticmethod
+    def forward(ctx: Any, tensor: Tensor) -> Tensor:
+        return Remote(tensor.detach().clone())
+
+    @staticmethod
+    def backward(ctx: Any, *gradients: Tensor) -> Tensor:
+        return held(gradients[0]).clone()
+
+
+class _Down(torch.autograd.Function):
+    @staticmethod
+    def forward(ctx: Any, tensor: Tensor) -> Tensor:
+        return held(tensor).clone()
+
+    @staticmethod
+    def backward(ctx: Any, *gradients: Tensor) -> Tensor:
+        return Remote(gradients[0])
+
+
+def _moved(func: Any, tensor: Tensor, *args: Any, **kwargs: Any) -> Tensor:
+    """`to`, `cpu` and `cuda`, of which one side is remote."""
+    dtype, device = kwargs.get("dtype"), kwargs.get("device")
+    device = {Tensor.cpu: "cpu", Tensor.cuda: "cuda"}.get(func, device)
+    for value in args:
+        if isinstance(value, Tensor):
+            dtype, device = value.dtype, value.device
+        elif isinstance(value, torch.dtype):
+            dtype = value
+        elif isinstance(value, (str, torch.device)):
+            device = value
+    if dtype is not None and dtype != tensor.dtype:
+        with torch._C.DisableTorchFunctionSubclass():
+            tensor = Tensor.to(tensor, dtype)
+    if device is None or (torch.device(device).type == "cuda") == isinstance(tensor, Remote):
+        return tensor
+    if isinstance(tensor, Remote):
+        WAITS["cpu"] += 1
+        return _Down.apply(tensor)  # pyright: ignore[reportReturnType]
+    return _Up.apply(tensor)  # pyright: ignore[reportReturnType]
+
+
+class _Asked(TorchFunctionMode):
+    """New tensors that are asked for on CUDA, and tensors that are sent there, become remote."""
+
+    def __torch_function__(self, func: Any, types: Any, args: Any = (), kwargs: Any = None) -> Any:
+        kwargs = dict(kwargs or {})
+        wanted = [kwargs.get("device"), *(args[1:] if func is Tensor.to else ())]
+        devices = [torch.device(value) for value in wanted if isinstance(value, (str, torch.device))]
+        on_cuda = func is Tensor.cuda or any(device.type == "cuda" for device in devices)
+        to_remote = func is Tensor.to and any(isinstance(value, Remote) for value in args)
+        if func in (Tensor.to, Tensor.cuda) and (on_cuda or to_remote):
+            return _moved(func, *args, **kwargs)
+        if func in (torch.as_tensor, torch.tensor) and args and isinstance(args[0], Tensor):
+            return _moved(Tensor.to, *args, **kwargs)
+        if on_cuda and not any(isinstance(value, Remote) for value in args):
+            kwargs["device"], leaf = "cpu", kwargs.pop("requires_grad", False)
+            return Remote(func(*args, **kwargs)).requires_grad_(leaf)
+        return func(*args, **kwargs)
+
+
+@contextmanager
+def gpu() -> Iterator[None]:
+    """torch says that there is CUDA, and gsplat is there, with kernels that this machine can run."""
+    from tests.standin import gsplat
+
+    find, overwrite = importlib.util.find_spec, torch.__future__.get_overwrite_module_params_on_conversion()
+    with pytest.MonkeyPatch.context() as patch:
+        gsplat.install(patch)
+        patch.setattr(importlib.util, "find_spec", lambda name, *rest: name == "gsplat" or find(name, *rest))
+        patch.setattr(torch.cuda, "is_available", lambda: True)
+        patch.setattr(torch.cuda, "mem_get_info", lambda device=None: (40 << 30, 80 << 30))
+        torch.__future__.set_overwrite_module_params_on_conversion(True)  # the data of a wrapper cannot be swapped
+        WAITS.clear()
+        try:
+            with _Asked():
+                yield
+        finally:
+            torch.__future__.set_overwrite_module_params_on_conversion(overwrite)
