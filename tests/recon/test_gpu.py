@@ -68,7 +68,8 @@ def test_a_run_on_a_gpu_is_as_one_on_the_cpu(tmp_path: Path, waits: dict[str, li
 
 
 def test_the_hash_grid_learns_the_same_on_a_gpu() -> None:
-    means, wanted = torch.rand(40, 3), torch.rand(40, 3) / 10
+    generator = torch.Generator().manual_seed(0)
+    means, wanted = torch.rand(40, 3, generator=generator), torch.rand(40, 3, generator=generator) / 10
 
     def learned(device: str) -> tuple[torch.Tensor, torch.Tensor]:
         places, target = means.to(device), wanted.to(device)
