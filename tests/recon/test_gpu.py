@@ -11,6 +11,7 @@ import torch
 from splatreel.codec.verify import verify_reel
 from splatreel.errors import GaussiansError
 from splatreel.evaluation.undecoded import undecoded_frames
+from splatreel.kernels import splat
 from splatreel.kernels.image import render_image
 from splatreel.recon.group import GroupTrainer
 from splatreel.recon.hashgrid import HashGrid
@@ -19,7 +20,8 @@ from splatreel.recon.points import TrainablePoints, default_rates
 from splatreel.recon.sequence import Result, reconstruct
 from tests.recon.captures import WallCapture, blots
 from tests.recon.test_sequence import CONFIG, FRAMES
-from tests.standin.device import WAITS, gpu
+from tests.standin.device import WAITS
+from tests.standin.gpu import gpu
 
 
 @pytest.fixture
@@ -100,3 +102,14 @@ def test_values_that_are_not_finite_are_found_where_nobody_waits_for_them(device
             points.check()
         with pytest.raises(GaussiansError, match="means holds 1 values"):
             points.gaussians()
+
+
+def test_a_gpu_that_does_not_train_is_asked_whether_values_are_finite() -> None:
+    """So that training views, which are measured when a group is done, tell of offsets that are not."""
+    with gpu():
+        points = torch.full((2, 3), torch.nan, device="cuda", requires_grad=True)
+        others = torch.ones(2, 4, device="cuda"), torch.ones(2, 3, device="cuda")
+        pinhole = np.eye(4), np.eye(3), 32, 32
+        splat.project(points, *others, *pinhole)
+        with torch.no_grad(), pytest.raises(GaussiansError, match="means holds 6 values"):
+            splat.project(points, *others, *pinhole)

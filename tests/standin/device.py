@@ -7,13 +7,9 @@ needs no device then; so device and `is_cuda` are told to Python alone.
 
 from __future__ import annotations
 
-import importlib.util
 from collections import Counter
-from collections.abc import Iterator
-from contextlib import contextmanager
 from typing import Any
 
-import pytest
 import torch
 from torch import Tensor
 from torch.overrides import TorchFunctionMode
@@ -129,7 +125,7 @@ def _moved(func: Any, tensor: Tensor, *args: Any, **kwargs: Any) -> Tensor:
     return _Up.apply(tensor)  # pyright: ignore[reportReturnType]
 
 
-class _Asked(TorchFunctionMode):
+class Asked(TorchFunctionMode):
     """New tensors that are asked for on CUDA, and tensors that are sent there, become remote."""
 
     def __torch_function__(self, func: Any, types: Any, args: Any = (), kwargs: Any = None) -> Any:
@@ -146,23 +142,3 @@ class _Asked(TorchFunctionMode):
             kwargs["device"], leaf = "cpu", kwargs.pop("requires_grad", False)
             return Remote(func(*args, **kwargs)).requires_grad_(leaf)
         return func(*args, **kwargs)
-
-
-@contextmanager
-def gpu() -> Iterator[None]:
-    """torch says that there is CUDA, and gsplat is there, with kernels that this machine can run."""
-    from tests.standin import gsplat
-
-    find, overwrite = importlib.util.find_spec, torch.__future__.get_overwrite_module_params_on_conversion()
-    with pytest.MonkeyPatch.context() as patch:
-        gsplat.install(patch)
-        patch.setattr(importlib.util, "find_spec", lambda name, *rest: name == "gsplat" or find(name, *rest))
-        patch.setattr(torch.cuda, "is_available", lambda: True)
-        patch.setattr(torch.cuda, "mem_get_info", lambda device=None: (40 << 30, 80 << 30))
-        torch.__future__.set_overwrite_module_params_on_conversion(True)  # the data of a wrapper cannot be swapped
-        WAITS.clear()
-        try:
-            with _Asked():
-                yield
-        finally:
-            torch.__future__.set_overwrite_module_params_on_conversion(overwrite)

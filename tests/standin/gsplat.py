@@ -23,9 +23,8 @@ TILE = 16
 
 def install(patch: pytest.MonkeyPatch) -> None:
     """Let gsplat find these kernels. Skips the test where gsplat is not installed."""
-    patch.setitem(
-        sys.modules, "gsplat.cuda._backend", ModuleType("gsplat.cuda._backend")
-    )  # else it looks for a compiler
+    # Its own backend looks for a compiler.
+    patch.setitem(sys.modules, "gsplat.cuda._backend", ModuleType("gsplat.cuda._backend"))
     wrapper = pytest.importorskip("gsplat.cuda._wrapper", reason="gsplat is not installed")
     kernels = Kernels()
     patch.setattr(wrapper, "_make_lazy_cuda_func", lambda name: getattr(kernels, name))

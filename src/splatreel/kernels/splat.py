@@ -343,8 +343,8 @@ def _without_self(indices: np.ndarray, distances: np.ndarray) -> tuple[np.ndarra
 
 
 def _check_finite(**tensors: Tensor) -> None:
-    """Raises `GaussiansError`. What is trained on a GPU is not looked at here, as that would wait for it: see `check_finite`."""
-    if not any(tensor.is_cuda and tensor.requires_grad for tensor in tensors.values()):
+    """Raises `GaussiansError`. What a GPU trains on is not looked at, as that would wait for it; who trains calls `check_finite`."""
+    if not torch.is_grad_enabled() or not any(tensor.is_cuda and tensor.requires_grad for tensor in tensors.values()):
         check_finite(**tensors)
 
 
@@ -352,9 +352,8 @@ def check_finite(**tensors: Tensor) -> None:
     """Raises `GaussiansError` with the name of the tensor that holds NaN or infinity."""
     for name, tensor in tensors.items():
         values = tensor.detach()
-        if (
-            not math.isfinite(values.sum().item()) and not torch.isfinite(values).all()
-        ):  # the sum is quick, but may overflow
+        # The sum is quick, but may overflow.
+        if not math.isfinite(values.sum().item()) and not torch.isfinite(values).all():
             bad = int((~torch.isfinite(values)).sum())
             raise GaussiansError(
                 f"Gaussians: {name} holds {bad} values that are NaN or infinite; lower the learning rate."

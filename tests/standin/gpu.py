@@ -1,0 +1,29 @@
+"""The machine with the stand-in: torch finds CUDA there, and gsplat."""
+
+import importlib.util
+from collections.abc import Iterator
+from contextlib import contextmanager
+
+import pytest
+import torch
+
+from tests.standin import gsplat
+from tests.standin.device import WAITS, Asked
+
+
+@contextmanager
+def gpu() -> Iterator[None]:
+    """torch says that there is CUDA, and gsplat is there, with kernels that this machine can run."""
+    find, overwrite = importlib.util.find_spec, torch.__future__.get_overwrite_module_params_on_conversion()
+    with pytest.MonkeyPatch.context() as patch:
+        gsplat.install(patch)
+        patch.setattr(importlib.util, "find_spec", lambda name, *rest: name == "gsplat" or find(name, *rest))
+        patch.setattr(torch.cuda, "is_available", lambda: True)
+        patch.setattr(torch.cuda, "mem_get_info", lambda device=None: (40 << 30, 80 << 30))
+        torch.__future__.set_overwrite_module_params_on_conversion(True)  # the data of a wrapper cannot be swapped
+        WAITS.clear()
+        try:
+            with Asked():
+                yield
+        finally:
+            torch.__future__.set_overwrite_module_params_on_conversion(overwrite)
