@@ -1,4 +1,6 @@
 /** What a view sees, for leaving out of the order what it does not. */
+import type { Clearance } from "./manifest";
+import { eyeOf, length, subtract } from "./matrix";
 import type { View } from "./renderer";
 
 /** Beyond the picture's borders, as a part of its size: the view may turn while it is being sorted for. */
@@ -12,6 +14,8 @@ export interface Frustum {
   /** World to camera, [3, 4] row by row. */
   viewmat: number[];
   near: number;
+  /** From this depth on, what rests is seen. */
+  clear: number;
   /** Slopes x / z and y / z at the borders, margins included. */
   left: number;
   right: number;
@@ -22,11 +26,12 @@ export interface Frustum {
   reachY: number;
 }
 
-export function frustumOf({ viewmat, fx, fy, cx, cy, width, height, near }: View): Frustum {
+export function frustumOf({ viewmat, fx, fy, cx, cy, width, height, near }: View, clearance: Clearance | null = null): Frustum {
   const [left, right] = [-(cx + MARGIN * width) / fx, (width - cx + MARGIN * width) / fx];
   const [top, bottom] = [-(cy + MARGIN * height) / fy, (height - cy + MARGIN * height) / fy];
   const reach = (low: number, high: number): number => Math.hypot(1, LARGEST_SLOPE * Math.max(-low, high));
-  return { viewmat: viewmat.slice(0, 12), near, left, right, top, bottom, reachX: reach(left, right), reachY: reach(top, bottom) };
+  const clear = clearance ? Math.max(near, clearance.share * length(subtract(eyeOf(viewmat), clearance.focus))) : near;
+  return { viewmat: viewmat.slice(0, 12), near, clear, left, right, top, bottom, reachX: reach(left, right), reachY: reach(top, bottom) };
 }
 
 /** Whether what was sorted for one view is all that another one sees, at a depth and beyond. */

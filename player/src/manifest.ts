@@ -32,6 +32,12 @@ export interface Rendition {
   bytes: number;
 }
 
+/** The room that a viewer has before static points: around a new place there may be some that only looked well from far away. */
+export interface Clearance {
+  focus: Vec3;
+  share: number;
+}
+
 export interface Manifest {
   /** Absolute; the files' uris are relative to it. */
   url: string;
@@ -45,6 +51,8 @@ export interface Manifest {
   up: Vec3;
   /** Least depth to draw, world units. */
   near: number;
+  /** What rests and is nearer to a viewer than `share` of its distance to `focus` is not drawn. */
+  clearance: Clearance;
   /** Splats thinner than a pixel are drawn fainter. */
   antialias: boolean;
   camera: Camera;
@@ -90,6 +98,7 @@ export function parseManifest(value: unknown, url: string): Manifest {
     overlap: number(json.overlap, "overlap"),
     shDegree: number(json.sh_degree, "sh_degree"),
     near: json.near === undefined ? 0.01 : positive(json.near, "near"),
+    clearance: json.clearance === undefined ? { focus: [0, 0, 0], share: 0 } : parseClearance(record(json.clearance, "clearance")),
     antialias: json.antialias === true,
     bounds: bounds as [Vec3, Vec3],
     up: numbers(json.up, 3, "up") as Vec3,
@@ -104,6 +113,12 @@ export function parseManifest(value: unknown, url: string): Manifest {
 /** A group's file in a rendition; its own is that of the first. */
 export function fileOf(group: ReelFile, rendition: string): ReelFile {
   return group.renditions.get(rendition) ?? group;
+}
+
+function parseClearance(json: Json): Clearance {
+  const share = number(json.share, "clearance share");
+  if (share < 0 || share > 1) throw new ReelError(`The manifest is damaged: the share of its clearance is ${share}.`);
+  return { focus: numbers(json.focus, 3, "clearance focus") as Vec3, share };
 }
 
 /** Of the renditions. One alone is none to choose from. */

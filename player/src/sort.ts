@@ -43,7 +43,8 @@ export class DepthRun {
   }
 
   /** Static points in view whose flag is not 0. flags: of this layer's points. */
-  addLayer({ means, radii, base }: SortableLayer, flags: Uint8Array | null, view: Frustum): void {
+  addLayer({ means, radii, base }: SortableLayer, flags: Uint8Array | null, frustum: Frustum): void {
+    const view = { ...frustum, near: frustum.clear };
     for (let i = 0, at = 0; at < means.length; i++, at += 3) {
       if (flags && flags[i] === 0) continue;
       this.add(base + i, means[at], means[at + 1], means[at + 2], radii[i], view);

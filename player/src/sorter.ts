@@ -3,6 +3,7 @@ import { startWorker } from "./assets";
 import type { DecodedFile } from "./decode";
 import { EXTENT, frustumOf } from "./frustum";
 import type { Gaussians } from "./gaussians";
+import type { Clearance } from "./manifest";
 import type { View } from "./renderer";
 import type { Scene, SortMessage, SortReply } from "./sort-worker";
 
@@ -44,13 +45,13 @@ export class Sorter {
     this.post({ type: "drop", index });
   }
 
-  /** The far-to-near order of what a view sees of a scene. Only while not busy; give the order back with `recycle`. */
-  sort(scene: Scene, view: View): Promise<SortReply> {
+  /** The far-to-near order of what a view sees of a scene, with this room before it. Only while not busy; give the order back with `recycle`. */
+  sort(scene: Scene, view: View, clearance: Clearance): Promise<SortReply> {
     const buffer = this.spare;
     this.spare = null;
     return new Promise((resolve) => {
       this.waiting = resolve;
-      this.post({ type: "sort", scene, view: frustumOf(view), buffer }, buffer ? [buffer.buffer as ArrayBuffer] : []);
+      this.post({ type: "sort", scene, view: frustumOf(view, clearance), buffer }, buffer ? [buffer.buffer as ArrayBuffer] : []);
     });
   }
 

@@ -115,7 +115,7 @@ export class Stage {
   async sort(scene: Scene, view: View): Promise<boolean> {
     this.unsorted = false;
     this.sorting = scene;
-    const reply = await this.sorter.sort(scene, view);
+    const reply = await this.sorter.sort(scene, view, this.manifest!.clearance);
     this.sorting = null;
     if (this.closed || !this.renderer.holds(scene)) return false;
     this.sortMilliseconds = reply.milliseconds;

@@ -29,6 +29,15 @@ test("a reel without renditions has none to choose from", () => {
   assert.deepEqual(parseManifest(one, URL).renditions, []);
 });
 
+test("a viewer has the room that the manifest says, or none", () => {
+  assert.equal(parseManifest(JSON.parse(TEXT), URL).clearance.share, 0);
+  const clearance = { focus: [1, -2, 3], share: 0.3 };
+  assert.deepEqual(parseManifest(edited((document) => (document.clearance = clearance)), URL).clearance, clearance);
+  for (const bad of [null, 3, {}, { focus: [0, 0], share: 0.3 }, { focus: [0, 0, 0], share: 1.5 }, { focus: [0, 0, "1"], share: 0.3 }]) {
+    assert.throws(() => parseManifest(edited((document) => (document.clearance = bad)), URL), { name: "ReelError" });
+  }
+});
+
 test("each group has a file in every rendition", () => {
   const manifest = parseManifest(edited(withRenditions), URL);
   const own = manifest.groups.reduce((sum, group) => sum + group.bytes, 0);

@@ -22,6 +22,18 @@ test("far to near, without the hidden and those behind the camera", () => {
   assert.deepEqual(sorted(sorter), [101, 104, 100]);
 });
 
+test("what rests is seen from where the viewer has room on, what moves from the near plane on", () => {
+  const view = { viewmat: [1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 1, 0, 0, 0, 1], fx: 1, fy: 1, cx: 500, cy: 500, width: 1000, height: 1000, near: 0.01 };
+  const frustum = frustumOf(view, { focus: [0, 0, 4], share: 0.3 }); // five units from the focus: 1.5 units are clear
+  const [still, moving] = [new DepthRun(), new DepthRun()];
+  for (const run of [still, moving]) run.reset(3);
+  const row = points(0, 0, 0.1, 0, 0, 0.4, 0, 0, 0.6);
+  still.addLayer({ base: 0, ...row }, null, frustum);
+  moving.addGroup({ base: 3, ...row, frames: 1, dx: new Uint16Array(12), dxMin: [0, 0, 0], dxStep: [1, 1, 1], alive: new Uint8Array() }, 0, frustum);
+  assert.deepEqual(sorted(still), [2]);
+  assert.deepEqual(sorted(moving), [5, 4, 3]);
+});
+
 test("moving points sort by where they are between two frames", () => {
   const sorter = new DepthRun();
   const dx = Uint16Array.of(0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 100, 0, 0, 0, 0, 0);

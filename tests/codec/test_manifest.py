@@ -11,6 +11,7 @@ from hypothesis import strategies as st
 
 from splatreel.codec.manifest import MAX_BYTES, parse_manifest
 from splatreel.errors import ReelError
+from splatreel.scene.clearance import NONE, Clearance
 from tests.golden import GOLDEN
 
 TEXT = (GOLDEN / "manifest.json").read_text()
@@ -45,6 +46,14 @@ def test_unknown_fields_are_ignored():
         d["groups"][0]["weather"] = 3
 
     assert parse_manifest(edited(change), "m").to_json() == TEXT
+
+
+def test_a_clearance_comes_back_and_without_one_everything_is_drawn():
+    manifest = parse_manifest(TEXT.encode(), "m")
+    assert manifest.clearance == NONE
+    assert "clearance" not in manifest.to_json()
+    found = dataclasses.replace(manifest, clearance=Clearance((1.0, -2.5, 0.0), 0.25))
+    assert parse_manifest(found.to_json().encode(), "m").clearance == found.clearance
 
 
 def test_static_points():
@@ -85,6 +94,10 @@ def test_uris_that_leave_the_reel(uri):
         (lambda d: d.update(fps=float("nan")), "fps"),
         (lambda d: d.update(fps=10**400), "fps"),
         (lambda d: d.update(frames=-1), "frames"),
+        (lambda d: d.update(clearance=0.3), "clearance"),
+        (lambda d: d.update(clearance={"focus": [0, 0, 0]}), "share"),
+        (lambda d: d.update(clearance={"focus": [0, 0, 0], "share": 1.5}), "share"),
+        (lambda d: d.update(clearance={"focus": [0, float("inf"), 0], "share": 0.3}), "focus"),
         (lambda d: d.update(frames=1.5), "frames"),
         (lambda d: d.update(live="no"), "live"),
         (lambda d: d.update(sh_degree=4), "sh_degree"),

@@ -3,6 +3,8 @@
 import base64
 import io
 import json
+import shutil
+from pathlib import Path
 
 import av
 import numpy as np
@@ -15,8 +17,10 @@ from splatreel.kernels.image import render_image
 from splatreel.play.server import Server
 from splatreel.play.timeline import open_reel
 from splatreel.scene.camera import Camera
+from tests.codec.reels import edit_manifest
 from tests.golden import GOLDEN
 from tests.player.pages import PLAYER, open_player
+from tests.recon.scenes import look_at
 
 pytestmark = pytest.mark.browser
 
@@ -127,6 +131,22 @@ def test_pictures_match_the_python_render(page: Page, server: Server, seconds: f
         want = np.clip(render_image(reel.at(seconds), camera), 0, 1)
         assert want.std() > 0.05
         assert psnr(picture(page, seconds, camera), want) >= 45
+
+
+def test_what_rests_is_not_drawn_close_to_a_viewer(page: Page, server: Server, tmp_path: Path):
+    """As in Python; from half as far from the focus, half as much room is clear."""
+    shutil.copytree(GOLDEN, tmp_path / "reel")
+    edit_manifest(tmp_path / "reel", lambda manifest: manifest.update(clearance={"focus": [0, 0, 0], "share": 0.9}))
+    body = (tmp_path / "reel" / "manifest.json").read_bytes()
+    page.route("**/reel/manifest.json", lambda route: route.fulfill(body=body, content_type="application/json"))
+    reel, whole = open_reel(tmp_path / "reel"), open_reel(GOLDEN)
+    open_player(page, server)
+    near = look_at([0, 0, -2], width=160, height=120)
+    for camera in (reel.manifest.camera, reel.manifest.cameras[1], near):
+        for seconds in (0.05, 0.225):
+            want, before = (np.clip(r.render(r.at(seconds), camera), 0, 1) for r in (reel, whole))
+            assert np.abs(want - before).max() > 0.1
+            assert psnr(picture(page, seconds, camera), want) >= 45
 
 
 def test_seeks_to_any_group_and_back(page: Page, server: Server):

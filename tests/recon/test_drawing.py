@@ -4,6 +4,7 @@ import torch
 
 from splatreel.recon.drawing import Backdrop, Splats, View, draw, filled, halved, splats
 from splatreel.recon.points import TrainablePoints, default_rates
+from splatreel.scene.clearance import Clearance
 from splatreel.scene.gaussians import Gaussians
 from tests.recon.captures import blots
 from tests.recon.scenes import ring
@@ -48,6 +49,20 @@ def test_layered_and_whole_drawing_agree(camera: int) -> None:
     assert whole.index is not None
     assert len(whole_grad) == len(THING) + len(whole.index)
     assert whole.tiles is None
+
+
+def test_what_rests_is_not_drawn_close_to_a_view_and_what_moves_is() -> None:
+    camera = ring(3, width=96, height=64)[0]
+    depths = WALL.means @ camera.viewmat[2, :3] + camera.viewmat[2, 3]
+    clearance = Clearance((0.0, 0.0, 0.0), float(np.median(depths) / np.linalg.norm(camera.center)))
+    view = View.of(camera, CPU, clearance=clearance)
+    near, far = WALL[depths < np.median(depths)], WALL[depths > np.median(depths)]
+    seen = Backdrop(WALL, [view], NEAR, CPU).scenery(0)
+    assert 0 < len(seen.index) <= len(far)
+    expected = Backdrop(far, VIEWS, NEAR, CPU).scenery(0)
+    drawn = [draw(moving(view, near)[1], view, scenery).image for scenery in (seen, expected)]
+    torch.testing.assert_close(*drawn, atol=1e-6, rtol=0)
+    assert (drawn[0] - draw(moving(view, near[:0])[1], view, expected).image).abs().max() > 0.1
 
 
 def test_without_scenery_only_what_moves_is_drawn() -> None:

@@ -2,9 +2,10 @@ import numpy as np
 import torch
 
 from splatreel.kernels.image import render_image
-from splatreel.recon.layering import convertible, separate
+from splatreel.recon.layering import convertible, crowding, separate
+from splatreel.scene.clearance import Clearance
 from splatreel.scene.gaussians import Gaussians
-from tests.recon.scenes import random_gaussians, ring
+from tests.recon.scenes import look_at, random_gaussians, ring
 
 
 def test_points_change_layer_by_their_labels():
@@ -31,6 +32,14 @@ def test_nothing_moves_and_everything_moves():
     assert (len(still.dynamic), len(still.settled), still.alive.sum()) == (0, 2, 3)
     moving = separate(static, alive, dynamic, np.ones(5, bool), np.zeros((4, 5)))
     assert (len(moving.dynamic), len(moving.settled), moving.alive.sum()) == (5, 0, 0)
+
+
+def test_who_stands_close_to_a_camera_would_not_be_seen_if_he_were_static():
+    camera, other = look_at([0, 0, -4], width=64, height=48), look_at([0, 0, 4], width=64, height=48)
+    points = np.array([[0, 0, -3.5], [2, 0, -3.5], [0, 0, 3.5], [0, 0, 0], [0, 0, -5]])
+    clearance = Clearance((0.0, 0.0, 0.0), 0.25)
+    assert crowding(points, [camera], clearance).tolist() == [True, False, False, False, False]
+    assert crowding(points, [camera, other], clearance).tolist() == [True, False, True, False, False]
 
 
 def test_only_what_shows_where_pictures_change_is_convertible():

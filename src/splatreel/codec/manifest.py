@@ -14,6 +14,7 @@ import numpy as np
 from splatreel.codec.quantize import boolean, integer, number, numbers
 from splatreel.errors import ReelError
 from splatreel.scene.camera import Camera
+from splatreel.scene.clearance import NONE, Clearance
 
 FORMAT = "splatreel"
 VERSION = 1
@@ -66,6 +67,7 @@ class Manifest:
     camera: Camera
     cameras: tuple[Camera, ...]
     near: float = 0.01
+    clearance: Clearance = NONE
     antialias: bool = False
     layers: tuple[FileEntry, ...] = ()
     groups: tuple[FileEntry, ...] = ()
@@ -116,6 +118,8 @@ class Manifest:
             "near": self.near,
             "antialias": self.antialias,
         }
+        if self.clearance.share:
+            document["clearance"] = {"focus": _short(np.array(self.clearance.focus)), "share": self.clearance.share}
         if self.renditions:
             document["renditions"] = [{"name": n, "bytes": b} for n, b in self.rendition_bytes().items()]
         document |= {
@@ -176,6 +180,7 @@ def _parse(document: dict[str, Any]) -> Manifest:
         camera=_parse_camera(document.get("camera")),
         cameras=tuple(_parse_camera(camera) for camera in _list(document, "cameras", 0, 100_000)),
         near=number(document, "near", 1e-9, 1e9) if "near" in document else 0.01,
+        clearance=_parse_clearance(document["clearance"]) if "clearance" in document else NONE,
         antialias=boolean(document, "antialias", False),
         layers=tuple(layers),
         groups=tuple(groups),
@@ -185,6 +190,13 @@ def _parse(document: dict[str, Any]) -> Manifest:
         if integer(entry, "bytes", 0, _BIG) != size:
             raise ReelError(f"says that rendition {name} has {entry['bytes']} bytes; its groups have {size}.")
     return manifest
+
+
+def _parse_clearance(entry: object) -> Clearance:
+    if not isinstance(entry, dict):
+        raise ReelError("has a clearance that is not an object.")
+    x, y, z = numbers(entry, "focus", 3).tolist()
+    return Clearance((x, y, z), number(entry, "share", 0, 1))
 
 
 def _parse_names(document: dict[str, Any]) -> tuple[str, ...]:

@@ -15,6 +15,7 @@ from splatreel.codec.manifest import FileEntry, Manifest, parse_manifest
 from splatreel.config import EncodeConfig
 from splatreel.errors import ReelError
 from splatreel.scene.camera import Camera
+from splatreel.scene.clearance import NONE, Clearance
 from splatreel.scene.gaussians import Gaussians
 from splatreel.scene.group import Group
 
@@ -28,7 +29,8 @@ class ReelWriter:
     already in `path` is dropped.
 
     config: with renditions, every group is written in each of them; what comes back decoded is the best.
-    fps: frames a second. bounds: [2, 3] box of the content. up: [3] unit. near: least depth to draw. camera: where a player starts.
+    fps: frames a second. bounds: [2, 3] box of the content. up: [3] unit. near: least depth to draw. clearance: of static points.
+    camera: where a player starts.
     Raises `ReelError` where files cannot be read or written.
     """
 
@@ -46,6 +48,7 @@ class ReelWriter:
         cameras: list[Camera],
         config: EncodeConfig,
         near: float = 0.01,
+        clearance: Clearance = NONE,
         antialias: bool = False,
         resume: bool = False,
     ) -> None:
@@ -67,6 +70,7 @@ class ReelWriter:
             camera=camera,
             cameras=tuple(cameras),
             near=float(near),
+            clearance=clearance,
             antialias=bool(antialias),
             renditions=config.renditions if others else (),
         )

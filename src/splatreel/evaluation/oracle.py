@@ -7,7 +7,9 @@ baseline "3DGS per frame", with its bytes and its seconds.
 from __future__ import annotations
 
 import time
+from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -72,9 +74,7 @@ def oracle(
             progress.stage(title, config.keyframe.first_iterations, span)
             ledger.add(reconstruct_frame(capture, frame, config, gallery, chosen, progress))
         if timeline is not None:
-            scores.append(
-                gallery.score(timeline.at(frame / timeline.fps), timeline.manifest.near, timeline.manifest.antialias)
-            )
+            scores.append(gallery.score(timeline.at(frame / timeline.fps), timeline.render))
     yardstick = Yardstick([ledger.frames[frame] for frame in frames], scores)
     ledger.save(yardstick.reel_dict(str(reel)) if reel is not None else None)
     write_text(Path(out) / "oracle.md", yardstick.to_markdown())
@@ -103,8 +103,8 @@ def reconstruct_frame(
     shows = weigh([gaussians], cameras, layout.near, config.antialias)
     data, _ = encode_layer(0, frame, gaussians, config.encode, importance=shows)
     _, decoded = decode_layer(data, f"frame {frame}")
-    how = layout.near, config.antialias
-    score, after = gallery.score(gaussians, *how), gallery.score(decoded, *how)
+    draw = partial(render_image, near=layout.near, antialias=config.antialias)
+    score, after = gallery.score(gaussians, draw), gallery.score(decoded, draw)
     return StillFrame(frame, score, after.whole, len(gaussians), len(data), seconds, device.type)
 
 
@@ -117,12 +117,12 @@ class Gallery:
     masks: list[np.ndarray]
     lpips: perceptual.Distance | None
 
-    def score(self, gaussians: Gaussians, near: float, antialias: bool) -> Score:
-        """Render Gaussians from every view and compare; the mean over the views, inside the masks over those that have any."""
+    def score(self, gaussians: Gaussians, draw: Callable[[Gaussians, Camera], np.ndarray]) -> Score:
+        """Draw Gaussians from every view and compare; the mean over the views, inside the masks over those that have any."""
         whole: list[Quality] = []
         moving: list[Quality] = []
         for view, truth, mask in zip(self.views, self.truths, self.masks, strict=True):
-            image = np.clip(render_image(gaussians, view, near=near, antialias=antialias), 0, 1)
+            image = np.clip(draw(gaussians, view), 0, 1)
             whole.append(measure(image, truth, self.lpips))
             if mask.any():
                 moving.append(measure(image, truth, None, mask))

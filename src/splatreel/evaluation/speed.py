@@ -91,11 +91,11 @@ def _run(capture: Capture, out: Path, name: str, config: Config, device: str, pr
 
 def trainer_of(capture: Capture, work: Path, config: Config, device: torch.device) -> GroupTrainer:
     """A trainer of the first group of a finished run as its training left it. It measures the static points whenever it may."""
-    group, layout = load_group(work, 0), Layout(**checkpoint.load_json(work / "layout.json"))
+    group, layout = load_group(work, 0), Layout.from_dict(checkpoint.load_json(work / "layout.json"))
     rig = Rig(capture.training_cameras, config, device)
     rig.restore(group.frames, group_folder(work, 0))
     images = torch.from_numpy(capture.read(group.first_frame, group.frames, rig.names)).to(device)
-    views = [View.of(camera, device, config.antialias) for camera in rig.cameras]
+    views = [View.of(camera, device, config.antialias, layout.clearance) for camera in rig.cameras]
     config = dataclasses.replace(
         config,
         layering=dataclasses.replace(config.layering, adapt_every=1),

@@ -16,6 +16,17 @@ from splatreel.scene.gaussians import Gaussians
 from splatreel.scene.group import Group
 
 
+class Moment(Gaussians):
+    """All that a reel shows at a moment. still: so many points rest, the first ones."""
+
+    still: int
+
+    def __init__(self, static: list[Gaussians], moving: list[Gaussians]) -> None:
+        everything = _joined([*static, *moving])
+        super().__init__(everything.means, everything.quats, everything.scales, everything.opacities, everything.sh)
+        object.__setattr__(self, "still", sum(len(part) for part in static))
+
+
 class Timeline:
     """A reel in time. Decodes what a moment needs and keeps the groups around it."""
 
@@ -39,7 +50,7 @@ class Timeline:
         """Seconds."""
         return self.reel.duration
 
-    def at(self, seconds: float) -> Gaussians:
+    def at(self, seconds: float) -> Moment:
         """Everything visible at a time, ready to render; times outside of the reel are clamped.
 
         In the overlap the old group's points fade out and the new one's fade in; what is alive in both stays as it is.
@@ -54,16 +65,26 @@ class Timeline:
         new = self.reel.group(index)
         weight = self._weight(frame, new)
         if index == 0 or weight >= 1:
-            static, _ = self.reel.static(index)
-            shown = _joined([static[new.alive], new.at(frame - new.first_frame)])
+            static, moving = [self.reel.static(index)[0][new.alive]], [new.at(frame - new.first_frame)]
         else:
-            shown = self._faded(frame, weight, self.reel.group(index - 1), new)
+            static, moving = self._faded(frame, weight, self.reel.group(index - 1), new)
         light = new.light_at(frame - new.first_frame)
-        return shown if light is None else shown.brightened(light)
+        if light is not None:
+            static, moving = ([part.brightened(light) for part in parts] for parts in (static, moving))
+        return Moment(static, moving)
+
+    def seen(self, gaussians: Gaussians, camera: Camera) -> Gaussians:
+        """What of a moment's Gaussians is drawn for a camera: of static points, what its surroundings leave (`Clearance`)."""
+        if not isinstance(gaussians, Moment) or not self.manifest.clearance.share:
+            return gaussians
+        shown = np.ones(len(gaussians), bool)
+        shown[: gaussians.still] = ~self.manifest.clearance.hides(gaussians.means[: gaussians.still], camera)
+        return gaussians[shown]
 
     def render(self, gaussians: Gaussians, camera: Camera) -> np.ndarray:
         """The picture that a camera takes of Gaussians of this reel, [H, W, 3] float32, drawn as the manifest says."""
-        return render_image(gaussians, camera, near=self.manifest.near, antialias=self.manifest.antialias)
+        how = {"near": self.manifest.near, "antialias": self.manifest.antialias}
+        return render_image(self.seen(gaussians, camera), camera, **how)
 
     def _weight(self, frame: float, group: Group) -> float:
         overlap = self.manifest.overlap
@@ -71,14 +92,17 @@ class Timeline:
         # Eased: an opaque point in front of the others shows half of its colour at a tenth of its weight.
         return share * share * (3 - 2 * share)
 
-    def _faded(self, frame: float, weight: float, old: Group, new: Group) -> Gaussians:
+    def _faded(self, frame: float, weight: float, old: Group, new: Group) -> tuple[list[Gaussians], list[Gaussians]]:
+        """Static points and moving ones."""
         static, _ = self.reel.static(new.index)
         was = np.zeros(len(static), bool)
         was[: len(old.alive)] = old.alive  # layers only append: the old group's points are the first ones
-        both = static[was & new.alive]
-        leaving = [static[was & ~new.alive], old.at(frame - old.first_frame)]
-        coming = [static[new.alive & ~was], new.at(frame - new.first_frame)]
-        return _joined([both, *(p.faded(1 - weight) for p in leaving), *(p.faded(weight) for p in coming)])
+        leaving, coming = static[was & ~new.alive].faded(1 - weight), static[new.alive & ~was].faded(weight)
+        moving = [
+            old.at(frame - old.first_frame).faded(1 - weight),
+            new.at(frame - new.first_frame).faded(weight),
+        ]
+        return [static[was & new.alive], leaving, coming], moving
 
 
 def open_reel(location: str | Path, rendition: str | None = None) -> Timeline:

@@ -171,7 +171,8 @@ class Viewer:
         began = time.perf_counter()
         if self._moment is None or self._moment[0] != self.clock.time:
             self._moment = (self.clock.time, self.reel.at(self.clock.time))
-        image = self._draw(self._moment[1], view, self.reel.manifest.near, self.reel.manifest.antialias)
+        shown = self.reel.seen(self._moment[1], view)
+        image = self._draw(shown, view, self.reel.manifest.near, self.reel.manifest.antialias)
         taken = (time.perf_counter() - began) / (view.width * view.height)
         self._pace += 0.3 * (taken - self._pace)
         return np.rint(np.clip(image, 0, 1) * 255).astype(np.uint8)

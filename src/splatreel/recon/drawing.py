@@ -10,12 +10,16 @@ from torch import Tensor
 from splatreel.kernels import splat
 from splatreel.recon.points import NAMES, to_params
 from splatreel.scene.camera import Camera
+from splatreel.scene.clearance import NONE, Clearance
 from splatreel.scene.gaussians import Gaussians
 
 
 @dataclass(frozen=True)
 class View:
-    """A camera as tensors. viewmat: [4, 4]; K: [3, 3]; center: [3]. antialias: see `splat.antialiased`."""
+    """A camera as tensors. viewmat: [4, 4]; K: [3, 3]; center: [3]. antialias: see `splat.antialiased`.
+
+    clear: up to this depth nothing that rests is drawn, world units (`Clearance`).
+    """
 
     viewmat: Tensor
     K: Tensor
@@ -23,12 +27,13 @@ class View:
     width: int
     height: int
     antialias: bool = False
+    clear: float = 0.0
 
     @staticmethod
-    def of(camera: Camera, device: torch.device, antialias: bool = False) -> View:
+    def of(camera: Camera, device: torch.device, antialias: bool = False, clearance: Clearance = NONE) -> View:
         arrays = camera.viewmat, camera.K, camera.center
         viewmat, K, center = (torch.from_numpy(array.copy()).to(device) for array in arrays)
-        return View(viewmat, K, center, camera.width, camera.height, antialias)
+        return View(viewmat, K, center, camera.width, camera.height, antialias, clearance.depth(camera))
 
     def halved(self) -> View:
         """The view of pictures that were `halved`."""
@@ -159,7 +164,8 @@ class Backdrop:
         if camera not in self._scenery:
             index = torch.nonzero(self.alive)[:, 0]
             points = activate({name: value[index] for name, value in self.params.items()})
-            projected = splats(*points, self.views[camera], self.near)
+            view = self.views[camera]
+            projected = splats(*points, view, max(self.near, view.clear))
             seen = torch.nonzero(projected.radii > 0)[:, 0]
             self._scenery[camera] = self._drawn(camera, projected.rows(seen), index[seen])
         return self._scenery[camera]

@@ -13,7 +13,9 @@ from splatreel.motion.flow import make_flow
 from splatreel.motion.lift import lift, shares
 from splatreel.motion.masks import make_segmenter, motion_masks
 from splatreel.recon.lit import Lit
+from splatreel.recon.planesweep import inside, project
 from splatreel.scene.camera import Camera
+from splatreel.scene.clearance import Clearance
 from splatreel.scene.gaussians import Gaussians
 
 
@@ -52,6 +54,14 @@ def label_points(
         return np.zeros(len(points), bool)
     labels = lift(points, cameras, masks, near, config, device)
     return labels > config.label_threshold
+
+
+def crowding(points: np.ndarray, cameras: list[Camera], clearance: Clearance) -> np.ndarray:
+    """[N] bool: points [N, 3] in a camera's picture that it would not be shown if they rested: who has come so near stays dynamic."""
+    found = np.zeros(len(points), bool)
+    for camera in cameras:
+        found |= clearance.hides(points, camera) & inside(camera, project(camera, points)[0])
+    return found
 
 
 def convertible(

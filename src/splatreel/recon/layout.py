@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from typing import Any
 
 import numpy as np
 
 from splatreel.scene.camera import Camera
+from splatreel.scene.clearance import NONE, Clearance
+
+CLEAR, MOST_CLEAR = 0.85, 0.35
+"""How much is taken to be free of what rests: of the room that cameras have before them, and at most of their distance to the focus."""
 
 
 @dataclass(frozen=True)
@@ -18,9 +22,16 @@ class Layout:
     unit: float
     up: list[float]
     bounds: list[list[float]]
+    clearance: Clearance = NONE
 
     def to_dict(self) -> dict[str, Any]:
         return asdict(self)
+
+    @staticmethod
+    def from_dict(value: dict[str, Any]) -> Layout:
+        """Raises TypeError for what is none."""
+        clearance = Clearance(**value.get("clearance", {}))
+        return replace(Layout(**{name: value[name] for name in value if name != "clearance"}), clearance=clearance)
 
 
 def measure(cameras: list[Camera], points: np.ndarray, near: float) -> Layout:
@@ -34,18 +45,40 @@ def measure(cameras: list[Camera], points: np.ndarray, near: float) -> Layout:
         unit=viewing_distance(cameras, points),
         up=[float(v) for v in up],
         bounds=[[float(v) for v in low], [float(v) for v in high]],
+        clearance=clearance_of(cameras, points),
     )
+
+
+def clearance_of(cameras: list[Camera], points: np.ndarray) -> Clearance:
+    """The room that all cameras had before them, nearly: one in 200 of the points that each one sees may be nearer.
+
+    The focus is the mean of what the cameras look at, as far away as they typically look.
+    """
+    unit = viewing_distance(cameras, points)
+    focus = np.mean([camera.center + unit * camera.viewmat[2, :3] for camera in cameras], axis=0)
+    nearest = [
+        np.percentile(depths, 0.5) / max(np.linalg.norm(camera.center - focus), 1e-6 * unit)
+        for camera, depths in zip(cameras, _seen_depths(cameras, points), strict=True)
+        if len(depths)
+    ]
+    share = min(CLEAR * min(nearest, default=0.0), MOST_CLEAR)
+    return Clearance((float(focus[0]), float(focus[1]), float(focus[2])), float(share))
 
 
 def viewing_distance(cameras: list[Camera], points: np.ndarray) -> float:
     """Median over the cameras of the median depth of the points each one sees."""
-    medians = []
+    medians = [float(np.median(depths)) for depths in _seen_depths(cameras, points) if len(depths)]
+    return float(np.median(medians)) if medians else 1.0
+
+
+def _seen_depths(cameras: list[Camera], points: np.ndarray) -> list[np.ndarray]:
+    """The depths of the points in each camera's picture."""
+    found = []
     for camera in cameras:
         local = points @ camera.viewmat[:3, :3].T + camera.viewmat[:3, 3]
         pixels = local @ camera.K.T
         z = np.maximum(pixels[:, 2], 1e-9)
         u, v = pixels[:, 0] / z, pixels[:, 1] / z
         seen = (pixels[:, 2] > 1e-6) & (u >= 0) & (v >= 0) & (u < camera.width) & (v < camera.height)
-        if seen.any():
-            medians.append(float(np.median(local[seen, 2])))
-    return float(np.median(medians)) if medians else 1.0
+        found.append(local[seen, 2])
+    return found

@@ -21,6 +21,7 @@ from splatreel.progress import Progress
 from splatreel.recon import checkpoint
 from splatreel.recon.importance import weigh
 from splatreel.scene.camera import Camera
+from splatreel.scene.clearance import Clearance
 from splatreel.scene.gaussians import Gaussians
 from splatreel.scene.group import Group
 
@@ -85,6 +86,7 @@ def save_header(work: Path, header: dict) -> None:
     """Keep what a manifest says beside its files, so that a reel can be written again from the checkpoints alone."""
     cameras = [_camera_to_dict(camera) for camera in header["cameras"]]
     plain = header | {"cameras": cameras, "camera": _camera_to_dict(header["camera"])}
+    plain["clearance"] = dataclasses.asdict(header["clearance"])
     checkpoint.save_json(work / "header.json", plain)
 
 
@@ -97,6 +99,7 @@ def open_writer(work: Path, reel: Path, config: EncodeConfig, resume: bool) -> R
     header["cameras"] = [_camera_from_dict(c) for c in header["cameras"]]
     header["camera"] = _camera_from_dict(header["camera"])
     header["bounds"], header["up"] = np.array(header["bounds"]), np.array(header["up"])
+    header["clearance"] = Clearance(**header.get("clearance", {}))
     return ReelWriter(reel, config=config, resume=resume, **header)
 
 

@@ -27,7 +27,7 @@ from splatreel.recon.following import Start, follow
 from splatreel.recon.group import GroupFrames, GroupTrainer
 from splatreel.recon.importance import weigh
 from splatreel.recon.keyframe import KeyframeTrainer
-from splatreel.recon.layering import Layers, convertible, label_points, separate
+from splatreel.recon.layering import Layers, convertible, crowding, label_points, separate
 from splatreel.recon.layout import Layout
 from splatreel.recon.lit import Lit
 from splatreel.recon.memory import check_memory
@@ -176,7 +176,7 @@ class Reconstruction:
         with self._timed("group"):
             iterations = self.config.group.iterations_per_frame * span.count
             self.progress.stage(self._title(span, "motion"), iterations, self.plan.motion(span.index))
-            data = GroupFrames(self._on_device(frames), self._views(), layout.near, layout.unit)
+            data = GroupFrames(self._on_device(frames), self._views(layout), layout.near, layout.unit)
             trainer = GroupTrainer(
                 data,
                 start,
@@ -254,6 +254,8 @@ class Reconstruction:
             self.progress.stage(self._title(span, "layering"), 1, self.plan.layering(span.index))
             everything = Gaussians.concatenate([scene.dynamic, scene.static[scene.alive]])
             moves = label_points(everything, self.rig.cameras, frames, layout.near, self.config.layering, self.device)
+            if span.index:
+                moves[: len(scene.dynamic)] |= crowding(scene.dynamic.means, self.rig.cameras, layout.clearance)
             light = np.zeros((span.count, len(everything)), np.float32)
             if self.config.layering.light:
                 still = everything[~moves]
@@ -335,7 +337,7 @@ class Reconstruction:
         path = self.work / "layout.json"
         if path.exists() and (self.work / "points.safetensors").exists():
             self.rig.stand(group_folder(self.work, 0))
-            return Layout(**checkpoint.load_json(path))
+            return Layout.from_dict(checkpoint.load_json(path))
         with self._timed("points"):
             self.progress.stage("initial points", 1, self.plan.points())
             capture, middle = self.capture, self.spans[0].count // 2
@@ -358,6 +360,7 @@ class Reconstruction:
             "bounds": layout.bounds,
             "up": layout.up,
             "near": layout.near,
+            "clearance": layout.clearance,
             "antialias": self.config.antialias,
             "camera": self.rig.cameras[len(self.rig.cameras) // 2],
             "cameras": self.rig.cameras,
@@ -370,8 +373,9 @@ class Reconstruction:
             check_room(frames.nbytes, torch.cuda.mem_get_info(self.device)[0], frames.shape[3])
         return torch.from_numpy(frames).to(self.device)
 
-    def _views(self) -> list[View]:
-        return [View.of(camera, self.device, self.config.antialias) for camera in self.rig.cameras]
+    def _views(self, layout: Layout) -> list[View]:
+        how = self.device, self.config.antialias, layout.clearance
+        return [View.of(camera, *how) for camera in self.rig.cameras]
 
     def _folder(self, span: Span) -> Path:
         return group_folder(self.work, span.index)

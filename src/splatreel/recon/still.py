@@ -91,7 +91,7 @@ def train_frame(
 ) -> None:
     """Train on one frame, the first `coarse_share` of the iterations at half size. images: [C, H, W, 3] uint8."""
     device = trainer.points.means.device
-    views = [View.of(camera, device, antialias) for camera in cameras]
+    views = [View.of(camera, device, antialias, layout.clearance) for camera in cameras]
     stage = Stage(views, torch.from_numpy(images).to(device), layout.near, layout.unit)
     coarse = round(iterations * coarse_share)
     if coarse:

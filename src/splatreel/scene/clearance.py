@@ -1,0 +1,34 @@
+"""How much room a viewer has: what rests is not drawn so near to him that no camera can have seen anything there."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from splatreel.scene.camera import Camera
+
+
+@dataclass(frozen=True)
+class Clearance:
+    """Static points nearer to a viewer than `share` of his distance to `focus` [3], world units, are not drawn for him.
+
+    Between cameras, and close to where a new one stands, hang splats that only distant cameras have seen, and there they only looked
+    well. Where cameras stood, nothing was that near. Who walks into the scene comes closer to the focus, and sees what is near.
+    """
+
+    focus: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    share: float = 0.0
+
+    def depth(self, camera: Camera) -> float:
+        """Up to which depth nothing that rests is drawn for a camera, world units."""
+        return self.share * float(np.linalg.norm(camera.center - np.asarray(self.focus)))
+
+    def hides(self, points: np.ndarray, camera: Camera) -> np.ndarray:
+        """[N] bool: of points [N, 3], those in front of a camera that are within."""
+        depths = points @ camera.viewmat[2, :3] + camera.viewmat[2, 3]
+        return (depths > 0) & (depths < self.depth(camera))
+
+
+NONE = Clearance()
+"""Everything is drawn from the near plane on."""

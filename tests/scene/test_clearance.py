@@ -1,0 +1,20 @@
+import numpy as np
+import pytest
+
+from splatreel.scene.clearance import NONE, Clearance
+from tests.recon.scenes import look_at
+
+ROOM = Clearance((0.0, 0.0, 0.0), 0.25)
+
+
+@pytest.mark.parametrize(("away", "depth"), [(4.0, 1.0), (8.0, 2.0), (0.4, 0.1)])
+def test_who_comes_closer_to_the_focus_sees_what_is_nearer(away: float, depth: float) -> None:
+    assert ROOM.depth(look_at([0, 0, -away])) == pytest.approx(depth)
+    assert NONE.depth(look_at([0, 0, -away])) == 0
+
+
+def test_only_what_lies_in_front_and_within_is_hidden() -> None:
+    camera = look_at([0, 0, -4])
+    points = np.array([[0, 0, -3.5], [2, 0, -3.01], [0, 0, -2.99], [0, 0, 1], [0, 0, -4.5]], np.float32)
+    assert ROOM.hides(points, camera).tolist() == [True, True, False, False, False]
+    assert not NONE.hides(points, camera).any()
