@@ -2,10 +2,22 @@
 
 import numpy as np
 
-from splatreel.motion.appear import find, wrong_pixels
+from splatreel.motion.appear import faults, find
 from splatreel.motion.leap import leaps
 from splatreel.scene.gaussians import Gaussians
-from tests.motion.test_appear import BACKGROUND, CAMERAS, CENTER, EMPTY, NEAR, PIXEL, RADIUS, ball, pictures
+from tests.motion.test_appear import (
+    BACKGROUND,
+    CAMERAS,
+    CENTER,
+    EMPTY,
+    NEAR,
+    NOTHING,
+    PIXEL,
+    RADIUS,
+    ball,
+    pictures,
+    sure,
+)
 
 MOTION = np.array([0.5, 0.3, -0.2])
 
@@ -17,8 +29,8 @@ def moved(motion: np.ndarray) -> np.ndarray:
 
 def test_a_leap_farther_than_the_ball_is_large_is_found() -> None:
     here = pictures(ball())
-    wrong = np.stack([wrong_pixels(EMPTY, image) for image in here])
-    found = find(CAMERAS, here, wrong, BACKGROUND, NEAR)
+    wrong = np.stack([faults(EMPTY, image).wrong for image in here])
+    found = find(CAMERAS, here, sure(wrong), BACKGROUND, NEAR, NOTHING)
     motion = leaps(found.points, found.sizes, CAMERAS, here, moved(MOTION), BACKGROUND, NEAR)
     on_it = np.linalg.norm(found.points - CENTER, axis=1) < RADIUS + PIXEL
     assert on_it.sum() > 50

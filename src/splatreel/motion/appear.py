@@ -1,28 +1,32 @@
 """Things that appear: where several views agree that the picture lacks something, and what it looks like there.
 
 Dynamic points come from the keyframe, so what flies in later, or was lost, has none. At such a frame the pixels where the rendered
-scene is wrong are carved into space: a place counts if the views that see it call it wrong there and agree on its colour. A view that
-shows something nearer there does not see it: a ball is missing also where somebody stands before it.
+scene is wrong are carved into space: a place counts if the views that see it doubt the picture there and agree on its colour. A
+view that shows something nearer there does not see it: a ball is missing also where somebody stands before it.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import cv2
 import numpy as np
+from scipy.spatial import KDTree
 
 from splatreel.kernels.cpu import carve
 from splatreel.scene.camera import Camera
 
-WRONG = 0.08
-"""Mean absolute colour error, 0..1, of a pixel's surroundings that counts as something missing."""
+WRONG, DOUBT = 0.08, 0.06
+"""Mean absolute colour errors, 0..1, of a pixel's surroundings: that of something missing, and what bears other views out."""
 AGREE = 0.8
-"""Share of the views that see a place that must call it wrong."""
+"""Share of the views that see a place that must doubt it."""
 COLOR = 0.1
 """Largest mean colour difference, 0..1, between those views."""
 VIEWS = 0.3
-"""Share of all cameras, and three at least, that must call a place wrong: next to a camera a few agree on anything."""
+"""Share of all cameras, and three at least, that must doubt a place: next to a camera a few agree on anything."""
+APART = 6.0
+"""Sizes of a new point that it must lie away from what moves already, to be there by doubts."""
 DEPTHS = 64
 CLOSE = 8
 """What is nearer than this part of the depth behind it would fill the view: no place is tried there."""
@@ -37,35 +41,72 @@ class Found:
     colors: np.ndarray
     sizes: np.ndarray
 
+    def rows(self, index: np.ndarray) -> Found:
+        return Found(self.points[index], self.colors[index], self.sizes[index])
 
-def wrong_pixels(image: np.ndarray, truth: np.ndarray) -> np.ndarray:
-    """[H, W] bool: where a picture [H, W, 3] float differs from its truth (uint8) by more than noise and edges do."""
+    def and_those(self, other: Found) -> Found:
+        pairs = (self.points, other.points), (self.colors, other.colors), (self.sizes, other.sizes)
+        return Found(*(np.concatenate(pair) for pair in pairs))
+
+
+class Faults(NamedTuple):
+    """Where pictures differ from their truths. wrong: [..., H, W] bool, by more than noise and edges do; doubtful: at least a little.
+
+    A thing stands out before one wall and hardly before another, and one that is a pixel wide is an edge in itself. So what is wrong
+    in a few views may be borne out by others that merely doubt it.
+    """
+
+    wrong: np.ndarray
+    doubtful: np.ndarray
+
+
+def faults(image: np.ndarray, truth: np.ndarray) -> Faults:
+    """Of a picture [H, W, 3] float against its truth (uint8)."""
     error = np.abs(image - truth.astype(np.float32) / 255).mean(-1)
     smooth = cv2.GaussianBlur(error, (5, 5), 1.2)
     mask = cv2.morphologyEx((smooth > WRONG).astype(np.uint8), cv2.MORPH_OPEN, np.ones((3, 3), np.uint8))
-    return mask > 0
+    return Faults(mask > 0, smooth > DOUBT)
 
 
 def find(
-    cameras: list[Camera], images: np.ndarray, wrong: np.ndarray, depths: np.ndarray, near: float, seed: int = 0
+    cameras: list[Camera],
+    images: np.ndarray,
+    faulty: Faults,
+    depths: np.ndarray,
+    near: float,
+    moving: np.ndarray,
+    seed: int = 0,
 ) -> Found:
     """Points of what is missing in the views.
 
-    images: [C, H, W, 3] uint8; wrong: [C, H, W] bool; depths: [C, H, W] what the scene without it shows, infinite for nothing.
+    images: [C, H, W, 3] uint8; faulty: of all views; depths: [C, H, W] what the scene without it shows, infinite for nothing.
+    moving: [N, 3] the keyframe's dynamic points, where they are now. Close to them doubts do not count: they are off a little, which
+    training mends.
     """
-    rays = _rays(wrong, np.random.default_rng(seed))
+    rays = _rays(faulty.wrong, np.random.default_rng(seed))
     if len(rays) == 0:
         return Found(np.zeros((0, 3), np.float32), np.zeros((0, 3), np.float32), np.zeros(0, np.float32))
-    places, footprint, stride = _places(cameras, rays, wrong, depths, near)
+    places, footprint, stride = _places(cameras, rays, faulty.wrong, depths, near)
     own = images[rays[:, 0], rays[:, 1], rays[:, 2]].astype(np.float32) / 255
     poses, lenses = np.stack([c.viewmat for c in cameras]), np.stack([c.K for c in cameras])
     least = max(3, VIEWS * len(cameras))
-    score = carve.disagreement(places, own, poses, lenses, images, wrong, depths, near, least, AGREE)
-    best = score.argmin(1)
-    index = np.arange(len(rays))
-    good = score[index, best] < COLOR
-    sizes = 0.5 * footprint[index, best] * stride
-    return _thinned(places[index, best][good], own[good], sizes[good])
+    found = []
+    for support in faulty:
+        score = carve.disagreement(places, own, poses, lenses, images, support, depths, near, least, AGREE)
+        best = score.argmin(1)
+        good = np.flatnonzero(score.min(1) < COLOR)
+        sizes = 0.5 * footprint[good, best[good]] * stride
+        found.append(Found(places[good, best[good]], own[good], sizes))
+    sure, doubtful = found
+    return _thinned(sure.and_those(_apart(doubtful, moving)))
+
+
+def _apart(found: Found, moving: np.ndarray) -> Found:
+    """What lies away from points [N, 3]."""
+    if len(moving) == 0 or len(found.points) == 0:
+        return found
+    distance = KDTree(moving).query(found.points)[0]
+    return found.rows(np.flatnonzero(distance > APART * found.sizes))
 
 
 def _rays(wrong: np.ndarray, rng: np.random.Generator) -> np.ndarray:
@@ -97,10 +138,10 @@ def _places(
     return places.astype(np.float32), (z / K[:, 0, 0][:, None]).astype(np.float32), stride
 
 
-def _thinned(points: np.ndarray, colors: np.ndarray, sizes: np.ndarray) -> Found:
+def _thinned(found: Found) -> Found:
     """One point a cell, a little finer than their spacing."""
-    if len(points) == 0:
-        return Found(points, colors, sizes)
-    cell = 1.5 * float(np.median(sizes))
-    _, first = np.unique(np.floor(points / cell).astype(np.int64), axis=0, return_index=True)
-    return Found(points[first], colors[first], sizes[first])
+    if len(found.points) == 0:
+        return found
+    cell = 1.5 * float(np.median(found.sizes))
+    _, first = np.unique(np.floor(found.points / cell).astype(np.int64), axis=0, return_index=True)
+    return found.rows(first)

@@ -9,7 +9,7 @@ from functools import partial
 import numpy as np
 
 from splatreel.kernels.image import render_image
-from splatreel.motion.appear import find, wrong_pixels
+from splatreel.motion.appear import Faults, faults, find
 from splatreel.motion.flow import Flow
 from splatreel.motion.leap import leaps
 from splatreel.motion.lift import shares
@@ -78,13 +78,13 @@ def follow(
         tracker.forth(trails, frame - 1)
         if frame % STEP == 0:
             progress.update(frame, dynamic=sum(len(trail.points) for trail in trails))
-            wrong = watch.wrong(trails, frame)
-            newcomers, leap = watch.appeared(trails, frame, wrong)
+            faulty = watch.faults(trails, frame)
+            newcomers, leap = watch.appeared(trails, frame, faulty)
             room -= len(newcomers)
             if len(newcomers) and room >= 0:
                 trails.append(Trail(newcomers, frame, leap))
-                wrong = watch.wrong(trails, frame)
-            leave = watch.leave(trails, frame, wrong)
+                faulty = watch.faults(trails, frame)
+            leave = watch.leave(trails, frame, faulty)
             if 0 < leave.sum() <= room:
                 room -= leave.sum()
                 trails.append(watch.depart(leave, frame))
@@ -113,22 +113,23 @@ class _Watch:
     ) -> None:
         self.tracker, self.gains, self.draw, self.static, self.lit = tracker, gains, draw, static, lit
         self.stays = np.ones(len(static), bool)
-        self.known = self._differs(Gaussians.concatenate([static, lit.points, dynamic]), 0)
+        self.known = self._differs(Gaussians.concatenate([static, lit.points, dynamic]), 0).wrong
         """[C, H, W] bool: wrong already where the points were trained: mirrors, nothing new."""
 
-    def wrong(self, trails: list[Trail], frame: int, leave: np.ndarray | None = None) -> np.ndarray:
-        """[C, H, W] bool: where the views of a frame differ from the scene there, and did not at the keyframe.
+    def faults(self, trails: list[Trail], frame: int, leave: np.ndarray | None = None) -> Faults:
+        """[C, H, W]: where the views of a frame differ from the scene there, and were not wrong at the keyframe.
 
         leave: [S] bool, static points that are left out.
         """
         resting = self._resting(frame, self.stays if leave is None else self.stays & ~leave)
-        return self._differs(Gaussians.concatenate([resting, _moved(trails)]), frame) & ~self.known
+        found = self._differs(Gaussians.concatenate([resting, _moved(trails)]), frame)
+        return Faults(found.wrong & ~self.known, found.doubtful & ~self.known)
 
-    def appeared(self, trails: list[Trail], frame: int, wrong: np.ndarray) -> tuple[Gaussians, np.ndarray]:
+    def appeared(self, trails: list[Trail], frame: int, faulty: Faults) -> tuple[Gaussians, np.ndarray]:
         """Gaussians, in place at a frame, of what the views show there and the scene does not, and about how they move, [N, 3]."""
         moving, tracker = _moved(trails), self.tracker
         depths, here = tracker.depths(moving), tracker.frames[frame]
-        found = find(tracker.cameras, here, wrong, depths, tracker.near, seed=frame)
+        found = find(tracker.cameras, here, faulty, depths, tracker.near, trails[0].here.means, seed=frame)
         way = 1 if frame + 1 < len(tracker.frames) else -1
         there = tracker.frames[frame + way]
         motion = way * leaps(found.points, found.sizes, tracker.cameras, here, there, depths, tracker.near)
@@ -138,7 +139,7 @@ class _Watch:
         scales = np.repeat(found.sizes[:, None], 3, 1)
         return Gaussians(found.points, identity(count), scales, np.full(count, 0.7, np.float32), sh), motion
 
-    def leave(self, trails: list[Trail], frame: int, wrong: np.ndarray) -> np.ndarray:
+    def leave(self, trails: list[Trail], frame: int, faulty: Faults) -> np.ndarray:
         """[S] bool: static points that are not there any more at a frame: nearly all that the views see of them is wrong.
 
         Masks at the keyframe miss what rests for most of the group and then leaves at once.
@@ -147,10 +148,10 @@ class _Watch:
         leave = np.zeros(len(self.static), bool)
         for peel in range(PEELS):
             if peel:
-                wrong = self.wrong(trails, frame, leave)
+                faulty = self.faults(trails, frame, leave)
             staying = self.stays & ~leave
             everything = Gaussians.concatenate([self._resting(frame, staying), moving])
-            smaller = wrong[:, ::2, ::2]  # tells well enough
+            smaller = faulty.wrong[:, ::2, ::2]  # tells well enough
             found = shares(everything, tracker.lookouts, smaller, tracker.near)[: staying.sum()] > LEFT
             if found.sum() < FEW:
                 break
@@ -170,10 +171,11 @@ class _Watch:
         """The static points that stay, [S] bool, and what is lit, in the light of a frame."""
         return Gaussians.concatenate([self.static[staying], self.lit.at(frame)])
 
-    def _differs(self, scene: Gaussians, frame: int) -> np.ndarray:
-        """[C, H, W] bool: where the views of a frame differ from a scene."""
+    def _differs(self, scene: Gaussians, frame: int) -> Faults:
+        """[C, H, W]: where the views of a frame differ from a scene."""
         views = zip(self.tracker.cameras, self.tracker.frames[frame], self.gains, strict=True)
-        return np.stack([wrong_pixels(self.draw(scene, c) * gain, image) for c, image, gain in views])
+        found = [faults(self.draw(scene, c) * gain, image) for c, image, gain in views]
+        return Faults(*(np.stack(masks) for masks in zip(*found, strict=True)))
 
 
 def _moved(trails: list[Trail]) -> Gaussians:
