@@ -53,6 +53,8 @@ export interface Manifest {
   near: number;
   /** What rests and is nearer to a viewer than `share` of its distance to `focus` is not drawn. */
   clearance: Clearance;
+  /** Red, green and blue, 0 to 1, where nothing is; the light falls on it as well. */
+  background: Vec3;
   /** Splats thinner than a pixel are drawn fainter. */
   antialias: boolean;
   camera: Camera;
@@ -99,6 +101,7 @@ export function parseManifest(value: unknown, url: string): Manifest {
     shDegree: number(json.sh_degree, "sh_degree"),
     near: json.near === undefined ? 0.01 : positive(json.near, "near"),
     clearance: json.clearance === undefined ? { focus: [0, 0, 0], share: 0 } : parseClearance(record(json.clearance, "clearance")),
+    background: json.background === undefined ? [0, 0, 0] : parseColor(json.background),
     antialias: json.antialias === true,
     bounds: bounds as [Vec3, Vec3],
     up: numbers(json.up, 3, "up") as Vec3,
@@ -113,6 +116,12 @@ export function parseManifest(value: unknown, url: string): Manifest {
 /** A group's file in a rendition; its own is that of the first. */
 export function fileOf(group: ReelFile, rendition: string): ReelFile {
   return group.renditions.get(rendition) ?? group;
+}
+
+function parseColor(value: unknown): Vec3 {
+  const color = numbers(value, 3, "background");
+  if (!color.every((part) => part >= 0 && part <= 1)) throw new ReelError(`The manifest is damaged: its background is ${JSON.stringify(color)}.`);
+  return color as Vec3;
 }
 
 function parseClearance(json: Json): Clearance {

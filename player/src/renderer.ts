@@ -3,7 +3,7 @@ import type { DecodedFile } from "./decode";
 import { ReelError } from "./errors";
 import { TEXTURE_WIDTH } from "./layout";
 import { lightAt } from "./light";
-import { eyeOf } from "./matrix";
+import { eyeOf, type Vec3 } from "./matrix";
 import { hitsAt, middleDepth, type Hit } from "./pick";
 import { Rows } from "./rows";
 import { projectFragment, projectVertex, splatFragment, splatVertex } from "./shaders";
@@ -54,6 +54,8 @@ export class Renderer {
   readonly software: boolean;
   /** Splats thinner than a pixel are drawn fainter. */
   antialias = false;
+  /** Red, green and blue where nothing is drawn. */
+  background: Vec3 = [0, 0, 0];
   /** Points in the order. */
   drawn = 0;
 
@@ -139,7 +141,9 @@ export class Renderer {
     this.last = { scene, weight, view: eyes[eyes.length - 1].view };
     this.updateFlags(scene);
     gl.bindFramebuffer(gl.FRAMEBUFFER, eyes[0].framebuffer);
-    gl.clearColor(0, 0, 0, 1);
+    const light = this.lightOf(scene);
+    const [red, green, blue] = this.background.map((value, channel) => value * light[channel]);
+    gl.clearColor(red, green, blue, 1);
     gl.clear(gl.COLOR_BUFFER_BIT);
     for (const eye of eyes) {
       this.projectPoints(scene, weight, eye.view);
@@ -246,6 +250,10 @@ export class Renderer {
     }
   }
 
+  private lightOf({ current }: Scene): Vec3 {
+    return current ? lightAt(this.groups.get(current.group)!.light, current.frame) : [1, 1, 1];
+  }
+
   private projectPoints(scene: Scene, weight: number, view: View): void {
     const { gl, project } = this;
     gl.bindFramebuffer(gl.FRAMEBUFFER, this.target);
@@ -253,8 +261,7 @@ export class Renderer {
     project.use();
     setView(gl, project, view);
     gl.uniform1i(project.at("uAntialias"), this.antialias ? 1 : 0);
-    const { current } = scene;
-    gl.uniform3fv(project.at("uLight"), current ? lightAt(this.groups.get(current.group)!.light, current.frame) : [1, 1, 1]);
+    gl.uniform3fv(project.at("uLight"), this.lightOf(scene));
     gl.uniform1i(project.at("uMoving"), 0);
     gl.uniform4fv(project.at("uWeights"), staticWeights(weight));
     for (const layer of this.layers.slice(0, scene.layers)) this.projectFile(layer);

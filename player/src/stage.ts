@@ -48,6 +48,7 @@ export class Stage {
   set manifest(manifest: Manifest | null) {
     this.opened = manifest;
     this.renderer.antialias = manifest?.antialias === true;
+    this.renderer.background = manifest?.background ?? [0, 0, 0];
     this.renderer.begin();
   }
 

@@ -29,6 +29,14 @@ test("a reel without renditions has none to choose from", () => {
   assert.deepEqual(parseManifest(one, URL).renditions, []);
 });
 
+test("behind everything is the manifest's background, or black", () => {
+  assert.deepEqual(parseManifest(JSON.parse(TEXT), URL).background, [0, 0, 0]);
+  assert.deepEqual(parseManifest(edited((document) => (document.background = [0, 0.5, 1])), URL).background, [0, 0.5, 1]);
+  for (const bad of [null, "grey", [0.1, 0.2], [0, 0, 1.5], [0, -0.1, 0]]) {
+    assert.throws(() => parseManifest(edited((document) => (document.background = bad)), URL), { name: "ReelError" });
+  }
+});
+
 test("a viewer has the room that the manifest says, or none", () => {
   assert.equal(parseManifest(JSON.parse(TEXT), URL).clearance.share, 0);
   const clearance = { focus: [1, -2, 3], share: 0.3 };

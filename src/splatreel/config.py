@@ -209,6 +209,8 @@ class Config:
     them. The light comes back when the reel is played."""
     antialias: bool = False
     """Splats thinner than a pixel are drawn fainter (Mip-Splatting): pictures of any size look alike. Beyond the paper."""
+    background: bool = False
+    """Where nothing is known is the colour of the pictures' borders, not black. Beyond the paper."""
     seed: int = 0
 
     def __post_init__(self) -> None:
@@ -250,6 +252,7 @@ def preset(quality: Quality) -> Config:
         check_poses=True,
         even_exposure=True,
         antialias=True,
+        background=True,
         layering=LayeringConfig(adapt_changes=0.3, light=True),
         group=GroupConfig(
             iterations_per_frame=110,

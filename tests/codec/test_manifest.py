@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from splatreel.codec.manifest import MAX_BYTES, parse_manifest
+from splatreel.codec.manifest import BLACK, MAX_BYTES, parse_manifest
 from splatreel.errors import ReelError
 from splatreel.scene.clearance import NONE, Clearance
 from tests.golden import GOLDEN
@@ -56,6 +56,14 @@ def test_a_clearance_comes_back_and_without_one_everything_is_drawn():
     assert parse_manifest(found.to_json().encode(), "m").clearance == found.clearance
 
 
+def test_a_background_comes_back_and_without_one_it_is_black():
+    manifest = parse_manifest(TEXT.encode(), "m")
+    assert manifest.background == BLACK
+    assert "background" not in manifest.to_json()
+    found = dataclasses.replace(manifest, background=(0.25, 1.0, 0.0))
+    assert parse_manifest(found.to_json().encode(), "m").background == found.background
+
+
 def test_static_points():
     manifest = parse_manifest(TEXT.encode(), "m")
     assert [manifest.static_points(g) for g in (0, 1)] == [150, 200]
@@ -94,6 +102,9 @@ def test_uris_that_leave_the_reel(uri):
         (lambda d: d.update(fps=float("nan")), "fps"),
         (lambda d: d.update(fps=10**400), "fps"),
         (lambda d: d.update(frames=-1), "frames"),
+        (lambda d: d.update(background=[0.1, 0.2]), "background"),
+        (lambda d: d.update(background=[0.1, 0.2, 1.2]), "background"),
+        (lambda d: d.update(background="grey"), "background"),
         (lambda d: d.update(clearance=0.3), "clearance"),
         (lambda d: d.update(clearance={"focus": [0, 0, 0]}), "share"),
         (lambda d: d.update(clearance={"focus": [0, 0, 0], "share": 1.5}), "share"),

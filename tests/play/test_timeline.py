@@ -52,6 +52,20 @@ def test_pictures_are_drawn_as_the_manifest_says(tmp_path):
     assert np.abs(image - render_image(gaussians, camera, antialias=True)).mean() > 1e-3
 
 
+def test_where_nothing_is_the_background_shows_in_the_light_of_the_moment(tmp_path):
+    """The second group of this reel grows darker and redder."""
+    shutil.copytree(PREDICTIVE, tmp_path / "reel")
+    edit_manifest(tmp_path / "reel", lambda manifest: manifest.update(background=[0.2, 0.4, 0.6]))
+    timeline = open_reel(tmp_path / "reel")
+    camera = timeline.manifest.camera
+    for frame, light in ((1, np.ones(3)), (13, timeline.reel.group(1).light[7])):
+        shown = timeline.at(frame / timeline.fps)
+        image = timeline.render(shown, camera)
+        background = tuple(np.array([0.2, 0.4, 0.6]) * light)
+        np.testing.assert_allclose(image, render_image(shown, camera, antialias=True, background=background), atol=1e-6)
+        np.testing.assert_allclose(image[0, 0], background, atol=1e-6)
+
+
 @pytest.mark.parametrize("frame", [1.0, 4.5])
 def test_what_rests_is_not_drawn_close_to_a_camera(reel, tmp_path, frame):
     """From the middle of the static points, half of them are gone, and every moving one is there."""

@@ -134,9 +134,10 @@ def test_pictures_match_the_python_render(page: Page, server: Server, seconds: f
 
 
 def test_what_rests_is_not_drawn_close_to_a_viewer(page: Page, server: Server, tmp_path: Path):
-    """As in Python; from half as far from the focus, half as much room is clear."""
+    """As in Python; from half as far from the focus, half as much room is clear. And behind everything is the background."""
     shutil.copytree(GOLDEN, tmp_path / "reel")
-    edit_manifest(tmp_path / "reel", lambda manifest: manifest.update(clearance={"focus": [0, 0, 0], "share": 0.9}))
+    clearance = {"focus": [0, 0, 0], "share": 0.9}
+    edit_manifest(tmp_path / "reel", lambda d: d.update(clearance=clearance, background=[0.6, 0.3, 0.5]))
     body = (tmp_path / "reel" / "manifest.json").read_bytes()
     page.route("**/reel/manifest.json", lambda route: route.fulfill(body=body, content_type="application/json"))
     reel, whole = open_reel(tmp_path / "reel"), open_reel(GOLDEN)

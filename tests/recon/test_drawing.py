@@ -1,8 +1,11 @@
+from dataclasses import replace
+
 import numpy as np
 import pytest
 import torch
 
 from splatreel.recon.drawing import Backdrop, Splats, View, draw, filled, halved, splats
+from splatreel.recon.layout import measure
 from splatreel.recon.points import TrainablePoints, default_rates
 from splatreel.scene.clearance import Clearance
 from splatreel.scene.gaussians import Gaussians
@@ -53,9 +56,10 @@ def test_layered_and_whole_drawing_agree(camera: int) -> None:
 
 def test_what_rests_is_not_drawn_close_to_a_view_and_what_moves_is() -> None:
     camera = ring(3, width=96, height=64)[0]
+    layout = measure([camera], WALL.means, NEAR)
     depths = WALL.means @ camera.viewmat[2, :3] + camera.viewmat[2, 3]
     clearance = Clearance((0.0, 0.0, 0.0), float(np.median(depths) / np.linalg.norm(camera.center)))
-    view = View.of(camera, CPU, clearance=clearance)
+    view = View.of(camera, CPU, layout=replace(layout, clearance=clearance))
     near, far = WALL[depths < np.median(depths)], WALL[depths > np.median(depths)]
     seen = Backdrop(WALL, [view], NEAR, CPU).scenery(0)
     assert 0 < len(seen.index) <= len(far)
@@ -63,6 +67,27 @@ def test_what_rests_is_not_drawn_close_to_a_view_and_what_moves_is() -> None:
     drawn = [draw(moving(view, near)[1], view, scenery).image for scenery in (seen, expected)]
     torch.testing.assert_close(*drawn, atol=1e-6, rtol=0)
     assert (drawn[0] - draw(moving(view, near[:0])[1], view, expected).image).abs().max() > 0.1
+
+
+@pytest.mark.parametrize("layered", [True, False])
+def test_a_background_shows_through_what_is_drawn(layered: bool) -> None:
+    """As if it were blended behind everything by alpha: picture and gradients."""
+    color = torch.tensor([0.3, 0.9, 0.1])
+    plain = VIEWS[1]
+    view = replace(plain, background=color)
+    results = []
+    for seen_by in (view, plain):
+        points, seen = moving(seen_by)
+        scenery = Backdrop(WALL[:40], [seen_by] * 3, NEAR, CPU).scenery(1)
+        drawing = draw(seen, seen_by, scenery, layered=layered)
+        image = drawing.image if seen_by is view else drawing.image + (1 - drawing.alpha[..., None]) * color
+        weights = torch.rand(image.shape, generator=torch.Generator().manual_seed(0))
+        (image * weights).sum().backward()
+        results.append((image.detach(), points))
+    assert ((results[0][0] - color).abs().amax(-1) < 1e-6).any(), "somewhere nothing is"
+    torch.testing.assert_close(results[0][0], results[1][0], atol=1e-5, rtol=0)
+    for name, tensor in results[0][1].params.items():
+        torch.testing.assert_close(tensor.grad, results[1][1].params[name].grad, atol=1e-3, rtol=1e-3)
 
 
 def test_without_scenery_only_what_moves_is_drawn() -> None:

@@ -1,5 +1,7 @@
 """What flies in after the keyframe becomes points of the group, with tracks."""
 
+from functools import partial
+
 import numpy as np
 import pytest
 
@@ -15,6 +17,7 @@ from tests.recon.scenes import ring
 
 CAMERAS = ring(5, width=96, height=64)
 NEAR, FRAMES, ARRIVAL = 0.8, 6, 3
+DRAW = partial(render_image, near=NEAR)
 WALL = blots(900, [-5, -3.5, 0.9], [5, 3.5, 1.0], 0.2, 0)
 THING = blots(40, [-1.0, -0.4, -0.2], [-0.4, 0.4, 0.2], 0.1, 1)
 CENTER, RADIUS = np.array([0.6, 0.1, -0.2]), 0.3
@@ -49,7 +52,7 @@ def nothing(frames: np.ndarray) -> Lit:
 
 def started(frames: np.ndarray, dynamic: Gaussians = THING, static: Gaussians = WALL) -> Start:
     gains = np.ones((len(CAMERAS), 3), np.float32)
-    return follow(dynamic, None, nothing(frames), static, CAMERAS, frames, gains, DisFlow(), NEAR, False, Silent())
+    return follow(dynamic, None, nothing(frames), static, CAMERAS, frames, gains, DisFlow(), NEAR, DRAW, Silent())
 
 
 def test_newcomers_are_appended_with_tracks(arrival: np.ndarray) -> None:
@@ -117,7 +120,7 @@ def test_what_lies_in_shadow_is_no_newcomer_and_rests() -> None:
     films = [[render_image(scene, camera, near=NEAR) for camera in CAMERAS] for scene in scenes]
     frames = (np.clip(films, 0, 1) * 255).round().astype(np.uint8)
     gains = np.ones((len(CAMERAS), 3), np.float32)
-    start = follow(THING, None, lit, static, CAMERAS, frames, gains, DisFlow(), NEAR, False, Silent())
+    start = follow(THING, None, lit, static, CAMERAS, frames, gains, DisFlow(), NEAR, DRAW, Silent())
     assert len(start.dynamic) == len(THING) + len(lit), "nothing is new"
     np.testing.assert_array_equal(start.tracks[:, len(THING) :], lit.tracks)
     np.testing.assert_array_equal(start.shades[:, len(THING) :], lit.shades)

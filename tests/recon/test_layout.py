@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from splatreel.recon.layout import MOST_CLEAR, Layout, clearance_of, measure
+from splatreel.recon.layout import MOST_CLEAR, Layout, border_color, clearance_of, measure
 from tests.recon.scenes import look_at, ring
 
 CAMERAS = ring(7, width=96, height=64)
@@ -29,6 +29,18 @@ def test_what_stands_close_to_one_camera_is_never_hidden_from_it(depth: float) -
     clearance = clearance_of(CAMERAS, np.concatenate([BALL, post]))
     assert 0.5 * depth < clearance.depth(camera) < depth
     assert not clearance.hides(post, camera).any()
+
+
+def test_the_background_is_what_pictures_show_near_their_borders() -> None:
+    images = np.full((2, 80, 160, 3), 200, np.uint8)
+    images[0, 10:70, 20:140] = 0
+    images[1, 10:70, 20:140] = 255
+    images[1, :10] = (100, 0, 200)
+    images[1, 70:] = (100, 0, 200)
+    red, green, blue = border_color(images)
+    assert blue == pytest.approx(200 / 255, abs=1e-4)
+    assert 100 / 255 < red < 200 / 255
+    assert 0 < green < red
 
 
 def test_cameras_that_see_nothing_leave_everything_to_be_seen() -> None:

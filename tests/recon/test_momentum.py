@@ -10,7 +10,7 @@ from splatreel.recon.following import follow
 from splatreel.recon.momentum import Momentum
 from splatreel.scene.gaussians import Gaussians
 from splatreel.scene.group import Group
-from tests.recon.test_following import CAMERAS, NEAR, WALL, nothing, visitor
+from tests.recon.test_following import CAMERAS, DRAW, NEAR, WALL, nothing, visitor
 
 STEP = np.array([-0.45, 0, 0], np.float32)
 """Three quarters of the ball's width a frame."""
@@ -44,7 +44,7 @@ def test_a_fast_ball_is_followed_from_a_keyframe_on() -> None:
     ball, gains = group.at(1), np.ones((len(CAMERAS), 3), np.float32)
 
     def off(motion: np.ndarray | None) -> float:
-        start = follow(ball, motion, nothing(frames), WALL, CAMERAS, frames, gains, DisFlow(), NEAR, False, Silent())
+        start = follow(ball, motion, nothing(frames), WALL, CAMERAS, frames, gains, DisFlow(), NEAR, DRAW, Silent())
         return float(np.linalg.norm(start.tracks[1, : len(ball)] - group.at(2).means, axis=1).mean())
 
     known, unknown = off(Momentum.of(group, 1).at(ball.means, unit=4.0)), off(None)

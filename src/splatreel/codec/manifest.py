@@ -24,6 +24,7 @@ MAX_FILE_BYTES = 1 << 30
 """Size of the largest layer or group file that is read."""
 
 MAX_RENDITIONS = 16
+BLACK = (0.0, 0.0, 0.0)
 _NAME = re.compile(r"[a-z0-9][a-z0-9_-]{0,31}")
 _URI = re.compile(r"[A-Za-z0-9_][A-Za-z0-9_.-]*(/[A-Za-z0-9_][A-Za-z0-9_.-]*)*")
 _BIG = 1 << 40
@@ -49,7 +50,7 @@ class FileEntry:
 @dataclass(frozen=True)
 class Manifest:
     """The fields of `manifest.json`; bounds [2, 3], up [3] and near, the least depth to draw, in world units; antialias: how its
-    splats are drawn (`render_image`).
+    splats are drawn (`render_image`). background: red, green and blue, 0..1, where nothing is; the light falls on it as well.
 
     renditions: names of the rates that the groups are there in, best first; the first is that of the groups' own files, and the
     layers are common to all. Empty where there is nothing to choose.
@@ -69,6 +70,7 @@ class Manifest:
     near: float = 0.01
     clearance: Clearance = NONE
     antialias: bool = False
+    background: tuple[float, float, float] = BLACK
     layers: tuple[FileEntry, ...] = ()
     groups: tuple[FileEntry, ...] = ()
     renditions: tuple[str, ...] = ()
@@ -118,6 +120,8 @@ class Manifest:
             "near": self.near,
             "antialias": self.antialias,
         }
+        if self.background != BLACK:
+            document["background"] = list(self.background)
         if self.clearance.share:
             document["clearance"] = {"focus": _short(np.array(self.clearance.focus)), "share": self.clearance.share}
         if self.renditions:
@@ -182,6 +186,7 @@ def _parse(document: dict[str, Any]) -> Manifest:
         near=number(document, "near", 1e-9, 1e9) if "near" in document else 0.01,
         clearance=_parse_clearance(document["clearance"]) if "clearance" in document else NONE,
         antialias=boolean(document, "antialias", False),
+        background=_parse_background(document),
         layers=tuple(layers),
         groups=tuple(groups),
         renditions=names,
@@ -190,6 +195,15 @@ def _parse(document: dict[str, Any]) -> Manifest:
         if integer(entry, "bytes", 0, _BIG) != size:
             raise ReelError(f"says that rendition {name} has {entry['bytes']} bytes; its groups have {size}.")
     return manifest
+
+
+def _parse_background(document: dict[str, Any]) -> tuple[float, float, float]:
+    if "background" not in document:
+        return BLACK
+    red, green, blue = numbers(document, "background", 3).tolist()
+    if not all(0 <= value <= 1 for value in (red, green, blue)):
+        raise ReelError(f"has the background {[red, green, blue]}, expected 0 to 1.")
+    return red, green, blue
 
 
 def _parse_clearance(entry: object) -> Clearance:

@@ -11,7 +11,7 @@ import numpy as np
 
 from splatreel.codec.container import write_atomically
 from splatreel.codec.group_file import decode_group, decode_layer, encode_group, encode_layer
-from splatreel.codec.manifest import FileEntry, Manifest, parse_manifest
+from splatreel.codec.manifest import BLACK, FileEntry, Manifest, parse_manifest
 from splatreel.config import EncodeConfig
 from splatreel.errors import ReelError
 from splatreel.scene.camera import Camera
@@ -50,6 +50,7 @@ class ReelWriter:
         near: float = 0.01,
         clearance: Clearance = NONE,
         antialias: bool = False,
+        background: tuple[float, float, float] = BLACK,
         resume: bool = False,
     ) -> None:
         self.path = Path(path)
@@ -72,6 +73,7 @@ class ReelWriter:
             near=float(near),
             clearance=clearance,
             antialias=bool(antialias),
+            background=background,
             renditions=config.renditions if others else (),
         )
         published = self._published()

@@ -103,7 +103,7 @@ def reconstruct_frame(
     shows = weigh([gaussians], cameras, layout.near, config.antialias)
     data, _ = encode_layer(0, frame, gaussians, config.encode, importance=shows)
     _, decoded = decode_layer(data, f"frame {frame}")
-    draw = partial(render_image, near=layout.near, antialias=config.antialias)
+    draw = partial(render_image, near=layout.near, antialias=config.antialias, background=layout.background)
     score, after = gallery.score(gaussians, draw), gallery.score(decoded, draw)
     return StillFrame(frame, score, after.whole, len(gaussians), len(data), seconds, device.type)
 

@@ -95,7 +95,7 @@ def trainer_of(capture: Capture, work: Path, config: Config, device: torch.devic
     rig = Rig(capture.training_cameras, config, device)
     rig.restore(group.frames, group_folder(work, 0))
     images = torch.from_numpy(capture.read(group.first_frame, group.frames, rig.names)).to(device)
-    views = [View.of(camera, device, config.antialias, layout.clearance) for camera in rig.cameras]
+    views = [View.of(camera, device, config.antialias, layout) for camera in rig.cameras]
     config = dataclasses.replace(
         config,
         layering=dataclasses.replace(config.layering, adapt_every=1),

@@ -12,8 +12,9 @@ from splatreel.kernels.image import render_image
 from splatreel.scene.camera import Camera
 from splatreel.scene.gaussians import Gaussians
 
-Draw = Callable[[Gaussians, Camera, float, bool], np.ndarray]
-"""(Gaussians, camera, near plane in world units, antialias) to the picture, [H, W, 3] float32; values may exceed 1."""
+Color = tuple[float, float, float]
+Draw = Callable[[Gaussians, Camera, float, bool, Color], np.ndarray]
+"""(Gaussians, camera, near plane in world units, antialias, background) to the picture, [H, W, 3] float32; values may exceed 1."""
 
 
 def renderer(name: Literal["cpu", "cuda"]) -> Draw:
@@ -21,8 +22,8 @@ def renderer(name: Literal["cpu", "cuda"]) -> Draw:
     return _cuda() if name == "cuda" else _cpu
 
 
-def _cpu(gaussians: Gaussians, camera: Camera, near: float, antialias: bool) -> np.ndarray:
-    return render_image(gaussians, camera, near=near, antialias=antialias)
+def _cpu(gaussians: Gaussians, camera: Camera, near: float, antialias: bool, background: Color) -> np.ndarray:
+    return render_image(gaussians, camera, near=near, antialias=antialias, background=background)
 
 
 def _cuda() -> Draw:
@@ -33,12 +34,13 @@ def _cuda() -> Draw:
     if not torch.cuda.is_available():
         raise UsageError("There is no CUDA device for --renderer cuda. Choose --renderer cpu or webgl.")
 
-    def draw(gaussians: Gaussians, camera: Camera, near: float, antialias: bool) -> np.ndarray:
+    def draw(gaussians: Gaussians, camera: Camera, near: float, antialias: bool, background: Color) -> np.ndarray:
         g, view = gaussians, (camera.viewmat, camera.K, camera.width, camera.height)
         arrays = (g.means, g.quats, g.scales, g.opacities, g.sh)
         means, quats, scales, opacities, sh = (torch.from_numpy(array).cuda() for array in arrays)
         with torch.no_grad():
             drawn = splat.render(means, quats, scales, opacities, sh, *view, near=near, antialias=antialias)
-        return drawn.image.cpu().numpy()
+            behind = (1 - drawn.alpha[..., None]) * torch.tensor(background, device="cuda")
+        return (drawn.image + behind).cpu().numpy()
 
     return draw

@@ -17,14 +17,16 @@ from splatreel.scene.group import Group
 
 
 class Moment(Gaussians):
-    """All that a reel shows at a moment. still: so many points rest, the first ones."""
+    """All that a reel shows at a moment. still: so many points rest, the first ones. light: [3], what has brightened all colours."""
 
     still: int
+    light: np.ndarray
 
-    def __init__(self, static: list[Gaussians], moving: list[Gaussians]) -> None:
+    def __init__(self, static: list[Gaussians], moving: list[Gaussians], light: np.ndarray) -> None:
         everything = _joined([*static, *moving])
         super().__init__(everything.means, everything.quats, everything.scales, everything.opacities, everything.sh)
         object.__setattr__(self, "still", sum(len(part) for part in static))
+        object.__setattr__(self, "light", light)
 
 
 class Timeline:
@@ -69,9 +71,10 @@ class Timeline:
         else:
             static, moving = self._faded(frame, weight, self.reel.group(index - 1), new)
         light = new.light_at(frame - new.first_frame)
-        if light is not None:
-            static, moving = ([part.brightened(light) for part in parts] for parts in (static, moving))
-        return Moment(static, moving)
+        if light is None:
+            return Moment(static, moving, np.ones(3))
+        static, moving = ([part.brightened(light) for part in parts] for parts in (static, moving))
+        return Moment(static, moving, light)
 
     def seen(self, gaussians: Gaussians, camera: Camera) -> Gaussians:
         """What of a moment's Gaussians is drawn for a camera: of static points, what its surroundings leave (`Clearance`)."""
@@ -83,8 +86,18 @@ class Timeline:
 
     def render(self, gaussians: Gaussians, camera: Camera) -> np.ndarray:
         """The picture that a camera takes of Gaussians of this reel, [H, W, 3] float32, drawn as the manifest says."""
-        how = {"near": self.manifest.near, "antialias": self.manifest.antialias}
+        how = {
+            "near": self.manifest.near,
+            "antialias": self.manifest.antialias,
+            "background": self.background(gaussians),
+        }
         return render_image(self.seen(gaussians, camera), camera, **how)
+
+    def background(self, gaussians: Gaussians) -> tuple[float, float, float]:
+        """Red, green and blue where nothing is, in a moment's light."""
+        light = gaussians.light if isinstance(gaussians, Moment) else 1.0
+        red, green, blue = (np.asarray(self.manifest.background) * light).tolist()
+        return red, green, blue
 
     def _weight(self, frame: float, group: Group) -> float:
         overlap = self.manifest.overlap

@@ -8,9 +8,9 @@ import torch
 from torch import Tensor
 
 from splatreel.kernels import splat
+from splatreel.recon.layout import Layout
 from splatreel.recon.points import NAMES, to_params
 from splatreel.scene.camera import Camera
-from splatreel.scene.clearance import NONE, Clearance
 from splatreel.scene.gaussians import Gaussians
 
 
@@ -18,7 +18,7 @@ from splatreel.scene.gaussians import Gaussians
 class View:
     """A camera as tensors. viewmat: [4, 4]; K: [3, 3]; center: [3]. antialias: see `splat.antialiased`.
 
-    clear: up to this depth nothing that rests is drawn, world units (`Clearance`).
+    clear: up to this depth nothing that rests is drawn, world units (`Clearance`). background: [3], 0..1, where nothing is.
     """
 
     viewmat: Tensor
@@ -28,12 +28,17 @@ class View:
     height: int
     antialias: bool = False
     clear: float = 0.0
+    background: Tensor | None = None
 
     @staticmethod
-    def of(camera: Camera, device: torch.device, antialias: bool = False, clearance: Clearance = NONE) -> View:
+    def of(camera: Camera, device: torch.device, antialias: bool = False, layout: Layout | None = None) -> View:
         arrays = camera.viewmat, camera.K, camera.center
         viewmat, K, center = (torch.from_numpy(array.copy()).to(device) for array in arrays)
-        return View(viewmat, K, center, camera.width, camera.height, antialias, clearance.depth(camera))
+        plain = View(viewmat, K, center, camera.width, camera.height, antialias)
+        if layout is None:
+            return plain
+        background = torch.tensor(layout.background, device=device) if any(layout.background) else None
+        return replace(plain, clear=layout.clearance.depth(camera), background=background)
 
     def halved(self) -> View:
         """The view of pictures that were `halved`."""
@@ -60,6 +65,13 @@ class Splats:
     def rows(self, index: Tensor) -> Splats:
         """Those of an index [M] int64."""
         return Splats(*[tensor.index_select(0, index) for tensor in self.tensors])
+
+    def before(self, background: Tensor | None) -> Splats:
+        """With colours relative to a background's [3]: blended, they are what a picture differs by, and `draw` adds it again.
+
+        That blends the background behind everything without a look at alpha: sum w c + (1 - sum w) b = sum w (c - b) + b.
+        """
+        return self if background is None else replace(self, colors=self.colors - background)
 
     @staticmethod
     def join(a: Splats, b: Splats) -> Splats:
@@ -121,7 +133,8 @@ def splats(
     colors = splat.view_colors(means, view.center, *sh)
     if view.antialias:
         opacities = splat.antialiased(opacities, projected.conics)
-    return Splats(projected.means2d, projected.conics, colors, opacities, projected.depths, projected.radii)
+    seen = Splats(projected.means2d, projected.conics, colors, opacities, projected.depths, projected.radii)
+    return seen.before(view.background)
 
 
 def deformed(
@@ -130,7 +143,8 @@ def deformed(
     """Points of one moment for a view. params: unconstrained, as `TrainablePoints` has them; offsets, shade: see `splat.deformed`."""
     pinhole = view.viewmat, view.K, view.width, view.height
     points = [params[name] for name in NAMES]
-    return Splats(*splat.deformed(points, offsets, shade, pinhole, view.center, near, view.antialias))
+    seen = Splats(*splat.deformed(points, offsets, shade, pinhole, view.center, near, view.antialias))
+    return seen.before(view.background)
 
 
 class Backdrop:
@@ -199,15 +213,21 @@ def draw(moving: Splats, view: View, scenery: Scenery | None = None, layered: bo
         parts.means2d.retain_grad()
     if scenery is not None and layered:
         image, alpha, tiles = splat.rasterize_among(*parts.tensors, scenery.still)
-        return Drawing(image, alpha, parts.means2d, count, tiles=tiles)
+        return Drawing(_on(view.background, image), alpha, parts.means2d, count, tiles=tiles)
     image, alpha = splat.rasterize(*parts.tensors, view.width, view.height)
-    return Drawing(image, alpha, parts.means2d, count, None if scenery is None else scenery.index)
+    index = None if scenery is None else scenery.index
+    return Drawing(_on(view.background, image), alpha, parts.means2d, count, index)
+
+
+def _on(background: Tensor | None, image: Tensor) -> Tensor:
+    """What differs from a background, added to it."""
+    return image if background is None else image + background
 
 
 def filled(moving: Splats, view: View, scenery: Scenery) -> Tensor:
     """[N] how much of a view's picture every moving point fills, in pixels: its blending weights, summed."""
     marks = torch.zeros_like(moving.colors, requires_grad=True)
     marked = replace(moving, means2d=moving.means2d.detach().requires_grad_(), colors=marks)
-    draw(marked, view, scenery).image[..., 0].sum().backward()
+    draw(marked, replace(view, background=None), scenery).image[..., 0].sum().backward()
     assert marks.grad is not None
     return marks.grad[:, 0]

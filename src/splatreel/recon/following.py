@@ -4,11 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from functools import partial
 
 import numpy as np
 
-from splatreel.kernels.image import render_image
 from splatreel.motion.appear import Faults, faults, find
 from splatreel.motion.flow import Flow
 from splatreel.motion.leap import leaps
@@ -60,18 +58,18 @@ def follow(
     gains: np.ndarray,
     flow: Flow,
     near: float,
-    antialias: bool,
+    draw: Draw,
     progress: Progress,
 ) -> Start:
     """Track dynamic points through frames [T, C, H, W, 3] uint8; add what several views lack, and static points that leave.
 
     motion: [N, 3], about how the dynamic points move at the keyframe, if that is known. gains: [C, 3] colour gain of each camera.
-    near, antialias: how pictures of the points are drawn.
+    near: nothing is seen before it. draw: how pictures of the points are drawn.
 
     Points come in this order: dynamic ones, those that were added, lit ones, whose light is of the same frames.
     """
     tracker = Tracker(Gaussians.concatenate([static, lit.points]), cameras, frames, flow, near)
-    watch = _Watch(tracker, gains, partial(render_image, near=near, antialias=antialias), dynamic, static, lit)
+    watch = _Watch(tracker, gains, draw, dynamic, static, lit)
     trails = [Trail(dynamic, 0, motion)]
     room = max(ROOM, len(dynamic))
     for frame in range(1, len(frames)):

@@ -10,19 +10,25 @@ import numpy as np
 from splatreel.scene.camera import Camera
 from splatreel.scene.clearance import NONE, Clearance
 
+BORDER = 8
+"""The part of a picture's width and height that its border takes on each side."""
 CLEAR, MOST_CLEAR = 0.85, 0.35
 """How much is taken to be free of what rests: of the room that cameras have before them, and at most of their distance to the focus."""
 
 
 @dataclass(frozen=True)
 class Layout:
-    """near: near plane; unit: typical viewing distance (both world units); up: unit vector; bounds: low and high corner."""
+    """near: near plane; unit: typical viewing distance (both world units); up: unit vector; bounds: low and high corner.
+
+    clearance: of static points; background: red, green and blue where nothing is, 0..1.
+    """
 
     near: float
     unit: float
     up: list[float]
     bounds: list[list[float]]
     clearance: Clearance = NONE
+    background: tuple[float, float, float] = (0.0, 0.0, 0.0)
 
     def to_dict(self) -> dict[str, Any]:
         return asdict(self)
@@ -30,8 +36,10 @@ class Layout:
     @staticmethod
     def from_dict(value: dict[str, Any]) -> Layout:
         """Raises TypeError for what is none."""
+        plain = {name: value[name] for name in value if name not in ("clearance", "background")}
+        red, green, blue = value.get("background", (0.0, 0.0, 0.0))
         clearance = Clearance(**value.get("clearance", {}))
-        return replace(Layout(**{name: value[name] for name in value if name != "clearance"}), clearance=clearance)
+        return replace(Layout(**plain), clearance=clearance, background=(red, green, blue))
 
 
 def measure(cameras: list[Camera], points: np.ndarray, near: float) -> Layout:
@@ -63,6 +71,15 @@ def clearance_of(cameras: list[Camera], points: np.ndarray) -> Clearance:
     ]
     share = min(CLEAR * min(nearest, default=0.0), MOST_CLEAR)
     return Clearance((float(focus[0]), float(focus[1]), float(focus[2])), float(share))
+
+
+def border_color(images: np.ndarray) -> tuple[float, float, float]:
+    """Red, green and blue, 0..1, of pictures [C, H, W, 3] uint8 near their borders, on average: what goes on beyond is likely alike."""
+    height, width = images.shape[1:3]
+    border = np.ones((height, width), bool)
+    border[height // BORDER : height - height // BORDER, width // BORDER : width - width // BORDER] = False
+    red, green, blue = (round(value / 255, 4) for value in images[:, border].mean((0, 1)).tolist())
+    return red, green, blue
 
 
 def viewing_distance(cameras: list[Camera], points: np.ndarray) -> float:

@@ -12,7 +12,7 @@ from pathlib import Path
 
 import numpy as np
 
-from splatreel.codec.manifest import Manifest
+from splatreel.codec.manifest import BLACK, Manifest
 from splatreel.codec.reader import ReelReader
 from splatreel.codec.writer import ReelWriter
 from splatreel.config import EncodeConfig
@@ -99,6 +99,7 @@ def open_writer(work: Path, reel: Path, config: EncodeConfig, resume: bool) -> R
     header["cameras"] = [_camera_from_dict(c) for c in header["cameras"]]
     header["camera"] = _camera_from_dict(header["camera"])
     header["bounds"], header["up"] = np.array(header["bounds"]), np.array(header["up"])
+    header["background"] = tuple(header.get("background", BLACK))
     header["clearance"] = Clearance(**header.get("clearance", {}))
     return ReelWriter(reel, config=config, resume=resume, **header)
 

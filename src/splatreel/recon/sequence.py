@@ -5,6 +5,7 @@ from __future__ import annotations
 import time
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -15,6 +16,7 @@ from splatreel.capture.prefetch import FramePrefetcher
 from splatreel.codec.writer import ReelWriter
 from splatreel.config import Config
 from splatreel.errors import ReconstructionError, UsageError
+from splatreel.kernels.image import render_image
 from splatreel.motion.flow import make_flow
 from splatreel.motion.light import changes_of_light
 from splatreel.motion.steady import steady
@@ -301,7 +303,7 @@ class Reconstruction:
                 gains,
                 flow,
                 layout.near,
-                self.config.antialias,
+                partial(render_image, near=layout.near, antialias=self.config.antialias, background=layout.background),
                 self.progress,
             )
             new = len(start.dynamic) - len(scene.dynamic) - len(lit)
@@ -344,7 +346,7 @@ class Reconstruction:
             frames = np.concatenate([capture.read(frame, 1, self.rig.names) for frame in (0, middle)])
             frames = self.rig.gather(frames, group_folder(self.work, 0), self.progress)
             known = capture.points, capture.point_colors, capture.near
-            seeds, layout = lay_out(self.rig.cameras, frames[0], *known, self.config.seed)
+            seeds, layout = lay_out(self.rig.cameras, frames[0], self.config, *known)
             self.progress.update(1, points=len(seeds.points))
         self.claim.keep()
         checkpoint.save_arrays(self.work / "points.safetensors", {"points": seeds.points, "colors": seeds.colors})
@@ -361,6 +363,7 @@ class Reconstruction:
             "up": layout.up,
             "near": layout.near,
             "clearance": layout.clearance,
+            "background": layout.background,
             "antialias": self.config.antialias,
             "camera": self.rig.cameras[len(self.rig.cameras) // 2],
             "cameras": self.rig.cameras,
@@ -374,8 +377,7 @@ class Reconstruction:
         return torch.from_numpy(frames).to(self.device)
 
     def _views(self, layout: Layout) -> list[View]:
-        how = self.device, self.config.antialias, layout.clearance
-        return [View.of(camera, *how) for camera in self.rig.cameras]
+        return [View.of(camera, self.device, self.config.antialias, layout) for camera in self.rig.cameras]
 
     def _folder(self, span: Span) -> Path:
         return group_folder(self.work, span.index)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import torch
 
@@ -11,7 +13,7 @@ from splatreel.recon.colors import CameraGains
 from splatreel.recon.drawing import View
 from splatreel.recon.initialise import InitialPoints, initial_points, near_plane
 from splatreel.recon.keyframe import KeyframeTrainer, Stage, starting_points
-from splatreel.recon.layout import Layout, measure
+from splatreel.recon.layout import Layout, border_color, measure
 from splatreel.scene.camera import Camera
 from splatreel.scene.gaussians import Gaussians
 
@@ -38,7 +40,7 @@ def reconstruct_still(
     ends in numbers that are not finite.
     """
     keyframe = config.keyframe
-    seeds, layout = lay_out(cameras, images, points, point_colors, near, config.seed)
+    seeds, layout = lay_out(cameras, images, config, points, point_colors, near)
     gains = CameraGains(len(cameras), device or torch.device("cpu"), config.correct_colors)
     trainer = still_trainer(seeds.points, seeds.colors, layout, cameras, gains, config)
     progress = progress or Silent()
@@ -53,14 +55,15 @@ def reconstruct_still(
 def lay_out(
     cameras: list[Camera],
     images: np.ndarray,
+    config: Config,
     points: np.ndarray | None = None,
     point_colors: np.ndarray | None = None,
     near: float | None = None,
-    seed: int = 0,
 ) -> tuple[InitialPoints, Layout]:
-    """Initial points of a frame and the measures of the scene. Arguments and errors are those of `initial_points`."""
-    seeds = initial_points(cameras, images, points, point_colors, near, seed)
-    return seeds, measure(cameras, seeds.points, near_plane(cameras, seeds.points))
+    """Initial points of a frame and the measures of the scene. Other arguments and errors are those of `initial_points`."""
+    seeds = initial_points(cameras, images, points, point_colors, near, config.seed)
+    layout = measure(cameras, seeds.points, near_plane(cameras, seeds.points))
+    return seeds, replace(layout, background=border_color(images)) if config.background else layout
 
 
 def still_trainer(
@@ -91,7 +94,7 @@ def train_frame(
 ) -> None:
     """Train on one frame, the first `coarse_share` of the iterations at half size. images: [C, H, W, 3] uint8."""
     device = trainer.points.means.device
-    views = [View.of(camera, device, antialias, layout.clearance) for camera in cameras]
+    views = [View.of(camera, device, antialias, layout) for camera in cameras]
     stage = Stage(views, torch.from_numpy(images).to(device), layout.near, layout.unit)
     coarse = round(iterations * coarse_share)
     if coarse:
