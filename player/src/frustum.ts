@@ -1,6 +1,6 @@
 /** What a view sees, for leaving out of the order what it does not. */
 import type { Clearance } from "./manifest";
-import { eyeOf, length, subtract } from "./matrix";
+import { dot } from "./matrix";
 import type { View } from "./renderer";
 
 /** Beyond the picture's borders, as a part of its size: the view may turn while it is being sorted for. */
@@ -30,7 +30,8 @@ export function frustumOf({ viewmat, fx, fy, cx, cy, width, height, near }: View
   const [left, right] = [-(cx + MARGIN * width) / fx, (width - cx + MARGIN * width) / fx];
   const [top, bottom] = [-(cy + MARGIN * height) / fy, (height - cy + MARGIN * height) / fy];
   const reach = (low: number, high: number): number => Math.hypot(1, LARGEST_SLOPE * Math.max(-low, high));
-  const clear = clearance ? Math.max(near, clearance.share * length(subtract(eyeOf(viewmat), clearance.focus))) : near;
+  const depth = clearance ? dot([viewmat[8], viewmat[9], viewmat[10]], clearance.focus) + viewmat[11] : 0;
+  const clear = Math.max(near, (clearance?.share ?? 0) * depth);
   return { viewmat: viewmat.slice(0, 12), near, clear, left, right, top, bottom, reachX: reach(left, right), reachY: reach(top, bottom) };
 }
 

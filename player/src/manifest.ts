@@ -51,7 +51,7 @@ export interface Manifest {
   up: Vec3;
   /** Least depth to draw, world units. */
   near: number;
-  /** What rests and is nearer to a viewer than `share` of its distance to `focus` is not drawn. */
+  /** What rests and is nearer to a viewer than `share` of the depth of `focus` is not drawn. */
   clearance: Clearance;
   /** Red, green and blue, 0 to 1, where nothing is; the light falls on it as well. */
   background: Vec3;

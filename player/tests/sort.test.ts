@@ -24,7 +24,7 @@ test("far to near, without the hidden and those behind the camera", () => {
 
 test("what rests is seen from where the viewer has room on, what moves from the near plane on", () => {
   const view = { viewmat: [1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 1, 0, 0, 0, 1], fx: 1, fy: 1, cx: 500, cy: 500, width: 1000, height: 1000, near: 0.01 };
-  const frustum = frustumOf(view, { focus: [0, 0, 4], share: 0.3 }); // five units from the focus: 1.5 units are clear
+  const frustum = frustumOf(view, { focus: [0, 0, 4], share: 0.3 }); // the focus is five units deep: 1.5 units are clear
   const [still, moving] = [new DepthRun(), new DepthRun()];
   for (const run of [still, moving]) run.reset(3);
   const row = points(0, 0, 0.1, 0, 0, 0.4, 0, 0, 0.6);
@@ -32,6 +32,9 @@ test("what rests is seen from where the viewer has room on, what moves from the 
   moving.addGroup({ base: 3, ...row, frames: 1, dx: new Uint16Array(12), dxMin: [0, 0, 0], dxStep: [1, 1, 1], alive: new Uint8Array() }, 0, frustum);
   assert.deepEqual(sorted(still), [2]);
   assert.deepEqual(sorted(moving), [5, 4, 3]);
+  still.reset(3);
+  still.addLayer({ base: 0, ...row }, null, frustumOf(view, { focus: [0, 0, -4], share: 0.3 }));
+  assert.deepEqual(sorted(still), [2, 1, 0]); // the focus is behind
 });
 
 test("moving points sort by where they are between two frames", () => {

@@ -58,7 +58,7 @@ def test_what_rests_is_not_drawn_close_to_a_view_and_what_moves_is() -> None:
     camera = ring(3, width=96, height=64)[0]
     layout = measure([camera], WALL.means, NEAR)
     depths = WALL.means @ camera.viewmat[2, :3] + camera.viewmat[2, 3]
-    clearance = Clearance((0.0, 0.0, 0.0), float(np.median(depths) / np.linalg.norm(camera.center)))
+    clearance = Clearance((0.0, 0.0, 0.0), float(np.median(depths) / camera.viewmat[2, 3]))
     view = View.of(camera, CPU, layout=replace(layout, clearance=clearance))
     near, far = WALL[depths < np.median(depths)], WALL[depths > np.median(depths)]
     seen = Backdrop(WALL, [view], NEAR, CPU).scenery(0)

@@ -13,6 +13,11 @@ def test_who_comes_closer_to_the_focus_sees_what_is_nearer(away: float, depth: f
     assert NONE.depth(look_at([0, 0, -away])) == 0
 
 
+def test_who_turns_away_from_the_focus_sees_what_is_near() -> None:
+    assert ROOM.depth(look_at([0, 0, -4], target=[0, 0, -9])) == 0
+    assert 0 < ROOM.depth(look_at([0, 0, -4], target=[2, 0, -2])) < 0.8
+
+
 def test_only_what_lies_in_front_and_within_is_hidden() -> None:
     camera = look_at([0, 0, -4])
     points = np.array([[0, 0, -3.5], [2, 0, -3.01], [0, 0, -2.99], [0, 0, 1], [0, 0, -4.5]], np.float32)

@@ -64,13 +64,14 @@ def clearance_of(cameras: list[Camera], points: np.ndarray) -> Clearance:
     """
     unit = viewing_distance(cameras, points)
     focus = np.mean([camera.center + unit * camera.viewmat[2, :3] for camera in cameras], axis=0)
+    whole = Clearance((float(focus[0]), float(focus[1]), float(focus[2])), 1.0)
     nearest = [
-        np.percentile(depths, 0.5) / max(np.linalg.norm(camera.center - focus), 1e-6 * unit)
+        np.percentile(depths, 0.5) / whole.depth(camera)
         for camera, depths in zip(cameras, _seen_depths(cameras, points), strict=True)
-        if len(depths)
+        if len(depths) and whole.depth(camera) > 0
     ]
     share = min(CLEAR * min(nearest, default=0.0), MOST_CLEAR)
-    return Clearance((float(focus[0]), float(focus[1]), float(focus[2])), float(share))
+    return replace(whole, share=float(share))
 
 
 def border_color(images: np.ndarray) -> tuple[float, float, float]:

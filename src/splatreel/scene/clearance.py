@@ -11,10 +11,11 @@ from splatreel.scene.camera import Camera
 
 @dataclass(frozen=True)
 class Clearance:
-    """Static points nearer to a viewer than `share` of his distance to `focus` [3], world units, are not drawn for him.
+    """Static points at less than `share` of the depth that `focus` [3], world units, has for a viewer are not drawn for him.
 
     Between cameras, and close to where a new one stands, hang splats that only distant cameras have seen, and there they only looked
-    well. Where cameras stood, nothing was that near. Who walks into the scene comes closer to the focus, and sees what is near.
+    well. Where cameras stood, nothing was that near. Who walks into the scene comes closer to the focus, and sees what is near; and
+    who turns away from it does, too.
     """
 
     focus: tuple[float, float, float] = (0.0, 0.0, 0.0)
@@ -22,7 +23,7 @@ class Clearance:
 
     def depth(self, camera: Camera) -> float:
         """Up to which depth nothing that rests is drawn for a camera, world units."""
-        return self.share * float(np.linalg.norm(camera.center - np.asarray(self.focus)))
+        return self.share * max(float(camera.viewmat[2, :3] @ np.asarray(self.focus) + camera.viewmat[2, 3]), 0.0)
 
     def hides(self, points: np.ndarray, camera: Camera) -> np.ndarray:
         """[N] bool: of points [N, 3], those in front of a camera that are within."""
