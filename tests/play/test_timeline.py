@@ -73,15 +73,15 @@ def test_what_rests_is_not_drawn_close_to_a_camera(reel, tmp_path, frame):
     before = open_reel(reel)
     camera, shown = before.manifest.camera, before.at(frame / FPS)
     depths = shown.means @ camera.viewmat[2, :3] + camera.viewmat[2, 3]
-    limit = float(np.median(depths[: shown.still]))
+    limit = float(np.median(depths[shown.rests]))
     focus = camera.center + 2 * limit * camera.viewmat[2, :3]
     edit_manifest(
         tmp_path / "reel", lambda manifest: manifest.update(clearance={"focus": focus.tolist(), "share": 0.5})
     )
     after = open_reel(tmp_path / "reel")
     assert after.manifest.clearance.depth(camera) == pytest.approx(limit, rel=1e-5)
-    kept = (np.arange(len(shown)) >= shown.still) | (depths > limit * 1.0001)
-    assert 0.3 < kept[: shown.still].mean() < 0.6
+    kept = ~shown.rests | (depths > limit * 1.0001)
+    assert 0.3 < kept[shown.rests].mean() < 0.6
     moment = after.at(frame / FPS)
     np.testing.assert_array_equal(moment.means, shown.means)
     np.testing.assert_array_equal(after.render(moment, camera), before.render(shown[kept], camera))
@@ -101,9 +101,9 @@ def test_overlap(reel, frame, weight):
     shown = open_reel(reel).at(frame / FPS)
     old, new = reader.group(0).at(frame), reader.group(1).at(frame - FIRST)
     stays, dies = reader.layer(0)[np.arange(6) != 2], reader.layer(0)[2:3]
-    expected = Gaussians.concatenate([stays, dies, reader.layer(1), old, new])
-    weights = np.repeat([1, 1 - weight, weight, 1 - weight, weight], [5, 1, 4, 5, 7])
-    assert shown.still == 10
+    expected = Gaussians.concatenate([stays, dies, old, reader.layer(1), new])
+    weights = np.repeat([1, 1 - weight, 1 - weight, weight, weight], [5, 1, 5, 4, 7])
+    np.testing.assert_array_equal(shown.rests, np.repeat([True, True, False, True, False], [5, 1, 5, 4, 7]))
     np.testing.assert_array_equal(shown.means, expected.means)
     np.testing.assert_allclose(shown.opacities, 1 - (1 - expected.opacities) ** weights, atol=2e-4)
 

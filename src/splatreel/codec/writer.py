@@ -30,7 +30,7 @@ class ReelWriter:
 
     config: with renditions, every group is written in each of them; what comes back decoded is the best.
     fps: frames a second. bounds: [2, 3] box of the content. up: [3] unit. near: least depth to draw. clearance: of static points.
-    camera: where a player starts.
+    background: red, green and blue, 0..1, where nothing is. camera: where a player starts.
     Raises `ReelError` where files cannot be read or written.
     """
 

@@ -17,15 +17,16 @@ from splatreel.scene.group import Group
 
 
 class Moment(Gaussians):
-    """All that a reel shows at a moment. still: so many points rest, the first ones. light: [3], what has brightened all colours."""
+    """All that a reel shows at a moment. rests: [N] bool, its static points. light: [3], what has brightened all colours."""
 
-    still: int
+    rests: np.ndarray
     light: np.ndarray
 
-    def __init__(self, static: list[Gaussians], moving: list[Gaussians], light: np.ndarray) -> None:
-        everything = _joined([*static, *moving])
+    def __init__(self, parts: list[Gaussians], rests: list[bool], light: np.ndarray) -> None:
+        """rests: which of the parts do."""
+        everything = _joined(parts)
         super().__init__(everything.means, everything.quats, everything.scales, everything.opacities, everything.sh)
-        object.__setattr__(self, "still", sum(len(part) for part in static))
+        object.__setattr__(self, "rests", np.repeat(rests, [len(part) for part in parts]))
         object.__setattr__(self, "light", light)
 
 
@@ -67,22 +68,19 @@ class Timeline:
         new = self.reel.group(index)
         weight = self._weight(frame, new)
         if index == 0 or weight >= 1:
-            static, moving = [self.reel.static(index)[0][new.alive]], [new.at(frame - new.first_frame)]
+            parts, rests = [self.reel.static(index)[0][new.alive], new.at(frame - new.first_frame)], [True, False]
         else:
-            static, moving = self._faded(frame, weight, self.reel.group(index - 1), new)
+            parts, rests = self._faded(frame, weight, self.reel.group(index - 1), new), [True, True, False, True, False]
         light = new.light_at(frame - new.first_frame)
         if light is None:
-            return Moment(static, moving, np.ones(3))
-        static, moving = ([part.brightened(light) for part in parts] for parts in (static, moving))
-        return Moment(static, moving, light)
+            return Moment(parts, rests, np.ones(3))
+        return Moment([part.brightened(light) for part in parts], rests, light)
 
     def seen(self, gaussians: Gaussians, camera: Camera) -> Gaussians:
         """What of a moment's Gaussians is drawn for a camera: of static points, what its surroundings leave (`Clearance`)."""
         if not isinstance(gaussians, Moment) or not self.manifest.clearance.share:
             return gaussians
-        shown = np.ones(len(gaussians), bool)
-        shown[: gaussians.still] = ~self.manifest.clearance.hides(gaussians.means[: gaussians.still], camera)
-        return gaussians[shown]
+        return gaussians[~(gaussians.rests & self.manifest.clearance.hides(gaussians.means, camera))]
 
     def render(self, gaussians: Gaussians, camera: Camera) -> np.ndarray:
         """The picture that a camera takes of Gaussians of this reel, [H, W, 3] float32, drawn as the manifest says."""
@@ -105,17 +103,14 @@ class Timeline:
         # Eased: an opaque point in front of the others shows half of its colour at a tenth of its weight.
         return share * share * (3 - 2 * share)
 
-    def _faded(self, frame: float, weight: float, old: Group, new: Group) -> tuple[list[Gaussians], list[Gaussians]]:
-        """Static points and moving ones."""
+    def _faded(self, frame: float, weight: float, old: Group, new: Group) -> list[Gaussians]:
+        """Static points that stay, static and dynamic ones that leave, and both that come."""
         static, _ = self.reel.static(new.index)
         was = np.zeros(len(static), bool)
         was[: len(old.alive)] = old.alive  # layers only append: the old group's points are the first ones
-        leaving, coming = static[was & ~new.alive].faded(1 - weight), static[new.alive & ~was].faded(weight)
-        moving = [
-            old.at(frame - old.first_frame).faded(1 - weight),
-            new.at(frame - new.first_frame).faded(weight),
-        ]
-        return [static[was & new.alive], leaving, coming], moving
+        leaving = [static[was & ~new.alive], old.at(frame - old.first_frame)]
+        coming = [static[new.alive & ~was], new.at(frame - new.first_frame)]
+        return [static[was & new.alive], *(p.faded(1 - weight) for p in leaving), *(p.faded(weight) for p in coming)]
 
 
 def open_reel(location: str | Path, rendition: str | None = None) -> Timeline:

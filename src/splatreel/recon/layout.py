@@ -31,14 +31,14 @@ class Layout:
     background: tuple[float, float, float] = (0.0, 0.0, 0.0)
 
     def to_dict(self) -> dict[str, Any]:
-        return asdict(self)
+        return asdict(self) | {"clearance": self.clearance.to_dict(), "background": list(self.background)}
 
     @staticmethod
     def from_dict(value: dict[str, Any]) -> Layout:
         """Raises TypeError for what is none."""
         plain = {name: value[name] for name in value if name not in ("clearance", "background")}
         red, green, blue = value.get("background", (0.0, 0.0, 0.0))
-        clearance = Clearance(**value.get("clearance", {}))
+        clearance = Clearance.from_dict(value.get("clearance"))
         return replace(Layout(**plain), clearance=clearance, background=(red, green, blue))
 
 

@@ -21,7 +21,7 @@ from splatreel.progress import Progress
 from splatreel.recon import checkpoint
 from splatreel.recon.importance import weigh
 from splatreel.scene.camera import Camera
-from splatreel.scene.clearance import Clearance
+from splatreel.scene.clearance import NONE, Clearance
 from splatreel.scene.gaussians import Gaussians
 from splatreel.scene.group import Group
 
@@ -86,7 +86,7 @@ def save_header(work: Path, header: dict) -> None:
     """Keep what a manifest says beside its files, so that a reel can be written again from the checkpoints alone."""
     cameras = [_camera_to_dict(camera) for camera in header["cameras"]]
     plain = header | {"cameras": cameras, "camera": _camera_to_dict(header["camera"])}
-    plain["clearance"] = dataclasses.asdict(header["clearance"])
+    plain["clearance"] = header.get("clearance", NONE).to_dict()
     checkpoint.save_json(work / "header.json", plain)
 
 
@@ -100,7 +100,7 @@ def open_writer(work: Path, reel: Path, config: EncodeConfig, resume: bool) -> R
     header["camera"] = _camera_from_dict(header["camera"])
     header["bounds"], header["up"] = np.array(header["bounds"]), np.array(header["up"])
     header["background"] = tuple(header.get("background", BLACK))
-    header["clearance"] = Clearance(**header.get("clearance", {}))
+    header["clearance"] = Clearance.from_dict(header.get("clearance"))
     return ReelWriter(reel, config=config, resume=resume, **header)
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -20,6 +21,17 @@ class Clearance:
 
     focus: tuple[float, float, float] = (0.0, 0.0, 0.0)
     share: float = 0.0
+
+    def to_dict(self) -> dict[str, Any]:
+        return {"focus": list(self.focus), "share": self.share}
+
+    @staticmethod
+    def from_dict(value: dict[str, Any] | None) -> Clearance:
+        """None: everything is drawn."""
+        if value is None:
+            return NONE
+        x, y, z = value["focus"]
+        return Clearance((x, y, z), value["share"])
 
     def depth(self, camera: Camera) -> float:
         """Up to which depth nothing that rests is drawn for a camera, world units."""
