@@ -2,9 +2,11 @@
 import type { DecodedFile } from "./decode";
 import { ReelError } from "./errors";
 import { TEXTURE_WIDTH } from "./layout";
+import { Fade } from "./fade";
 import { lightAt } from "./light";
 import { eyeOf, type Vec3 } from "./matrix";
 import { hitsAt, middleDepth, type Hit } from "./pick";
+import { Program } from "./program";
 import { Rows } from "./rows";
 import { projectFragment, projectVertex, splatFragment, splatVertex } from "./shaders";
 import type { Scene } from "./sort-worker";
@@ -36,6 +38,7 @@ export class Renderer {
   private readonly gl: WebGL2RenderingContext;
   private readonly project: Program;
   private readonly splat: Program;
+  private readonly fade: Fade;
   private readonly target: WebGLFramebuffer;
   private shape: WebGLTexture | null = null;
   private color: WebGLTexture | null = null;
@@ -66,6 +69,7 @@ export class Renderer {
     this.software = isSoftware(gl);
     this.project = new Program(gl, projectVertex, projectFragment);
     this.splat = new Program(gl, splatVertex, splatFragment);
+    this.fade = new Fade(gl);
     this.target = gl.createFramebuffer();
     this.empty = gl.createVertexArray();
     this.quads = gl.createVertexArray();
@@ -80,6 +84,7 @@ export class Renderer {
   begin(): void {
     this.project.check();
     this.splat.check();
+    this.fade.check();
   }
 
   get lost(): boolean {
@@ -145,9 +150,15 @@ export class Renderer {
     const [red, green, blue] = this.background.map((value, channel) => value * light[channel]);
     gl.clearColor(red, green, blue, 1);
     gl.clear(gl.COLOR_BUFFER_BIT);
+    const fades = scene.previous !== null && weight > 0 && weight < 1;
     for (const eye of eyes) {
-      this.projectPoints(scene, weight, eye.view);
+      this.projectPoints(scene, fades ? 0 : weight, eye.view);
       this.drawSplats(eye);
+      if (!fades) continue;
+      this.fade.begin(eye.view.width, eye.view.height);
+      this.projectPoints(scene, 1, eye.view);
+      this.drawSplats({ framebuffer: this.fade.framebuffer, x: 0, y: 0, view: eye.view });
+      this.fade.lay(eye, weight);
     }
   }
 
@@ -211,6 +222,7 @@ export class Renderer {
     gl.deleteBuffer(this.corners);
     this.project.delete();
     this.splat.delete();
+    this.fade.delete();
   }
 
   private upload(file: DecodedFile): PointTextures {
@@ -341,54 +353,4 @@ function rowOfQuads(): Uint16Array {
   const indices = new Uint16Array(6 * TEXTURE_WIDTH);
   for (let i = 0; i < TEXTURE_WIDTH; i++) indices.set([0, 1, 2, 2, 1, 3].map((corner) => 4 * i + corner), 6 * i);
   return indices;
-}
-
-class Program {
-  private readonly program: WebGLProgram;
-  private readonly stages: WebGLShader[];
-  private readonly locations = new Map<string, WebGLUniformLocation | null>();
-
-  /** Returns at once: drivers compile on threads of their own until somebody asks for the result. */
-  constructor(private readonly gl: WebGL2RenderingContext, vertex: string, fragment: string) {
-    this.program = gl.createProgram();
-    this.stages = [compile(gl, gl.VERTEX_SHADER, vertex), compile(gl, gl.FRAGMENT_SHADER, fragment)];
-    for (const stage of this.stages) gl.attachShader(this.program, stage);
-    gl.linkProgram(this.program);
-  }
-
-  /** Wait until it is compiled. Throws `ReelError` where the driver refuses it. */
-  check(): void {
-    const { gl, program, stages } = this;
-    if (gl.getProgramParameter(program, gl.LINK_STATUS) || gl.isContextLost()) return stages.forEach((stage) => gl.deleteShader(stage));
-    const why = [...stages.map((stage) => gl.getShaderInfoLog(stage)), gl.getProgramInfoLog(program)].filter(Boolean).join(" ");
-    throw new ReelError(`This device's graphics driver refuses the player's shaders: ${why}`);
-  }
-
-  use(): void {
-    this.gl.useProgram(this.program);
-  }
-
-  at(name: string): WebGLUniformLocation | null {
-    let location = this.locations.get(name);
-    if (location === undefined) this.locations.set(name, (location = this.gl.getUniformLocation(this.program, name)));
-    return location;
-  }
-
-  texture(name: string, unit: number, target: number, texture: WebGLTexture | null): void {
-    const { gl } = this;
-    gl.activeTexture(gl.TEXTURE0 + unit);
-    gl.bindTexture(target, texture);
-    gl.uniform1i(this.at(name), unit);
-  }
-
-  delete(): void {
-    this.gl.deleteProgram(this.program);
-  }
-}
-
-function compile(gl: WebGL2RenderingContext, type: number, source: string): WebGLShader {
-  const shader = gl.createShader(type)!;
-  gl.shaderSource(shader, source);
-  gl.compileShader(shader);
-  return shader;
 }

@@ -207,3 +207,18 @@ void main() {
   float alpha = min(0.999, vColor.a * exp2(vFall * square));
   outColor = vec4(vColor.rgb * alpha, alpha);
 }`;
+
+/** One triangle over the whole view. */
+export const fadeVertex = `#version 300 es
+void main() {
+  gl_Position = vec4(vec2(gl_VertexID & 1, gl_VertexID >> 1) * 4.0 - 1.0, 0.0, 1.0);
+}`;
+
+export const fadeFragment = `#version 300 es
+precision highp float;
+uniform sampler2D uPicture;
+uniform ivec2 uCorner;
+out vec4 outColor;
+void main() {
+  outColor = texelFetch(uPicture, ivec2(gl_FragCoord.xy) - uCorner, 0);
+}`;

@@ -13,7 +13,6 @@ from playwright.sync_api import Page
 from safetensors import safe_open
 from safetensors.numpy import save
 
-from splatreel.kernels.image import render_image
 from splatreel.play.server import Server
 from splatreel.play.timeline import open_reel
 from splatreel.scene.camera import Camera
@@ -128,7 +127,7 @@ def test_pictures_match_the_python_render(page: Page, server: Server, seconds: f
     reel = open_reel(GOLDEN)
     open_player(page, server)
     for camera in (reel.manifest.camera, reel.manifest.cameras[1].resized(120, 100)):
-        want = np.clip(render_image(reel.at(seconds), camera), 0, 1)
+        want = np.clip(reel.render(reel.at(seconds), camera), 0, 1)
         assert want.std() > 0.05
         assert psnr(picture(page, seconds, camera), want) >= 45
 
@@ -155,7 +154,7 @@ def test_seeks_to_any_group_and_back(page: Page, server: Server):
     open_player(page, server)
     camera = reel.manifest.camera
     for seconds in (0.39, 0.0, 0.21, 0.39):
-        want = np.clip(render_image(reel.at(seconds), camera), 0, 1)
+        want = np.clip(reel.render(reel.at(seconds), camera), 0, 1)
         assert psnr(picture(page, seconds, camera), want) >= 45, f"at {seconds} s"
 
 
@@ -209,7 +208,7 @@ def test_a_lost_graphics_device_is_said_and_comes_back(page: Page, server: Serve
     assert alert.is_hidden()
     assert page.evaluate(f"{PLAYER}.currentTime") == pytest.approx(0.3)
     reel = open_reel(GOLDEN)
-    want = np.clip(render_image(reel.at(0.3), reel.manifest.camera), 0, 1)
+    want = np.clip(reel.render(reel.at(0.3), reel.manifest.camera), 0, 1)
     assert psnr(picture(page, 0.3, reel.manifest.camera), want) >= 45
 
 

@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 from playwright.sync_api import Page
 
-from splatreel.kernels.image import render_image
 from splatreel.play.server import Server
 from splatreel.play.timeline import open_reel
 from splatreel.scene.camera import Camera
@@ -66,7 +65,7 @@ def eyes(page: Page) -> tuple[np.ndarray, np.ndarray]:
     return both[:, :SIDE], both[:, SIDE:]
 
 
-def expected(side: int) -> np.ndarray:
+def expected(side: int, seconds: float = 0.0) -> np.ndarray:
     """The CPU's picture of an eye: beside the reel's camera, whose median distance to the middle is two metres."""
     reel = open_reel(GOLDEN)
     middle = np.asarray(reel.manifest.bounds).mean(0)
@@ -75,7 +74,7 @@ def expected(side: int) -> np.ndarray:
     viewmat = start.viewmat.copy()
     viewmat[0, 3] -= side * APART / 2 / metres
     K = np.array([[0.75 * SIDE, 0, SIDE / 2], [0, 0.75 * SIDE, SIDE / 2], [0, 0, 1]])
-    return np.clip(render_image(reel.at(0), Camera("eye", viewmat, K, SIDE, SIDE)), 0, 1)
+    return np.clip(reel.render(reel.at(seconds), Camera("eye", viewmat, K, SIDE, SIDE)), 0, 1)
 
 
 @pytest.mark.parametrize("space", ["local-floor", "local"])
@@ -92,6 +91,19 @@ def test_each_eye_sees_its_own_picture(page: Page, server: Server, space: str):
         assert want.std() > 0.05
         assert -10 * np.log10(np.mean((got - want) ** 2)) > 40
     assert np.abs(expected(-1) - expected(1)).mean() > 0.003, "the eyes see the same"
+
+
+def test_where_groups_meet_either_eye_sees_their_pictures_fade(page: Page, server: Server):
+    page.add_init_script(HEADSET)
+    open_player(page, server)
+    page.evaluate(f"window.space = 'local-floor'; {PLAYER}.currentTime = 0.225")
+    page.locator("splat-reel").get_by_role("button", name="Enter VR").click()
+    page.wait_for_function(f"{PLAYER}.presented && {PLAYER}.stage.pictures > 3 && !{PLAYER}.seeking")
+    page.wait_for_timeout(500)
+    for side, got in zip((-1, 1), eyes(page), strict=True):
+        want, before = expected(side, 0.225), expected(side)
+        assert -10 * np.log10(np.mean((got - want) ** 2)) > 40
+        assert -10 * np.log10(np.mean((got - before) ** 2)) < 35
 
 
 def test_a_pinch_plays_and_leaving_goes_back_to_the_page(page: Page, server: Server):

@@ -8,7 +8,6 @@ import pytest
 pytest.importorskip("playwright.sync_api", reason="the browser tests need the playwright package")
 from playwright.sync_api import Page, Route
 
-from splatreel.kernels.image import render_image
 from splatreel.play.server import Server, serve
 from splatreel.play.timeline import open_reel
 from tests.golden import PREDICTIVE
@@ -55,7 +54,7 @@ def test_pictures_match_the_python_render(page: Page, server: Server) -> None:
     open_player(page, server)
     for seconds in (0.05, 0.225, 0.31):
         camera = reel.manifest.camera
-        want = np.clip(render_image(reel.at(seconds), camera, antialias=True), 0, 1)
+        want = np.clip(reel.render(reel.at(seconds), camera), 0, 1)
         assert want.std() > 0.05
         assert psnr(picture(page, seconds, camera), want) >= 45
     assert not [url for url in fetched if "draco" in url or "hevc" in url]

@@ -7,7 +7,6 @@ import pytest
 from PIL import Image
 from playwright.sync_api import Browser
 
-from splatreel.kernels.image import render_image
 from splatreel.play.renderers import renderer
 from splatreel.play.timeline import open_reel
 from splatreel.play.viewer import Viewer
@@ -37,7 +36,7 @@ def test_a_browser_sees_what_the_kernels_draw(browser: Browser) -> None:
         playing = viewer.clock.playing
         page.close()
     assert playing
-    want = np.clip(render_image(reel.at(0.3), reel.manifest.camera.resized(640, 480)), 0, 1)
+    want = np.clip(reel.render(reel.at(0.3), reel.manifest.camera.resized(640, 480)), 0, 1)
     below = slice(240, None)  # the panel and a warning cover what is above
     error = np.mean((shot[below] - want[below]) ** 2)
     assert want[below].std() > 0.05

@@ -19,10 +19,10 @@ Draw = Callable[[Gaussians, Camera, float, bool, Color], np.ndarray]
 
 def renderer(name: Literal["cpu", "cuda"]) -> Draw:
     """The function that draws. Raises `UsageError` where there is no CUDA device; torch is imported for CUDA only."""
-    return _cuda() if name == "cuda" else _cpu
+    return _cuda() if name == "cuda" else draw_on_cpu
 
 
-def _cpu(gaussians: Gaussians, camera: Camera, near: float, antialias: bool, background: Color) -> np.ndarray:
+def draw_on_cpu(gaussians: Gaussians, camera: Camera, near: float, antialias: bool, background: Color) -> np.ndarray:
     return render_image(gaussians, camera, near=near, antialias=antialias, background=background)
 
 

@@ -10,24 +10,35 @@ import numpy as np
 from splatreel.codec.manifest import Manifest
 from splatreel.codec.reader import ReelReader
 from splatreel.errors import ReelError
-from splatreel.kernels.image import render_image
+from splatreel.play.renderers import Draw, draw_on_cpu
 from splatreel.scene.camera import Camera
 from splatreel.scene.gaussians import Gaussians
 from splatreel.scene.group import Group
 
 
 class Moment(Gaussians):
-    """All that a reel shows at a moment. rests: [N] bool, its static points. light: [3], what has brightened all colours."""
+    """All that a reel shows at a moment. rests: [N] bool, its static points. light: [3], what has brightened all colours.
+
+    fade: where one group fades to the next, what either shows alone, and the weight of the next.
+    """
 
     rests: np.ndarray
     light: np.ndarray
+    fade: tuple[Moment, Moment, float] | None
 
-    def __init__(self, parts: list[Gaussians], rests: list[bool], light: np.ndarray) -> None:
-        """rests: which of the parts do."""
-        everything = _joined(parts)
+    def __init__(
+        self,
+        parts: list[Gaussians],
+        rests: list[bool],
+        light: np.ndarray | None,
+        fade: tuple[Moment, Moment, float] | None = None,
+    ) -> None:
+        """rests: which of the parts do. light: None if it is as ever."""
+        everything = _joined(parts if light is None else [part.brightened(light) for part in parts])
         super().__init__(everything.means, everything.quats, everything.scales, everything.opacities, everything.sh)
         object.__setattr__(self, "rests", np.repeat(rests, [len(part) for part in parts]))
-        object.__setattr__(self, "light", light)
+        object.__setattr__(self, "light", np.ones(3) if light is None else light)
+        object.__setattr__(self, "fade", fade)
 
 
 class Timeline:
@@ -56,7 +67,8 @@ class Timeline:
     def at(self, seconds: float) -> Moment:
         """Everything visible at a time, ready to render; times outside of the reel are clamped.
 
-        In the overlap the old group's points fade out and the new one's fade in; what is alive in both stays as it is.
+        In the overlap the old group's points fade out and the new one's fade in; what is alive in both stays as it is. `render`
+        does better there: it fades pictures.
         Raises `ReelError` for a damaged file or a live reel that has no group yet, ValueError for NaN.
         """
         if np.isnan(seconds):
@@ -67,29 +79,28 @@ class Timeline:
         index = max(bisect.bisect_right([g.first_frame for g in self.manifest.groups], frame) - 1, 0)
         new = self.reel.group(index)
         weight = self._weight(frame, new)
-        if index == 0 or weight >= 1:
-            parts, rests = [self.reel.static(index)[0][new.alive], new.at(frame - new.first_frame)], [True, False]
-        else:
-            parts, rests = self._faded(frame, weight, self.reel.group(index - 1), new), [True, True, False, True, False]
         light = new.light_at(frame - new.first_frame)
-        if light is None:
-            return Moment(parts, rests, np.ones(3))
-        return Moment([part.brightened(light) for part in parts], rests, light)
+        if index == 0 or weight >= 1:
+            parts = [self.reel.static(index)[0][new.alive], new.at(frame - new.first_frame)]
+            return Moment(parts, [True, False], light)
+        return self._fading(frame, weight, self.reel.group(index - 1), new, light)
+
+    def render(self, gaussians: Gaussians, camera: Camera, draw: Draw = draw_on_cpu) -> np.ndarray:
+        """The picture that a camera takes of Gaussians of this reel, [H, W, 3] float32, drawn as the manifest says.
+
+        Where one group fades to the next, of a moment it is the pictures of both that fade.
+        """
+        if isinstance(gaussians, Moment) and gaussians.fade is not None:
+            old, new, weight = gaussians.fade
+            return (1 - weight) * self.render(old, camera, draw) + weight * self.render(new, camera, draw)
+        manifest = self.manifest
+        return draw(self.seen(gaussians, camera), camera, manifest.near, manifest.antialias, self.background(gaussians))
 
     def seen(self, gaussians: Gaussians, camera: Camera) -> Gaussians:
         """What of a moment's Gaussians is drawn for a camera: of static points, what its surroundings leave (`Clearance`)."""
         if not isinstance(gaussians, Moment) or not self.manifest.clearance.share:
             return gaussians
         return gaussians[~(gaussians.rests & self.manifest.clearance.hides(gaussians.means, camera))]
-
-    def render(self, gaussians: Gaussians, camera: Camera) -> np.ndarray:
-        """The picture that a camera takes of Gaussians of this reel, [H, W, 3] float32, drawn as the manifest says."""
-        how = {
-            "near": self.manifest.near,
-            "antialias": self.manifest.antialias,
-            "background": self.background(gaussians),
-        }
-        return render_image(self.seen(gaussians, camera), camera, **how)
 
     def background(self, gaussians: Gaussians) -> tuple[float, float, float]:
         """Red, green and blue where nothing is, in a moment's light."""
@@ -103,14 +114,16 @@ class Timeline:
         # Eased: an opaque point in front of the others shows half of its colour at a tenth of its weight.
         return share * share * (3 - 2 * share)
 
-    def _faded(self, frame: float, weight: float, old: Group, new: Group) -> list[Gaussians]:
-        """Static points that stay, static and dynamic ones that leave, and both that come."""
+    def _fading(self, frame: float, weight: float, old: Group, new: Group, light: np.ndarray | None) -> Moment:
         static, _ = self.reel.static(new.index)
         was = np.zeros(len(static), bool)
         was[: len(old.alive)] = old.alive  # layers only append: the old group's points are the first ones
+        both = static[was & new.alive]
         leaving = [static[was & ~new.alive], old.at(frame - old.first_frame)]
         coming = [static[new.alive & ~was], new.at(frame - new.first_frame)]
-        return [static[was & new.alive], *(p.faded(1 - weight) for p in leaving), *(p.faded(weight) for p in coming)]
+        before, after = (Moment([both, *alone], [True, True, False], light) for alone in (leaving, coming))
+        parts = [both, *(p.faded(1 - weight) for p in leaving), *(p.faded(weight) for p in coming)]
+        return Moment(parts, [True, True, False, True, False], light, (before, after, weight))
 
 
 def open_reel(location: str | Path, rendition: str | None = None) -> Timeline:

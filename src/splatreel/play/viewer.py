@@ -171,9 +171,7 @@ class Viewer:
         began = time.perf_counter()
         if self._moment is None or self._moment[0] != self.clock.time:
             self._moment = (self.clock.time, self.reel.at(self.clock.time))
-        shown = self.reel.seen(self._moment[1], view)
-        manifest, background = self.reel.manifest, self.reel.background(self._moment[1])
-        image = self._draw(shown, view, manifest.near, manifest.antialias, background)
+        image = self.reel.render(self._moment[1], view, self._draw)
         taken = (time.perf_counter() - began) / (view.width * view.height)
         self._pace += 0.3 * (taken - self._pace)
         return np.rint(np.clip(image, 0, 1) * 255).astype(np.uint8)
