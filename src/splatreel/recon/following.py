@@ -126,8 +126,8 @@ class _Watch:
     def appeared(self, trails: list[Trail], frame: int, faulty: Faults) -> tuple[Gaussians, np.ndarray]:
         """Gaussians, in place at a frame, of what the views show there and the scene does not, and about how they move, [N, 3]."""
         moving, tracker = _moved(trails), self.tracker
-        depths, here = tracker.depths(moving), tracker.frames[frame]
-        found = find(tracker.cameras, here, faulty, depths, tracker.near, trails[0].here.means, seed=frame)
+        depths, here, first = tracker.depths(moving), tracker.frames[frame], moving.means[: len(trails[0].points)]
+        found = find(tracker.cameras, here, faulty, depths, tracker.near, first, seed=frame)
         way = 1 if frame + 1 < len(tracker.frames) else -1
         there = tracker.frames[frame + way]
         motion = way * leaps(found.points, found.sizes, tracker.cameras, here, there, depths, tracker.near)

@@ -14,7 +14,7 @@ from scipy.spatial import KDTree
 
 from splatreel.errors import ReconstructionError
 from splatreel.recon import planesweep
-from splatreel.recon.planesweep import DepthMap, inside, project, unproject
+from splatreel.recon.planesweep import DepthMap, inside, project, seen_depths, unproject
 from splatreel.recon.triangulate import triangulate
 from splatreel.scene.camera import Camera, focus_point
 
@@ -109,7 +109,7 @@ def near_plane(cameras: list[Camera], points: np.ndarray) -> float:
     one lets training glue splats to the lens of a camera that looks into the room from its wall, a larger one hides who walks up
     to a camera.
     """
-    depths = np.concatenate(_seen_depths(cameras, np.asarray(points, np.float64)))
+    depths = np.concatenate(seen_depths(cameras, np.asarray(points, np.float64)))
     if len(depths) < ENOUGH_POINTS:
         return 0.05 * _focus_distance(cameras)
     return float(np.clip(0.25 * np.percentile(depths, 1), 0.03 * np.median(depths), 0.1 * np.median(depths)))
@@ -121,7 +121,7 @@ def depth_ranges(cameras: list[Camera], points: np.ndarray, near: float | None =
     From the points in its view, with a margin; a camera that sees too few takes the range of all, and without any the distance to
     the cameras' common focus decides.
     """
-    seen = _seen_depths(cameras, points)
+    seen = seen_depths(cameras, points)
     pooled = np.concatenate(seen)
     ranges = np.empty((len(cameras), 2))
     for i, depths in enumerate(seen):
@@ -150,15 +150,6 @@ def _check(cameras: list[Camera], images: np.ndarray, points: np.ndarray | None)
             )
     if points is not None and not np.isfinite(points).all():
         raise ReconstructionError("Initial points: the capture's points hold NaN or infinity. Remove those points.")
-
-
-def _seen_depths(cameras: list[Camera], points: np.ndarray) -> list[np.ndarray]:
-    """The depths of the points inside each camera's image."""
-    found = []
-    for camera in cameras:
-        pixels, depth = project(camera, points)
-        found.append(depth[inside(camera, pixels)])
-    return found
 
 
 def _focus_distance(cameras: list[Camera]) -> float:

@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from splatreel.recon.planesweep import seen_depths
 from splatreel.scene.camera import Camera
 from splatreel.scene.clearance import NONE, Clearance
 
@@ -67,7 +68,7 @@ def clearance_of(cameras: list[Camera], points: np.ndarray) -> Clearance:
     whole = Clearance((float(focus[0]), float(focus[1]), float(focus[2])), 1.0)
     nearest = [
         np.percentile(depths, 0.5) / whole.depth(camera)
-        for camera, depths in zip(cameras, _seen_depths(cameras, points), strict=True)
+        for camera, depths in zip(cameras, seen_depths(cameras, points), strict=True)
         if len(depths) and whole.depth(camera) > 0
     ]
     share = min(CLEAR * min(nearest, default=0.0), MOST_CLEAR)
@@ -85,18 +86,5 @@ def border_color(images: np.ndarray) -> tuple[float, float, float]:
 
 def viewing_distance(cameras: list[Camera], points: np.ndarray) -> float:
     """Median over the cameras of the median depth of the points each one sees."""
-    medians = [float(np.median(depths)) for depths in _seen_depths(cameras, points) if len(depths)]
+    medians = [float(np.median(depths)) for depths in seen_depths(cameras, points) if len(depths)]
     return float(np.median(medians)) if medians else 1.0
-
-
-def _seen_depths(cameras: list[Camera], points: np.ndarray) -> list[np.ndarray]:
-    """The depths of the points in each camera's picture."""
-    found = []
-    for camera in cameras:
-        local = points @ camera.viewmat[:3, :3].T + camera.viewmat[:3, 3]
-        pixels = local @ camera.K.T
-        z = np.maximum(pixels[:, 2], 1e-9)
-        u, v = pixels[:, 0] / z, pixels[:, 1] / z
-        seen = (pixels[:, 2] > 1e-6) & (u >= 0) & (v >= 0) & (u < camera.width) & (v < camera.height)
-        found.append(local[seen, 2])
-    return found

@@ -97,6 +97,15 @@ def inside(camera: Camera, pixels: np.ndarray) -> np.ndarray:
     return (x >= 0) & (x < camera.width) & (y >= 0) & (y < camera.height)
 
 
+def seen_depths(cameras: list[Camera], points: np.ndarray) -> list[np.ndarray]:
+    """The depths of the points inside each camera's image."""
+    found = []
+    for camera in cameras:
+        pixels, depth = project(camera, points)
+        found.append(depth[inside(camera, pixels)])
+    return found
+
+
 def _cost_volume(
     camera: Camera, gray: np.ndarray, others: list[tuple[Camera, np.ndarray]], depths: np.ndarray
 ) -> np.ndarray:
