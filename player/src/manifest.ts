@@ -1,7 +1,9 @@
 /** manifest.json of a reel (docs/format.md): reading and checking. */
 import { downloadText, type Watcher } from "./download";
 import { ReelError } from "./errors";
+import { list, number, numbers, plainPath, positive, record, type Json } from "./json";
 import type { Vec3 } from "./matrix";
+import { parsePresentation, type Presentation } from "./presentation";
 
 /** A pinhole camera, OpenCV: K [9] in pixels and viewmat [16] world to camera, both row by row. */
 export interface Camera {
@@ -63,9 +65,9 @@ export interface Manifest {
   groups: ReelFile[];
   /** Best first; the first is that of the groups' own files. Layers are common to all. Empty where there is nothing to choose. */
   renditions: Rendition[];
+  /** What there is for people beside the points. */
+  presentation: Presentation;
 }
-
-type Json = Record<string, unknown>;
 
 /** Download and check a manifest. Throws `ReelError` with the url in its message. */
 export async function loadManifest(url: string, watcher: Watcher, signal: AbortSignal): Promise<Manifest> {
@@ -110,6 +112,7 @@ export function parseManifest(value: unknown, url: string): Manifest {
     layers: list(json.layers, "layers").map((item, index) => parseFile(item, index)),
     groups,
     renditions: names.map((name) => ({ name, bytes: groups.reduce((sum, group) => sum + fileOf(group, name).bytes, 0) })),
+    presentation: parsePresentation(json),
   };
 }
 
@@ -150,16 +153,10 @@ function parseGroup(value: unknown, index: number, names: string[]): ReelFile {
   return group;
 }
 
-/** Inside of the reel: no other host, no way up, nothing hidden. */
-const PLAIN_PATH = /^[A-Za-z0-9_][A-Za-z0-9_.-]*(\/[A-Za-z0-9_][A-Za-z0-9_.-]*)*$/;
-
 function parseFile(value: unknown, index: number): ReelFile {
   const json = record(value, "a file");
-  if (typeof json.uri !== "string" || json.uri.length > 500 || !PLAIN_PATH.test(json.uri)) {
-    throw new ReelError(`The manifest is damaged: it names the file ${JSON.stringify(json.uri)?.slice(0, 100)}; only plain relative paths are read.`);
-  }
   return {
-    uri: json.uri,
+    uri: plainPath(json.uri),
     bytes: number(json.bytes, "bytes"),
     sha256: typeof json.sha256 === "string" ? json.sha256 : null,
     firstFrame: number(json.first_frame ?? 0, "first_frame"),
@@ -179,35 +176,4 @@ function parseCamera(value: unknown): Camera {
     K: numbers(json.K, 9, "camera K"),
     viewmat: numbers(json.viewmat, 16, "camera viewmat"),
   };
-}
-
-function record(value: unknown, what: string): Json {
-  if (typeof value !== "object" || value === null || Array.isArray(value)) {
-    throw new ReelError(`The manifest is damaged: ${what} is not an object.`);
-  }
-  return value as Json;
-}
-
-function list(value: unknown, what: string): unknown[] {
-  if (!Array.isArray(value)) throw new ReelError(`The manifest is damaged: ${what} is not a list.`);
-  return value;
-}
-
-function number(value: unknown, what: string): number {
-  if (typeof value !== "number" || !Number.isFinite(value)) {
-    throw new ReelError(`The manifest is damaged: ${what} is ${JSON.stringify(value)}, not a number.`);
-  }
-  return value;
-}
-
-function positive(value: unknown, what: string): number {
-  const result = number(value, what);
-  if (result <= 0) throw new ReelError(`The manifest is damaged: ${what} is ${result}.`);
-  return result;
-}
-
-function numbers(value: unknown, count: number, what: string): number[] {
-  const result = list(value, what).flat();
-  if (result.length !== count) throw new ReelError(`The manifest is damaged: ${what} has ${result.length} numbers, not ${count}.`);
-  return result.map((item) => number(item, what));
 }

@@ -72,3 +72,41 @@ test("renditions that are not whole are refused", () => {
     assert.throws(() => parseManifest(document, URL), { name: "ReelError" }, String(change));
   }
 });
+
+const SHA = "0".repeat(64);
+const asset = (uri: string): Document => ({ uri, bytes: 10, sha256: SHA });
+
+function presented(document: Document): void {
+  Object.assign(document, {
+    title: "Two chairs",
+    poster: { ...asset("poster.jpg"), width: 640, height: 360 },
+    thumbnails: { width: 96, height: 54, columns: 5, rows: 5, seconds: 0.5, count: 30, sheets: [asset("a.jpg"), asset("b.jpg")] },
+    sound: { type: 'audio/mp4; codecs="opus"', rate: 48000, channels: 2, init: asset("i.mp4"), segments: [{ ...asset("0.m4s"), start: 0, seconds: 2 }] },
+    limits: { focus: [0, 1, 0], angle: 25 },
+  });
+}
+
+test("what a manifest says for people is read, and may be absent", () => {
+  const none = parseManifest(JSON.parse(TEXT), URL).presentation;
+  assert.deepEqual([none.title, none.poster, none.thumbnails, none.sound, none.limits], ["", null, null, null, null]);
+  const { title, poster, thumbnails, sound, limits } = parseManifest(edited(presented), URL).presentation;
+  assert.equal(title, "Two chairs");
+  assert.equal(poster!.uri, "poster.jpg");
+  assert.equal(thumbnails!.sheets.length, 2);
+  assert.deepEqual([sound!.segments[0].seconds, sound!.position], [2, null]);
+  assert.deepEqual(limits, { focus: [0, 1, 0], angle: 25, distance: null, floor: null });
+});
+
+test("what makes no sense there is refused", () => {
+  const bad: [string, (document: Document) => void][] = [
+    ["text", (d) => (d.title = 7)],
+    ["poster path", (d) => (d.poster.uri = "https://example.org/x.jpg")],
+    ["poster size", (d) => (d.poster.width = 0)],
+    ["sheets", (d) => (d.thumbnails.count = 51)],
+    ["sound type", (d) => (d.sound.type = "text/html")],
+    ["segments", (d) => (d.sound.segments[0].start = null)],
+    ["focus", (d) => (d.limits.focus = [0, 0])],
+    ["distances", (d) => (d.limits.distance = [3, 1])],
+  ];
+  for (const [what, change] of bad) assert.throws(() => parseManifest(edited((d) => (presented(d), change(d))), URL), { name: "ReelError" }, what);
+});

@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 
+from splatreel.codec.presentation import EMPTY, Asset, Presentation, parse_digest, parse_presentation, parse_uri
 from splatreel.codec.quantize import boolean, integer, number, numbers
 from splatreel.errors import ReelError
 from splatreel.scene.camera import Camera
@@ -26,7 +27,6 @@ MAX_FILE_BYTES = 1 << 30
 MAX_RENDITIONS = 16
 BLACK = (0.0, 0.0, 0.0)
 _NAME = re.compile(r"[a-z0-9][a-z0-9_-]{0,31}")
-_URI = re.compile(r"[A-Za-z0-9_][A-Za-z0-9_.-]*(/[A-Za-z0-9_][A-Za-z0-9_.-]*)*")
 _BIG = 1 << 40
 
 
@@ -74,12 +74,18 @@ class Manifest:
     layers: tuple[FileEntry, ...] = ()
     groups: tuple[FileEntry, ...] = ()
     renditions: tuple[str, ...] = ()
+    presentation: Presentation = EMPTY
 
     @property
     def files(self) -> list[FileEntry]:
-        """Every file of the reel but the manifest."""
+        """Every file that holds points."""
         others = (entry for group in self.groups for entry in group.renditions.values())
         return [*self.layers, *self.groups, *others]
+
+    @property
+    def assets(self) -> list[Asset]:
+        """Every other file of the reel but the manifest."""
+        return self.presentation.assets
 
     def of_rendition(self, name: str) -> Manifest:
         """What the manifest would be with this rendition alone. Raises `ReelError` for one that the reel has not."""
@@ -126,6 +132,7 @@ class Manifest:
             document["clearance"] = {"focus": _short(np.array(self.clearance.focus)), "share": self.clearance.share}
         if self.renditions:
             document["renditions"] = [{"name": n, "bytes": b} for n, b in self.rendition_bytes().items()]
+        document |= self.presentation.to_json()
         document |= {
             "layers": [_file_to_json(layer, "layer") for layer in self.layers],
             "groups": [_file_to_json(group, "group") for group in self.groups],
@@ -190,6 +197,7 @@ def _parse(document: dict[str, Any]) -> Manifest:
         layers=tuple(layers),
         groups=tuple(groups),
         renditions=names,
+        presentation=parse_presentation(document),
     )
     for entry, (name, size) in zip(document.get("renditions", []), manifest.rendition_bytes().items(), strict=False):
         if integer(entry, "bytes", 0, _BIG) != size:
@@ -237,15 +245,10 @@ def _parse_file(entry: object, kind: str, index: int) -> FileEntry:
     try:
         if not isinstance(entry, dict):
             raise ReelError("is not an object.")
-        uri, digest = entry.get("uri"), entry.get("sha256")
-        if not isinstance(uri, str) or len(uri) > 500 or not _URI.fullmatch(uri):
-            raise ReelError(f"has the uri {uri!r:.100}; only plain relative paths inside the reel are read.")
-        if not isinstance(digest, str) or not re.fullmatch("[0-9a-f]{64}", digest):
-            raise ReelError(f"has the sha256 {digest!r:.100}, expected 64 hexadecimal digits.")
         return FileEntry(
-            uri=uri,
+            uri=parse_uri(entry),
             bytes=integer(entry, "bytes", 1, MAX_FILE_BYTES),
-            sha256=digest,
+            sha256=parse_digest(entry),
             first_frame=integer(entry, "first_frame", 0, _BIG),
             frames=integer(entry, "frames", 1, _BIG) if kind == "group" else 0,
             points=integer(entry, "points", 0, _BIG),

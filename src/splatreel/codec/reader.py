@@ -10,6 +10,7 @@ import numpy as np
 
 from splatreel.codec.group_file import decode_group, decode_layer
 from splatreel.codec.manifest import MAX_BYTES, FileEntry, Manifest, parse_manifest
+from splatreel.codec.presentation import Asset
 from splatreel.codec.source import open_source
 from splatreel.errors import ReelError
 from splatreel.scene.gaussians import Gaussians
@@ -89,7 +90,7 @@ class ReelReader:
         self._groups.move_to_end(index)
         return self._groups[index]
 
-    def read_file(self, entry: FileEntry) -> bytes:
+    def read_file(self, entry: FileEntry | Asset) -> bytes:
         """The bytes of a file, of the length and digest the manifest says. Raises `ReelError` otherwise."""
         name = self._source.name(entry.uri)
         data = self._source.read(entry.uri, entry.bytes)

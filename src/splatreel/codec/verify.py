@@ -41,16 +41,18 @@ def verify_reel(location: str | Path) -> Verified:
         chosen = ReelReader(location, rendition)
         for index in range(len(manifest.groups)):
             problems += _problems(lambda r=chosen, i=index: _check_group(r, i))
+    for asset in manifest.assets:
+        problems += _problems(lambda a=asset: reel.read_file(a))
     problems += _problems(lambda: _check_frames(reel))
     if problems:
         raise ReelError("\n".join(problems))
     return Verified(
-        files=len(manifest.files) + 1,
-        bytes=sum(entry.bytes for entry in manifest.files),
+        files=len(manifest.files) + len(manifest.assets) + 1,
+        bytes=sum(entry.bytes for entry in [*manifest.files, *manifest.assets]),
         layers=len(manifest.layers),
         groups=len(manifest.groups),
         points=sum(entry.points for entry in (*manifest.layers, *manifest.groups)),
-        strangers=_strangers(Path(location), {"manifest.json"} | {entry.uri for entry in manifest.files}),
+        strangers=_strangers(Path(location), {"manifest.json"} | {e.uri for e in [*manifest.files, *manifest.assets]}),
     )
 
 
@@ -61,7 +63,7 @@ def _strangers(location: Path, known: set[str]) -> list[str]:
     return sorted({path.relative_to(folder).as_posix() for path in folder.rglob("*") if path.is_file()} - known)
 
 
-def _problems(check: Callable[[], None]) -> list[str]:
+def _problems(check: Callable[[], object]) -> list[str]:
     try:
         check()
     except (ReelError, GaussiansError) as error:

@@ -12,6 +12,7 @@ import numpy as np
 from splatreel.codec.container import write_atomically
 from splatreel.codec.group_file import decode_group, decode_layer, encode_group, encode_layer
 from splatreel.codec.manifest import BLACK, FileEntry, Manifest, parse_manifest
+from splatreel.codec.presentation import EMPTY, Asset, Presentation
 from splatreel.config import EncodeConfig
 from splatreel.errors import ReelError
 from splatreel.scene.camera import Camera
@@ -26,7 +27,7 @@ class ReelWriter:
     For every group, in order: `add_layer` if static points are born at it, then `add_group`. With `resume` the
     groups already published are kept, as far as their files are there; to go on, start with any index up to their number
     (with its layer, if it has one): the group of that index and all later ones are dropped. Without it, a reel that is
-    already in `path` is dropped.
+    already in `path` is dropped, with what it says for people (`present`).
 
     config: with renditions, every group is written in each of them; what comes back decoded is the best.
     fps: frames a second. bounds: [2, 3] box of the content. up: [3] unit. near: least depth to draw. clearance: of static points.
@@ -81,6 +82,9 @@ class ReelWriter:
             self._manifest = self._manifest.with_files(list(published.layers), list(published.groups))
             same = published.renditions == self._manifest.renditions
             self._drop_from(self._intact() if resume and same else 0)
+            self._manifest = replace(self._manifest, presentation=published.presentation)
+            if not (resume and same):
+                self.present(EMPTY)
 
     @property
     def manifest(self) -> Manifest:
@@ -151,6 +155,18 @@ class ReelWriter:
         self._publish(self._manifest.with_files(layers, [*self._manifest.groups, entry]))
         self._pending = None
         return decode_group(files[entry.uri], entry.uri)
+
+    def write_asset(self, uri: str, data: bytes) -> Asset:
+        """Write a picture or a piece of sound, for a presentation to name."""
+        write_atomically(self.path / uri, data)
+        return Asset(uri, len(data), hashlib.sha256(data).hexdigest())
+
+    def present(self, presentation: Presentation) -> None:
+        """Say this beside the points from now on: words, and assets that are written. What it no longer names is deleted."""
+        left = {asset.uri for asset in self._manifest.assets} - {asset.uri for asset in presentation.assets}
+        self._publish(replace(self._manifest, presentation=presentation), live=self._manifest.live)
+        for uri in left:
+            self._delete(uri)
 
     def finish(self) -> None:
         """Declare the reel complete. Raises `ReelError` if it has no group."""
