@@ -34,9 +34,12 @@ const WALK = 0.6;
 const ZOOM = 1.2;
 const RATES = [0.25, 0.5, 0.75, 1, 1.25, 1.5, 2];
 
-/** Listen at a player's element until the signal. Returns what there is, for the help: title, then keys and what they do. */
-export function attachKeys(host: HTMLElement, player: Player, actions: Actions, signal: AbortSignal): [string, Line[]][] {
-  const table: [string, Line[]][] = [["Time", timeLines(player, actions)], ["View", viewLines(player, actions)]];
+/** Titles, and the keys below each with what they do. */
+export type KeyTable = [string, Line[]][];
+
+/** Listen at a player's element until the signal. Returns what there is, for the help. */
+export function attachKeys(host: HTMLElement, player: Player, actions: Actions, signal: AbortSignal): KeyTable {
+  const table: KeyTable = [["Time", timeLines(player, actions)], ["View", viewLines(player, actions)]];
   const bindings = new Map<string, Binding>();
   for (const [, lines] of table) for (const line of lines) for (const binding of line.bindings) for (const key of binding.keys) bindings.set(key, binding);
   const down = new Map<string, Partial<Motion>>();

@@ -1,5 +1,6 @@
 /** The settings over the bar. */
 import { BACK, ON } from "./icons";
+import { elementOf } from "./markup";
 import type { Player } from "./player";
 import type { Quality } from "./resolution";
 
@@ -31,10 +32,10 @@ export interface MenuActions {
 }
 
 export class Menu {
+  readonly box = elementOf(`<div class="sheet menu" role="group" aria-label="Settings" hidden>${MARKUP}</div>`);
   statistics = false;
 
-  constructor(private readonly box: HTMLElement, private readonly player: Player, actions: MenuActions) {
-    box.innerHTML = MARKUP;
+  constructor(private readonly player: Player, actions: MenuActions) {
     this.input("rate").onchange = () => void (player.playbackRate = Number(this.input("rate").value));
     this.input("rendition").onchange = () => void (player.rendition = this.input("rendition").value || null);
     this.input("quality").onchange = () => {

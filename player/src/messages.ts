@@ -1,0 +1,62 @@
+/** What stands in the middle of the picture: waiting, the first play, errors, short messages. */
+import { PLAY } from "./icons";
+import { elementOf } from "./markup";
+import type { Player } from "./player";
+
+/** A wait longer than this, milliseconds, is explained. */
+const EXPLAIN_AFTER = 1500;
+const TOAST = 2200;
+
+const MARKUP = `<div class="center">
+  <div class="wait" role="status" hidden><div class="spinner"></div><p>Loading</p></div>
+  <button class="start" type="button" aria-label="Play" tabindex="-1" hidden>${PLAY}</button>
+  <div class="toast" role="status"></div>
+  <div class="sheet panel" role="alert" hidden><h2>This reel cannot be played</h2><p></p><button type="button" class="retry">Try again</button></div>
+</div>`;
+
+export class Messages {
+  readonly box = elementOf(MARKUP);
+  private explain = 0;
+  private toast = 0;
+
+  constructor(private readonly player: Player) {
+    this.find(".start").onclick = () => player.play();
+    this.find(".retry").onclick = () => player.retry();
+  }
+
+  /** Show how things are. */
+  update(): void {
+    const { canPlay, paused, currentTime, error, waiting } = this.player;
+    this.find(".panel").hidden = !error;
+    if (error) this.find(".panel p").textContent = error.message;
+    this.updateWait(error === null && (!canPlay || waiting));
+    this.find(".start").hidden = !(canPlay && paused && currentTime === 0 && !error && !waiting);
+  }
+
+  /** Say something for a moment. */
+  say(text: string): void {
+    const box = this.find(".toast");
+    box.textContent = text;
+    box.classList.add("shown");
+    clearTimeout(this.toast);
+    this.toast = window.setTimeout(() => box.classList.remove("shown"), TOAST);
+  }
+
+  /** Wheel at once, words once it takes long. */
+  private updateWait(waiting: boolean): void {
+    const wait = this.find(".wait");
+    if (waiting && wait.hidden) {
+      wait.classList.remove("long");
+      this.explain = window.setTimeout(() => wait.classList.add("long"), EXPLAIN_AFTER);
+    }
+    if (!waiting) clearTimeout(this.explain);
+    wait.hidden = !waiting;
+    const text = this.player.notice ?? "Loading";
+    const words = wait.querySelector("p")!;
+    if (words.textContent !== text) words.textContent = text;
+  }
+
+  private find(name: string): HTMLElement {
+    return this.box.querySelector<HTMLElement>(name)!;
+  }
+}

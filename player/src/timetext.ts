@@ -1,0 +1,8 @@
+/** Times as people read them. */
+
+/** Seconds as m:ss, with tenths if asked. */
+export function timeText(seconds: number, tenths = false): string {
+  const whole = Math.floor(seconds + 1e-6);
+  const rest = tenths ? `.${Math.floor((seconds - whole + 1e-6) * 10)}` : "";
+  return `${Math.floor(whole / 60)}:${String(whole % 60).padStart(2, "0")}${rest}`;
+}
