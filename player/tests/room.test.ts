@@ -38,6 +38,13 @@ test("who looked down stands upright all the same", () => {
   close(viewmat.slice(4, 7), [0, 1, 0]);
 });
 
+test("a room stands as the reel's up says, however the camera was held", () => {
+  const leaning = { ...MANIFEST, up: [0.6, -0.8, 0] } as Manifest;
+  const { viewmat } = new Room(leaning, VIEWMAT, false).view(eyeAt(0, 0, 0), PROJECTION, 10, 10, 0.01);
+  close(viewmat.slice(4, 7), [-0.6, 0.8, 0]); // the picture's down
+  close(viewmat.slice(8, 11), [0, 0, 1]);
+});
+
 test("eyes that look past each other have their middles off the picture's", () => {
   const skewed = [...PROJECTION];
   [skewed[8], skewed[9]] = [0.1, -0.2];

@@ -4,9 +4,13 @@ import json
 import shutil
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from splatreel.cli.main import main
+from splatreel.play.timeline import open_reel
+from splatreel.scene import rotations
+from tests.scene.test_gltf import read_glb
 
 GOLDEN = Path(__file__).parent.parent / "data" / "golden"
 
@@ -79,7 +83,11 @@ def test_export_to_other_formats(tmp_path: Path, capsys: pytest.CaptureFixture[s
     assert (tmp_path / "f.spz").read_bytes()[:2] == b"\x1f\x8b"
     assert main(["export", str(GOLDEN), "--frames", "0:2", "--format", "glb", "--out", str(tmp_path / "many")]) == 0
     assert "2 GLB files" in capsys.readouterr().out
-    assert [p.read_bytes()[:4] for p in sorted((tmp_path / "many").iterdir())] == [b"glTF"] * 2
+    files = sorted((tmp_path / "many").iterdir())
+    assert [p.read_bytes()[:4] for p in files] == [b"glTF"] * 2
+    turn = np.array(read_glb(files[0])[0]["nodes"][0]["rotation"])
+    up = rotations.to_matrix(turn[[3, 0, 1, 2]][None])[0] @ open_reel(GOLDEN).manifest.up
+    np.testing.assert_allclose(up / np.linalg.norm(up), [0, 1, 0], atol=1e-5, err_msg="the reel's up is glTF's, y")
 
 
 def test_export_of_many_frames_and_of_a_film(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from splatreel.recon.planesweep import seen_depths
+from splatreel.recon.upright import upright
 from splatreel.scene.camera import Camera
 from splatreel.scene.clearance import NONE, Clearance
 
@@ -45,14 +46,11 @@ class Layout:
 
 def measure(cameras: list[Camera], points: np.ndarray, near: float) -> Layout:
     """Lay out a capture from its training cameras and initial points [P, 3]."""
-    up = -np.mean([camera.viewmat[1, :3] for camera in cameras], axis=0)
-    length = np.linalg.norm(up)
-    up = up / length if length > 1e-6 else np.array([0.0, 0.0, 1.0])
     low, high = np.percentile(points, [5, 95], axis=0)
     return Layout(
         near=float(near),
         unit=viewing_distance(cameras, points),
-        up=[float(v) for v in up],
+        up=[float(v) for v in upright(cameras)],
         bounds=[[float(v) for v in low], [float(v) for v in high]],
         clearance=clearance_of(cameras, points),
     )
