@@ -1,5 +1,7 @@
-/** Workers and decoders lie next to this module. */
+/** Workers and decoders lie next to this module, or in the page itself. */
+import { embeddedPlayerFile } from "./embedded";
 
 export function startWorker(name: string): Worker {
-  return new Worker(new URL(name, import.meta.url));
+  const inPage = embeddedPlayerFile(name);
+  return new Worker(inPage ? URL.createObjectURL(inPage) : new URL(name, import.meta.url));
 }

@@ -1,5 +1,7 @@
 /** Gets a file over networks that fail: tries again after growing pauses, goes on where a transfer broke off, checks what came. */
+import { isIntact } from "./checksum";
 import { ReelError, messageOf } from "./errors";
+import { readPart, type Part } from "./local-files";
 
 export interface Source {
   url: string;
@@ -7,6 +9,8 @@ export interface Source {
   bytes: number;
   /** Hex digest, compared where the page is a secure context; null: not compared. */
   sha256: string | null;
+  /** Of a reel on this machine: where the bytes are. Nothing is downloaded then. */
+  part?: Part | undefined;
 }
 
 export interface Watcher {
@@ -33,6 +37,7 @@ const FEW = 2;
 
 /** The whole file. Throws `ReelError` with the url, or the signal's `AbortError`. */
 export async function download(source: Source, watcher: Watcher, signal: AbortSignal): Promise<Uint8Array> {
+  if (source.part) return readPart(source, source.part, watcher);
   const transfer = { body: new Uint8Array(source.bytes), filled: 0 };
   return insist(source.url, watcher, signal, async (again) => {
     await receive(source, transfer, again, watcher, signal);
@@ -119,11 +124,7 @@ async function receive(source: Source, transfer: { body: Uint8Array; filled: num
 }
 
 async function check({ sha256 }: Source, transfer: { body: Uint8Array; filled: number }): Promise<void> {
-  // Browsers offer crypto.subtle in secure contexts only: https, and this machine itself.
-  if (!sha256 || !globalThis.crypto?.subtle) return;
-  const digest = new Uint8Array(await crypto.subtle.digest("SHA-256", transfer.body as BufferSource));
-  const hex = Array.from(digest, (byte) => byte.toString(16).padStart(2, "0")).join("");
-  if (hex === sha256) return;
+  if (await isIntact(transfer.body, sha256)) return;
   transfer.filled = 0;
   throw new Passing("its checksum is not the manifest's", FEW);
 }

@@ -1,6 +1,7 @@
 /** <splat-reel src="…/manifest.json" poster autoplay loop controls>: a reel in a page, in the manner of <video>. */
 import { attachControls } from "./controls";
 import { linkTo, startOf } from "./link";
+import type { LocalFiles } from "./local-files";
 import type { Camera } from "./manifest";
 import { Player } from "./player";
 import type { Pose } from "./pose";
@@ -20,6 +21,7 @@ export class SplatReelElement extends HTMLElement {
   readonly player: Player;
   private readonly canvas = document.createElement("canvas");
   private readonly picture = document.createElement("img");
+  private files: LocalFiles | null = null;
   private controlsShown: Controls | null = null;
   private connection = new AbortController();
 
@@ -73,8 +75,9 @@ export class SplatReelElement extends HTMLElement {
   load(): void {
     const { player } = this;
     this.showPoster();
-    if (!this.src) return player.close();
-    void player.load(this.currentSrc, this.hasAttribute("share") ? startOf(location.href) : null);
+    const source = this.files ?? this.currentSrc;
+    if (!source) return player.close();
+    void player.load(source, this.hasAttribute("share") ? startOf(location.href) : null);
     const calm = matchMedia("(prefers-reduced-motion: reduce)").matches;
     if (this.autoplay && !calm) player.play();
   }
@@ -102,8 +105,18 @@ export class SplatReelElement extends HTMLElement {
     this.setAttribute("src", value);
   }
 
+  /** A reel on this machine; it goes before `src`. */
+  get srcObject(): LocalFiles | null {
+    return this.files;
+  }
+
+  set srcObject(files: LocalFiles | null) {
+    this.files = files;
+    if (this.isConnected) this.load();
+  }
+
   get currentSrc(): string {
-    return this.src && new URL(this.src, document.baseURI).href;
+    return this.files ? "" : this.src && new URL(this.src, document.baseURI).href;
   }
 
   get poster(): string {

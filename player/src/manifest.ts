@@ -1,9 +1,10 @@
 /** manifest.json of a reel (docs/format.md): reading and checking. */
-import { downloadText, type Watcher } from "./download";
+import { downloadText, type Source, type Watcher } from "./download";
 import { ReelError } from "./errors";
 import { list, number, numbers, plainPath, positive, record, type Json } from "./json";
+import type { LocalFiles } from "./local-files";
 import type { Vec3 } from "./matrix";
-import { parsePresentation, type Presentation } from "./presentation";
+import { parsePresentation, type Asset, type Presentation } from "./presentation";
 
 /** A pinhole camera, OpenCV: K [9] in pixels and viewmat [16] world to camera, both row by row. */
 export interface Camera {
@@ -67,18 +68,29 @@ export interface Manifest {
   renditions: Rendition[];
   /** What there is for people beside the points. */
   presentation: Presentation;
+  /** Where the files are, of a reel on this machine; null: on the network. */
+  files: LocalFiles | null;
 }
 
 /** Download and check a manifest. Throws `ReelError` with the url in its message. */
 export async function loadManifest(url: string, watcher: Watcher, signal: AbortSignal): Promise<Manifest> {
-  const text = await downloadText(url, watcher, signal);
+  return parseText(await downloadText(url, watcher, signal), new URL(url, location.href).href);
+}
+
+/** The manifest of a reel on this machine. Throws `ReelError`. */
+export async function readManifest(files: LocalFiles): Promise<Manifest> {
+  // Nothing is added to it any more.
+  return { ...parseText(await files.manifest(), files.url), files, live: false };
+}
+
+function parseText(text: string, url: string): Manifest {
   let value: unknown;
   try {
     value = JSON.parse(text);
   } catch {
     throw new ReelError(`${url} is not a reel's manifest: it is not JSON.`);
   }
-  return parseManifest(value, new URL(url, location.href).href);
+  return parseManifest(value, url);
 }
 
 /** Check a manifest's fields; unknown ones are ignored, an unknown version is an error. */
@@ -113,7 +125,18 @@ export function parseManifest(value: unknown, url: string): Manifest {
     groups,
     renditions: names.map((name) => ({ name, bytes: groups.reduce((sum, group) => sum + fileOf(group, name).bytes, 0) })),
     presentation: parsePresentation(json),
+    files: null,
   };
+}
+
+/** Where to get a file of a reel: `download` takes it. */
+export function sourceOf({ url, files }: Manifest, { uri, bytes, sha256 }: Asset): Source {
+  return { url: new URL(uri, url).href, bytes, sha256, part: files?.part(uri) };
+}
+
+/** An address of a picture of a reel, for an image of the page. */
+export async function addressOf({ url, files }: Manifest, { uri }: Asset): Promise<string> {
+  return files ? files.address(uri) : new URL(uri, url).href;
 }
 
 /** A group's file in a rendition; its own is that of the first. */

@@ -2,6 +2,7 @@
 import { OrbitCamera } from "./camera";
 import { Clock } from "./clock";
 import { DeviceLostError, messageOf } from "./errors";
+import type { LocalFiles } from "./local-files";
 import type { Manifest } from "./manifest";
 import type { Pose, Start } from "./pose";
 import type { Eye, View } from "./renderer";
@@ -37,7 +38,7 @@ export class Player extends EventTarget {
   /** What belongs to the reel that is open. */
   session: Session | null = null;
 
-  private source = "";
+  private source: string | LocalFiles = "";
   private start: Start | null = null;
   private choice: string | null = null;
   private stalled = true;
@@ -76,8 +77,8 @@ export class Player extends EventTarget {
     this.close();
   }
 
-  /** Open a reel by its manifest's address; a live one at its edge. Errors come as the `error` event. */
-  load(source: string, start: Start | null = null): Promise<void> {
+  /** Open a reel by its manifest's address, or one on this machine; a live one at its edge. Errors come as the `error` event. */
+  load(source: string | LocalFiles, start: Start | null = null): Promise<void> {
     this.source = source;
     this.start = start;
     return this.begin();
@@ -230,8 +231,7 @@ export class Player extends EventTarget {
   /** Seconds that are here beyond the present time. */
   get ahead(): number {
     const { seconds } = this.clock;
-    const range = this.buffered.find(([start, end]) => start <= seconds && seconds <= end);
-    return range ? range[1] - seconds : 0;
+    return (this.buffered.find(([start, end]) => start <= seconds && seconds <= end)?.[1] ?? seconds) - seconds;
   }
 
   /** How the player is doing. */

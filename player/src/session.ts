@@ -2,8 +2,10 @@
 import { Chooser, guessOfBrowser } from "./chooser";
 import type { DecodedFile } from "./decode";
 import { Decoders } from "./decoders";
+import { EMBEDDED, embeddedReel } from "./embedded";
 import { follow, followToTheEnd } from "./live";
-import { loadManifest, type Manifest } from "./manifest";
+import type { LocalFiles } from "./local-files";
+import { loadManifest, readManifest, type Manifest } from "./manifest";
 import { Stage } from "./stage";
 import { memoryBudget, Stream } from "./stream";
 
@@ -39,8 +41,10 @@ export class Session {
   }
 
   /** A reel's manifest; of a live one, once it has a group. */
-  async find(source: string): Promise<Manifest> {
+  async find(source: string | LocalFiles): Promise<Manifest> {
     const { signal } = this.life;
+    if (typeof source !== "string") return readManifest(source);
+    if (source === EMBEDDED) return readManifest(embeddedReel());
     let manifest = await loadManifest(source, { received: () => undefined, trouble: (why) => this.wait(why) }, signal);
     while (manifest.groups.length === 0) {
       this.wait("Live. The first group is not here yet.");
@@ -66,6 +70,7 @@ export class Session {
 
   close(): void {
     this.life.abort();
+    this.stage.manifest?.files?.close();
     this.decoders.destroy();
     this.stage.destroy();
   }

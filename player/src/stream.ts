@@ -3,7 +3,7 @@ import { Chooser, type Option } from "./chooser";
 import type { DecodedFile } from "./decode";
 import type { Decoders, Job } from "./decoders";
 import { ReelError } from "./errors";
-import { fileOf, type Manifest, type ReelFile } from "./manifest";
+import { fileOf, sourceOf, type Manifest, type ReelFile } from "./manifest";
 
 /** Seconds to have ahead of the time that shows, if memory allows. */
 const AHEAD = 8;
@@ -271,8 +271,7 @@ export class Stream {
       this.coming.set(key, rendition);
       this.last = this.manifest.renditions.findIndex(({ name }) => name === rendition);
     }
-    const url = new URL(file.uri, this.manifest.url).href;
-    this.decoders.start(key, { url, bytes: file.bytes, sha256: file.sha256 }, file.points, {
+    this.decoders.start(key, sourceOf(this.manifest, file), file.points, {
       received: (job) => {
         this.troubled(null);
         if (kind === "group") this.reconsider(wanted, job);
