@@ -6,13 +6,14 @@ import re
 import subprocess
 import sys
 import time
+import tomllib
 from pathlib import Path
 
 import pytest
 
 from splatreel import errors
 from splatreel.cli import main as cli
-from splatreel.cli.failure import explain
+from splatreel.cli.failure import EXTRAS, explain
 from splatreel.cli.main import main
 
 VERBS = ["demo", "capture", "reconstruct", "encode", "info", "verify", "serve", "view", "export", "evaluate", "bench"]
@@ -166,6 +167,11 @@ def test_a_package_that_is_not_installed() -> None:
         1,
     )
     assert explain(ModuleNotFoundError("No module named 'splatreel.oops'", name="splatreel.oops"), []) is None
+
+
+def test_extras_that_are_named_can_be_installed() -> None:
+    project = tomllib.loads((Path(__file__).parents[2] / "pyproject.toml").read_text(encoding="utf-8"))["project"]
+    assert set(EXTRAS.values()) <= set(project["optional-dependencies"])
 
 
 def test_other_trouble_with_files() -> None:

@@ -78,6 +78,14 @@ def test_export(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert capsys.readouterr().err == f"Error: {GOLDEN}: there is no frame 999; choose 0 to {frames - 1}.\n"
 
 
+def test_export_to_a_format_that_is_not_written(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    for option in (["--frame", "3"], []):
+        assert main(["export", str(GOLDEN), *option, "--out", str(tmp_path / "x.obj")]) == 2
+        error = capsys.readouterr().err
+        assert "x.obj: .obj is no format that is written. Name a .ply" in error
+        assert "--frame" not in error
+
+
 def test_export_to_other_formats(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["export", str(GOLDEN), "--frame", "3", "--out", str(tmp_path / "f.spz")]) == 0
     assert (tmp_path / "f.spz").read_bytes()[:2] == b"\x1f\x8b"

@@ -9,19 +9,23 @@ import pytest
 import torch
 
 from splatreel.codec.verify import verify_reel
+from splatreel.config import EncodeConfig
 from splatreel.errors import GaussiansError
 from splatreel.evaluation.undecoded import undecoded_frames
 from splatreel.kernels import splat
 from splatreel.kernels.image import render_image
+from splatreel.progress import Silent
+from splatreel.recon import checkpoint
 from splatreel.recon.group import GroupTrainer
 from splatreel.recon.hashgrid import HashGrid
 from splatreel.recon.keyframe import KeyframeTrainer
 from splatreel.recon.points import TrainablePoints, default_rates
+from splatreel.recon.publish import encode
 from splatreel.recon.sequence import Result, reconstruct
 from tests.recon.captures import WallCapture, blots
 from tests.recon.test_sequence import CONFIG, FRAMES
 from tests.standin.device import WAITS
-from tests.standin.gpu import gpu
+from tests.standin.gpu import gpu, without_gsplat
 
 
 @pytest.fixture
@@ -67,6 +71,18 @@ def test_a_run_on_a_gpu_is_as_one_on_the_cpu(tmp_path: Path, waits: dict[str, li
     # Among static points, which of these the touched tiles hold is asked once; the first look of a view at them waits more often.
     assert {sum(waited.values()) for waited in keyframe[-4:]} == {1}
     assert min(sum(waited.values()) for waited in group) == 1
+
+
+@pytest.mark.parametrize("device", ["cpu", "auto"])
+def test_a_gpu_without_gsplat_is_left_alone(tmp_path: Path, device: str) -> None:
+    with without_gsplat():
+        result = reconstruct(WallCapture(FRAMES), tmp_path / "run", CONFIG, device=device)
+        for kept in result.work.glob("group*/layer.safetensors"):  # so that encoding has to measure as well
+            arrays = checkpoint.load_arrays(kept)
+            checkpoint.save_arrays(kept, {name: value for name, value in arrays.items() if name != "importance"})
+        encode(result.work, tmp_path / "again", EncodeConfig(), Silent())
+    assert result.device == "cpu"
+    assert verify_reel(result.reel).groups == verify_reel(tmp_path / "again").groups == 2
 
 
 def test_the_hash_grid_learns_the_same_on_a_gpu() -> None:

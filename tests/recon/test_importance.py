@@ -1,6 +1,7 @@
 """How much the pictures hang on a point: what is hidden or far outside hardly counts."""
 
 import numpy as np
+import torch
 
 from splatreel.recon.importance import weigh
 from splatreel.recon.publish import meet_rate
@@ -15,13 +16,13 @@ def test_hidden_and_unseen_points_count_less() -> None:
     viewmat = np.eye(4)
     viewmat[2, 3] = 4
     camera = Camera("front", viewmat, np.array([[60, 0, 32], [0, 60, 24], [0, 0, 1]]), 64, 48)
-    found = weigh([points, points], [camera], 0.01)
+    found = weigh([points, points], [camera], 0.01, torch.device("cpu"))
     assert found.shape == (4, 3)
     assert (found[2] == 0).all()
     assert (found[1] < 0.1 * found[0]).all()
     assert (found[3] > 0).all()
     assert found[0, 1] > found[3, 1]  # the larger a point, the more hangs on its colour
-    np.testing.assert_array_equal(found, weigh([points, points], [camera], 0.01))
+    np.testing.assert_array_equal(found, weigh([points, points], [camera], 0.01, torch.device("cpu")))
 
 
 def test_a_rate_is_met() -> None:

@@ -4,6 +4,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import torch
 
 from splatreel.codec.verify import verify_reel
 from splatreel.config import EncodeConfig
@@ -58,7 +59,7 @@ def test_groups_that_wait_are_encoded_together_as_one_by_one(
     config = EncodeConfig(renditions=("high", "low"))
     encode(work, tmp_path / "together", config, Silent())
     writer = open_writer(work, tmp_path / "single", config, resume=False)
-    publisher = Publisher(writer, work)
+    publisher = Publisher(writer, work, torch.device("cpu"))
     for index in range(GROUPS):
         publisher.publish(index)
     writer.finish()

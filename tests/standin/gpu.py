@@ -1,6 +1,7 @@
 """The machine with the stand-in: torch finds CUDA there, and gsplat."""
 
 import importlib.util
+import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
 
@@ -9,6 +10,19 @@ import torch
 
 from tests.standin import gsplat
 from tests.standin.device import WAITS, Asked
+
+
+@contextmanager
+def without_gsplat() -> Iterator[None]:
+    """torch says that there is CUDA, but gsplat is not installed: nothing can be trained there."""
+    find = importlib.util.find_spec
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(importlib.util, "find_spec", lambda name, *rest: None if name == "gsplat" else find(name, *rest))
+        patch.setitem(sys.modules, "gsplat", None)  # to import it fails
+        patch.setitem(sys.modules, "gsplat.cuda._wrapper", None)
+        patch.setattr(torch.cuda, "is_available", lambda: True)
+        with Asked():
+            yield
 
 
 @contextmanager

@@ -39,6 +39,10 @@ def export(
     """
     from splatreel.play.timeline import open_reel
 
+    if out.suffix not in (*FORMATS, ".mp4", ""):
+        raise UsageError(
+            f"--out {out}: {out.suffix} is no format that is written. Name a .ply, .spz or .glb file, an .mp4 film or a folder."
+        )
     source = open_reel(reel_folder(reel), rendition)
     total = source.manifest.frames
     if (out.suffix in FORMATS) != (frame is not None):
@@ -53,12 +57,10 @@ def export(
         print(f"{out}: {count:,} Gaussians of frame {first}")
     elif out.suffix == ".mp4":
         _write_film(source, first, end, out, width)
-    elif out.suffix == "":
+    else:
         for index in range(first, end):
             _write_frame(source, index, out / f"{index:06}.{format}")
         print(f"{out}: {end - first} {format.upper()} files, frames {first} to {end - 1}")
-    else:
-        raise UsageError(f"{out}: --out takes a .ply, .spz or .glb file, an .mp4 film or a folder.")
 
 
 def _write_frame(source: Timeline, frame: int, path: Path) -> int:

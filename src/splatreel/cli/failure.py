@@ -11,7 +11,7 @@ from contextlib import contextmanager
 
 from splatreel.errors import SplatreelError
 
-EXTRAS = {"torch": "recon", "cv2": "recon", "pycolmap": "recon", "gsplat": "cuda", "viser": "viewer", "ray": "cluster"}
+EXTRAS = {"torch": "recon", "cv2": "recon", "pycolmap": "recon", "gsplat": "cuda", "viser": "viewer"}
 """Which extra of the package brings an optional module."""
 
 INTERRUPTED, TERMINATED = 130, 143

@@ -100,7 +100,7 @@ def reconstruct_frame(
         progress=progress,
     )
     seconds = round(time.monotonic() - start, 3)
-    shows = weigh([gaussians], cameras, layout.near, config.antialias)
+    shows = weigh([gaussians], cameras, layout.near, device, config.antialias)
     data, _ = encode_layer(0, frame, gaussians, config.encode, importance=shows)
     _, decoded = decode_layer(data, f"frame {frame}")
     draw = partial(render_image, near=layout.near, antialias=config.antialias, background=layout.background)

@@ -16,11 +16,17 @@ VIEWS = 24
 
 
 def weigh(
-    moments: Iterable[Gaussians], cameras: list[Camera], near: float, antialias: bool = False, views: int = VIEWS
+    moments: Iterable[Gaussians],
+    cameras: list[Camera],
+    near: float,
+    device: torch.device,
+    antialias: bool = False,
+    views: int = VIEWS,
 ) -> np.ndarray:
     """[N, 3] float32: how much the pictures change with a point's shape (its log scales), its colour and its place (world units).
 
-    moments: the same N points at some times, each seen by `views` of the cameras at most. Root of the summed squares over all pixels
+    moments: the same N points at some times, each seen by `views` of the cameras at most. device: where they are drawn. Root of the summed
+    squares over all pixels
     of the derivatives, estimated: the gradient of a picture weighted by random signs has that sum as its expected square
     (Hutchinson's estimator).
     """
@@ -30,12 +36,13 @@ def weigh(
     for number, points in enumerate(moments):
         # Every moment is seen by other cameras, spread over all of them.
         for camera in cameras[number % apart :: apart][:views]:
-            squares = squares + _squares(points, camera, near, antialias, rng)
+            squares = squares + _squares(points, camera, near, device, antialias, rng)
     return np.sqrt(squares).astype(np.float32)
 
 
-def _squares(points: Gaussians, camera: Camera, near: float, antialias: bool, rng: np.random.Generator) -> np.ndarray:
-    device = "cuda" if torch.cuda.is_available() else "cpu"
+def _squares(
+    points: Gaussians, camera: Camera, near: float, device: torch.device, antialias: bool, rng: np.random.Generator
+) -> np.ndarray:
     arrays = points.means, points.quats, points.scales, points.opacities, points.sh
     means, quats, scales, opacities, sh = (torch.from_numpy(array).to(device) for array in arrays)
     for tensor in (means, scales, sh):

@@ -11,6 +11,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
+import torch
 
 from splatreel.codec.manifest import BLACK, Manifest
 from splatreel.codec.reader import ReelReader
@@ -19,6 +20,7 @@ from splatreel.config import EncodeConfig
 from splatreel.errors import ReconstructionError, UsageError
 from splatreel.progress import Progress
 from splatreel.recon import checkpoint
+from splatreel.recon.device import pick_device
 from splatreel.recon.importance import weigh
 from splatreel.scene.camera import Camera
 from splatreel.scene.clearance import NONE, Clearance
@@ -109,7 +111,7 @@ Shows = dict[int, Shown]
 """By group the importance of its dynamic points and of all static points so far."""
 
 
-def importance(writer: ReelWriter, static: Gaussians, group: Group) -> Shown:
+def importance(writer: ReelWriter, static: Gaussians, group: Group, device: torch.device) -> Shown:
     """What `weigh` says of a group's dynamic points, and of all static points so far, decoded and in the order of training.
 
     None where the writer's codec has no use for it; nothing for static points that are not alive.
@@ -120,7 +122,7 @@ def importance(writer: ReelWriter, static: Gaussians, group: Group) -> Shown:
     times = np.linspace(0, group.frames - 1, min(MOMENTS, group.frames))
     moments = (Gaussians.concatenate([group.at(time), static[group.alive]]) for time in times)
     manifest = writer.manifest
-    found = weigh(moments, list(manifest.cameras), manifest.near, manifest.antialias, VIEWS)
+    found = weigh(moments, list(manifest.cameras), manifest.near, device, manifest.antialias, VIEWS)
     resting = np.zeros((len(static), 3), np.float32)
     resting[group.alive] = found[len(group.dynamic) :]
     return found[: len(group.dynamic)], resting
@@ -137,10 +139,13 @@ class Ready:
 
 
 class Publisher:
-    """Encodes finished groups from their checkpoints, in order from the first. shows: importance by group, kept from trial to trial."""
+    """Encodes finished groups from their checkpoints, in order from the first.
 
-    def __init__(self, writer: ReelWriter, work: Path, shows: Shows | None = None) -> None:
-        self.writer, self.work = writer, work
+    device: where importance is measured that no checkpoint has. shows: importance by group, kept from trial to trial.
+    """
+
+    def __init__(self, writer: ReelWriter, work: Path, device: torch.device, shows: Shows | None = None) -> None:
+        self.writer, self.work, self.device = writer, work, device
         self._shows = {} if shows is None else shows
         self._order = np.zeros(0, np.int64)
 
@@ -178,7 +183,7 @@ class Publisher:
         if saved is not None and (no_layer or load_importance(self.work, index, "layer") is not None):
             return saved, None
         if index not in self._shows:
-            self._shows[index] = importance(self.writer, load_static(self.work, index), group)
+            self._shows[index] = importance(self.writer, load_static(self.work, index), group, self.device)
         return self._shows[index]
 
     def _write(self, ready: Ready, files: dict[str, bytes] | None) -> None:
@@ -202,10 +207,11 @@ def encode(work: Path, reel: Path, config: EncodeConfig, progress: Progress, mbp
     if count == 0:
         raise ReconstructionError(f"{work}: holds no finished group. Run splatreel reconstruct first.")
     shows: Shows = {}
+    device = pick_device("auto")
 
     def write(coarseness: float) -> float:
         writer = open_writer(work, reel, dataclasses.replace(config, coarseness=coarseness), resume=False)
-        publisher = Publisher(writer, work, shows)
+        publisher = Publisher(writer, work, device, shows)
         progress.stage("encode", count)
         publisher.publish_all(count, progress.update)
         writer.finish()

@@ -149,7 +149,7 @@ class Reconstruction:
     def run(self) -> Result:
         layout = self._lay_out()
         writer = self._open_reel(layout)
-        publisher = Publisher(writer, self.work)
+        publisher = Publisher(writer, self.work, self.device)
         scene = Scene(Gaussians.empty(self.config.keyframe.sh_degree), np.zeros(0, bool), Gaussians.empty())
         finished = finished_groups(self.work)
         for span in self.spans[:finished]:
@@ -196,7 +196,7 @@ class Reconstruction:
         self.rig.keep_delays(self._folder(span), self.progress)
         group = Group(span.index, span.first, result.dynamic, result.dx, result.dq, result.alive, result.shade, light)
         with self._timed("encode"):
-            shown = importance(writer, scene.static, group)[0]
+            shown = importance(writer, scene.static, group, self.device)[0]
             save_group(self.work, group, shown)  # before it is published: what is in the reel is never trained again
             writer.add_group(group, shown)
         return self._hand_over(span, scene.static, group)
@@ -275,7 +275,8 @@ class Reconstruction:
             seen = Gaussians.concatenate(
                 [layers.settled, layers.dynamic, layers.lit.points, scene.static[layers.alive]]
             )
-            shows = weigh([seen], self.rig.cameras, writer.manifest.near, self.config.antialias)[: len(layers.settled)]
+            near, antialias = writer.manifest.near, self.config.antialias
+            shows = weigh([seen], self.rig.cameras, near, self.device, antialias)[: len(layers.settled)]
             decoded, order = writer.add_layer(span.index, span.first, layers.settled, shows)
         raw = layers.settled[order]
         arrays = checkpoint.pack(raw, "raw_") | checkpoint.pack(decoded, "decoded_") | {"importance": shows[order]}
