@@ -1,0 +1,139 @@
+"""Sound as Opus in fragmented MP4 (docs/format.md): samples to files and back. A sample's time is the reel's, without any delay."""
+
+from __future__ import annotations
+
+import io
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass
+
+import av
+import numpy as np
+from av.error import FFmpegError
+
+from splatreel.codec.fragments import PACKET, RATE, initialisation, segment
+from splatreel.errors import MissingDependencyError, ReelError
+
+TYPE = 'audio/mp4; codecs="opus"'
+MAX_CHANNELS = 2
+SEGMENT_SECONDS = 2
+BITS_A_SECOND = {1: 64_000, 2: 112_000}
+"""By channels: where few hear a difference to the original."""
+PREROLL = 0.08
+"""Seconds after which a decoder that starts in the middle gives what one that started before does (RFC 7845)."""
+
+_SEGMENT = SEGMENT_SECONDS * RATE // PACKET
+"""Packets of a segment."""
+
+
+@dataclass(frozen=True)
+class EncodedSound:
+    """The files of a reel's sound. Segment i starts at i * `SEGMENT_SECONDS`; samples: in all, whole packets."""
+
+    channels: int
+    init: bytes
+    segments: tuple[bytes, ...]
+    samples: int
+
+    def span(self, index: int) -> tuple[float, float]:
+        """Start and length of a segment in seconds."""
+        first = index * _SEGMENT * PACKET
+        return first / RATE, min(_SEGMENT * PACKET, self.samples - first) / RATE
+
+
+def encode_sound(blocks: Iterable[np.ndarray], channels: int) -> EncodedSound:
+    """Encode sound at `RATE` samples a second from the reel's time 0 on; the same samples give the same bytes on one machine.
+
+    blocks: [n, channels] float32, -1..1, in order; channels: 1 or 2. The last packet is filled up with silence.
+    Raises `MissingDependencyError` without libopus, `ReelError` for no sample at all.
+    """
+    packets: list[bytes] = []
+    count = 0
+
+    def counted() -> Iterator[np.ndarray]:
+        nonlocal count
+        for block in blocks:
+            count += len(block)
+            yield np.asarray(block, np.float32).reshape(-1, channels)
+
+    try:
+        context = av.CodecContext.create("libopus", "w")
+    except (ValueError, FFmpegError) as error:
+        raise MissingDependencyError("PyAV has no libopus encoder. Install the `av` wheel from PyPI.") from error
+    context.sample_rate, context.layout, context.format = RATE, "mono" if channels == 1 else "stereo", "flt"  # type: ignore[attr-defined]
+    context.bit_rate = BITS_A_SECOND[channels]
+    context.options = {"application": "audio", "vbr": "on", "frame_duration": "20"}
+    context.open()
+    delay = int.from_bytes((context.extradata or bytes(12))[10:12], "little")
+    # What goes in comes out of a decoder `delay` samples later. So much silence goes before it that it comes out with the second packet;
+    # the first is left out, and then packet k decodes to the samples from k * PACKET on.
+    silence = np.zeros((PACKET - delay, channels), np.float32)
+    for frame in _frames(_chain(silence, counted(), np.zeros((delay + PACKET, channels), np.float32))):
+        packets += [bytes(packet) for packet in context.encode(frame)]
+    packets += [bytes(packet) for packet in context.encode(None)]
+    if not count:
+        raise ReelError("There is no sound to encode.")
+    packets = packets[1 : 1 + -(-count // PACKET)]
+    cut = [packets[first : first + _SEGMENT] for first in range(0, len(packets), _SEGMENT)]
+    segments = tuple(segment(i, i * _SEGMENT * PACKET, part) for i, part in enumerate(cut))
+    return EncodedSound(channels, initialisation(channels), segments, len(packets) * PACKET)
+
+
+def decode_sound(init: bytes, segments: list[bytes], channels: int, start: float, seconds: float) -> np.ndarray:
+    """[round(seconds * RATE), channels] float32 from `start` on, seconds of the reel; silence where the files have nothing.
+
+    segments: consecutive ones. Raises `ReelError` if they are anything else than sound of so many channels.
+    """
+    first, count = round(start * RATE), round(seconds * RATE)
+    out = np.zeros((count, channels), np.float32)
+    try:
+        with av.open(io.BytesIO(init + b"".join(segments)), "r", format="mov") as container:
+            if len(container.streams) != 1 or not container.streams.audio:
+                raise ReelError("is not one track of sound.")
+            stream = container.streams.audio[0]
+            if stream.codec_context.name not in ("opus", "libopus"):
+                raise ReelError(f"is {stream.codec_context.name}, expected opus.")
+            for frame in container.decode(stream):
+                if (frame.sample_rate, frame.layout.nb_channels) != (RATE, channels):
+                    raise ReelError(
+                        f"has {frame.layout.nb_channels} channels at {frame.sample_rate} a second, expected {channels} at {RATE}."
+                    )
+                if frame.pts is None or frame.time_base is None:
+                    raise ReelError("has a packet without a time.")
+                at = round(frame.pts * frame.time_base * RATE) - first
+                if at >= count:
+                    break
+                _place(out, at, frame)
+    except (FFmpegError, ValueError, EOFError) as error:
+        raise ReelError(f"is no sound that can be decoded ({error}).") from error
+    return out
+
+
+def _place(out: np.ndarray, at: int, frame: av.AudioFrame) -> None:
+    pcm = frame.to_ndarray()
+    pcm = pcm.T if frame.format.is_planar else pcm.reshape(-1, out.shape[1])
+    if pcm.dtype.kind == "i":
+        pcm = pcm / -float(np.iinfo(pcm.dtype).min)
+    part = pcm[max(-at, 0) : len(out) - at]
+    at = max(at, 0)
+    out[at : at + len(part)] = part
+
+
+def _chain(before: np.ndarray, blocks: Iterator[np.ndarray], after: np.ndarray) -> Iterator[np.ndarray]:
+    yield before
+    yield from blocks
+    yield after
+
+
+def _frames(blocks: Iterable[np.ndarray]) -> Iterator[av.AudioFrame]:
+    """Packets' worth of samples; what is left over at the end is dropped."""
+    rest, done = None, 0
+    for block in blocks:
+        rest = block if rest is None else np.concatenate([rest, block])
+        whole = len(rest) // PACKET * PACKET
+        for first in range(0, whole, PACKET):
+            part = np.ascontiguousarray(rest[first : first + PACKET], np.float32)
+            frame = av.AudioFrame.from_ndarray(part.reshape(1, -1), "flt", "mono" if part.shape[1] == 1 else "stereo")
+            frame.sample_rate, frame.pts = RATE, done
+            done += PACKET
+            yield frame
+        rest = rest[whole:]
