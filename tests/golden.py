@@ -1,6 +1,7 @@
 """The golden reels: tiny reels, one a codec, that the Python and the TypeScript decoder both turn into the same numbers.
 
-`python -m tests.golden` makes tests/data/golden (h265) and tests/data/golden-predictive anew: do it only when the format changes.
+`python -m tests.golden` makes tests/data/golden (h265), tests/data/golden-predictive and tests/data/golden-sound (`tests/flashes.py`)
+anew: do it only when the format changes.
 
     manifest.json, layers/, groups/     the reel: 2 groups of 6 frames, overlap 2, static points born at both
     expected.npz                        every decoded array
@@ -27,6 +28,7 @@ from splatreel.scene import rotations
 from splatreel.scene.camera import Camera
 from splatreel.scene.gaussians import Gaussians
 from splatreel.scene.group import Group
+from tests import flashes
 
 GOLDEN = Path(__file__).parent / "data" / "golden"
 PREDICTIVE = Path(__file__).parent / "data" / "golden-predictive"
@@ -149,6 +151,7 @@ def _flat(prefix: str, gaussians: Gaussians) -> dict[str, np.ndarray]:
 
 
 def main() -> None:
+    flashes.write_golden(flashes.GOLDEN)
     for path, codec in ((GOLDEN, "h265"), (PREDICTIVE, "predictive")):
         write_golden(path, codec)
         arrays = decoded(path)

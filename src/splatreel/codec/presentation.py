@@ -83,6 +83,11 @@ class Sound:
     segments: tuple[SoundSegment, ...]
     position: Vec3 | None = None
 
+    @property
+    def assets(self) -> list[Asset]:
+        """Every file that it names, the first one first."""
+        return [self.init, *(segment.asset for segment in self.segments)]
+
 
 @dataclass(frozen=True)
 class Limits:
@@ -116,8 +121,7 @@ class Presentation:
         """Every file that it names."""
         found = [self.poster.asset] if self.poster else []
         found += self.thumbnails.sheets if self.thumbnails else ()
-        if self.sound:
-            found += [self.sound.init, *(segment.asset for segment in self.sound.segments)]
+        found += self.sound.assets if self.sound else ()
         return found
 
     def to_json(self) -> dict[str, Any]:

@@ -2,15 +2,21 @@
 
 from __future__ import annotations
 
+import hashlib
 import io
 from collections.abc import Iterable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from pathlib import Path
 
 import av
 import numpy as np
 from av.error import FFmpegError
 
+from splatreel.codec.container import write_atomically
 from splatreel.codec.fragments import PACKET, RATE, initialisation, segment
+from splatreel.codec.manifest import parse_manifest
+from splatreel.codec.presentation import Asset, Sound, SoundSegment, Vec3
+from splatreel.codec.writer import ReelWriter
 from splatreel.errors import MissingDependencyError, ReelError
 
 TYPE = 'audio/mp4; codecs="opus"'
@@ -64,8 +70,8 @@ def encode_sound(blocks: Iterable[np.ndarray], channels: int) -> EncodedSound:
     context.options = {"application": "audio", "vbr": "on", "frame_duration": "20"}
     context.open()
     delay = int.from_bytes((context.extradata or bytes(12))[10:12], "little")
-    # What goes in comes out of a decoder `delay` samples later. So much silence goes before it that it comes out with the second packet;
-    # the first is left out, and then packet k decodes to the samples from k * PACKET on.
+    # What goes in comes out of a decoder `delay` samples later. So much silence goes before it that it comes out with the second
+    # packet; the first is left out, and then packet k decodes to the samples from k * PACKET on.
     silence = np.zeros((PACKET - delay, channels), np.float32)
     for frame in _frames(_chain(silence, counted(), np.zeros((delay + PACKET, channels), np.float32))):
         packets += [bytes(packet) for packet in context.encode(frame)]
@@ -78,13 +84,11 @@ def encode_sound(blocks: Iterable[np.ndarray], channels: int) -> EncodedSound:
     return EncodedSound(channels, initialisation(channels), segments, len(packets) * PACKET)
 
 
-def decode_sound(init: bytes, segments: list[bytes], channels: int, start: float, seconds: float) -> np.ndarray:
-    """[round(seconds * RATE), channels] float32 from `start` on, seconds of the reel; silence where the files have nothing.
+def decode_sound(init: bytes, segments: list[bytes], channels: int) -> Iterator[tuple[int, np.ndarray]]:
+    """What consecutive segments hold, packet by packet: the reel's time in samples, and [n, channels] float32.
 
-    segments: consecutive ones. Raises `ReelError` if they are anything else than sound of so many channels.
+    Raises `ReelError` if they are anything else than sound of so many channels.
     """
-    first, count = round(start * RATE), round(seconds * RATE)
-    out = np.zeros((count, channels), np.float32)
     try:
         with av.open(io.BytesIO(init + b"".join(segments)), "r", format="mov") as container:
             if len(container.streams) != 1 or not container.streams.audio:
@@ -94,28 +98,77 @@ def decode_sound(init: bytes, segments: list[bytes], channels: int, start: float
                 raise ReelError(f"is {stream.codec_context.name}, expected opus.")
             for frame in container.decode(stream):
                 if (frame.sample_rate, frame.layout.nb_channels) != (RATE, channels):
-                    raise ReelError(
-                        f"has {frame.layout.nb_channels} channels at {frame.sample_rate} a second, expected {channels} at {RATE}."
-                    )
+                    found = f"{frame.layout.nb_channels} channels at {frame.sample_rate} a second"
+                    raise ReelError(f"has {found}, expected {channels} at {RATE}.")
                 if frame.pts is None or frame.time_base is None:
                     raise ReelError("has a packet without a time.")
-                at = round(frame.pts * frame.time_base * RATE) - first
-                if at >= count:
-                    break
-                _place(out, at, frame)
+                yield round(frame.pts * frame.time_base * RATE), _samples(frame)
     except (FFmpegError, ValueError, EOFError) as error:
         raise ReelError(f"is no sound that can be decoded ({error}).") from error
-    return out
 
 
-def _place(out: np.ndarray, at: int, frame: av.AudioFrame) -> None:
+def add_sound(reel: str | Path, sound: EncodedSound, position: Vec3 | None = None) -> None:
+    """Give a reel on disk this sound, instead of any that it has. position: where it comes from, world units; None: from everywhere.
+
+    Raises `ReelError` if there is no reel, or it cannot be written.
+    """
+    folder = Path(reel)
+    file = folder / "manifest.json"
+    try:
+        manifest = parse_manifest(file.read_bytes(), str(file))
+    except OSError as error:
+        raise ReelError(f"{file}: cannot be read ({error.strerror}). Is this a reel?") from error
+
+    def publish(what: Sound | None) -> None:
+        shown = replace(manifest, presentation=replace(manifest.presentation, sound=what))
+        write_atomically(file, shown.to_json().encode())
+
+    described = describe(sound, position)
+    if manifest.presentation.sound not in (None, described):
+        publish(None)  # files that change must not be named while they do
+    for uri, data in files(sound).items():
+        write_atomically(folder / uri, data)
+    publish(described)
+    before = manifest.presentation.sound
+    for asset in before.assets if before else ():
+        if asset.uri not in files(sound):
+            (folder / asset.uri).unlink(missing_ok=True)
+
+
+def write_sound(writer: ReelWriter, sound: EncodedSound | None, position: Vec3 | None = None) -> None:
+    """Give a reel that is being written this sound, or none; before its first group, so that it has it from then on."""
+    described = sound and describe(sound, position)
+    before = writer.manifest.presentation
+    if before.sound == described and (sound is None or _are_there(writer.path, files(sound))):
+        return
+    writer.present(replace(before, sound=None))
+    for uri, data in files(sound).items() if sound else ():
+        writer.write_asset(uri, data)
+    writer.present(replace(before, sound=described))
+
+
+def files(sound: EncodedSound) -> dict[str, bytes]:
+    """By uri."""
+    segments = {f"sound/{index:04d}.m4s": data for index, data in enumerate(sound.segments)}
+    return {"sound/init.mp4": sound.init} | segments
+
+
+def describe(sound: EncodedSound, position: Vec3 | None) -> Sound:
+    """What the manifest says of it."""
+    init, *assets = (Asset(uri, len(data), hashlib.sha256(data).hexdigest()) for uri, data in files(sound).items())
+    segments = tuple(SoundSegment(asset, *sound.span(index)) for index, asset in enumerate(assets))
+    return Sound(TYPE, RATE, sound.channels, init, segments, position)
+
+
+def _are_there(folder: Path, contents: dict[str, bytes]) -> bool:
+    return all((folder / uri).is_file() and (folder / uri).read_bytes() == data for uri, data in contents.items())
+
+
+def _samples(frame: av.AudioFrame) -> np.ndarray:
+    """[n, channels] float32."""
     pcm = frame.to_ndarray()
-    pcm = pcm.T if frame.format.is_planar else pcm.reshape(-1, out.shape[1])
-    if pcm.dtype.kind == "i":
-        pcm = pcm / -float(np.iinfo(pcm.dtype).min)
-    part = pcm[max(-at, 0) : len(out) - at]
-    at = max(at, 0)
-    out[at : at + len(part)] = part
+    pcm = pcm.T if frame.format.is_planar else pcm.reshape(-1, frame.layout.nb_channels)
+    return pcm / np.float32(-np.iinfo(pcm.dtype).min) if pcm.dtype.kind == "i" else pcm
 
 
 def _chain(before: np.ndarray, blocks: Iterator[np.ndarray], after: np.ndarray) -> Iterator[np.ndarray]:

@@ -9,7 +9,9 @@ from pathlib import Path
 
 import numpy as np
 
+from splatreel.codec.fragments import RATE
 from splatreel.codec.reader import ReelReader
+from splatreel.codec.sound import TYPE, decode_sound
 from splatreel.errors import GaussiansError, ReelError
 
 
@@ -43,9 +45,10 @@ def verify_reel(location: str | Path) -> Verified:
             problems += _problems(lambda r=chosen, i=index: _check_group(r, i))
     for asset in manifest.assets:
         problems += _problems(lambda a=asset: reel.read_file(a))
+    problems += _problems(lambda: _check_sound(reel))
     problems += _problems(lambda: _check_frames(reel))
     if problems:
-        raise ReelError("\n".join(problems))
+        raise ReelError("\n".join(dict.fromkeys(problems)))
     return Verified(
         files=len(manifest.files) + len(manifest.assets) + 1,
         bytes=sum(entry.bytes for entry in [*manifest.files, *manifest.assets]),
@@ -89,6 +92,27 @@ def _check_group(reel: ReelReader, index: int) -> None:
         raise ReelError(
             f"{uri}: has SH degree {group.dynamic.sh_degree}, above the manifest's {reel.manifest.sh_degree}."
         )
+
+
+def _check_sound(reel: ReelReader) -> None:
+    """Every segment alone, with the first file: that it decodes, and to what is where the manifest says."""
+    sound = reel.manifest.presentation.sound
+    if sound is None or sound.type != TYPE:
+        return
+    for segment in sound.segments:
+        uri, at = segment.asset.uri, segment.start
+        init, data = reel.read_file(sound.init), reel.read_file(segment.asset)
+        try:
+            for time, part in decode_sound(init, [data], sound.channels):
+                if abs(time / RATE - at) > 1e-3:
+                    raise ReelError(f"has sound of {time / RATE:.3f} s where {at:.3f} s was expected.")
+                at += len(part) / RATE
+                if at > segment.start + segment.seconds + 1e-3:
+                    break
+        except ReelError as error:
+            raise ReelError(f"{uri}: {error}") from error
+        if abs(at - segment.start - segment.seconds) > 1e-3:
+            raise ReelError(f"{uri}: holds sound up to {at:.3f} s, not {segment.start + segment.seconds:.3f} s.")
 
 
 def _check_frames(reel: ReelReader) -> None:

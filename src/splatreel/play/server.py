@@ -27,6 +27,8 @@ _TYPES = {
     ".wasm": "application/wasm",
     ".txt": "text/plain; charset=utf-8",
     ".safetensors": "application/octet-stream",
+    ".mp4": "audio/mp4",
+    ".m4s": "audio/mp4",
 }
 """What is served at all: a file of another kind that happens to lie in the folder is not."""
 

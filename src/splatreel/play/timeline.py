@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import bisect
+from functools import cached_property
 from pathlib import Path
 
 import numpy as np
@@ -11,6 +12,7 @@ from splatreel.codec.manifest import Manifest
 from splatreel.codec.reader import ReelReader
 from splatreel.errors import ReelError
 from splatreel.play.renderers import Draw, draw_on_cpu
+from splatreel.play.sound import ReelSound
 from splatreel.scene.camera import Camera
 from splatreel.scene.gaussians import Gaussians
 from splatreel.scene.group import Group
@@ -50,6 +52,12 @@ class Timeline:
     @property
     def manifest(self) -> Manifest:
         return self.reel.manifest
+
+    @cached_property
+    def sound(self) -> ReelSound | None:
+        """None where the reel is silent."""
+        sound = self.manifest.presentation.sound
+        return ReelSound(self.reel, sound) if sound else None
 
     @property
     def fps(self) -> float:

@@ -1,0 +1,63 @@
+"""The sound of a reel: samples at a time."""
+
+from __future__ import annotations
+
+from collections import OrderedDict
+
+import numpy as np
+
+from splatreel.codec.fragments import RATE
+from splatreel.codec.presentation import Asset, Sound
+from splatreel.codec.reader import ReelReader
+from splatreel.codec.sound import PREROLL, TYPE, decode_sound
+from splatreel.errors import ReelError
+
+_CACHED_SEGMENTS = 4
+
+
+class ReelSound:
+    """Reads what it needs and decodes it. rate: samples a second. position: where it comes from, world units; None: everywhere."""
+
+    def __init__(self, reel: ReelReader, sound: Sound) -> None:
+        self._reel, self._sound = reel, sound
+        self._files: OrderedDict[str, bytes] = OrderedDict()
+        self.rate, self.channels, self.position = sound.rate, sound.channels, sound.position
+
+    @property
+    def duration(self) -> float:
+        """Seconds; up to a packet longer than the reel."""
+        last = self._sound.segments[-1]
+        return last.start + last.seconds
+
+    def samples(self, start: float, seconds: float) -> np.ndarray:
+        """[round(seconds * rate), channels] float32 from a time of the reel on; silence where it has no sound.
+
+        The samples do not depend on where one starts. Raises `ReelError` for damaged files and for sound that is not Opus.
+        """
+        first, count = round(start * self.rate), max(round(seconds * self.rate), 0)
+        out = np.zeros((count, self.channels), np.float32)
+        if self._sound.type != TYPE or self.rate != RATE:
+            raise ReelError(f"{self._reel.name}: its sound is {self._sound.type!r}; only {TYPE!r} is decoded.")
+        end = start + seconds
+        needed = [s for s in self._sound.segments if s.start < end and s.start + s.seconds > start - PREROLL]
+        if not needed:
+            return out
+        most = round((sum(s.seconds for s in needed) + 1) * self.rate)
+        try:
+            init, *segments = (self._read(asset) for asset in (self._sound.init, *(s.asset for s in needed)))
+            for time, part in decode_sound(init, segments, self.channels):
+                at, most = time - first, most - len(part)
+                if most < 0:
+                    raise ReelError("is longer than the manifest says.")
+                part = part[max(-at, 0) : max(count - at, 0)]
+                out[max(at, 0) : max(at, 0) + len(part)] = part
+        except ReelError as error:
+            raise ReelError(f"{needed[0].asset.uri}: {error}") from error
+        return out
+
+    def _read(self, asset: Asset) -> bytes:
+        data = self._files.pop(asset.sha256, None) or self._reel.read_file(asset)
+        self._files[asset.sha256] = data
+        if len(self._files) > _CACHED_SEGMENTS:
+            self._files.popitem(last=False)
+        return data

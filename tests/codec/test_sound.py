@@ -1,0 +1,172 @@
+"""Sound goes into a reel and comes out at the reel's time."""
+
+import dataclasses
+import json
+from itertools import pairwise
+
+import numpy as np
+import pytest
+
+from splatreel.codec.fragments import RATE
+from splatreel.codec.reader import ReelReader
+from splatreel.codec.sound import add_sound, decode_sound, encode_sound, write_sound
+from splatreel.codec.verify import verify_reel
+from splatreel.errors import ReelError
+from tests import flashes
+from tests.codec.reels import edit_manifest, new_group, new_writer, points, write_reel
+
+TIMES = (0.5, 1.2345, 1.99, 2.1, 3.3, 3.99, 5.55)
+MILLISECOND = 1e-3
+
+
+def decoded(sound, first: int = 0) -> np.ndarray:
+    """All of the sound that a stream of segments from `first` on gives."""
+    parts = list(decode_sound(sound.init, list(sound.segments[first:]), sound.channels))
+    assert parts[0][0] == round(sound.span(first)[0] * RATE), "the stream starts where its first segment does"
+    assert all(b[0] == a[0] + len(a[1]) for a, b in pairwise(parts))
+    return np.concatenate([part for _, part in parts])
+
+
+@pytest.mark.parametrize("channels", [1, 2])
+@pytest.mark.parametrize("first", [0, 1, 2])
+def test_clicks_are_heard_at_their_times_from_any_segment_on(channels: int, first: int) -> None:
+    sound = encode_sound(np.array_split(flashes.clicks(TIMES, 6.5, channels), 11), channels)
+    assert [sound.span(i) for i in range(4)] == [(0, 2), (2, 2), (4, 2), (6, 0.5)]
+    start = sound.span(first)[0]
+    expected = [time - start for time in TIMES if time >= start]
+    np.testing.assert_allclose(flashes.onsets(decoded(sound, first)), expected, atol=MILLISECOND)
+
+
+def test_speech_comes_back_as_it_was() -> None:
+    rng = np.random.default_rng(0)
+    tone = sum(np.sin(np.arange(3 * RATE) * 2 * np.pi * f / RATE + rng.random()) for f in (140, 280, 560, 1120)) / 8
+    sound = encode_sound([tone[:, None]], 1)
+    error = decoded(sound)[: len(tone), 0][4800:] - tone[4800:]
+    assert 10 * np.log10((tone**2).mean() / (error**2).mean()) > 20
+    rate = 8 * sum(map(len, sound.segments)) / 3
+    assert rate < 100_000
+
+
+def test_the_last_packet_is_filled_up() -> None:
+    sound = encode_sound([np.ones((961, 1), np.float32)], 1)
+    assert (sound.samples, sound.span(0)) == (1920, (0, 0.04))
+
+
+def test_the_same_samples_give_the_same_bytes_however_they_are_cut() -> None:
+    samples = flashes.clicks(TIMES, 6.5, 2)
+    assert encode_sound(np.array_split(samples, 7), 2) == encode_sound([samples], 2)
+
+
+def test_no_sound_is_an_error() -> None:
+    with pytest.raises(ReelError, match="no sound"):
+        encode_sound([], 1)
+
+
+def test_a_reel_gets_sound_and_loses_it(tmp_path) -> None:
+    reel = write_reel(tmp_path)
+    before = (reel / "manifest.json").read_bytes()
+    add_sound(reel, encode_sound([flashes.clicks()], 1), (1, 2, 3))
+    sound = ReelReader(reel).manifest.presentation.sound
+    assert sound.position == (1, 2, 3)
+    assert [s.start for s in sound.segments] == [0, 2]
+    assert verify_reel(reel).strangers == []
+    add_sound(reel, encode_sound([flashes.clicks((0.2,), 1.0, 2)], 2))
+    assert ReelReader(reel).manifest.presentation.sound.channels == 2
+    assert verify_reel(reel).strangers == [], "the second segment of the first sound is gone"
+    writer = new_writer(reel, resume=True)
+    write_sound(writer, None)
+    writer.finish()
+    assert (reel / "manifest.json").read_bytes() == before, "no sound, no bytes"
+    assert not list((reel / "sound").glob("*"))
+
+
+def test_a_live_reel_has_it_from_the_first_group_on(tmp_path) -> None:
+    sound = encode_sound([flashes.clicks()], 1)
+    writer = new_writer(tmp_path)
+    write_sound(writer, sound)
+    assert not (tmp_path / "manifest.json").exists()
+    writer.add_layer(0, 0, points(20))
+    writer.add_group(new_group(0, 15, 20))
+    manifest = ReelReader(tmp_path).manifest
+    assert manifest.live
+    assert len(manifest.presentation.sound.segments) == 2
+    verify_reel(tmp_path)
+    stamps = {path: path.stat().st_mtime_ns for path in tmp_path.rglob("*.m*")}
+    write_sound(new_writer(tmp_path, resume=True), sound)
+    assert {path: path.stat().st_mtime_ns for path in tmp_path.rglob("*.m*")} == stamps, "it is there already"
+    (tmp_path / "sound" / "0001.m4s").unlink()
+    write_sound(new_writer(tmp_path, resume=True), sound)
+    verify_reel(tmp_path)
+
+
+def test_damage_is_found(tmp_path) -> None:
+    reel = write_reel(tmp_path)
+    add_sound(reel, encode_sound([flashes.clicks()], 1))
+    file = reel / "sound" / "0001.m4s"
+    whole = file.read_bytes()
+    file.write_bytes(whole[:-1] + b"\0")
+    with pytest.raises(ReelError, match=r"0001\.m4s.*sha256") as error:
+        verify_reel(reel)
+    assert str(error.value).count("\n") == 0
+    file.unlink()
+    with pytest.raises(ReelError, match=r"0001\.m4s"):
+        verify_reel(reel)
+
+
+@pytest.mark.parametrize(
+    ("change", "said"),
+    [
+        ({"channels": 2}, "1 channels.*expected 2"),
+        ({"segments": [{}, {"start": 2.5}]}, "has sound of 2.000 s where 2.500 s was expected"),
+        ({"segments": [{"seconds": 1}, {}]}, "holds sound up to"),
+        ({"segments": [{}, {"seconds": 3000}]}, "up to 4.000 s, not 3002.000 s"),
+    ],
+)
+def test_a_manifest_that_says_something_else_is_found(tmp_path, change, said) -> None:
+    reel = write_reel(tmp_path)
+    add_sound(reel, encode_sound([flashes.clicks()], 1))
+
+    def forge(document):
+        segments = [a | b for a, b in zip(document["sound"]["segments"], change.get("segments", [{}, {}]), strict=True)]
+        document["sound"] |= change | {"segments": segments}
+
+    edit_manifest(reel, forge)
+    with pytest.raises(ReelError, match=said):
+        verify_reel(reel)
+
+
+@pytest.mark.parametrize("data", [b"", b"\0" * 100, b"RIFF" + bytes(60)], ids=["empty", "zeros", "other"])
+def test_what_is_no_sound_is_refused(data) -> None:
+    sound = encode_sound([flashes.clicks()], 1)
+    with pytest.raises(ReelError):
+        list(decode_sound(data, list(sound.segments), 1))
+
+
+def test_a_segment_cut_short_is_found(tmp_path) -> None:
+    reel = write_reel(tmp_path)
+    sound = encode_sound([flashes.clicks()], 1)
+    add_sound(reel, dataclasses.replace(sound, segments=(sound.segments[0], sound.segments[1][:5000])))
+    with pytest.raises(ReelError, match=r"0001\.m4s"):
+        verify_reel(reel)
+
+
+def test_golden_reel() -> None:
+    """The committed bytes still decode to clicks at the times of the flashes, and so does what is encoded today."""
+    assert verify_reel(flashes.GOLDEN).groups == 4
+    manifest = ReelReader(flashes.GOLDEN).manifest
+    sound = manifest.presentation.sound
+    assert (sound.type, sound.rate, sound.channels) == ('audio/mp4; codecs="opus"', RATE, 1)
+    assert sound.position == flashes.POSITION
+    files = [(flashes.GOLDEN / asset.uri).read_bytes() for asset in manifest.presentation.assets]
+    found = np.concatenate([part for _, part in decode_sound(files[0], files[1:], 1)])
+    np.testing.assert_allclose(flashes.onsets(found), flashes.CLICKS, atol=MILLISECOND)
+    fresh = decoded(encode_sound([flashes.clicks()], 1))
+    np.testing.assert_allclose(flashes.onsets(fresh), flashes.CLICKS, atol=MILLISECOND)
+    assert fresh.shape == found.shape
+
+
+def test_golden_reel_says_what_it_says() -> None:
+    document = json.loads((flashes.GOLDEN / "manifest.json").read_text())
+    entry = document["sound"]["segments"][1]
+    assert (entry["uri"], entry["start"], entry["seconds"]) == ("sound/0001.m4s", 2, 2)
+    assert dataclasses.asdict(ReelReader(flashes.GOLDEN).manifest.presentation)["sound"]["segments"][1]["start"] == 2
