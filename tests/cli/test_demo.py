@@ -36,9 +36,13 @@ def test_the_demo_makes_a_reel_and_a_report_and_is_continued(
     assert [c["name"] for c in report["cameras"]] == ["cam00", "cam07"]
     assert len(manifest["groups"]) == 2
     assert manifest["live"] is False
+    assert manifest["title"] == "A toy room"
+    assert {"poster", "thumbnails", "limits"} <= set(manifest)
     assert "splatreel serve" in out  # no terminal here: it ends by itself
 
+    assert main(["edit", str(tmp_path / "demo"), "--title", "My room"]) == 0
     assert main(arguments) == 0
+    assert json.loads((tmp_path / "demo" / "reel" / "manifest.json").read_text())["title"] == "My room"
     again = json.loads((tmp_path / "demo" / "report.json").read_text())
     assert again["psnr"] == report["psnr"]
     assert "keyframe:" not in capsys.readouterr().err

@@ -16,7 +16,20 @@ from splatreel.cli import main as cli
 from splatreel.cli.failure import EXTRAS, explain
 from splatreel.cli.main import main
 
-VERBS = ["demo", "capture", "reconstruct", "encode", "info", "verify", "serve", "view", "export", "evaluate", "bench"]
+VERBS = [
+    "demo",
+    "capture",
+    "reconstruct",
+    "encode",
+    "edit",
+    "info",
+    "verify",
+    "serve",
+    "view",
+    "export",
+    "evaluate",
+    "bench",
+]
 
 
 def run(*arguments: str, cwd: Path | None = None) -> subprocess.CompletedProcess[str]:

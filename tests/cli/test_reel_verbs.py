@@ -109,3 +109,33 @@ def test_export_of_many_frames_and_of_a_film(tmp_path: Path, capsys: pytest.Capt
     assert "there is no frame 998" in capsys.readouterr().err
     assert main(["export", str(GOLDEN), "--out", str(tmp_path / "one.ply")]) == 2
     assert "--frame N" in capsys.readouterr().err
+
+
+def test_edit_changes_what_a_reel_says(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    reel = tmp_path / "run" / "reel"
+    shutil.copytree(GOLDEN, reel)
+    assert main(["edit", str(tmp_path / "run"), "--title", " Balls ", "--author", "Ä. Nobody", "--licence", "CC0"]) == 0
+    assert f"{reel}: title Balls" in capsys.readouterr().out
+    assert main(["edit", str(reel), "--description", "Two balls </title>", "--author", ""]) == 0
+    found = open_reel(reel).manifest
+    said = found.presentation
+    assert (said.title, said.author, said.licence) == ("Balls", "", "CC0")
+    assert said.description == "Two balls </title>"
+    assert found.groups == open_reel(GOLDEN).manifest.groups
+    assert main(["verify", str(reel)]) == 0
+    capsys.readouterr()
+    assert main(["info", str(reel)]) == 0
+    assert "  title: Balls\n" in capsys.readouterr().out
+
+
+def test_edit_says_what_it_cannot(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    shutil.copytree(GOLDEN, tmp_path / "reel")
+    before = (tmp_path / "reel" / "manifest.json").read_bytes()
+    assert main(["edit", str(tmp_path / "reel")]) == 2
+    assert main(["edit", str(tmp_path / "reel"), "--title", "x" * 201]) == 2
+    assert "--title: 201 characters, at most 200" in capsys.readouterr().err
+    assert (tmp_path / "reel" / "manifest.json").read_bytes() == before
+    assert main(["edit", str(tmp_path / "none"), "--title", "x"]) == 1
+    (tmp_path / "reel" / "manifest.json").write_bytes(before.replace(b'"live": false', b'"live": true'))
+    assert main(["edit", str(tmp_path / "reel"), "--title", "x"]) == 1
+    assert "is still being written" in capsys.readouterr().err

@@ -5,7 +5,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from splatreel.errors import UsageError
-from splatreel.recon.sequence import spans
+from splatreel.recon.spans import spans
 
 
 def test_two_groups_overlap_and_the_last_ends_with_the_video():

@@ -10,6 +10,13 @@ from splatreel.cli.reconstruct import Device, configure
 from splatreel.config import Quality
 from splatreel.threads import use as use_threads
 
+WORDS = {
+    "title": "A toy room",
+    "author": "Splatreel",
+    "description": "The built-in capture: a small scene, traced by Splatreel's own ray tracer, filmed by fourteen cameras.",
+    "licence": "Apache-2.0",
+}
+
 
 def demo(
     out: Path,
@@ -41,6 +48,7 @@ def demo(
     from splatreel.capture.synthetic import make_capture
     from splatreel.evaluation.evaluate import evaluate
     from splatreel.evaluation.undecoded import undecoded_frames
+    from splatreel.play.presenter import Presenter
     from splatreel.progress import console
     from splatreel.recon import sequence
 
@@ -60,7 +68,9 @@ def demo(
         progress.update(100)
         filming = round(time.monotonic() - start, 3)
         capture = open_capture(folder)
-        result = sequence.reconstruct(capture, out, config, device=device, progress=progress)
+        result = sequence.reconstruct(
+            capture, out, config, device=device, progress=progress, present=Presenter(otherwise=WORDS)
+        )
         report = evaluate(
             result.reel,
             capture,

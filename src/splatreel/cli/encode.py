@@ -50,6 +50,7 @@ def encode(
             raw, offsets as float32. The web player plays ofs only.
     """
     from splatreel.codec.info import reel_info
+    from splatreel.play.presenter import Presenter
     from splatreel.progress import console
     from splatreel.recon.publish import encode as encode_checkpoints
 
@@ -67,10 +68,21 @@ def encode(
     _check_rate(config, rate, target_mbps, PAPERS & set(given))
     progress = console()
     try:
-        encode_checkpoints(run / "work", out, config, progress, target_mbps)
+        encode_checkpoints(run / "work", out, config, progress, target_mbps, Presenter(_words_of(run)))
     finally:
         progress.close()
     print(describe(str(out), reel_info(out)))
+
+
+def _words_of(run: Path) -> dict[str, str]:
+    """What the run's own reel says for people, if there still is one."""
+    from splatreel.codec.presentation import MAX_TEXT
+    from splatreel.codec.reader import ReelReader
+
+    if not (run / "reel" / "manifest.json").is_file():
+        return {}
+    presentation = ReelReader(run / "reel").manifest.presentation
+    return {name: text for name in MAX_TEXT if (text := getattr(presentation, name))}
 
 
 def _check_rate(config: EncodeConfig, rate: Rate | None, mbps: float | None, papers: set[str]) -> None:

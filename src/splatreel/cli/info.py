@@ -57,6 +57,7 @@ def describe(name: str, found: ReelInfo) -> str:
             for name, size in found.rendition_bytes.items()
         ]
         lines.append(f"  groups in renditions: {', '.join(rates)}")
+    lines += presented(manifest)
     for group in manifest.groups:
         born = next((layer for layer in manifest.layers if layer.group == group.group), None)
         new = f"{born.points:,} new static points ({born.bytes:,} bytes)" if born else "no new static points"
@@ -72,6 +73,22 @@ def describe(name: str, found: ReelInfo) -> str:
         if parts:
             lines.append(f"  {kind}s, bytes and bits a point: {', '.join(parts)}")
     return "\n".join([*lines, *rate_chart(manifest)])
+
+
+def presented(manifest: Manifest) -> list[str]:
+    """What there is beside the points."""
+    from splatreel.codec.presentation import MAX_TEXT
+
+    said = manifest.presentation
+    texts = {name: getattr(said, name) for name in MAX_TEXT}
+    sizes = {
+        "poster": said.poster.asset.bytes if said.poster else 0,
+        "thumbnails": sum(sheet.bytes for sheet in said.thumbnails.sheets) if said.thumbnails else 0,
+        "sound": said.sound.init.bytes + sum(s.asset.bytes for s in said.sound.segments) if said.sound else 0,
+    }
+    lines = [f"  {name}: {text}" for name, text in texts.items() if text]
+    beside = ", ".join(f"{name} {size:,} bytes" for name, size in sizes.items() if size)
+    return [*lines, *([f"  beside the points: {beside}"] if beside else [])]
 
 
 ROWS, BAR = 24, 48

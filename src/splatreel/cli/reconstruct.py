@@ -6,9 +6,10 @@ import dataclasses
 from pathlib import Path
 from typing import Literal
 
-from tyro.conf import Positional
+from tyro.conf import OmitArgPrefixes, Positional
 
 from splatreel.cli.options import parse_frames, parse_held_out, parse_renditions
+from splatreel.cli.words import Words
 from splatreel.config import Config, Quality, Rate, preset
 from splatreel.errors import UsageError
 from splatreel.threads import use as use_threads
@@ -34,6 +35,7 @@ def reconstruct(
     seed: int = 0,
     threads: int | None = None,
     profile: bool = False,
+    words: OmitArgPrefixes[Words] = Words(),  # noqa: B008 - it is frozen
 ) -> None:
     """Make a reel of a capture. Interrupt it at will: the same command continues.
 
@@ -56,8 +58,10 @@ def reconstruct(
     use_threads(threads)
     span, held_out = parse_frames(frames), parse_held_out(hold_out)
     config = with_renditions(configure(quality, codec, deformation, seed), parse_renditions(renditions))
+    given = words.given()
     from splatreel.capture.opening import open_capture
     from splatreel.evaluation.profile import profiled
+    from splatreel.play.presenter import Presenter
     from splatreel.progress import console
     from splatreel.recon import sequence
 
@@ -65,7 +69,9 @@ def reconstruct(
     progress = console()
     try:
         with profiled(out / "profile.md" if profile else None):
-            result = sequence.reconstruct(source, out, config, device=device, progress=progress)
+            result = sequence.reconstruct(
+                source, out, config, device=device, progress=progress, present=Presenter(given)
+            )
     finally:
         progress.close()
         source.close()

@@ -14,6 +14,7 @@ import numpy as np
 import torch
 
 from splatreel.codec.manifest import BLACK, Manifest
+from splatreel.codec.presentation import Presentation, parse_presentation
 from splatreel.codec.reader import ReelReader
 from splatreel.codec.writer import ReelWriter
 from splatreel.config import EncodeConfig
@@ -33,6 +34,14 @@ MOST_WORKERS = 8
 """Groups encoded at a time: each is held in memory."""
 MOMENTS, VIEWS = 32, 2
 """Times of a group at which the importance of its points is looked at, and pictures at each: what shows for a few frames shows."""
+
+Present = Callable[[ReelWriter, int | None], None]
+"""What a reel has beside its points, such as a poster, is added by what is called after each group with the group's index, and at
+the end, before the reel is declared complete, with None."""
+
+
+def nothing_more(writer: ReelWriter, group: int | None) -> None:
+    """Adds nothing."""
 
 
 def group_folder(work: Path, index: int) -> Path:
@@ -89,6 +98,7 @@ def save_header(work: Path, header: dict) -> None:
     cameras = [_camera_to_dict(camera) for camera in header["cameras"]]
     plain = header | {"cameras": cameras, "camera": _camera_to_dict(header["camera"])}
     plain["clearance"] = header.get("clearance", NONE).to_dict()
+    plain |= Presentation(limits=plain.pop("limits", None)).to_json()
     checkpoint.save_json(work / "header.json", plain)
 
 
@@ -103,7 +113,11 @@ def open_writer(work: Path, reel: Path, config: EncodeConfig, resume: bool) -> R
     header["bounds"], header["up"] = np.array(header["bounds"]), np.array(header["up"])
     header["background"] = tuple(header.get("background", BLACK))
     header["clearance"] = Clearance.from_dict(header.get("clearance"))
-    return ReelWriter(reel, config=config, resume=resume, **header)
+    limits = parse_presentation({"limits": header.pop("limits", None)}).limits
+    writer = ReelWriter(reel, config=config, resume=resume, **header)
+    if limits != writer.manifest.presentation.limits:
+        writer.present(dataclasses.replace(writer.manifest.presentation, limits=limits))
+    return writer
 
 
 Shown = tuple[np.ndarray | None, np.ndarray | None]
@@ -198,10 +212,18 @@ class Publisher:
         self._order = np.concatenate([self._order, len(self._order) + np.arange(0 if born is None else len(born))])
 
 
-def encode(work: Path, reel: Path, config: EncodeConfig, progress: Progress, mbps: float | None = None) -> Path:
+def encode(
+    work: Path,
+    reel: Path,
+    config: EncodeConfig,
+    progress: Progress,
+    mbps: float | None = None,
+    present: Present = nothing_more,
+) -> Path:
     """Write a reel from the checkpoints of a reconstruction, without training; returns the reel's folder.
 
-    mbps: megabits a second of video that the reel shall have; its coarseness is then found by trying.
+    mbps: megabits a second of video that the reel shall have; its coarseness is then found by trying. present: adds what is there
+    beside the points, at the end.
     """
     count = finished_groups(work)
     if count == 0:
@@ -214,15 +236,18 @@ def encode(work: Path, reel: Path, config: EncodeConfig, progress: Progress, mbp
         publisher = Publisher(writer, work, device, shows)
         progress.stage("encode", count)
         publisher.publish_all(count, progress.update)
-        writer.finish()
         manifest = writer.manifest
         size = sum(file.bytes for file in (*manifest.layers, *manifest.groups))
         return 8e-6 * size / (manifest.frames / manifest.fps)
 
+    coarseness = config.coarseness
     if mbps is None:
-        write(config.coarseness)
+        write(coarseness)
     else:
-        meet_rate(write, mbps)
+        coarseness = meet_rate(write, mbps)
+    writer = open_writer(work, reel, dataclasses.replace(config, coarseness=coarseness), resume=True)
+    present(writer, None)
+    writer.finish()
     return reel
 
 

@@ -15,7 +15,7 @@ from splatreel.capture.base import Capture
 from splatreel.capture.prefetch import FramePrefetcher
 from splatreel.codec.writer import ReelWriter
 from splatreel.config import Config
-from splatreel.errors import ReconstructionError, UsageError
+from splatreel.errors import ReconstructionError
 from splatreel.kernels.image import render_image
 from splatreel.motion.flow import make_flow
 from splatreel.motion.light import changes_of_light
@@ -31,23 +31,27 @@ from splatreel.recon.importance import weigh
 from splatreel.recon.keyframe import KeyframeTrainer
 from splatreel.recon.layering import Layers, convertible, crowding, label_points, separate
 from splatreel.recon.layout import Layout
+from splatreel.recon.limits import limits
 from splatreel.recon.lit import Lit
 from splatreel.recon.memory import check_memory
 from splatreel.recon.momentum import Momentum
 from splatreel.recon.plan import Plan
 from splatreel.recon.points import TrainablePoints, default_rates
 from splatreel.recon.publish import (
+    Present,
     Publisher,
     finished_groups,
     group_folder,
     importance,
     load_group,
     load_layer,
+    nothing_more,
     open_writer,
     save_group,
     save_header,
 )
 from splatreel.recon.rig import Rig
+from splatreel.recon.spans import Span, spans
 from splatreel.recon.still import lay_out, still_trainer, train_frame
 from splatreel.scene.gaussians import Gaussians
 from splatreel.scene.group import Group
@@ -55,28 +59,6 @@ from splatreel.scene.group import Group
 MIN_CAMERAS = 3
 MIN_SIDE = 8
 """Pixels; smaller images show nothing that cameras could agree on."""
-
-
-@dataclass(frozen=True)
-class Span:
-    """The frames of one group: its own and, unless it is the last, the overlap with the next."""
-
-    index: int
-    first: int
-    own: int
-    count: int
-
-
-def spans(frames: int, length: int, overlap: int) -> list[Span]:
-    """Cut a video into groups. A rest no longer than the overlap joins the group before it."""
-    if overlap >= length:
-        raise UsageError(f"An overlap of {overlap} frames does not fit groups of {length}. Choose a smaller overlap.")
-    firsts = [f for f in range(0, frames, length) if f == 0 or frames - f > overlap]
-    ends = [*firsts[1:], frames]
-    return [
-        Span(i, first, end - first, min(end + overlap, frames) - first)
-        for i, (first, end) in enumerate(zip(firsts, ends, strict=True))
-    ]
 
 
 @dataclass
@@ -103,19 +85,25 @@ class Result:
 
 
 def reconstruct(
-    capture: Capture, out: Path, config: Config, *, device: str = "auto", progress: Progress | None = None
+    capture: Capture,
+    out: Path,
+    config: Config,
+    *,
+    device: str = "auto",
+    progress: Progress | None = None,
+    present: Present = nothing_more,
 ) -> Result:
     """Reconstruct a capture into OUT/reel, with checkpoints in OUT/work; the same call continues an interrupted run.
 
-    device: auto, cpu or cuda. Raises `ReconstructionError` when OUT belongs to another capture or configuration or is in use, or
-    a checkpoint is damaged, `UsageError` for a device that is not there, `ReelError` where the disk refuses, and what the
-    capture raises for frames that cannot be read. What is finished stays, whatever is raised.
+    device: auto, cpu or cuda. present: adds what is there beside the points. Raises `ReconstructionError` when OUT belongs to another
+    capture or configuration or is in use, or a checkpoint is damaged, `UsageError` for a device that is not there, `ReelError` where
+    the disk refuses, and what the capture raises for frames that cannot be read. What is finished stays, whatever is raised.
     """
     check_capture(capture)
     check_memory(capture, config.group.length + config.group.overlap)
     chosen = pick_device(device)
     with Claim(Path(out), capture, config) as claim:
-        return Reconstruction(capture, claim, config, chosen, progress or Silent()).run()
+        return Reconstruction(capture, claim, config, chosen, progress or Silent(), present).run()
 
 
 def check_capture(capture: Capture) -> None:
@@ -137,9 +125,16 @@ class Reconstruction:
     """One run. Its methods are the stages, in order."""
 
     def __init__(
-        self, capture: Capture, claim: Claim, config: Config, device: torch.device, progress: Progress
+        self,
+        capture: Capture,
+        claim: Claim,
+        config: Config,
+        device: torch.device,
+        progress: Progress,
+        present: Present,
     ) -> None:
         self.capture, self.claim, self.config, self.device, self.progress = capture, claim, config, device, progress
+        self.present = present
         self.reel, self.work = claim.reel, claim.work
         self.spans = spans(capture.frames, config.group.length, config.group.overlap)
         self.plan = Plan([span.count for span in self.spans], config)
@@ -154,10 +149,13 @@ class Reconstruction:
         finished = finished_groups(self.work)
         for span in self.spans[:finished]:
             scene = self._restore(span, scene, publisher)
+        if finished:
+            self.present(writer, finished - 1)
         todo = self.spans[finished:]
         with FramePrefetcher(self.capture, self.rig.names, [(s.first, s.count) for s in todo]) as stretches:
             for span, frames in zip(todo, stretches, strict=True):
                 scene = self._group(span, scene, frames, layout, writer)
+        self.present(writer, None)
         writer.finish()
         return Result(self.reel, self.work, self.seconds, self.device.type)
 
@@ -199,6 +197,7 @@ class Reconstruction:
             shown = importance(writer, scene.static, group, self.device)[0]
             save_group(self.work, group, shown)  # before it is published: what is in the reel is never trained again
             writer.add_group(group, shown)
+            self.present(writer, span.index)
         return self._hand_over(span, scene.static, group)
 
     def _keyframe(self, span: Span, scene: Scene, frames: np.ndarray, layout: Layout) -> Gaussians:
@@ -368,6 +367,9 @@ class Reconstruction:
             "antialias": self.config.antialias,
             "camera": self.rig.cameras[len(self.rig.cameras) // 2],
             "cameras": self.rig.cameras,
+            "limits": limits(
+                self.rig.cameras, checkpoint.load_arrays(self.work / "points.safetensors")["points"], layout
+            ),
         }
         save_header(self.work, header)
         return open_writer(self.work, self.reel, self.config.encode, resume=True)

@@ -1,0 +1,33 @@
+"""Changing what a finished reel says for people; its points stay as they are."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+from pathlib import Path
+
+from splatreel.codec.container import write_atomically
+from splatreel.codec.manifest import Manifest, parse_manifest
+from splatreel.codec.presentation import check_text
+from splatreel.errors import ReelError
+
+
+def edit_reel(folder: Path, words: Mapping[str, str]) -> Manifest:
+    """Put a `title`, `author`, `description` or `licence` into the manifest, atomically; an empty one is taken out. Returns the new.
+
+    Raises `ReelError` for what is no reel on this machine, for one that is still being written, and for a text that is too long.
+    """
+    file = folder / "manifest.json"
+    try:
+        manifest = parse_manifest(file.read_bytes(), str(file))
+    except OSError as error:
+        raise ReelError(f"{file}: cannot be read ({error.strerror}). Name the folder of a reel.") from error
+    if manifest.live:
+        raise ReelError(f"{file}: is still being written. Give --title and the others to the command that writes it.")
+    try:
+        words = {name: check_text(name, text) for name, text in words.items()}
+    except ReelError as error:
+        raise ReelError(f"{file}: {error}") from error
+    edited = replace(manifest, presentation=replace(manifest.presentation, **words))
+    write_atomically(file, edited.to_json().encode())
+    return edited

@@ -1,0 +1,44 @@
+"""Small pictures of a reel over time, for people who look for a moment: about 10 KB a minute, in sheets of some minutes."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from splatreel.codec.presentation import Thumbnails
+from splatreel.codec.writer import ReelWriter
+from splatreel.play.jpeg import jpeg_within, to_bytes
+from splatreel.play.timeline import Timeline
+
+SIDE = 112
+"""Pixels of a picture's longer side."""
+SHORTEST, LONGEST = 0.25, 10.0
+"""Seconds from one picture to the next."""
+FEW = 8
+"""Pictures of a reel that is short; a longer one has one in `LONGEST`."""
+COLUMNS, ROWS = 6, 5
+MOST_BYTES = 1300
+"""Of a picture, on average."""
+QUALITIES = (70, 60, 50, 40, 30, 20)
+
+
+def write_thumbnails(writer: ReelWriter, reel: Timeline) -> Thumbnails:
+    """Draw them from the reel as decoded; only the files are written, see `ReelWriter.present`."""
+    frames, fps, camera = reel.frames, reel.fps, reel.manifest.camera
+    step = max(round(fps * min(max(frames / fps / FEW, SHORTEST), LONGEST)), 1)
+    count = math.ceil(frames / step)
+    scale = SIDE / max(camera.width, camera.height)
+    camera = camera.resized(max(round(camera.width * scale), 1), max(round(camera.height * scale), 1))
+    columns, rows = min(count, COLUMNS), min(math.ceil(count / COLUMNS), ROWS)
+    sheets = []
+    for first in range(0, count, columns * rows):
+        sheet = np.zeros((rows, columns, camera.height, camera.width, 3), np.uint8)
+        chosen = range(first, min(first + columns * rows, count))
+        for index in chosen:
+            row, column = divmod(index - first, columns)
+            sheet[row, column] = to_bytes(reel.render(reel.at(index * step / fps), camera))
+        pixels = sheet.swapaxes(1, 2).reshape(rows * camera.height, columns * camera.width, 3)
+        uri = f"thumbnails/{len(sheets):04d}.jpg"
+        sheets.append(writer.write_asset(uri, jpeg_within(pixels, MOST_BYTES * len(chosen), QUALITIES)))
+    return Thumbnails(camera.width, camera.height, columns, rows, step / fps, count, tuple(sheets))

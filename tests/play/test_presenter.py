@@ -1,0 +1,139 @@
+"""Words, posters and thumbnails, put into reels as they are written."""
+
+import io
+from pathlib import Path
+
+import numpy as np
+import pytest
+from PIL import Image
+
+from splatreel.codec.verify import verify_reel
+from splatreel.codec.writer import ReelWriter
+from splatreel.errors import ReelError
+from splatreel.play import jpeg
+from splatreel.play.presenter import Presenter
+from splatreel.play.timeline import open_reel
+from tests.codec.reels import new_group, new_writer, points
+
+
+def add_groups(writer: ReelWriter, numbers: range, present: Presenter) -> None:
+    """20 static points born at the first; every group has two frames of its own."""
+    for index in numbers:
+        if index == 0:
+            writer.add_layer(0, 0, points(20))
+        writer.add_group(new_group(index, 15, 20))
+        present(writer, index)
+
+
+def complete(writer: ReelWriter, present: Presenter) -> None:
+    present(writer, None)
+    writer.finish()
+
+
+def contents(reel: Path) -> dict[str, bytes]:
+    return {path.relative_to(reel).as_posix(): path.read_bytes() for path in reel.rglob("*") if path.is_file()}
+
+
+def test_the_poster_is_there_with_the_first_group_and_shows_what_the_start_camera_sees(tmp_path: Path) -> None:
+    writer = new_writer(tmp_path)
+    add_groups(writer, range(1), Presenter({"title": "Balls"}))
+    manifest = open_reel(tmp_path).manifest
+    poster = manifest.presentation.poster
+    assert manifest.live
+    assert manifest.presentation.title == "Balls"
+    assert poster is not None
+    data = (tmp_path / poster.asset.uri).read_bytes()
+    assert len(data) == poster.asset.bytes <= 25_000
+    image = Image.open(io.BytesIO(data))
+    assert (image.format, image.size, image.info.get("progressive")) == ("JPEG", (960, 720), 1)
+    assert image.size == (poster.width, poster.height)
+    reel = open_reel(tmp_path)
+    truth = reel.render(reel.at(0), manifest.camera.resized(960, 720)).clip(0, 1)
+    assert -10 * np.log10(np.mean((np.asarray(image) / 255 - truth) ** 2)) > 28
+
+
+def test_a_run_that_was_cut_off_anywhere_ends_with_the_same_reel(tmp_path: Path) -> None:
+    present = Presenter({"author": "Somebody"})
+    add_groups(writer := new_writer(tmp_path / "whole"), range(3), present)
+    complete(writer, present)
+    add_groups(new_writer(tmp_path / "cut"), range(1), Presenter())
+    (tmp_path / "cut" / "poster.jpg").unlink()
+    writer = new_writer(tmp_path / "cut", resume=True)
+    add_groups(writer, range(1, 3), present)
+    present(writer, None)  # cut off here, before it was declared complete
+    complete(new_writer(tmp_path / "cut", resume=True), Presenter())
+    assert contents(tmp_path / "cut") == contents(tmp_path / "whole")
+    assert verify_reel(tmp_path / "cut").strangers == []
+
+
+def test_a_poster_and_thumbnails_that_are_there_are_not_drawn_again(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    add_groups(writer := new_writer(tmp_path), range(2), Presenter())
+    complete(writer, Presenter())
+    before = contents(tmp_path)
+    monkeypatch.setattr("splatreel.play.timeline.Timeline.render", lambda *_: 1 / 0)
+    complete(new_writer(tmp_path, resume=True), Presenter())
+    assert contents(tmp_path) == before
+
+
+def test_words_change_and_the_others_stay(tmp_path: Path) -> None:
+    add_groups(writer := new_writer(tmp_path), range(1), Presenter({"title": "One", "licence": "CC0-1.0"}))
+    complete(writer, Presenter({"title": "Two"}))
+    found = open_reel(tmp_path).manifest.presentation
+    assert (found.title, found.licence, found.author) == ("Two", "CC0-1.0", "")
+    with pytest.raises(ReelError, match="title of 201 characters"):
+        Presenter({"title": "x" * 201})(writer, None)
+
+
+def test_thumbnails_are_pictures_of_their_times(tmp_path: Path) -> None:
+    add_groups(writer := new_writer(tmp_path), range(4), Presenter())
+    complete(writer, Presenter())
+    reel = open_reel(tmp_path)
+    found = reel.manifest.presentation.thumbnails
+    assert found is not None
+    assert (found.count, found.columns, found.rows, found.seconds) == (5, 5, 1, 0.2), "0.9 s at 10 frames a second"
+    sheet = np.asarray(Image.open(tmp_path / found.sheets[0].uri))
+    assert sheet.shape == (found.height, 5 * found.width, 3) == (84, 560, 3)
+    assert found.sheets[0].bytes < 10_000
+    camera = reel.manifest.camera.resized(found.width, found.height)
+    for index in range(5):
+        picture = sheet[:, index * found.width : (index + 1) * found.width] / 255
+        errors = [np.abs(picture - reel.render(reel.at(t * found.seconds), camera)).mean() for t in range(5)]
+        assert np.argmin(errors) == index
+
+
+def test_long_reels_have_sheets_of_five_minutes(tmp_path: Path) -> None:
+    """Ten minutes at a frame every two seconds: a picture each ten seconds, 30 a sheet, the last one not full."""
+    writer = new_writer(tmp_path, fps=0.5)
+    writer.add_layer(0, 0, points(20))
+    writer.add_group(new_group(0, 2, 20, frames=310))
+    complete(writer, Presenter())
+    found = open_reel(tmp_path).manifest.presentation.thumbnails
+    assert found is not None
+    assert (found.seconds, found.count, found.columns, found.rows, len(found.sheets)) == (10, 62, 6, 5, 3)
+    sizes = {Image.open(tmp_path / sheet.uri).size for sheet in found.sheets}
+    assert sizes == {(6 * found.width, 5 * found.height)}
+    assert sum(sheet.bytes for sheet in found.sheets) < 110_000
+
+
+def test_a_reel_that_gets_other_groups_loses_the_thumbnails_of_before(tmp_path: Path) -> None:
+    add_groups(writer := new_writer(tmp_path), range(2), Presenter())
+    complete(writer, Presenter())
+    add_groups(writer := new_writer(tmp_path, resume=True), range(2, 3), Presenter())
+    assert writer.manifest.presentation.thumbnails is None
+    assert not list(tmp_path.glob("thumbnails/*"))
+
+
+def test_pictures_get_coarser_until_they_fit() -> None:
+    noise = np.random.default_rng(0).integers(0, 256, (96, 128, 3), np.uint8)
+    fine, coarse = jpeg.jpeg_within(noise, 10**6), jpeg.jpeg_within(noise, 8_000)
+    assert len(coarse) <= 8_000 < len(fine)
+
+
+def test_a_poster_that_does_not_fit_is_smaller(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("splatreel.play.poster.MOST_BYTES", 4_000)
+    add_groups(writer := new_writer(tmp_path), range(1), Presenter())
+    poster = writer.manifest.presentation.poster
+    assert poster is not None
+    assert (poster.width, poster.height) == (640, 480)
