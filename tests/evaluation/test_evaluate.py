@@ -6,8 +6,9 @@ import numpy as np
 import pytest
 from PIL import Image
 
+from splatreel.codec.reader import ReelReader
 from splatreel.errors import UsageError
-from splatreel.evaluation.evaluate import evaluate, reel_width
+from splatreel.evaluation.evaluate import check_same_capture, evaluate, reel_width
 from splatreel.evaluation.report import Report
 from tests.evaluation import scenes
 
@@ -39,7 +40,9 @@ def test_a_good_reel_scores_high_and_is_reported_whole(reel: Path, tmp_path: Pat
     assert 0 < report.bytes_per_second < report.reel_bytes / (scenes.FRAMES / 30)
     assert reel_width(reel) == scenes.WIDTH
     assert set(report.seconds) == {"keyframe", "evaluate"}
-    assert [c["name"] for c in report.cameras] == ["cam00", "cam03"]
+    assert [c["name"] for c in report.cameras] == report.held_out == ["cam00", "cam03"]
+    assert report.trained_on == ["cam01", "cam02", "cam04"]
+    assert "Held-out cameras" in report.to_markdown()
     assert [f["frame"] for f in report.per_frame] == list(range(scenes.FRAMES))
     assert np.mean([c["psnr"] for c in report.cameras]) == pytest.approx(report.psnr)
     assert np.mean([f["psnr"] for f in report.per_frame]) == pytest.approx(report.psnr)
@@ -68,9 +71,34 @@ def test_frames_and_cameras_can_be_chosen(reel: Path, tmp_path: Path) -> None:
     report = evaluate(reel, scenes.capture(tmp_path), cameras=["cam02"], frames=[4, 0])
     assert report.frames == 2
     assert [c["name"] for c in report.cameras] == ["cam02"]
+    assert (report.trained_on, report.held_out) == (["cam01", "cam02", "cam04"], [])
     assert report.psnr_undecoded is None
     whole = evaluate(reel, scenes.capture(tmp_path), cameras=["cam02"])
     assert [f for f in whole.per_frame if f["frame"] in (0, 4)] == report.per_frame
+
+
+def test_training_views_are_called_that(reel: Path, tmp_path: Path) -> None:
+    """As after `--hold-out none`: the reel has seen what the capture would hold out."""
+    report = evaluate(reel, scenes.capture(tmp_path, held_out=["cam01", "cam02"]), frames=[0], out=tmp_path)
+    assert report.held_out == []
+    text = (tmp_path / "report.md").read_text()
+    assert "Training views, rendered from the decoded reel" in text
+    assert "Held-out" not in text
+    partly = evaluate(reel, scenes.capture(tmp_path, held_out=["cam01", "cam03"]), frames=[0])
+    assert [c["name"] for c in partly.cameras] == partly.held_out == ["cam03"]
+    with pytest.raises(UsageError, match=r"trained on cam01 and not on the others. Evaluate one kind"):
+        evaluate(reel, scenes.capture(tmp_path), cameras=["cam00", "cam01"])
+
+
+def test_a_camera_that_training_put_right_is_still_the_captures(tmp_path: Path) -> None:
+    many = [replace(c, name=f"cam{i}") for i, c in enumerate(scenes.cameras()[1:])]
+    manifest = ReelReader(scenes.write_reel(tmp_path / "reel")).manifest
+    capture = scenes.FilmedCapture(tmp_path, many, held_out=[], frame_range=(0, 1))
+    turned = replace(many[1], viewmat=many[1].viewmat + 0.01)
+    check_same_capture(replace(manifest, cameras=(many[0], turned, *many[2:])), capture, "reel")
+    wrong = replace(manifest, cameras=(replace(many[0], viewmat=many[0].viewmat + 0.01), turned, *many[2:]))
+    with pytest.raises(UsageError, match="made with a camera 'cam0'"):
+        check_same_capture(wrong, capture, "reel")
 
 
 def test_requests_that_do_not_fit_are_refused(reel: Path, tmp_path: Path) -> None:

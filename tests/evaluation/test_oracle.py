@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import torch
 
 from splatreel.codec.writer import ReelWriter
 from splatreel.config import Config, EncodeConfig, KeyframeConfig
@@ -134,7 +135,7 @@ def still_reel(path: Path, capture: HeldOutWall, cameras: str = "training") -> P
         cameras=views,
         config=EncodeConfig(),
     )
-    writer.add_layer(0, 0, gaussians, weigh([gaussians], capture.training_cameras, layout.near))
+    writer.add_layer(0, 0, gaussians, weigh([gaussians], capture.training_cameras, layout.near, torch.device("cpu")))
     nothing = gaussians[:0]
     offsets = np.zeros((FRAMES, 0, 3), np.float32), np.zeros((FRAMES, 0, 4), np.float32)
     writer.add_group(Group(0, 0, nothing, *offsets, np.ones(len(gaussians), bool)))
@@ -161,6 +162,6 @@ def test_a_reel_that_is_the_oracle_of_its_first_frame(out: Path, tmp_path: Path)
 
 def test_a_reel_that_has_seen_what_is_held_out_is_refused(tmp_path: Path) -> None:
     reel = still_reel(tmp_path / "reel", HeldOutWall(), "all")
-    with pytest.raises(UsageError, match="was trained on cam01, which wall holds out"):
+    with pytest.raises(UsageError, match="was trained on cam01, which cannot be held out of it any more"):
         oracle(HeldOutWall(), tmp_path / "out", CONFIG, [0], reel=reel, device="cpu")
     assert not (tmp_path / "out").exists()

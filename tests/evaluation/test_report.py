@@ -59,7 +59,7 @@ def report(**changes: object) -> Report:
 def test_report_json_has_the_promised_fields_and_is_read_back(tmp_path: Path) -> None:
     report().write(tmp_path)
     values = json.loads((tmp_path / "report.json").read_text())
-    assert set(values) == FIELDS | {"cameras", "per_frame"}
+    assert set(values) == FIELDS | {"cameras", "per_frame", "trained_on", "held_out"}
     assert values["lpips"] is None
     assert Report.read(tmp_path / "report.json") == report()
     assert sorted(p.name for p in tmp_path.iterdir()) == ["report.json", "report.md"]

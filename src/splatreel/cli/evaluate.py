@@ -23,7 +23,7 @@ def evaluate(
     threads: int | None = None,
     json: bool = False,
 ) -> None:
-    """Compare a reel with the cameras that it has not seen.
+    """Compare a reel with the cameras that it has not seen, or with those that it was trained on, which the report then says.
 
     Args:
         reel: Folder of the reel.

@@ -1,4 +1,4 @@
-"""Compare a reel, as decoded, with the cameras of its capture that training has not seen."""
+"""Compare a reel, as decoded, with the cameras of its capture that training has not seen, or with those that it has."""
 
 from __future__ import annotations
 
@@ -44,7 +44,7 @@ def evaluate(
 ) -> Report:
     """Render the decoded reel from held-out cameras and measure it; `out` gets report.json, report.md and pictures.
 
-    rendition: of the reel, the best by default. cameras: names, the capture's held-out ones by default. undecoded: frame
+    rendition: of the reel, the best by default. cameras: names, see `choose_cameras` for the default. undecoded: frame
     -> the Gaussians before encoding,
     for psnr_undecoded. frames: which, all that both have by default. seconds: wall time of earlier stages, and device, where
     they ran: both only go into the report. The picture of each camera, truth | render | error, is of the middle frame.
@@ -54,7 +54,7 @@ def evaluate(
     progress = progress or Silent()
     reader = ReelReader(reel, rendition)
     check_same_capture(reader.manifest, capture, str(reel))
-    views = choose_cameras(capture, cameras)
+    views = choose_cameras(capture, reader.manifest, cameras)
     chosen = choose_frames(min(capture.frames, reader.frames), frames)
     picture = chosen[len(chosen) // 2]
     timeline, lpips = Timeline(reader), perceptual.load()
@@ -106,6 +106,7 @@ def summarise(
     """The report of the scores by (frame, camera name)."""
     frames = sorted({frame for frame, _ in scores})
     names = list(dict.fromkeys(name for _, name in scores))
+    trained_on = [camera.name for camera in reader.manifest.cameras]
     alive = [int(reader.group(g).alive.sum()) for g in range(len(reader.manifest.groups))]
     return Report(
         **asdict(Quality.mean(list(scores.values()))),
@@ -124,6 +125,8 @@ def summarise(
         width=view.width,
         height=view.height,
         cameras=[{"name": n} | asdict(Quality.mean([scores[f, n] for f in frames])) for n in names],
+        trained_on=trained_on,
+        held_out=[name for name in names if name not in trained_on],
         per_frame=[{"frame": f} | asdict(Quality.mean([scores[f, n] for n in names])) for f in frames],
     )
 
@@ -139,11 +142,23 @@ def read_frames(capture: Capture, frames: list[int], names: list[str]):
             yield frame, truths.astype(np.float32) / 255
 
 
-def choose_cameras(capture: Capture, names: Sequence[str] | None) -> list[Camera]:
-    """The cameras of those names, the held-out ones by default. Raises `UsageError` if there are none."""
-    names = capture.held_out if names is None else names
+def choose_cameras(capture: Capture, manifest: Manifest, names: Sequence[str] | None) -> list[Camera]:
+    """The cameras of those names; by default those that the capture holds out and the reel has not seen, or all that the capture holds
+    out where the reel was trained on each of them.
+
+    Raises `UsageError` if there are none, and for names of both kinds, of which a mean would tell nothing.
+    """
+    trained = {camera.name for camera in manifest.cameras}
+    if names is None:
+        names = [name for name in capture.held_out if name not in trained] or capture.held_out
     if not names:
         raise UsageError(f"{capture.path}: no camera is held out. Name the cameras to evaluate: --cameras NAME,NAME.")
+    seen = [name for name in names if name in trained]
+    if seen and len(seen) < len(names):
+        raise UsageError(
+            f"--cameras {','.join(names)}: the reel was trained on {', '.join(seen)} and not on the others. "
+            "Evaluate one kind at a time."
+        )
     return [capture.camera(name) for name in names]
 
 
@@ -159,15 +174,32 @@ def choose_frames(available: int, frames: Sequence[int] | None) -> list[int]:
 
 
 def check_same_capture(manifest: Manifest, capture: Capture, reel: str) -> None:
-    """Raise `UsageError` if the reel was made with other cameras than the capture's."""
+    """Raise `UsageError` if the reel was made with other cameras than the capture's.
+
+    Fewer than a third may stand elsewhere: training has put them right (`recon/poses.py`).
+    """
     known = {camera.name: camera for camera in capture.cameras}
-    for camera in manifest.cameras:
-        other = known.get(camera.name)
-        if other is None or not np.allclose(other.viewmat, camera.viewmat, atol=1e-4):
-            raise UsageError(
-                f"{reel}: was made with a camera {camera.name!r} that {capture.path} does not have in that place. "
-                "Give the capture that the reel was made from."
-            )
+    moved = [
+        camera.name
+        for camera in manifest.cameras
+        if camera.name not in known or not np.allclose(known[camera.name].viewmat, camera.viewmat, atol=1e-4)
+    ]
+    if not set(moved) <= set(known) or 3 * len(moved) >= max(len(manifest.cameras), 1):
+        name = next((name for name in moved if name not in known), moved[0] if moved else "")
+        raise UsageError(
+            f"{reel}: was made with a camera {name!r} that {capture.path} does not have in that place. "
+            "Give the capture that the reel was made from."
+        )
+
+
+def check_unseen(manifest: Manifest, views: Sequence[Camera], reel: str) -> None:
+    """Raise `UsageError` for a reel that was trained on one of the views."""
+    seen = sorted({camera.name for camera in manifest.cameras} & {view.name for view in views})
+    if seen:
+        raise UsageError(
+            f"{reel}: was trained on {', '.join(seen)}, which cannot be held out of it any more. Reconstruct without them, "
+            "--hold-out NAME,NAME, or hold out what the reel has not seen."
+        )
 
 
 def reel_width(reel: str | Path) -> int:

@@ -20,7 +20,7 @@ from splatreel.codec.group_file import decode_layer, encode_layer
 from splatreel.config import Config
 from splatreel.errors import UsageError
 from splatreel.evaluation import perceptual
-from splatreel.evaluation.evaluate import check_same_capture, measure
+from splatreel.evaluation.evaluate import check_same_capture, check_unseen, measure
 from splatreel.evaluation.ledger import Ledger
 from splatreel.evaluation.moving import median_pictures, moving_pixels
 from splatreel.evaluation.report import Quality, write_text
@@ -153,9 +153,4 @@ def check_frames(frames: list[int], capture: Capture, timeline: Timeline | None)
 def check_reel(timeline: Timeline, capture: Capture, reel: str) -> None:
     """Raises `UsageError` for a reel of another capture, or one that has seen what is held out."""
     check_same_capture(timeline.manifest, capture, reel)
-    seen = sorted({camera.name for camera in timeline.manifest.cameras} & set(capture.held_out))
-    if seen:
-        raise UsageError(
-            f"{reel}: was trained on {', '.join(seen)}, which {capture.path} holds out. Hold out what the reel has not seen: "
-            "--hold-out NAME,NAME."
-        )
+    check_unseen(timeline.manifest, held_out_views(capture), reel)

@@ -18,7 +18,7 @@ from splatreel.codec.reader import ReelReader
 from splatreel.config import COARSENESS, EncodeConfig
 from splatreel.errors import UsageError
 from splatreel.evaluation.bd_rate import bd_rate
-from splatreel.evaluation.evaluate import check_same_capture, choose_cameras, choose_frames, read_frames
+from splatreel.evaluation.evaluate import check_same_capture, check_unseen, choose_cameras, choose_frames, read_frames
 from splatreel.evaluation.metrics import psnr
 from splatreel.evaluation.undecoded import undecoded_frames
 from splatreel.play.timeline import Timeline
@@ -68,7 +68,8 @@ class Sweep:
         self.run, self.progress, self.record = run, progress, record
         reader = ReelReader(run / "reel")
         check_same_capture(reader.manifest, capture, str(run))
-        self.views = choose_cameras(capture, None)
+        self.views = choose_cameras(capture, reader.manifest, None)
+        check_unseen(reader.manifest, self.views, str(run))
         self.draw = Timeline(reader).render
         self.frames = list(frames)
         names = [view.name for view in self.views]

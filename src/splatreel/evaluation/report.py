@@ -33,14 +33,15 @@ class Quality:
 class Report:
     """The fields of report.json.
 
-    psnr: dB, each image's pixels and channels pooled, mean over frames and held-out cameras; psnr_per_channel: the
+    psnr: dB, each image's pixels and channels pooled, mean over frames and cameras; psnr_per_channel: the
     mean of the channels' own PSNR instead. psnr_undecoded: the same as psnr before encoding, None if that model is not
     at hand. flicker, flicker_borders: mean absolute error of the steps from frame to frame, grey levels of 255, within
     groups and where one fades into the next; None where no two such frames were evaluated. reel_bytes: all files of the
     reel; first_view_bytes: what a player loads for its first picture; bytes_per_second: of video, without the first
     layers, which are loaded once. seconds: wall time of each stage. points_static, points_dynamic: mean of a group.
     peak_memory_bytes: of the process. cameras: [{name, psnr, psnr_per_channel, ssim, lpips}]; per_frame: the same with
-    `frame` for the name.
+    `frame` for the name. trained_on: names of the cameras that the reel was made from; held_out: of those that were evaluated and are
+    none of these; it is empty where training views were evaluated, which tell nothing of new views.
     """
 
     psnr: float
@@ -63,6 +64,8 @@ class Report:
     height: int
     cameras: list[dict] = field(default_factory=list)
     per_frame: list[dict] = field(default_factory=list)
+    trained_on: list[str] = field(default_factory=list)
+    held_out: list[str] = field(default_factory=list)
 
     def to_json(self) -> str:
         return json.dumps(dataclasses.asdict(self), indent=1, allow_nan=False)
@@ -86,13 +89,22 @@ class Report:
             ("Peak memory", "unknown" if self.peak_memory_bytes is None else megabytes(self.peak_memory_bytes)),
             ("Device", self.device),
         ]
-        lines = ["# Evaluation", "", "Held-out cameras, rendered from the decoded reel.", "", "| | |", "|---|---|"]
+        lines = ["# Evaluation", "", self._views(), "", "| | |", "|---|---|"]
         lines += [f"| {name} | {value} |" for name, value in rows]
         lines += ["", "| camera | PSNR dB | SSIM | LPIPS |", "|---|---|---|---|"]
         for camera in self.cameras:
             lpips = "" if camera["lpips"] is None else f"{camera['lpips']:.4f}"
             lines.append(f"| {camera['name']} | {camera['psnr']:.2f} | {camera['ssim']:.4f} | {lpips} |")
         return "\n".join(lines) + "\n"
+
+    def _views(self) -> str:
+        """What was rendered."""
+        if self.held_out or not self.trained_on:
+            return "Held-out cameras, rendered from the decoded reel."
+        return (
+            "Training views, rendered from the decoded reel: it was trained on these cameras, so how good new views are was not "
+            "measured. For that keep cameras: `splatreel reconstruct --hold-out NAME,NAME`."
+        )
 
     def write(self, folder: Path) -> None:
         """Write report.json and report.md into folder, each at once."""
