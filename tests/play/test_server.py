@@ -4,13 +4,17 @@ import http.client
 import json
 import socket
 from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
+from html.parser import HTMLParser
 from pathlib import Path
 from urllib.parse import urlsplit
 
 import pytest
 
 from splatreel.errors import ReelError, UsageError
-from splatreel.play.server import Server, serve
+from splatreel.play.presenter import Presenter
+from splatreel.play.server import STATIC, Server, serve
+from tests.codec.reels import new_writer, write_reel
 
 DATA = bytes(range(256)) * 8
 
@@ -184,3 +188,64 @@ def test_a_folder_without_a_reel(tmp_path: Path):
 
 def test_never_started_server_can_be_closed(reel: Path):
     Server(reel).close()
+
+
+HOSTILE = 'Cats & "dogs" </title><script>alert(1)</script>'
+
+
+class Head(HTMLParser):
+    """What a page's head says: title, tags by name or property, and how many scripts there are."""
+
+    def __init__(self, page: bytes) -> None:
+        super().__init__()
+        self.title, self.tags, self.scripts, self._open = "", {}, 0, ""
+        self.feed(page.decode())
+
+    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+        found = dict(attrs)
+        self._open = tag
+        self.scripts += tag == "script"
+        if tag == "meta" and "content" in found:
+            self.tags[found.get("property") or found.get("name")] = found["content"]
+
+    def handle_data(self, data: str) -> None:
+        if self._open == "title":
+            self.title += data.strip()
+
+    def handle_endtag(self, tag: str) -> None:
+        self._open = ""
+
+
+def test_the_page_says_what_the_reel_says(tmp_path: Path):
+    reel = write_reel(tmp_path / "reel", groups=1)
+    writer = new_writer(reel, resume=True)
+    words = {"title": HOSTILE, "author": "A. Nobody", "description": "'Two' <b>cats</b>"}
+    Presenter(words)(writer, None)
+    with serve(reel, port=0) as server:
+        plain = Head((STATIC / "index.html").read_bytes())
+        answer, body = request(server, "/")
+        head = Head(body)
+        assert head.title == head.tags["og:title"] == HOSTILE
+        assert head.scripts == plain.scripts
+        assert (head.tags["author"], head.tags["og:description"]) == ("A. Nobody", "'Two' <b>cats</b>")
+        assert head.tags["og:image"] == f"{server.url}reel/poster.jpg"
+        image, data = request(server, "/reel/poster.jpg")
+        assert (image.headers["Content-Type"], data[:2]) == ("image/jpeg", b"\xff\xd8")
+        assert request(server, "/", "HEAD")[0].headers["Content-Length"] == str(len(body))
+        assert request(server, "/index.html", If_None_Match=answer.headers["ETag"])[0].status == 304
+        secure = Head(request(server, "/", Host="reels.example:8443", X_Forwarded_Proto="https")[1])
+        assert secure.tags["og:image"] == "https://reels.example:8443/reel/poster.jpg"
+        assert "og:image" not in Head(request(server, "/", Host='a"><script>')[1]).tags
+        assert Head(request(server, "/?src=other/manifest.json")[1]).title == plain.title, "it is another reel"
+        edit_reel_live(reel, "Other")
+        assert Head(request(server, "/", If_None_Match=answer.headers["ETag"])[1]).title == "Other"
+
+
+def edit_reel_live(reel: Path, title: str) -> None:
+    writer = new_writer(reel, resume=True)
+    writer.present(replace(writer.manifest.presentation, title=title))
+
+
+def test_a_reel_that_says_nothing_has_the_plain_title(server: Server):
+    """Its manifest is damaged, even: the player says so, not the server."""
+    assert Head(request(server, "/")[1]).title == "Splatreel"

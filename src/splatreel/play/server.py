@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import hashlib
+import io
 import os
 import re
 import socket
@@ -12,10 +14,12 @@ from http import HTTPStatus
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from pathlib import Path
 from types import TracebackType
-from typing import BinaryIO, cast
-from urllib.parse import unquote, urlsplit
+from typing import BinaryIO, NamedTuple, cast
+from urllib.parse import parse_qs, unquote, urlsplit
 
+from splatreel.codec.manifest import parse_manifest
 from splatreel.errors import ReelError, UsageError
+from splatreel.play.page import introduced
 
 STATIC = Path(__file__).parent / "static"
 """The built web player, which `/` maps to; `/reel/` maps to the reel."""
@@ -29,9 +33,11 @@ _TYPES = {
     ".safetensors": "application/octet-stream",
     ".mp4": "audio/mp4",
     ".m4s": "audio/mp4",
+    ".jpg": "image/jpeg",
 }
 """What is served at all: a file of another kind that happens to lie in the folder is not."""
 
+_HOST = re.compile(r"[A-Za-z0-9._-]{1,253}(:\d{1,5})?|\[[0-9A-Fa-f:.]{2,45}\](:\d{1,5})?")
 _CHUNK = 1 << 18
 _IDLE_SECONDS = 30
 _POLL_SECONDS = 0.05
@@ -121,6 +127,15 @@ class _HTTPServer(ThreadingHTTPServer):
         """A player that goes away in the middle of an answer is no news."""
 
 
+class Content(NamedTuple):
+    """What is sent: its type, bytes, entity tag and time of the last change, seconds since 1970."""
+
+    type: str
+    size: int
+    tag: str
+    modified: float
+
+
 class _Handler(BaseHTTPRequestHandler):
     protocol_version = "HTTP/1.1"
     server_version = "splatreel"
@@ -153,7 +168,32 @@ class _Handler(BaseHTTPRequestHandler):
             self._refuse(HTTPStatus.NOT_FOUND, body)
             return
         with file:
-            self._send_file(file, _TYPES[path.suffix], body)
+            if path == STATIC.resolve() / "index.html":
+                self._send_page(file, body)
+                return
+            status = os.fstat(file.fileno())
+            tag = f'"{status.st_mtime_ns:x}-{status.st_size:x}"'
+            self._send(file, Content(_TYPES[path.suffix], status.st_size, tag, status.st_mtime), body)
+
+    def _send_page(self, file: BinaryIO, body: bool) -> None:
+        """The player's page, with what the reel says of itself unless another one is asked for."""
+        text, modified = file.read().decode(), os.fstat(file.fileno()).st_mtime
+        manifest = cast(_HTTPServer, self.server).roots["/reel/"] / "manifest.json"
+        try:
+            if "src" not in parse_qs(urlsplit(self.path).query):
+                text = introduced(text, parse_manifest(manifest.read_bytes(), "").presentation, self._address())
+                modified = max(modified, manifest.stat().st_mtime)
+        except (OSError, ValueError, ReelError):
+            pass  # the player says what is wrong with the reel
+        data = text.encode()
+        tag = f'"{hashlib.sha256(data).hexdigest()[:32]}"'
+        self._send(io.BytesIO(data), Content(_TYPES[".html"], len(data), tag, modified), body)
+
+    def _address(self) -> str | None:
+        """The root of this server as whoever asks calls it."""
+        host = self.headers.get("Host", "")
+        secure = self.headers.get("X-Forwarded-Proto") == "https"
+        return f"http{'s' if secure else ''}://{host}/" if _HOST.fullmatch(host) else None
 
     def _find(self) -> Path | None:
         """The file a request names, if it lies inside what is served, links resolved."""
@@ -175,13 +215,11 @@ class _Handler(BaseHTTPRequestHandler):
             return None
         return path if inside else None
 
-    def _send_file(self, file: BinaryIO, content_type: str, body: bool) -> None:
-        status = os.fstat(file.fileno())
-        size = status.st_size
-        tag = f'"{status.st_mtime_ns:x}-{size:x}"'
-        if self._unchanged(tag, status.st_mtime):
+    def _send(self, file: BinaryIO, content: Content, body: bool) -> None:
+        size, tag, modified = content.size, content.tag, content.modified
+        if self._unchanged(tag, modified):
             self.send_response(HTTPStatus.NOT_MODIFIED)
-            self._send_common(tag, status.st_mtime)
+            self._send_common(tag, modified)
             self.end_headers()
             return
         span = _parse_range(self.headers.get("Range"), size) if self.headers.get("If-Range", tag) == tag else None
@@ -189,16 +227,16 @@ class _Handler(BaseHTTPRequestHandler):
             self.send_response(HTTPStatus.REQUESTED_RANGE_NOT_SATISFIABLE)
             self.send_header("Content-Range", f"bytes */{size}")
             self.send_header("Content-Length", "0")
-            self._send_common(tag, status.st_mtime)
+            self._send_common(tag, modified)
             self.end_headers()
             return
         start, end = span or (0, size)
         self.send_response(HTTPStatus.PARTIAL_CONTENT if span else HTTPStatus.OK)
         if span:
             self.send_header("Content-Range", f"bytes {start}-{end - 1}/{size}")
-        self.send_header("Content-Type", content_type)
+        self.send_header("Content-Type", content.type)
         self.send_header("Content-Length", str(end - start))
-        self._send_common(tag, status.st_mtime)
+        self._send_common(tag, modified)
         self.end_headers()
         if body:
             self._copy(file, start, end)

@@ -1,0 +1,32 @@
+"""The player's page with what a reel says of itself: its title, and tags for those who show links (Open Graph, Twitter cards)."""
+
+from __future__ import annotations
+
+from html import escape
+
+from splatreel.codec.presentation import Presentation
+
+TITLE = "<title>Splatreel</title>"
+"""What stands in the player's own page."""
+
+
+def introduced(page: str, said: Presentation, address: str | None = None) -> str:
+    """The page with title and tags. address: of the folder that holds the page and `reel/`; without it no picture is named."""
+    title = said.title or "Splatreel"
+    tags = {"author": said.author, "description": said.description, "og:type": "website", "og:title": title}
+    tags["og:description"] = said.description
+    if address and said.poster:
+        tags |= {
+            "og:url": address,
+            "og:image": f"{address}reel/{said.poster.asset.uri}",
+            "og:image:width": str(said.poster.width),
+            "og:image:height": str(said.poster.height),
+            "og:image:alt": title,
+            "twitter:card": "summary_large_image",
+        }
+    lines = [f"<title>{escape(title)}</title>"]
+    for name, value in tags.items():
+        kind = "property" if name.startswith("og:") else "name"
+        if value:
+            lines.append(f'<meta {kind}="{name}" content="{escape(value)}" />')
+    return page.replace(TITLE, "\n    ".join(lines), 1)
