@@ -1,4 +1,5 @@
 /** Mouse, wheel and touch to camera moves: drag orbits, right or shift drag and two fingers pan, wheel and pinch zoom. */
+import type { Gestures } from "./gestures";
 import type { Player } from "./player";
 
 /** A drag along the surface's shorter side turns by this many radians. */
@@ -13,10 +14,11 @@ interface Finger {
   x: number;
   y: number;
   pan: boolean;
+  touch: boolean;
 }
 
-/** Steer a player's camera from a surface, until the signal. */
-export function attachControls(surface: HTMLElement, player: Player, signal: AbortSignal): void {
+/** Steer a player's camera from a surface, as far as the gestures are for it, until the signal. */
+export function attachControls(surface: HTMLElement, player: Player, gestures: Gestures, signal: AbortSignal): void {
   const fingers = new Map<number, Finger>();
   let velocity: [number, number] = [0, 0];
   let moved = 0;
@@ -24,7 +26,7 @@ export function attachControls(surface: HTMLElement, player: Player, signal: Abo
   let tap = { x: 0, y: 0, time: -Infinity };
 
   const down = (event: PointerEvent): void => {
-    fingers.set(event.pointerId, { x: event.clientX, y: event.clientY, pan: event.button !== 0 || event.shiftKey });
+    fingers.set(event.pointerId, { x: event.clientX, y: event.clientY, pan: event.button !== 0 || event.shiftKey, touch: event.pointerType === "touch" });
     surface.setPointerCapture(event.pointerId);
     if (player.camera) {
       player.camera.flick(0, 0);
@@ -41,7 +43,9 @@ export function attachControls(surface: HTMLElement, player: Player, signal: Abo
     const dy = event.clientY - finger.y;
     way += Math.hypot(dx, dy);
     if (way === 0) return;
-    if (fingers.size === 1 && !finger.pan) {
+    if (fingers.size === 1 && finger.touch && !gestures.taken) {
+      // The page scrolls.
+    } else if (fingers.size === 1 && !finger.pan) {
       const unit = HALF_TURN / Math.max(Math.min(surface.clientWidth, surface.clientHeight), 1);
       camera.orbit(dx * unit, dy * unit);
       const seconds = Math.max((event.timeStamp - moved) / 1000, 0.004);
@@ -70,6 +74,7 @@ export function attachControls(surface: HTMLElement, player: Player, signal: Abo
     if (double) focusAt(player, event.clientX - left, event.clientY - top);
   };
   const wheel = (event: WheelEvent): void => {
+    if (!gestures.takesWheel(event)) return;
     event.preventDefault();
     const lines = event.deltaMode === WheelEvent.DOM_DELTA_LINE ? 16 : 1;
     player.camera?.zoom(Math.exp(Math.min(Math.max(event.deltaY * lines, -200), 200) * 0.0015));

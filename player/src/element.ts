@@ -1,5 +1,6 @@
 /** <splat-reel src="…/manifest.json" poster autoplay loop controls>: a reel in a page, in the manner of <video>. */
 import { attachControls } from "./controls";
+import { Gestures } from "./gestures";
 import { linkTo, startOf } from "./link";
 import type { LocalFiles } from "./local-files";
 import type { Camera } from "./manifest";
@@ -46,7 +47,10 @@ export class SplatReelElement extends HTMLElement {
     canvas.setAttribute("aria-label", `${label}. Drag to look around, scroll to zoom, double-click to choose the middle.`);
     this.connection = new AbortController();
     const { signal } = this.connection;
-    attachControls(canvas, player, signal);
+    const gestures = new Gestures(this, canvas, signal);
+    this.picture.after(gestures.hint);
+    signal.addEventListener("abort", () => gestures.hint.remove());
+    attachControls(canvas, player, gestures, signal);
     const resize = new ResizeObserver(() => player.invalidate());
     resize.observe(canvas);
     signal.addEventListener("abort", () => resize.disconnect());

@@ -1,0 +1,178 @@
+"""Whose are wheel and fingers: in a page that scrolls they are the page's, until people choose the picture; and what a tap does."""
+
+from collections.abc import Iterator
+
+import numpy as np
+import pytest
+from playwright.sync_api import Browser, CDPSession, Page
+
+from splatreel.play.server import Server
+from tests.player.pages import PLAYER, open_player, wait_for_picture
+
+pytestmark = pytest.mark.browser
+
+REEL = "document.querySelector('splat-reel')"
+HINT = ".gestures.shown"
+ARTICLE = """<!doctype html><meta name="viewport" content="width=device-width"><style>body {{ margin: 0 }}</style>
+<script type="module" src="player.js"></script><p style="height: 100px">Once upon a time</p>
+<splat-reel src="reel/manifest.json" controls {attributes} style="width: 320px; height: 240px; aspect-ratio: auto"></splat-reel>
+<p style="height: 2000px">The end</p>"""
+
+
+def open_article(page: Page, server: Server, attributes: str = "") -> None:
+    body = ARTICLE.format(attributes=attributes)
+    page.route("**/article.html", lambda route: route.fulfill(content_type="text/html", body=body))
+    page.goto(server.url + "article.html")
+    wait_for_picture(page)
+    page.evaluate(f"{PLAYER}.camera.calm = true; {PLAYER}.currentTime = 0.1")  # later than where the big button is
+    page.wait_for_function(f"!{PLAYER}.seeking")
+
+
+def scrolled(page: Page) -> float:
+    """How far the page has scrolled, once what the wheel does next counts anew."""
+    page.wait_for_timeout(700)
+    return page.evaluate("scrollY")
+
+
+def distance(page: Page) -> float:
+    return page.evaluate(f"{PLAYER}.camera.state.distance")
+
+
+def pose(page: Page) -> list[float]:
+    return page.evaluate(f"{PLAYER}.camera.viewmat")
+
+
+@pytest.fixture
+def phone(browser: Browser) -> Iterator[Page]:
+    page = browser.new_page(viewport={"width": 320, "height": 480}, has_touch=True, is_mobile=True)
+    yield page
+    page.close()
+
+
+@pytest.fixture
+def fingers(phone: Page) -> CDPSession:
+    return phone.context.new_cdp_session(phone)
+
+
+def touch(fingers: CDPSession, kind: str, *points: tuple[float, float]) -> None:
+    at = [{"x": x, "y": y, "id": i} for i, (x, y) in enumerate(points)]
+    fingers.send("Input.dispatchTouchEvent", {"type": kind, "touchPoints": at})
+
+
+def swipe(fingers: CDPSession, page: Page, x: int, y: int) -> None:
+    """One finger, from the middle of the reel."""
+    touch(fingers, "touchStart", (160, 180))
+    for part in np.linspace(0.1, 1, 10):
+        page.wait_for_timeout(16)
+        touch(fingers, "touchMove", (160 + part * x, 180 + part * y))
+    touch(fingers, "touchEnd")
+
+
+def pinch(fingers: CDPSession) -> None:
+    """Two fingers, one above the other, which were 80 pixels apart and end 160 apart."""
+    for kind, half in (("touchStart", 40), ("touchMove", 60), ("touchMove", 80)):
+        touch(fingers, kind, (160, 180 - half), (160, 180 + half))
+    touch(fingers, "touchEnd")
+
+
+def test_the_wheel_scrolls_an_article_and_zooms_once_the_picture_was_clicked(page: Page, server: Server):
+    open_article(page, server)
+    start = distance(page)
+    page.mouse.move(160, 180)
+    page.mouse.wheel(0, 60)
+    assert scrolled(page) == 60
+    assert distance(page) == start
+    assert "+ scroll to zoom" in page.locator("splat-reel").locator(HINT).inner_text()
+    page.keyboard.down("Control")
+    page.mouse.wheel(0, 100)
+    page.keyboard.up("Control")
+    assert scrolled(page) == 60
+    assert distance(page) > start
+    page.mouse.click(160, 100)
+    before = distance(page)
+    page.mouse.wheel(0, 100)
+    assert scrolled(page) == 60
+    assert distance(page) > before
+    page.keyboard.press("Escape")
+    page.mouse.wheel(0, 20)
+    assert scrolled(page) == 80
+    page.mouse.click(160, 100)
+    page.mouse.click(400, 100)  # outside
+    page.mouse.move(160, 100)
+    page.mouse.wheel(0, 20)
+    assert scrolled(page) == 100
+
+
+def test_a_mouse_turns_the_picture_in_an_article_at_once(page: Page, server: Server):
+    open_article(page, server)
+    before = pose(page)
+    page.mouse.move(160, 180)
+    page.mouse.down()
+    page.mouse.move(200, 190, steps=3)
+    page.mouse.up()
+    assert not np.allclose(pose(page), before, atol=0.01)
+
+
+def test_one_finger_scrolls_an_article_and_turns_once_the_picture_was_tapped(
+    phone: Page, server: Server, fingers: CDPSession
+):
+    open_article(phone, server)
+    before = pose(phone)
+    swipe(fingers, phone, 0, -60)
+    assert scrolled(phone) == pytest.approx(60, abs=20)
+    assert np.allclose(pose(phone), before)
+    assert phone.locator("splat-reel .gestures").inner_text() == "Use two fingers to move the view"
+    phone.evaluate("scrollTo(0, 0)")
+    phone.touchscreen.tap(160, 180)
+    swipe(fingers, phone, 30, -50)
+    assert scrolled(phone) == 0
+    assert not np.allclose(pose(phone), before, atol=0.01)
+    phone.touchscreen.tap(160, 50)  # outside
+    turned = pose(phone)
+    swipe(fingers, phone, 0, -60)
+    assert scrolled(phone) == pytest.approx(60, abs=20)
+    assert np.allclose(pose(phone), turned)
+
+
+def test_two_fingers_move_the_picture_in_an_article(phone: Page, server: Server, fingers: CDPSession):
+    open_article(phone, server)
+    before = distance(phone)
+    pinch(fingers)
+    assert scrolled(phone) == 0
+    assert distance(phone) == pytest.approx(before / 2, rel=0.1)
+    assert phone.locator("splat-reel").locator(HINT).count() == 0
+
+
+def test_the_attribute_decides(page: Page, server: Server):
+    open_article(page, server, 'gestures="greedy"')
+    before = distance(page)
+    page.mouse.move(160, 180)
+    page.mouse.wheel(0, 60)
+    assert scrolled(page) == 0
+    assert distance(page) > before
+    page.evaluate(f"{REEL}.setAttribute('gestures', 'cooperative')")
+    page.mouse.wheel(0, 60)
+    assert scrolled(page) == 60
+    page.evaluate(f"{REEL}.classList.add('filling')")  # what is the whole window has nothing to scroll
+    before = distance(page)
+    page.mouse.wheel(0, 60)
+    assert scrolled(page) == 60
+    assert distance(page) > before
+
+
+def test_the_reels_own_page_gives_it_everything_and_a_frame_does_not(page: Page, server: Server):
+    open_player(page, server)
+    before = distance(page)
+    page.mouse.move(160, 100)
+    page.mouse.wheel(0, 60)
+    page.wait_for_timeout(100)
+    assert distance(page) > before
+    body = '<body style="height: 3000px; margin: 0"><iframe src="./?autoplay=0" width="320" height="240"></iframe>'
+    page.route("**/framed.html", lambda route: route.fulfill(content_type="text/html", body=body))
+    page.goto(server.url + "framed.html")
+    frame = page.frames[1]
+    frame.wait_for_function(f"{REEL}?.player?.canPlay")
+    page.mouse.move(60, 60)
+    page.mouse.wheel(0, 60)
+    assert scrolled(page) == 60
+    assert frame.locator("splat-reel").locator(HINT).count() == 1
