@@ -1,18 +1,16 @@
-/** The controls over the picture, put together: bar, menu, help, statistics and messages; when they show, and what keys and buttons do. */
+/** The controls over the picture, put together: bar, menu, help, statistics and messages, and what keys and buttons do. */
 import { Bar } from "./bar";
 import { Dialog } from "./dialog";
 import { messageOf } from "./errors";
 import { hasHeadset, Headset } from "./headset";
 import { helpMarkup } from "./help";
+import { Idle } from "./idle";
 import { attachKeys } from "./keys";
 import { elementOf } from "./markup";
 import { Menu } from "./menu";
 import { Messages } from "./messages";
 import type { Player } from "./player";
 import { describe } from "./stats";
-
-/** The controls fade after this many milliseconds without a move, while playing. */
-const FADE_AFTER = 2600;
 
 /** Of the player: after these, what shows may be another. */
 const EVENTS = ["loadstart", "loadedmetadata", "durationchange", "canplay", "play", "pause", "timeupdate", "progress", "waiting", "playing"];
@@ -25,8 +23,8 @@ export class Controls {
   private readonly bar: Bar;
   private readonly menu: Menu;
   private readonly help: Dialog;
+  private readonly idle: Idle;
   private readonly life = new AbortController();
-  private fade = 0;
   private headset: Headset | null = null;
 
   constructor(private readonly host: HTMLElement & { readonly link: string }, root: ShadowRoot, private readonly player: Player) {
@@ -44,6 +42,7 @@ export class Controls {
     this.help.box.insertAdjacentHTML("beforeend", helpMarkup(attachKeys(host, player, actions, this.life.signal)));
     this.holder.append(this.messages.box, this.statistics, this.bar.box, this.menu.box, this.help.box);
     root.append(this.holder);
+    this.idle = new Idle(host, this.holder, player, () => this.bar.seek.dragging || this.menu.open || this.help.open, this.life.signal);
     this.listen();
     this.update();
   }
@@ -53,7 +52,6 @@ export class Controls {
     this.life.abort();
     this.headset?.leave();
     this.holder.remove();
-    clearTimeout(this.fade);
   }
 
   /** What keys, buttons and the menu do. */
@@ -72,10 +70,8 @@ export class Controls {
   }
 
   private listen(): void {
-    const { player, host, life: { signal } } = this;
+    const { player, life: { signal } } = this;
     for (const name of EVENTS) player.addEventListener(name, () => this.update(), { signal });
-    for (const name of ["pointermove", "pointerdown", "keydown", "focusin"]) host.addEventListener(name, () => this.wake(), { signal });
-    host.addEventListener("pointerleave", () => this.sleep(), { signal });
     document.addEventListener("fullscreenchange", () => this.update(), { signal });
     player.canvas.addEventListener("pointerdown", () => this.openMenu(false), { signal });
     void hasHeadset().then((there) => (this.bar.button("headset").hidden = !there));
@@ -151,24 +147,11 @@ export class Controls {
     this.messages.say(copied ? "Link copied" : "The link is in the address bar");
   }
 
-  private wake(): void {
-    this.host.classList.remove("idle");
-    clearTimeout(this.fade);
-    this.fade = window.setTimeout(() => this.sleep(), FADE_AFTER);
-  }
-
-  private sleep(): void {
-    const busy = this.player.paused || this.player.error || this.bar.seek.dragging || this.menu.open || this.holder.matches(":has(:focus-visible)");
-    this.host.classList.toggle("idle", !busy);
-  }
-
   private update(): void {
-    const { player, host } = this;
-    const full = document.fullscreenElement !== null || host.classList.contains("filling");
+    const full = document.fullscreenElement !== null || this.host.classList.contains("filling");
     this.bar.update({ full, presenting: this.headset !== null });
     this.messages.update();
     this.menu.update();
-    if (player.paused || player.error) host.classList.remove("idle");
-    else if (!this.fade) this.wake();
+    this.idle.update();
   }
 }

@@ -48,3 +48,17 @@ def page(browser: playwright.Browser) -> Iterator[playwright.Page]:
     expected = getattr(page, "expected_problems", ())
     page.close()
     assert [text for text in problems if not any(part in text for part in expected)] == []
+
+
+@pytest.fixture
+def phone(browser: playwright.Browser) -> Iterator[playwright.Page]:
+    """A page on a touch screen."""
+    page = browser.new_page(viewport={"width": 320, "height": 480}, has_touch=True, is_mobile=True)
+    yield page
+    page.close()
+
+
+@pytest.fixture
+def fingers(phone: playwright.Page) -> playwright.CDPSession:
+    """Touches the phone's screen."""
+    return phone.context.new_cdp_session(phone)

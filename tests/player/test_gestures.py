@@ -1,10 +1,8 @@
-"""Whose are wheel and fingers: in a page that scrolls they are the page's, until people choose the picture; and what a tap does."""
-
-from collections.abc import Iterator
+"""Whose are wheel and fingers: in a page that scrolls they are the page's, until people choose the picture."""
 
 import numpy as np
 import pytest
-from playwright.sync_api import Browser, CDPSession, Page
+from playwright.sync_api import CDPSession, Page
 
 from splatreel.play.server import Server
 from tests.player.pages import PLAYER, open_player, wait_for_picture
@@ -40,18 +38,6 @@ def distance(page: Page) -> float:
 
 def pose(page: Page) -> list[float]:
     return page.evaluate(f"{PLAYER}.camera.viewmat")
-
-
-@pytest.fixture
-def phone(browser: Browser) -> Iterator[Page]:
-    page = browser.new_page(viewport={"width": 320, "height": 480}, has_touch=True, is_mobile=True)
-    yield page
-    page.close()
-
-
-@pytest.fixture
-def fingers(phone: Page) -> CDPSession:
-    return phone.context.new_cdp_session(phone)
 
 
 def touch(fingers: CDPSession, kind: str, *points: tuple[float, float]) -> None:

@@ -1,0 +1,95 @@
+"""The controls under fingers: taps show and hide them, what does not show takes nothing, and everything is large enough."""
+
+import pytest
+from playwright.sync_api import Locator, Page
+
+from splatreel.play.server import Server
+from tests.player.pages import PLAYER, open_player
+
+pytestmark = pytest.mark.browser
+
+REEL = "document.querySelector('splat-reel')"
+IDLE = f"{REEL}.classList.contains('idle')"
+NONE = "rgba(0, 0, 0, 0)"
+THUMB = 44
+"""CSS pixels of a side that a finger hits."""
+
+
+def open_playing(phone: Page, server: Server) -> None:
+    """Playing, but time stands still; the controls are away."""
+    open_player(phone, server)
+    phone.evaluate(f"{PLAYER}.playbackRate = 0; {PLAYER}.currentTime = 0.2; {PLAYER}.play()")
+    phone.wait_for_function(IDLE)
+
+
+def test_every_tap_on_the_picture_shows_or_hides_the_controls(phone: Page, server: Server):
+    open_playing(phone, server)
+    seen = []
+    for _ in range(4):
+        phone.touchscreen.tap(160, 150)
+        seen.append(phone.evaluate(IDLE))
+        phone.wait_for_timeout(400)  # not a double tap
+    assert seen == [False, True, False, True]
+
+
+def test_controls_that_do_not_show_take_no_taps(phone: Page, server: Server):
+    open_playing(phone, server)
+    boxes = phone.locator("splat-reel").locator(".play, .settings, .seek")
+    places = [box for i in range(boxes.count()) if (box := boxes.nth(i).bounding_box())]
+    assert len(places) == 3
+    for place in places:
+        phone.wait_for_timeout(400)
+        assert phone.evaluate(IDLE)
+        phone.touchscreen.tap(place["x"] + place["width"] / 2, place["y"] + place["height"] / 2)
+        assert phone.evaluate(f"[{PLAYER}.paused, {PLAYER}.currentTime, {IDLE}]") == [False, pytest.approx(0.2), False]
+        assert phone.locator("splat-reel .menu").is_hidden()
+        phone.touchscreen.tap(160, 150)  # away with them again
+
+
+def test_the_focus_leaves_controls_that_go_and_the_keyboard_finds_them(page: Page, server: Server):
+    open_player(page, server)
+    page.evaluate(f"{PLAYER}.playbackRate = 0; {PLAYER}.currentTime = 0.2")
+    page.locator("splat-reel").get_by_role("button", name="Play").click()
+    page.wait_for_function(IDLE)
+    page.wait_for_timeout(400)
+    assert page.evaluate(f"{REEL}.shadowRoot.activeElement === {PLAYER}.canvas") is True
+    assert page.locator("splat-reel .play").is_hidden()
+    page.keyboard.press("Tab")
+    assert page.evaluate(f"{REEL}.shadowRoot.activeElement.className") == "play"
+    page.wait_for_timeout(3000)
+    assert page.evaluate(IDLE) is False  # the keyboard is in it
+
+
+def assert_thick(targets: Locator) -> None:
+    for i in range(targets.count()):
+        box = targets.nth(i).bounding_box()
+        if box is not None:
+            assert min(box["width"], box["height"]) >= THUMB, targets.nth(i).evaluate("(target) => target.outerHTML")
+
+
+def test_targets_are_as_large_as_fingers(phone: Page, server: Server):
+    open_player(phone, server)
+    reel = phone.locator("splat-reel")
+    phone.evaluate(
+        f"{REEL}.shadowRoot.querySelectorAll('.live, .headset').forEach((button) => (button.hidden = false))"
+    )
+    assert_thick(reel.locator(".row button, .seek"))
+    assert phone.evaluate("document.documentElement.scrollWidth") <= 320
+    last = reel.locator(".full").bounding_box()
+    assert last is not None
+    assert last["x"] + last["width"] <= 320
+    reel.locator(".settings").tap()
+    assert_thick(reel.locator(".menu label, .menu button, .menu select"))
+    reel.get_by_role("button", name="Keys and gestures").tap()
+    assert_thick(reel.locator(".dialog button"))
+
+
+def test_no_hover_sticks_to_what_was_tapped(phone: Page, server: Server):
+    open_player(phone, server)
+    reset = phone.locator("splat-reel .reset")
+    reset.tap()
+    phone.wait_for_timeout(300)
+    assert reset.evaluate("(button) => [button.matches(':hover'), getComputedStyle(button).backgroundColor]") == [
+        True,
+        NONE,
+    ]
