@@ -1,7 +1,8 @@
 /** A camera that orbits a pivot, with inertia and soft limits. It starts exactly at a camera of the reel. */
-import { Flight } from "./flight";
+import { Limits } from "./limits";
 import type { Camera, Manifest } from "./manifest";
 import { add, cross, dot, eyeOf, length, normalize, rotate, scale, subtract, viewmatOf, type Vec3 } from "./matrix";
+import { CameraPath } from "./path";
 import { between, type CameraState } from "./pose";
 import { axesOf, quatOf, type Quat } from "./quaternion";
 import type { View } from "./renderer";
@@ -38,13 +39,9 @@ export class OrbitCamera {
 
   private readonly up: Vec3;
   private readonly home: Camera;
-  private readonly extent: number;
   /** Least depth to draw, world units. */
   readonly near: number;
-  private readonly bounds: [Vec3, Vec3];
-  private readonly center: Vec3;
-  /** How far from the center people may go. */
-  private readonly reach: number;
+  private readonly limits: Limits;
   private readonly start: CameraState;
   private readonly poses: CameraState[];
   private pivot: Vec3 = [0, 0, 0];
@@ -54,20 +51,17 @@ export class OrbitCamera {
   private forward: Vec3 = [0, 0, 1];
   private velocity: Motion = { ...STILL };
   private glide: { from: CameraState; to: CameraState; at: number } | null = null;
-  private flight: { path: Flight; at: number } | null = null;
+  private ride: { path: CameraPath; at: number; cut: boolean } | null = null;
+  private flight: CameraPath | null = null;
   private moved = false;
 
-  constructor({ bounds, up, camera, cameras, near }: Manifest) {
-    const [low, high] = bounds;
-    this.bounds = bounds;
+  constructor(manifest: Manifest) {
+    const { up, camera, cameras, near } = manifest;
     this.up = normalize(up);
     this.home = camera;
     // Nearer than the capture was trained to be drawn: people walk up to things.
     this.near = 0.4 * near;
-    this.extent = Math.max(length(subtract(high, low)), 1e-6);
-    this.center = scale(add(low, high), 0.5);
-    const eyes = [camera, ...cameras].map(({ viewmat }) => eyeOf(viewmat));
-    this.reach = 1.5 * Math.max(...[low, high, ...eyes].map((point) => length(subtract(point, this.center))));
+    this.limits = new Limits(manifest);
     this.start = this.stateOf(camera);
     this.poses = cameras.map((item) => this.stateOf(item));
     this.state = this.start;
@@ -87,7 +81,7 @@ export class OrbitCamera {
   }
 
   set state(state: CameraState) {
-    [this.glide, this.flight, this.moved] = [null, null, false];
+    [this.glide, this.ride, this.moved] = [null, null, false];
     this.velocity = { ...STILL };
     this.place(state);
   }
@@ -107,14 +101,25 @@ export class OrbitCamera {
     this.glideTo(poses[(nearest + step + poses.length) % poses.length]);
   }
 
+  /** The path that it follows, and the seconds of it that have passed. */
+  get following(): Readonly<{ path: CameraPath; at: number }> | null {
+    return this.ride;
+  }
+
+  /** Follow a path from some seconds on, until a hand is on the camera; null: stop. cut: from keyframe to keyframe without a move. */
+  follow(path: CameraPath | null, at = 0, cut = false): void {
+    [this.glide, this.moved, this.ride] = [null, false, path && { path, at, cut }];
+    this.velocity = { ...STILL };
+  }
+
   get flying(): boolean {
-    return this.flight !== null;
+    return this.flight !== null && this.ride?.path === this.flight;
   }
 
   /** Fly through the cameras of the capture, or stop. */
   fly(on: boolean): void {
-    this.glide = null;
-    this.flight = on && this.poses.length > 1 ? { path: new Flight(this.state, this.poses), at: 0 } : null;
+    this.flight = on && this.poses.length > 1 ? CameraPath.through(this.viewmat, this.poses.map(viewmatOfState)) : null;
+    this.follow(this.flight, 0, this.calm);
   }
 
   /** Turn to a point seen at camera coordinates, and orbit about it from now on. */
@@ -160,7 +165,7 @@ export class OrbitCamera {
     this.touch();
     const back = subtract(this.eye, this.pivot);
     const distance = length(back);
-    this.eye = add(this.pivot, scale(back, Math.max(distance * factor, 0.01 * this.extent) / distance));
+    this.eye = add(this.pivot, scale(back, Math.max(distance * factor, 0.01 * this.limits.extent) / distance));
   }
 
   /** Let a drag go on with this angular velocity (radians a second). */
@@ -170,11 +175,7 @@ export class OrbitCamera {
 
   /** Advance what moves by itself; true while the camera does. */
   step(seconds: number): boolean {
-    if (this.flight) {
-      this.flight.at += seconds;
-      this.place(this.flight.path.at(this.flight.at, this.calm));
-      return true;
-    }
+    if (this.ride) return this.stepAlong(this.ride, seconds);
     if (this.glide) return this.stepGlide(seconds);
     const { velocity, thrust } = this;
     const gain = this.calm ? 1 : 1 - Math.exp(-FRICTION * seconds);
@@ -215,7 +216,7 @@ export class OrbitCamera {
 
   /** A hand is on it: nothing else moves it any more. */
   private touch(): void {
-    [this.glide, this.flight, this.moved] = [null, null, true];
+    [this.glide, this.ride, this.moved] = [null, null, true];
   }
 
   private place({ eye, turn, distance }: CameraState): void {
@@ -225,15 +226,14 @@ export class OrbitCamera {
   }
 
   /** The pivot of a camera of the capture is what lies in the middle of the scene's depth. */
-  private stateOf({ viewmat: m }: Camera): CameraState {
-    const ahead = dot(subtract(this.center, eyeOf(m)), [m[8], m[9], m[10]]);
-    return { eye: eyeOf(m), turn: turnOf(m), distance: ahead > 0.05 * this.extent ? ahead : 0.5 * this.extent };
+  private stateOf({ viewmat: m }: Pick<Camera, "viewmat">): CameraState {
+    const { center, extent } = this.limits;
+    const ahead = dot(subtract(center, eyeOf(m)), [m[8], m[9], m[10]]);
+    return { eye: eyeOf(m), turn: turnOf(m), distance: ahead > 0.05 * extent ? ahead : 0.5 * extent };
   }
 
   private glideTo(to: CameraState): void {
-    this.velocity = { ...STILL };
-    this.flight = null;
-    this.moved = false;
+    this.follow(null);
     this.glide = { from: this.state, to, at: this.calm ? 1 : 0 };
   }
 
@@ -246,25 +246,55 @@ export class OrbitCamera {
     return true;
   }
 
-  /** Come back from beyond the limits, once people have left them and let go. */
+  private stepAlong(ride: { path: CameraPath; at: number; cut: boolean }, seconds: number): boolean {
+    ride.at += seconds;
+    const { path, at, cut } = ride;
+    this.place(this.stateOf(path.at(at, cut)));
+    if (!path.loop && at >= path.seconds) this.ride = null;
+    return true;
+  }
+
+  /** How much of the picture is to fade, 0 to 1, because people went where no camera looked from. */
+  get beyond(): number {
+    return this.moved ? this.limits.fade(this.eye) : 0;
+  }
+
+  /** Come back from beyond the limits, once people have left them and let go; from below the floor at once. */
   private stepBack(seconds: number): boolean {
-    if (!this.moved || this.held) return false;
+    if (!this.moved) return false;
+    const { limits, held } = this;
     const gain = this.calm ? 1 : 1 - Math.exp(-PULL * seconds);
-    const margin = 0.25 * this.extent;
-    const [low, high] = this.bounds;
-    const inside = this.pivot.map((value, a) => Math.min(Math.max(value, low[a] - margin), high[a] + margin)) as Vec3;
-    const shift = scale(subtract(inside, this.pivot), gain);
+    const shift = scale(subtract(held ? this.pivot : limits.middle(this.pivot), this.pivot), gain);
     this.pivot = add(this.pivot, shift);
     this.eye = add(this.eye, shift);
-    const out = subtract(this.eye, this.center);
-    const excess = Math.max(1 - this.reach / Math.max(length(out), 1e-9), 0);
-    // Towards the pivot, so that the view keeps its direction.
-    const nearer = scale(subtract(this.pivot, this.eye), excess * gain);
-    this.eye = add(this.eye, nearer);
-    return length(shift) + length(nearer) > 1e-4 * this.extent;
+    const eye = held ? limits.above(this.eye, gain) : limits.eye(this.eye, gain);
+    if (length(shift) + length(subtract(eye, this.eye)) <= 1e-4 * limits.extent) return false;
+    this.eye = eye;
+    this.aim();
+    return true;
+  }
+
+  /** Look at the pivot again, turning about `up` and then up or down: the horizon stays. */
+  private aim(): void {
+    const to = normalize(subtract(this.pivot, this.eye));
+    const level = (v: Vec3): Vec3 => subtract(v, scale(this.up, dot(v, this.up)));
+    const [a, b] = [level(this.forward), level(to)];
+    const yaw = Math.atan2(dot(cross(a, b), this.up), dot(a, b));
+    const height = (v: Vec3): number => Math.asin(Math.min(Math.max(dot(v, this.up), -1), 1));
+    const pitch = height(to) - height(this.forward);
+    const across = normalize(cross(b, this.up));
+    const about = (v: Vec3): Vec3 => rotate(rotate(v, this.up, yaw), across, pitch);
+    [this.right, this.down] = [about(this.right), about(this.down)];
+    this.forward = to;
+    this.right = normalize(cross(this.down, this.forward));
+    this.down = cross(this.forward, this.right);
   }
 }
 
 function turnOf(m: number[]): Quat {
   return quatOf([[m[0], m[1], m[2]], [m[4], m[5], m[6]], [m[8], m[9], m[10]]]);
+}
+
+function viewmatOfState({ eye, turn }: CameraState): number[] {
+  return viewmatOf(eye, ...axesOf(turn));
 }

@@ -34,6 +34,26 @@ export function slerp(a: Quat, b: Quat, t: number): Quat {
   return normalized(a.map((value, i) => u * value + sign * v * b[i]) as Quat);
 }
 
+/** a * b: turns by b first, in the frame of a. */
+export function multiply([w, x, y, z]: Quat, [s, a, b, c]: Quat): Quat {
+  return [w * s - x * a - y * b - z * c, w * a + x * s + y * c - z * b, w * b - x * c + y * s + z * a, w * c + x * b - y * a + z * s];
+}
+
+/** The shorter turn from a to b in a's own frame, as its axis times radians. */
+export function turnBetween([w, x, y, z]: Quat, b: Quat): Vec3 {
+  const q = multiply([w, -x, -y, -z], b);
+  const size = Math.hypot(q[1], q[2], q[3]);
+  const factor = size < 1e-9 ? 2 : (2 * Math.atan2(size, Math.abs(q[0]))) / size;
+  return q.slice(1).map((part) => part * factor * (q[0] < 0 ? -1 : 1)) as Vec3;
+}
+
+/** The turn about an axis times radians. */
+export function turnAbout([x, y, z]: Vec3): Quat {
+  const angle = Math.hypot(x, y, z);
+  const s = angle < 1e-9 ? 0.5 : Math.sin(angle / 2) / angle;
+  return [Math.cos(angle / 2), x * s, y * s, z * s];
+}
+
 export function normalized(q: Quat): Quat {
   const size = Math.hypot(...q) || 1;
   return q.map((value) => value / size) as Quat;

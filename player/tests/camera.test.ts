@@ -6,7 +6,7 @@ import { eyeOf, length, subtract, type Vec3 } from "../src/matrix";
 
 const viewmat = [1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 4, 0, 0, 0, 1];
 const home = { name: "start", width: 160, height: 120, K: [120, 0, 80, 0, 120, 60, 0, 0, 1], viewmat };
-const manifest = { camera: home, cameras: [home], near: 0.1, up: [0, -1, 0], bounds: [[-1, -1, -1], [1, 1, 1]] } as unknown as Manifest;
+const manifest = { camera: home, cameras: [home], near: 0.1, up: [0, -1, 0], bounds: [[-1, -1, -1], [1, 1, 1]], presentation: { limits: null } } as unknown as Manifest;
 
 const close = (a: number[], b: number[]): void => a.forEach((value, i) => assert.ok(Math.abs(value - b[i]) < 1e-6, `${a} is not ${b}`));
 

@@ -1,13 +1,9 @@
 import assert from "node:assert/strict";
 import { test } from "node:test";
-import { Flight } from "../src/flight";
 import { linkTo, startOf } from "../src/link";
-import { length, subtract } from "../src/matrix";
-import type { CameraState } from "../src/pose";
 import { axesOf, normalized, quatOf, slerp, type Quat } from "../src/quaternion";
 
 const turns: Quat[] = [[1, 0, 0, 0], [0, 1, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1], normalized([0.3, -0.5, 0.7, 0.2]), normalized([-0.1, 0.9, 0.2, -0.6])];
-const stop = (x: number): CameraState => ({ eye: [x, 0, 0], turn: [1, 0, 0, 0], distance: 2 });
 const close = (a: number[], b: number[]): void => a.forEach((value, i) => assert.ok(Math.abs(value - b[i]) < 1e-4, `${a} is not ${b}`));
 
 test("turns come back from their axes", () => {
@@ -18,16 +14,6 @@ test("half way between two turns is half the angle, the shorter way", () => {
   const c = Math.SQRT1_2;
   close(slerp([1, 0, 0, 0], [c, 0, 0, c], 0.5), [Math.cos(Math.PI / 8), 0, 0, Math.sin(Math.PI / 8)]);
   close(slerp([1, 0, 0, 0], [-c, 0, 0, -c], 0.5), [Math.cos(Math.PI / 8), 0, 0, Math.sin(Math.PI / 8)]);
-});
-
-test("a flight takes the nearest camera first, goes on and comes back", () => {
-  const flight = new Flight(stop(0), [stop(3), stop(1), stop(2)]);
-  close(flight.at(0).eye, [0, 0, 0]);
-  close(flight.at(2).eye, [1, 0, 0]);
-  close(flight.at(6).eye, [3, 0, 0]);
-  close(flight.at(8).eye, [2, 0, 0]);
-  for (let t = 0; t < 12; t += 0.05) assert.ok(length(subtract(flight.at(t + 0.05).eye, flight.at(t).eye)) < 0.1, `it jumps at ${t} s`);
-  close(flight.at(3.9, true).eye, [1, 0, 0]);
 });
 
 test("a link holds a time and a pose", () => {

@@ -107,6 +107,21 @@ def test_export_of_many_frames_and_of_a_film(tmp_path: Path, capsys: pytest.Capt
     capsys.readouterr()
     assert main(["export", str(GOLDEN), "--frames", "0:999", "--out", str(film)]) == 2
     assert "there is no frame 998" in capsys.readouterr().err
+
+
+def test_export_of_a_film_along_a_path(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    viewmat = open_reel(GOLDEN).manifest.camera.viewmat.ravel().tolist()
+    keyframes = [{"at": 0.2 * i, "time": 0.1 * i, "viewmat": viewmat} for i in range(2)]
+    path = tmp_path / "path.json"
+    path.write_text(json.dumps({"format": "splatreel-path", "version": 1, "loop": False, "keyframes": keyframes}))
+    export = ["export", str(GOLDEN), "--width", "32", "--path", str(path), "--out"]
+    assert main([*export, str(tmp_path / "film.mp4")]) == 0
+    assert "7 frames" in capsys.readouterr().out
+    assert main([*export, str(tmp_path / "film.mp4"), "--frames", "0:2"]) == 2
+    assert main([*export, str(tmp_path / "files")]) == 2
+    path.write_text(path.read_text().replace('"at": 0.2', '"at": -1'))
+    assert main([*export, str(tmp_path / "film.mp4")]) == 2
+    assert "path.json is not a camera path: at of keyframe 1 is -1. Give" in capsys.readouterr().err
     assert main(["export", str(GOLDEN), "--out", str(tmp_path / "one.ply")]) == 2
     assert "--frame N" in capsys.readouterr().err
 

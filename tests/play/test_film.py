@@ -7,7 +7,8 @@ import av
 import numpy as np
 
 from splatreel.kernels.image import render_image
-from splatreel.play.film import camera_path, write_film
+from splatreel.play.film import film_of, film_through, starts_in_step, write_film
+from splatreel.play.path import CameraPath, Keyframe
 from splatreel.play.timeline import open_reel
 from splatreel.scene.camera import Camera
 from tests.golden import GOLDEN
@@ -20,8 +21,9 @@ def camera(x: float) -> Camera:
 
 
 def test_a_path_passes_the_nearest_camera_first_without_a_jump():
-    path = camera_path(camera(0), [camera(3), camera(0), camera(1), camera(2)], 31)
-    places = np.array([c.center[0] for c in path])
+    shots = film_through(camera(0), [camera(3), camera(0), camera(1), camera(2)], 31, 30, 5)
+    assert [round(30 * seconds) for seconds, _ in shots] == list(range(5, 36))
+    places = np.array([c.center[0] for _, c in shots])
     assert np.allclose(places[[0, 10, 20, 30]], [0, 1, 2, 3], atol=1e-4)
     assert np.abs(np.diff(places)).max() < 0.15
 
@@ -29,7 +31,7 @@ def test_a_path_passes_the_nearest_camera_first_without_a_jump():
 def test_a_path_keeps_the_lens_and_turns_smoothly():
     turned = camera(1).viewmat.copy()
     turned[:3, :3] = [[0, 0, 1], [0, 1, 0], [-1, 0, 0]]
-    path = camera_path(camera(0), [replace(camera(1), viewmat=turned)], 5)
+    path = [c for _, c in film_through(camera(0), [replace(camera(1), viewmat=turned)], 5, 30)]
     assert all(np.allclose(c.K, camera(0).K) for c in path)
     angles = [np.degrees(np.arccos(c.viewmat[2, 2])) for c in path]
     assert np.allclose(angles, [0, 22.5, 45, 67.5, 90], atol=1)
@@ -37,14 +39,34 @@ def test_a_path_keeps_the_lens_and_turns_smoothly():
 
 def test_without_other_cameras_it_stays():
     for cameras in ([], [camera(0)]):
-        assert [c.center[0] for c in camera_path(camera(0), cameras, 3)] == [0, 0, 0]
+        assert [c.center[0] for _, c in film_through(camera(0), cameras, 3, 30)] == [0, 0, 0]
+    assert len(film_through(camera(0), [camera(1)], 1, 30)) == 1
+
+
+def test_a_film_of_a_path_has_its_seconds_its_times_and_the_lens():
+    keyframes = [Keyframe(t, time, camera(x).viewmat) for t, time, x in [(0.0, 1.0, 0), (1.0, 2.0, 1), (2.0, 2.0, 1)]]
+    shots = film_of(CameraPath(keyframes), camera(9), 10)
+    assert len(shots) == 21
+    assert [round(seconds, 6) for seconds, _ in shots[8:13]] == [1.8, 1.9, 2.0, 2.0, 2.0]
+    assert all(np.allclose(c.K, camera(9).K) for _, c in shots)
+    assert shots[15][1].center[0] == 1
+    assert len(film_of(CameraPath(keyframes, loop=True), camera(9), 10)) == 20
+    assert len(film_of(CameraPath(keyframes[:1]), camera(9), 10)) == 1
+
+
+def test_knows_whether_time_goes_at_the_reels_pace():
+    keyframes = [Keyframe(float(t), 3.0 + t, camera(t).viewmat) for t in range(3)]
+    assert starts_in_step(film_of(CameraPath(keyframes), camera(0), 30), 30) == 3
+    assert starts_in_step(film_through(camera(0), [camera(1)], 9, 30, 6), 30) == 0.2
+    slow = [Keyframe(2 * k.at, k.time, k.viewmat) for k in keyframes]
+    assert starts_in_step(film_of(CameraPath(slow), camera(0), 30), 30) is None
 
 
 def test_the_film_shows_the_reel(tmp_path: Path):
     reel = open_reel(GOLDEN)
     start = reel.manifest.camera.resized(81, 60)
     done = []
-    write_film(tmp_path / "film.mp4", reel, [start] * 3, first=4, report=done.append)
+    write_film(tmp_path / "film.mp4", reel, [(i / reel.fps, start) for i in (4, 5, 6)], report=done.append)
     assert done == [1, 2, 3]
     with av.open(str(tmp_path / "film.mp4")) as film:
         pictures = [frame.to_ndarray(format="rgb24") for frame in film.decode(video=0)]

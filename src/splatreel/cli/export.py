@@ -24,6 +24,7 @@ def export(
     frames: str | None = None,
     rendition: str | None = None,
     width: int | None = None,
+    path: Path | None = None,
     format: Literal["ply", "spz", "glb"] = "ply",
 ) -> None:
     """Write a reel for other programs: a frame or every frame as a PLY, SPZ or glTF file, or a film.
@@ -35,6 +36,7 @@ def export(
         frames: A:B, frames A to B - 1; by default all. For a folder or a film.
         rendition: Which one, of a reel that has several; by default the best.
         width: Width of the film in pixels; by default that of the reel's own camera.
+        path: Camera path of the film, a JSON file that the player saved; by default through the capture's cameras.
         format: Of the files in a folder: ply as 3DGS writes it, spz (small, 8 bits), glb (glTF with KHR_gaussian_splatting).
     """
     from splatreel.play.timeline import open_reel
@@ -45,6 +47,10 @@ def export(
         )
     source = open_reel(reel_folder(reel), rendition)
     total = source.manifest.frames
+    if path is not None and (out.suffix != ".mp4" or frames is not None):
+        raise UsageError(
+            "--path is for films (--out F.mp4), and says itself which times of the reel they show: leave out --frames."
+        )
     if (out.suffix in FORMATS) != (frame is not None):
         raise UsageError("One file takes --frame N; a folder of them, or a film (.mp4), takes --frames A:B or nothing.")
     first, end = (frame, frame + 1) if frame is not None else parse_frames(frames) or (0, total)
@@ -56,7 +62,7 @@ def export(
         count = _write_frame(source, first, out)
         print(f"{out}: {count:,} Gaussians of frame {first}")
     elif out.suffix == ".mp4":
-        _write_film(source, first, end, out, width)
+        _write_film(source, first, end, out, width, path)
     else:
         for index in range(first, end):
             _write_frame(source, index, out / f"{index:06}.{format}")
@@ -78,18 +84,22 @@ def _write_frame(source: Timeline, frame: int, path: Path) -> int:
     return len(gaussians)
 
 
-def _write_film(source: Timeline, first: int, end: int, out: Path, width: int | None) -> None:
-    from splatreel.play.film import camera_path, write_film
+def _write_film(source: Timeline, first: int, end: int, out: Path, width: int | None, path: Path | None) -> None:
+    from splatreel.play.film import film_of, film_through, write_film
+    from splatreel.play.path import read_path
     from splatreel.progress import console
 
     start = source.manifest.camera
     if width is not None:
         start = start.resized(width, round(start.height * width / start.width))
+    if path is None:
+        shots = film_through(start, source.manifest.cameras, end - first, source.fps, first)
+    else:
+        shots = film_of(read_path(path), start, source.fps)
     progress = console()
     try:
-        progress.stage("film", end - first)
-        path = camera_path(start, source.manifest.cameras, end - first)
-        write_film(out, source, path, first, progress.update)
+        progress.stage("film", len(shots))
+        write_film(out, source, shots, progress.update)
     finally:
         progress.close()
-    print(f"{out}: {end - first} frames, {start.width} x {start.height}")
+    print(f"{out}: {len(shots)} frames, {start.width} x {start.height}")

@@ -9,53 +9,61 @@ from pathlib import Path
 
 import av
 import numpy as np
-from scipy.interpolate import CubicSpline
-from scipy.spatial.transform import Rotation, RotationSpline
 
+from splatreel.play.path import CameraPath, Keyframe, in_order
 from splatreel.play.timeline import Timeline
 from splatreel.scene.camera import Camera
 
+Shot = tuple[float, Camera]
+"""A picture of a film: seconds of the reel, and the camera that takes it."""
 
-def camera_path(start: Camera, cameras: Sequence[Camera], frames: int) -> list[Camera]:
-    """From `start` through the cameras, the nearest next, in `frames` smooth steps; every step has the lens of `start`.
+
+def film_of(path: CameraPath, lens: Camera, fps: float) -> list[Shot]:
+    """The pictures of a film along a path, as many as its seconds have at this rate, and at least one; all through this lens.
+
+    Of a path that loops the last picture is the one before the first, so that the film loops as well.
+    """
+    count = max(round(path.seconds * fps) + (0 if path.loop else 1), 1)
+    moments = [path.at(i / fps) for i in range(count)]
+    return [(time, replace(lens, viewmat=viewmat)) for viewmat, time in moments]
+
+
+def film_through(start: Camera, cameras: Sequence[Camera], frames: int, fps: float, first: int = 0) -> list[Shot]:
+    """So many frames of a reel from `first` on, on a path from `start` through the cameras, the nearest next, with its lens.
 
     A start that stands where one of the cameras does passes it once. Without another camera it stays.
     """
-    stops = [start]
-    left = [c for c in cameras if np.linalg.norm(c.center - start.center) > 1e-6]
-    while left:
-        distances = [np.linalg.norm(c.center - stops[-1].center) for c in left]
-        stops.append(left.pop(int(np.argmin(distances))))
-    if len(stops) == 1:
-        return stops * frames
-    times = np.arange(len(stops))
-    now = np.linspace(0, len(stops) - 1, frames)
-    centers = CubicSpline(times, [c.center for c in stops])(now)
-    turns = RotationSpline(times, Rotation.from_matrix([c.viewmat[:3, :3] for c in stops]))(now).as_matrix()
-    poses = np.tile(np.eye(4), (frames, 1, 1))
-    poses[:, :3, :3] = turns
-    poses[:, :3, 3] = -(turns @ centers[..., None])[..., 0]
-    return [replace(start, viewmat=pose) for pose in poses]
+    stops = in_order(start, cameras)
+    leg = (frames - 1) / fps / max(len(stops) - 1, 1)
+    if leg <= 0:
+        stops = stops[:1]
+    keyframes = [
+        Keyframe(i * leg, first / fps + i * leg, stop.viewmat.astype(np.float64)) for i, stop in enumerate(stops)
+    ]
+    path = CameraPath(keyframes)
+    return [((first + i) / fps, replace(start, viewmat=path.at(i / fps)[0])) for i in range(frames)]
+
+
+def starts_in_step(shots: Sequence[Shot], fps: float) -> float | None:
+    """Seconds of the reel at which a film starts, if time goes at the reel's own pace all along, as its sound does; else None."""
+    start = shots[0][0]
+    return start if all(abs(seconds - start - i / fps) < 0.5 / fps for i, (seconds, _) in enumerate(shots)) else None
 
 
 def write_film(
-    path: Path,
-    reel: Timeline,
-    cameras: Sequence[Camera],
-    first: int = 0,
-    report: Callable[[int], None] = lambda done: None,
+    path: Path, reel: Timeline, shots: Sequence[Shot], report: Callable[[int], None] = lambda done: None
 ) -> None:
-    """Write frames `first`, `first + 1`, ... of a reel as H.264 in MP4, one a camera; all cameras have the same size.
+    """Write pictures of a reel as H.264 in MP4, at the reel's rate; all cameras have the same size.
 
-    Odd sides lose a row or column, as players expect. report: called with how many frames are done.
+    Odd sides lose a row or column, as players expect. report: called with how many pictures are done.
     """
-    width, height = cameras[0].width // 2 * 2, cameras[0].height // 2 * 2
+    width, height = shots[0][1].width // 2 * 2, shots[0][1].height // 2 * 2
     with av.open(str(path), "w", format="mp4", options={"movflags": "faststart"}) as container:
         stream = container.add_stream("libx264", rate=Fraction(reel.fps).limit_denominator(1001))
         stream.width, stream.height, stream.pix_fmt = width, height, "yuv420p"
         stream.options = {"crf": "17", "preset": "medium"}
-        for done, camera in enumerate(cameras):
-            image = reel.render(reel.at((first + done) / reel.fps), camera)
+        for done, (seconds, camera) in enumerate(shots):
+            image = reel.render(reel.at(seconds), camera)
             pixels = np.rint(np.clip(image[:height, :width], 0, 1) * 255).astype(np.uint8)
             container.mux(stream.encode(av.VideoFrame.from_ndarray(np.ascontiguousarray(pixels), "rgb24")))
             report(done + 1)
