@@ -27,11 +27,12 @@ def export(
     path: Path | None = None,
     format: Literal["ply", "spz", "glb"] = "ply",
 ) -> None:
-    """Write a reel for other programs: a frame or every frame as a PLY, SPZ or glTF file, or a film.
+    """Write a reel for others: as one page that plays anywhere, as a film, or frames as PLY, SPZ or glTF files for other programs.
 
     Args:
         reel: Folder of the reel.
-        out: F.ply, F.spz or F.glb for one frame, a folder for a file a frame, F.mp4 for a film through the capture's cameras.
+        out: F.html for one page with player and reel; F.ply, F.spz or F.glb for one frame, a folder for a file a frame; F.mp4 for a
+            film through the capture's cameras.
         frame: Which frame, counted from 0; for one file.
         frames: A:B, frames A to B - 1; by default all. For a folder or a film.
         rendition: Which one, of a reel that has several; by default the best.
@@ -39,12 +40,18 @@ def export(
         path: Camera path of the film, a JSON file that the player saved; by default through the capture's cameras.
         format: Of the files in a folder: ply as 3DGS writes it, spz (small, 8 bits), glb (glTF with KHR_gaussian_splatting).
     """
+    if out.suffix not in (*FORMATS, ".html", ".mp4", ""):
+        raise UsageError(
+            f"--out {out}: {out.suffix} is no format that is written. Name an .html page, a .ply, .spz or .glb file, an .mp4 film or "
+            "a folder."
+        )
+    if out.suffix == ".html":
+        if frame is not None or frames is not None:
+            raise UsageError("A page holds the whole reel. Leave out --frame and --frames.")
+        _write_page(reel, out, rendition)
+        return
     from splatreel.play.timeline import open_reel
 
-    if out.suffix not in (*FORMATS, ".mp4", ""):
-        raise UsageError(
-            f"--out {out}: {out.suffix} is no format that is written. Name a .ply, .spz or .glb file, an .mp4 film or a folder."
-        )
     source = open_reel(reel_folder(reel), rendition)
     total = source.manifest.frames
     if path is not None and (out.suffix != ".mp4" or frames is not None):
@@ -67,6 +74,13 @@ def export(
         for index in range(first, end):
             _write_frame(source, index, out / f"{index:06}.{format}")
         print(f"{out}: {end - first} {format.upper()} files, frames {first} to {end - 1}")
+
+
+def _write_page(reel: Path, out: Path, rendition: str | None) -> None:
+    from splatreel.play.standalone import write_standalone
+
+    size = write_standalone(out, reel_folder(reel), rendition)
+    print(f"{out}: player and reel, {size / 1e6:.2f} MB; open it in any browser")
 
 
 def _write_frame(source: Timeline, frame: int, path: Path) -> int:

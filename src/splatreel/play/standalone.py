@@ -1,0 +1,89 @@
+"""A reel with its player as one HTML file, which plays wherever it lies: on a disk, in a mail, on any host."""
+
+from __future__ import annotations
+
+import re
+from base64 import b64encode
+from dataclasses import replace
+from pathlib import Path
+
+from splatreel.codec.container import unpack_file, write_atomically
+from splatreel.codec.manifest import FileEntry
+from splatreel.codec.presentation import Asset
+from splatreel.codec.reader import ReelReader
+from splatreel.errors import ReelError
+from splatreel.play.page import introduced
+from splatreel.play.server import STATIC
+
+MODULE = '<script type="module" src="player.js"></script>'
+PAGE = "<main data-splatreel-page>"
+"""What stands in the player's own page."""
+WORKERS = ("decode-worker.js", "sort-worker.js")
+
+
+def write_standalone(path: Path, location: str | Path, rendition: str | None = None) -> int:
+    """Write the file atomically; returns its bytes. rendition: one of those the manifest names; None: the best.
+
+    Raises `ReelError` for a reel that is damaged, or coded as in the paper: workers in a page do not find the decoders of others.
+    """
+    reel = ReelReader(location, rendition)
+    manifest = reel.manifest
+    if manifest.renditions:
+        manifest = manifest.of_rendition(manifest.renditions[0])
+    manifest = replace(manifest, live=False)
+    page = (STATIC / "index.html").read_text(encoding="utf-8")
+    parts = [f'<script type="application/json" id="splatreel-manifest">{_inert(manifest.to_json())}</script>']
+    parts += [_file("reel", entry.uri, _checked(reel, entry)) for entry in [*manifest.files, *manifest.assets]]
+    modules, player = _modules()
+    parts += [_file("player", name, (STATIC / name).read_bytes()) for name in WORKERS]
+    parts += [modules, f'<script type="module">{_inert_code(player)}</script>']
+    for own, new in ((MODULE, "\n".join(parts)), (PAGE, PAGE.replace(">", ' data-src="embedded:">'))):
+        if own not in page:
+            raise ReelError(f"{STATIC / 'index.html'}: does not hold {own}. Build the player again.")
+        page = page.replace(own, new, 1)
+    data = introduced(page, manifest.presentation).encode()
+    write_atomically(path, data)
+    return len(data)
+
+
+def _checked(reel: ReelReader, entry: FileEntry | Asset) -> bytes:
+    data = reel.read_file(entry)
+    if isinstance(entry, FileEntry):
+        means = unpack_file(data)[1].get("means")
+        if means is not None and means.parameters.get("codec") != "lattice":
+            raise ReelError(
+                f"{reel.name}: {entry.uri} is coded as in the paper. Write a reel of the predictive codec: "
+                "splatreel encode RUN --out REEL."
+            )
+    return data
+
+
+def _file(kind: str, name: str, data: bytes) -> str:
+    return f'<script type="text/plain" data-{kind}-file="{name}">{b64encode(data).decode()}</script>'
+
+
+def _modules() -> tuple[str, str]:
+    """An import map with the modules that the player loads on demand, and the player's own code, which asks for them by its names.
+
+    A module in a page has no folder to look beside it in, and browsers refuse modules from a disk.
+    """
+    names = [p.name for p in sorted(STATIC.glob("*.js")) if p.name != "player.js" and p.name not in WORKERS]
+    code = {name: (STATIC / name).read_text(encoding="utf-8") for name in ["player.js", *names]}
+    beside = re.compile(f'"\\./({"|".join(map(re.escape, names))})"')
+    named = {name: beside.sub(r'"splatreel/\1"', text) for name, text in code.items()}
+    asked = {name for text in code.values() for name in beside.findall(text)}
+    urls = [
+        f'"splatreel/{name}":"data:text/javascript;base64,{b64encode(named[name].encode()).decode()}"'
+        for name in sorted(asked)
+    ]
+    return f'<script type="importmap">{{"imports":{{{",".join(urls)}}}}}</script>' if urls else "", named["player.js"]
+
+
+def _inert(text: str) -> str:
+    """JSON that ends no element."""
+    return text.replace("<", "\\u003c")
+
+
+def _inert_code(text: str) -> str:
+    """The same program, of whose strings none ends the element or begins a comment in it."""
+    return re.sub("</(?=script)", r"<\\/", text, flags=re.IGNORECASE).replace("<!--", r"\x3c!--")

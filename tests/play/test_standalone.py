@@ -1,0 +1,111 @@
+"""A reel and its player in one HTML file: what it holds, and that nothing in it ends its elements early."""
+
+import base64
+import json
+import shutil
+from html.parser import HTMLParser
+from pathlib import Path
+
+import pytest
+
+from splatreel.codec.edit import edit_reel
+from splatreel.codec.manifest import parse_manifest
+from splatreel.errors import ReelError
+from splatreel.play import standalone
+from splatreel.play.standalone import write_standalone
+from tests.golden import GOLDEN, PREDICTIVE, write_golden
+
+HOSTILE = "</title></script><script>alert(1)</script><!--"
+
+
+class Scripts(HTMLParser):
+    """Every script of a page: attributes and text."""
+
+    def __init__(self, page: Path) -> None:
+        super().__init__()
+        self.found: list[tuple[dict[str, str | None], str]] = []
+        self._open = False
+        self.feed(page.read_text(encoding="utf-8"))
+
+    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+        self._open = tag == "script"
+        if self._open:
+            self.found.append((dict(attrs), ""))
+
+    def handle_data(self, data: str) -> None:
+        if self._open:
+            attributes, text = self.found[-1]
+            self.found[-1] = attributes, text + data
+
+    def handle_endtag(self, tag: str) -> None:
+        self._open = False
+
+    def of(self, attribute: str) -> dict[str | None, str]:
+        """Text by an attribute's value, of those that have it."""
+        return {found[attribute]: text for found, text in self.found if attribute in found}
+
+
+@pytest.fixture
+def reel(tmp_path: Path) -> Path:
+    return shutil.copytree(PREDICTIVE, tmp_path / "reel")
+
+
+def test_the_page_holds_the_reel_and_what_plays_it(reel: Path, tmp_path: Path) -> None:
+    edit_reel(reel, {"title": HOSTILE, "description": HOSTILE})
+    size = write_standalone(tmp_path / "made" / "reel.html", reel)
+    page = tmp_path / "made" / "reel.html"
+    scripts = Scripts(page)
+    assert size == page.stat().st_size
+    manifest = parse_manifest(scripts.of("id")["splatreel-manifest"].encode(), "page")
+    assert manifest.presentation.title == HOSTILE
+    files = {uri: base64.b64decode(text) for uri, text in scripts.of("data-reel-file").items()}
+    assert files == {file.uri: (reel / file.uri).read_bytes() for file in manifest.files}
+    assert set(scripts.of("data-player-file")) == {"decode-worker.js", "sort-worker.js"}
+    kinds = [attributes.get("type") for attributes, _ in scripts.found]
+    assert kinds == ["application/json", *["text/plain"] * (len(files) + 2), "module"]
+    text = page.read_text(encoding="utf-8")
+    assert "<!--" not in text
+    assert 'data-src="embedded:"' in text
+    assert 'src="player.js"' not in text
+
+
+def test_one_rendition_is_taken_and_a_live_reel_is_as_it_is_now(tmp_path: Path) -> None:
+    write_golden(tmp_path / "reel", "predictive", ("high", "low"))
+    file = tmp_path / "reel" / "manifest.json"
+    file.write_text(file.read_text().replace('"live": false', '"live": true'))
+    for rendition, name in ((None, "0000.safetensors"), ("low", "0000.low.safetensors")):
+        write_standalone(tmp_path / "page.html", tmp_path / "reel", rendition)
+        scripts = Scripts(tmp_path / "page.html")
+        manifest = json.loads(scripts.of("id")["splatreel-manifest"])
+        assert manifest["groups"][0]["uri"] == f"groups/{name}"
+        assert f"groups/{name}" in scripts.of("data-reel-file")
+        assert len(scripts.of("data-reel-file")) == len(manifest["groups"]) + len(manifest["layers"])
+        assert manifest["live"] is False
+        assert "renditions" not in manifest
+
+
+def test_what_cannot_be_put_into_a_page(reel: Path, tmp_path: Path) -> None:
+    with pytest.raises(ReelError, match=r"coded as in the paper.*splatreel encode"):
+        write_standalone(tmp_path / "page.html", GOLDEN)
+    file = reel / "groups" / "0000.safetensors"
+    file.write_bytes(file.read_bytes()[:-1])
+    with pytest.raises(ReelError, match="the manifest says"):
+        write_standalone(tmp_path / "page.html", reel)
+    assert not (tmp_path / "page.html").exists()
+
+
+def test_modules_on_demand_are_found_in_the_page(reel: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    static = shutil.copytree(standalone.STATIC, tmp_path / "static")
+    (static / "player.js").write_text('import{a}from"./chunk-A.js";const q=()=>import("./qr.js");const t="</Script>"')
+    (static / "chunk-A.js").write_text("export const a=1")
+    (static / "qr.js").write_text('import{a}from"./chunk-A.js"')
+    monkeypatch.setattr(standalone, "STATIC", static)
+    write_standalone(tmp_path / "page.html", reel)
+    scripts = Scripts(tmp_path / "page.html")
+    imports = json.loads(scripts.of("type")["importmap"])["imports"]
+    assert set(imports) == {"splatreel/chunk-A.js", "splatreel/qr.js"}
+    code = base64.b64decode(imports["splatreel/qr.js"].removeprefix("data:text/javascript;base64,"))
+    assert code == b'import{a}from"splatreel/chunk-A.js"'
+    assert scripts.of("type")["module"] == (
+        'import{a}from"splatreel/chunk-A.js";const q=()=>import("splatreel/qr.js");const t="<\\/Script>"'
+    )
