@@ -10,6 +10,7 @@ import pytest
 from splatreel.cli.main import main
 from splatreel.play.timeline import open_reel
 from splatreel.scene import rotations
+from tests.golden import PREDICTIVE
 from tests.scene.test_gltf import read_glb
 
 GOLDEN = Path(__file__).parent.parent / "data" / "golden"
@@ -124,6 +125,15 @@ def test_export_of_a_film_along_a_path(tmp_path: Path, capsys: pytest.CaptureFix
     assert "path.json is not a camera path: at of keyframe 1 is -1. Give" in capsys.readouterr().err
     assert main(["export", str(GOLDEN), "--out", str(tmp_path / "one.ply")]) == 2
     assert "--frame N" in capsys.readouterr().err
+
+
+def test_export_of_a_page(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    page = tmp_path / "made" / "reel.html"
+    assert main(["export", str(PREDICTIVE), "--out", str(page)]) == 0
+    assert f"{page}: player and reel, 0." in capsys.readouterr().out
+    assert page.read_text(encoding="utf-8").startswith("<!doctype html>")
+    assert main(["export", str(PREDICTIVE), "--out", str(page), "--frames", "0:2"]) == 2
+    assert "holds the whole reel" in capsys.readouterr().err
 
 
 def test_edit_changes_what_a_reel_says(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

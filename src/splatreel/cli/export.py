@@ -46,8 +46,8 @@ def export(
             "a folder."
         )
     if out.suffix == ".html":
-        if frame is not None or frames is not None:
-            raise UsageError("A page holds the whole reel. Leave out --frame and --frames.")
+        if any(value is not None for value in (frame, frames, width, path)):
+            raise UsageError("A page holds the whole reel. Leave out --frame, --frames, --width and --path.")
         _write_page(reel, out, rendition)
         return
     from splatreel.play.timeline import open_reel
