@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 
 from splatreel import threads
+from splatreel.capture.sound import Track
 from splatreel.errors import CaptureError
 from splatreel.scene.camera import Camera
 
@@ -174,6 +175,10 @@ class Capture(ABC):
 
     def close(self) -> None:  # noqa: B027 - most formats hold nothing open
         """Release open files; reading again reopens them."""
+
+    def tracks(self) -> dict[str, Track]:
+        """By camera, where the sound of the chosen frames is, or would be; of cameras whose pictures are videos."""
+        return {}
 
     def sources(self) -> list[Path]:
         """The files that are read, whose sizes belong to the fingerprint."""

@@ -9,6 +9,7 @@ import numpy as np
 from splatreel.capture.base import Request
 from splatreel.capture.images import image_size, read_image
 from splatreel.capture.sidecar import SIDECAR, Sidecar
+from splatreel.capture.sound import Track
 from splatreel.errors import CaptureError
 
 IMAGE_SUFFIXES = (".jpg", ".jpeg", ".png", ".webp", ".tif", ".tiff", ".bmp")
@@ -48,6 +49,10 @@ class Pictures:
 
     def sources(self, first: int, count: int) -> list[Path]:
         return [file for files in self._files.values() for file in files[first : first + count]]
+
+    def tracks(self, first: int) -> dict[str, Track]:
+        """Pictures have none."""
+        return {}
 
     def close(self) -> None:
         """Nothing is held open."""

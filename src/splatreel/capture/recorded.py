@@ -9,6 +9,7 @@ import numpy as np
 
 from splatreel.capture.base import Capture, Request, read_cameras
 from splatreel.capture.lens import Lens
+from splatreel.capture.sound import Track
 from splatreel.scene.camera import Camera
 
 
@@ -23,6 +24,10 @@ class Source(Protocol):
 
     def sources(self, first: int, count: int) -> list[Path]:
         """The files that hold `count` time steps from `first` on."""
+        ...
+
+    def tracks(self, first: int) -> dict[str, Track]:
+        """By camera, where the sound from time step `first` on is; nothing of cameras without a video."""
         ...
 
     def close(self) -> None:
@@ -75,6 +80,9 @@ class RecordedCapture(Capture):
 
     def sources(self) -> list[Path]:
         return self._source.sources(self.first_frame, self.frames)
+
+    def tracks(self) -> dict[str, Track]:
+        return self._source.tracks(self.first_frame)
 
     def close(self) -> None:
         self._source.close()

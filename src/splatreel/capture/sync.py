@@ -6,12 +6,11 @@ from dataclasses import dataclass
 from itertools import combinations
 from pathlib import Path
 
-import av
 import numpy as np
-from av.error import FFmpegError
 
 from splatreel.capture.colmap import video_files
 from splatreel.capture.sidecar import write_starts
+from splatreel.capture.sound import channels, read_sound
 from splatreel.errors import CaptureError
 from splatreel.progress import Progress
 
@@ -80,38 +79,18 @@ def align(path: Path, sounds: dict[str, np.ndarray], progress: Progress) -> dict
 
 def listen(file: Path) -> np.ndarray:
     """The sound of a video from its first picture on, [samples] float32 at `RATE`. Raises `CaptureError` where there is none."""
-    try:
-        with av.open(str(file)) as container:
-            if not (container.streams.audio and container.streams.video):
-                raise CaptureError(
-                    f"{file}: has no sound to synchronise by. Write into splatreel.json when each video starts, or cut the "
-                    f"videos to the same moment."
-                )
-            video, audio = container.streams.video[0], container.streams.audio[0]
-            before = float((video.start_time or 0) * (video.time_base or 0))
-            resampler = av.AudioResampler("flt", "mono", RATE)
-            sound = np.zeros(LONGEST * RATE, np.float32)
-            end = 0
-            for frame in container.decode(audio):
-                at = round(((frame.time or 0.0) - before) * RATE)
-                if at >= len(sound):
-                    break
-                for part in resampler.resample(frame):
-                    end = max(end, _put(sound, end if end else at, part.to_ndarray()[0]))
-    except FFmpegError as error:
+    if not channels(file):
         raise CaptureError(
-            f"{file}: its sound cannot be decoded ({error.strerror or error}). Copy the file again."
-        ) from error
-    return sound[:end]
-
-
-def _put(sound: np.ndarray, at: int, part: np.ndarray) -> int:
-    """Samples from a place on, what is before the first picture left out; returns the place after them."""
-    part = part[max(-at, 0) :]
-    at = max(at, 0)
-    part = part[: len(sound) - at]
-    sound[at : at + len(part)] = part
-    return at + len(part)
+            f"{file}: has no sound to synchronise by. Write into splatreel.json when each video starts, or cut the "
+            f"videos to the same moment."
+        )
+    parts, count = [], 0
+    for block in read_sound(file, 1, RATE):
+        parts.append(block[:, 0])
+        count += len(block)
+        if count >= LONGEST * RATE:
+            break
+    return np.concatenate([np.zeros(0, np.float32), *parts])[: LONGEST * RATE]
 
 
 def _phases(sound: np.ndarray, length: int) -> np.ndarray:

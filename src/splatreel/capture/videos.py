@@ -8,6 +8,7 @@ import numpy as np
 
 from splatreel.capture.base import Request
 from splatreel.capture.sidecar import SIDECAR, Sidecar
+from splatreel.capture.sound import Track
 from splatreel.capture.video import VideoFile
 from splatreel.errors import CaptureError
 
@@ -27,6 +28,7 @@ class Videos:
         unknown = [name for name in sidecar.starts if name not in self._files]
         if unknown:
             raise CaptureError(f"{path / SIDECAR}: says when {unknown[0]!r} starts, but no video is called so.")
+        self._starts = sidecar.starts
         self._numbers = {name: self._frames_of(name, sidecar, path) for name in self._files}
         counts = {name: len(numbers) for name, numbers in self._numbers.items()}
         self.frames = min(counts.values(), default=0)
@@ -55,6 +57,14 @@ class Videos:
     def read_camera(self, out: np.ndarray, first: int, name: str) -> None:
         """Time steps first .. first + len(out) - 1 of a camera into out [count, H, W, 3] uint8."""
         self._files[name].read_into(out, self._numbers[name][first : first + len(out)])
+
+    def tracks(self, first: int) -> dict[str, Track]:
+        """By camera, where its sound from time step `first` on is: to the millisecond that the sidecar says, not to a frame."""
+        if self._starts:
+            seconds = {name: self._starts.get(name, 0.0) + first / self.fps for name in self._files}
+        else:
+            seconds = {name: float(video.times[first]) for name, video in self._files.items()}
+        return {name: Track(video.path, seconds[name]) for name, video in self._files.items()}
 
     def sources(self, first: int, count: int) -> list[Path]:
         """All videos: each holds all of its time steps."""
