@@ -1,13 +1,13 @@
 import json
 from pathlib import Path
 
-import av
 import numpy as np
 import pytest
 
 from splatreel.capture.sync import RATE, synchronise
 from splatreel.errors import CaptureError
 from splatreel.progress import Silent
+from tests.capture.films import film
 
 HEARD = 44100
 BEGAN = {"a": 0.4, "b": 1.25, "c": 0.0}
@@ -22,25 +22,6 @@ def scene(seconds: float) -> np.ndarray:
         clap = rng.normal(size=2000) * np.exp(-np.arange(2000) / 300)
         sound[round(at * HEARD) :][:2000] += 0.3 * clap
     return sound
-
-
-def film(path: Path, sound: np.ndarray | None, seconds: float = 4) -> None:
-    """A black video with sound, or without."""
-    with av.open(str(path), "w") as container:
-        pictures = container.add_stream("libx264", rate=10)
-        pictures.width, pictures.height, pictures.pix_fmt = 32, 32, "yuv420p"
-        track = container.add_stream("aac", rate=HEARD) if sound is not None else None
-        for _ in range(round(10 * seconds)):
-            container.mux(pictures.encode(av.VideoFrame.from_ndarray(np.zeros((32, 32, 3), np.uint8), format="rgb24")))
-        container.mux(pictures.encode(None))
-        if track is None or sound is None:
-            return
-        for at in range(0, len(sound) - 1023, 1024):
-            part = np.clip(sound[at : at + 1024], -1, 1).astype(np.float32)
-            frame = av.AudioFrame.from_ndarray(part[None], format="fltp", layout="mono")
-            frame.sample_rate, frame.pts = HEARD, at
-            container.mux(track.encode(frame))
-        container.mux(track.encode(None))
 
 
 @pytest.fixture

@@ -27,6 +27,7 @@ def reconstruct(
     scale: float | None = None,
     frames: str | None = None,
     hold_out: str | None = None,
+    sound: str = "auto",
     quality: Quality = "standard",
     device: Device = "auto",
     codec: Codec | None = None,
@@ -46,6 +47,8 @@ def reconstruct(
         scale: Size of the images to train on, as a share of their own, instead of the width.
         frames: Which frames, as A:B (B is left out); all by default.
         hold_out: Names of cameras to keep for evaluation, as NAME,NAME; none: all are trained on; what the format says by default.
+        sound: auto takes the sound of the camera that is loudest without distortion; or the name of a camera; or a file of sound or
+            video that starts when the capture does; none leaves the reel silent.
         quality: How long to train.
         device: Where to train; auto takes a CUDA GPU if there is one.
         codec: How points are coded; what the quality says by default.
@@ -70,7 +73,7 @@ def reconstruct(
     try:
         with profiled(out / "profile.md" if profile else None):
             result = sequence.reconstruct(
-                source, out, config, device=device, progress=progress, present=Presenter(given)
+                source, out, config, sound=sound, device=device, progress=progress, present=Presenter(given)
             )
     finally:
         progress.close()

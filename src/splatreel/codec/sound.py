@@ -168,7 +168,7 @@ def _samples(frame: av.AudioFrame) -> np.ndarray:
     """[n, channels] float32."""
     pcm = frame.to_ndarray()
     pcm = pcm.T if frame.format.is_planar else pcm.reshape(-1, frame.layout.nb_channels)
-    return pcm / np.float32(-np.iinfo(pcm.dtype).min) if pcm.dtype.kind == "i" else pcm
+    return pcm / np.float32(1 << 15) if frame.format.name.startswith("s16") else pcm
 
 
 def _chain(before: np.ndarray, blocks: Iterator[np.ndarray], after: np.ndarray) -> Iterator[np.ndarray]:

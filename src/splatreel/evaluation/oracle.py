@@ -30,7 +30,7 @@ from splatreel.play.timeline import Timeline, open_reel
 from splatreel.progress import Progress, Silent
 from splatreel.recon.device import pick_device
 from splatreel.recon.importance import weigh
-from splatreel.recon.sequence import check_capture
+from splatreel.recon.requirements import check_capture
 from splatreel.recon.still import reconstruct_still
 from splatreel.scene.camera import Camera
 from splatreel.scene.gaussians import Gaussians

@@ -33,9 +33,10 @@ class Claim:
     configuration, or a reel without the checkpoints it was made from. Nothing is overwritten then.
     """
 
-    def __init__(self, out: Path, capture: Capture, config: Config) -> None:
+    def __init__(self, out: Path, capture: Capture, config: Config, sound: str = "auto") -> None:
         self.out, self.reel, self.work = out, out / "reel", out / "work"
         self.record = {"version": VERSION, "capture": capture.describe(), "config": json.loads(config.to_json())}
+        self.record["sound"] = Path(sound).name  # a file may be elsewhere the next time
         self._lock: int | None = None
 
     def __enter__(self) -> Claim:
@@ -62,7 +63,7 @@ class Claim:
         if path.exists():
             theirs = checkpoint.load_json(path)
             # What an earlier version did not know is as if it had been left alone: new settings are off unless a preset says so.
-            known = {"config": json.loads(Config().to_json())}
+            known = {"config": json.loads(Config().to_json()), "sound": "auto"}
             found = differences(_filled(theirs if isinstance(theirs, dict) else {}, known), self.record)
             if found:
                 more = [f"and {len(found) - SHOWN} more"] if len(found) > SHOWN else []

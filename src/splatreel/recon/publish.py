@@ -23,6 +23,7 @@ from splatreel.progress import Progress
 from splatreel.recon import checkpoint
 from splatreel.recon.device import pick_device
 from splatreel.recon.importance import weigh
+from splatreel.recon.sound import publish_sound
 from splatreel.scene.camera import Camera
 from splatreel.scene.clearance import NONE, Clearance
 from splatreel.scene.gaussians import Gaussians
@@ -117,6 +118,7 @@ def open_writer(work: Path, reel: Path, config: EncodeConfig, resume: bool) -> R
     writer = ReelWriter(reel, config=config, resume=resume, **header)
     if limits != writer.manifest.presentation.limits:
         writer.present(dataclasses.replace(writer.manifest.presentation, limits=limits))
+    publish_sound(work, writer)
     return writer
 
 

@@ -15,7 +15,6 @@ from splatreel.capture.base import Capture
 from splatreel.capture.prefetch import FramePrefetcher
 from splatreel.codec.writer import ReelWriter
 from splatreel.config import Config
-from splatreel.errors import ReconstructionError
 from splatreel.kernels.image import render_image
 from splatreel.motion.flow import make_flow
 from splatreel.motion.light import changes_of_light
@@ -50,15 +49,13 @@ from splatreel.recon.publish import (
     save_group,
     save_header,
 )
+from splatreel.recon.requirements import check_capture
 from splatreel.recon.rig import Rig
+from splatreel.recon.sound import RunSound, hear, save_sound
 from splatreel.recon.spans import Span, spans
 from splatreel.recon.still import lay_out, still_trainer, train_frame
 from splatreel.scene.gaussians import Gaussians
 from splatreel.scene.group import Group
-
-MIN_CAMERAS = 3
-MIN_SIDE = 8
-"""Pixels; smaller images show nothing that cameras could agree on."""
 
 
 @dataclass
@@ -89,36 +86,25 @@ def reconstruct(
     out: Path,
     config: Config,
     *,
+    sound: str = "auto",
     device: str = "auto",
     progress: Progress | None = None,
     present: Present = nothing_more,
 ) -> Result:
     """Reconstruct a capture into OUT/reel, with checkpoints in OUT/work; the same call continues an interrupted run.
 
-    device: auto, cpu or cuda. present: adds what is there beside the points. Raises `ReconstructionError` when OUT belongs to another
-    capture or configuration or is in use, or a checkpoint is damaged, `UsageError` for a device that is not there, `ReelError` where
-    the disk refuses, and what the capture raises for frames that cannot be read. What is finished stays, whatever is raised.
+    sound: auto (the best of the cameras'), none, the name of a camera, or a file. device: auto, cpu or cuda. present: adds what is
+    there beside the points. Raises `ReconstructionError` when OUT belongs to another capture or configuration or is in use, or a
+    checkpoint is damaged, `UsageError` for a device that is not there, `ReelError` where the disk refuses, and what the capture raises
+    for frames or sound that cannot be read. What is finished stays, whatever is raised.
     """
     check_capture(capture)
     check_memory(capture, config.group.length + config.group.overlap)
     chosen = pick_device(device)
-    with Claim(Path(out), capture, config) as claim:
-        return Reconstruction(capture, claim, config, chosen, progress or Silent(), present).run()
-
-
-def check_capture(capture: Capture) -> None:
-    """Raises `ReconstructionError` for a capture that can be read, but not reconstructed."""
-    count = len(capture.training_cameras)
-    if count < MIN_CAMERAS:
-        raise ReconstructionError(
-            f"{capture.path}: only {count} cameras are left to train on besides the held-out {', '.join(capture.held_out)}; "
-            f"at least {MIN_CAMERAS} are needed. Hold out fewer, or add cameras."
-        )
-    if min(capture.width, capture.height) < MIN_SIDE:
-        raise ReconstructionError(
-            f"{capture.path}: images of {capture.width}x{capture.height} pixels are too small, each side needs at least "
-            f"{MIN_SIDE}. Ask for a larger width or scale."
-        )
+    progress = progress or Silent()
+    with Claim(Path(out), capture, config, sound) as claim:
+        heard = hear(claim.work, capture, sound, progress)
+        return Reconstruction(capture, claim, config, heard, chosen, progress, present).run()
 
 
 class Reconstruction:
@@ -129,12 +115,13 @@ class Reconstruction:
         capture: Capture,
         claim: Claim,
         config: Config,
+        sound: RunSound | None,
         device: torch.device,
         progress: Progress,
         present: Present,
     ) -> None:
         self.capture, self.claim, self.config, self.device, self.progress = capture, claim, config, device, progress
-        self.present = present
+        self.sound, self.present = sound, present
         self.reel, self.work = claim.reel, claim.work
         self.spans = spans(capture.frames, config.group.length, config.group.overlap)
         self.plan = Plan([span.count for span in self.spans], config)
@@ -372,6 +359,7 @@ class Reconstruction:
             ),
         }
         save_header(self.work, header)
+        save_sound(self.work, self.sound)
         return open_writer(self.work, self.reel, self.config.encode, resume=True)
 
     def _on_device(self, frames: np.ndarray) -> torch.Tensor:
