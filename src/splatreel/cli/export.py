@@ -42,8 +42,8 @@ def export(
     """
     if out.suffix not in (*FORMATS, ".html", ".mp4", ""):
         raise UsageError(
-            f"--out {out}: {out.suffix} is no format that is written. Name an .html page, a .ply, .spz or .glb file, an .mp4 film or "
-            "a folder."
+            f"--out {out}: {out.suffix} is no format that is written. Name a .ply, .spz or .glb file, an .mp4 film, an .html "
+            "page or a folder."
         )
     if out.suffix == ".html":
         if any(value is not None for value in (frame, frames, width, path)):
