@@ -6,11 +6,13 @@ from pathlib import Path
 import av
 import numpy as np
 
+from splatreel.capture.sound import RATE, read_sound
 from splatreel.kernels.image import render_image
 from splatreel.play.film import film_of, film_through, starts_in_step, write_film
 from splatreel.play.path import CameraPath, Keyframe
 from splatreel.play.timeline import open_reel
 from splatreel.scene.camera import Camera
+from tests import flashes
 from tests.golden import GOLDEN
 
 
@@ -75,3 +77,25 @@ def test_the_film_shows_the_reel(tmp_path: Path):
     assert pictures[0].shape == (60, 80, 3)
     want = np.clip(render_image(reel.at(6 / reel.fps), start), 0, 1)[:, :80]
     assert -10 * np.log10(np.mean((pictures[2] / 255 - want) ** 2)) > 25
+
+
+def test_flash_and_click_coincide_in_a_film(tmp_path: Path):
+    reel = open_reel(flashes.GOLDEN)
+    start, first, count = reel.manifest.camera.resized(32, 24), 50, 90
+    write_film(tmp_path / "film.mp4", reel, [((first + i) / reel.fps, start) for i in range(count)])
+    expected = [click - first / reel.fps for click in flashes.CLICKS[1:3]]
+    sound = np.concatenate(list(read_sound(tmp_path / "film.mp4", 1, RATE)))
+    np.testing.assert_allclose(flashes.onsets(sound), expected, atol=2e-3)
+    assert abs(len(sound) / RATE - count / reel.fps) < 0.03
+    with av.open(str(tmp_path / "film.mp4")) as film:
+        light = np.array([frame.to_ndarray(format="gray").mean() for frame in film.decode(video=0)])
+    rises = np.flatnonzero((light[1:] > 80) & (light[:-1] < 80)) + 1
+    np.testing.assert_allclose((rises - 0.5) / reel.fps, expected, atol=1e-6)
+
+
+def test_a_film_out_of_step_is_silent(tmp_path: Path):
+    reel = open_reel(flashes.GOLDEN)
+    start = reel.manifest.camera.resized(32, 24)
+    write_film(tmp_path / "film.mp4", reel, [(2 * i / reel.fps, start) for i in range(6)])
+    with av.open(str(tmp_path / "film.mp4")) as film:
+        assert not film.streams.audio

@@ -11,6 +11,7 @@ import av
 import numpy as np
 
 from splatreel.play.path import CameraPath, Keyframe, in_order
+from splatreel.play.sound import FilmSound
 from splatreel.play.timeline import Timeline
 from splatreel.scene.camera import Camera
 
@@ -53,18 +54,24 @@ def starts_in_step(shots: Sequence[Shot], fps: float) -> float | None:
 def write_film(
     path: Path, reel: Timeline, shots: Sequence[Shot], report: Callable[[int], None] = lambda done: None
 ) -> None:
-    """Write pictures of a reel as H.264 in MP4, at the reel's rate; all cameras have the same size.
+    """Write pictures of a reel as H.264 in MP4, at the reel's rate, with its sound as AAC if it keeps step with them.
 
-    Odd sides lose a row or column, as players expect. report: called with how many pictures are done.
+    All cameras have the same size; odd sides lose a row or column, as players expect. report: called with how many pictures are done.
     """
     width, height = shots[0][1].width // 2 * 2, shots[0][1].height // 2 * 2
     with av.open(str(path), "w", format="mp4", options={"movflags": "faststart"}) as container:
         stream = container.add_stream("libx264", rate=Fraction(reel.fps).limit_denominator(1001))
         stream.width, stream.height, stream.pix_fmt = width, height, "yuv420p"
         stream.options = {"crf": "17", "preset": "medium"}
+        start = starts_in_step(shots, reel.fps)
+        sound = FilmSound(container, reel.sound, start) if reel.sound is not None and start is not None else None
         for done, (seconds, camera) in enumerate(shots):
             image = reel.render(reel.at(seconds), camera)
             pixels = np.rint(np.clip(image[:height, :width], 0, 1) * 255).astype(np.uint8)
             container.mux(stream.encode(av.VideoFrame.from_ndarray(np.ascontiguousarray(pixels), "rgb24")))
+            if sound is not None:
+                sound.write((done + 1) / reel.fps)
             report(done + 1)
         container.mux(stream.encode())
+        if sound is not None:
+            sound.finish()

@@ -1,10 +1,12 @@
-"""The sound of a reel: samples at a time."""
+"""The sound of a reel: samples at a time, and in a film."""
 
 from __future__ import annotations
 
 from collections import OrderedDict
 
+import av
 import numpy as np
+from av.container import OutputContainer
 
 from splatreel.codec.fragments import RATE
 from splatreel.codec.presentation import Asset, Sound
@@ -13,6 +15,8 @@ from splatreel.codec.sound import PREROLL, TYPE, decode_sound
 from splatreel.errors import ReelError
 
 _CACHED_SEGMENTS = 4
+_BITS_A_SECOND = 96_000
+"""Of a channel of a film's sound."""
 
 
 class ReelSound:
@@ -61,3 +65,26 @@ class ReelSound:
         if len(self._files) > _CACHED_SEGMENTS:
             self._files.popitem(last=False)
         return data
+
+
+class FilmSound:
+    """A film's track of AAC, written along with the pictures. start: the second of the reel at which the film begins."""
+
+    def __init__(self, container: OutputContainer, sound: ReelSound, start: float) -> None:
+        self._container, self._sound, self._start, self._done = container, sound, start, 0
+        self._layout = "mono" if sound.channels == 1 else "stereo"
+        self._stream = container.add_stream("aac", rate=sound.rate, layout=self._layout)
+        self._stream.bit_rate = _BITS_A_SECOND * sound.channels
+
+    def write(self, end: float) -> None:
+        """All up to a second of the film."""
+        count = round(end * self._sound.rate) - self._done
+        samples = self._sound.samples(self._start + self._done / self._sound.rate, count / self._sound.rate)
+        frame = av.AudioFrame.from_ndarray(np.ascontiguousarray(samples.T), "fltp", self._layout)
+        frame.sample_rate, frame.pts = self._sound.rate, self._done
+        self._container.mux(self._stream.encode(frame))
+        self._done += count
+
+    def finish(self) -> None:
+        """What the encoder still holds."""
+        self._container.mux(self._stream.encode())
