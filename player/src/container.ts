@@ -1,4 +1,5 @@
 /** safetensors files with a `splatreel` header (docs/format.md). */
+import { fits } from "./budget";
 import { ReelError } from "./errors";
 
 export interface Section {
@@ -47,9 +48,9 @@ export function parseContainer(file: Uint8Array, name: string): Container {
   if (!isObject(sections) || !Object.values(sections).every(isObject)) return fail("it has no table of sections");
   if (meta.kind !== "layer" && meta.kind !== "group") fail("it is neither a layer nor a group");
   if (!isCount(meta.points) || (meta.kind === "group" && !isCount(meta.frames))) fail("it does not say how much it holds");
-  const frames = meta.kind === "group" ? (meta.frames as number) : 1;
-  if ((meta.points as number) > 8 * file.byteLength || frames * (meta.points as number) > MOST_VALUES + 256 * file.byteLength) {
-    fail(`it claims ${frames} frames of ${meta.points} points in ${file.byteLength} bytes`);
+  const frames = meta.kind === "group" ? (meta.frames as number) : 0;
+  if (!fits(meta.points as number, frames, sections as Record<string, Section>, file.byteLength)) {
+    fail(`it claims ${frames} frames of ${meta.points} points in ${file.byteLength} bytes, which would take too much memory`);
   }
   const body = file.subarray(8 + headerBytes);
   const tensors: Record<string, Tensor> = {};
@@ -73,8 +74,6 @@ export function parseContainer(file: Uint8Array, name: string): Container {
 }
 
 const MAX_POINTS = 2 ** 23;
-/** Frames times points that any file may hold; a small file that claims more wants memory, not to be watched. */
-const MOST_VALUES = 2 ** 20;
 
 function isCount(value: unknown): boolean {
   return Number.isInteger(value) && (value as number) >= 0 && (value as number) <= MAX_POINTS;

@@ -36,6 +36,8 @@ function loadDraco(): Promise<DracoModule> {
 
 /** Positions [N, 3] in the order of the file. */
 export async function decodeDraco(bytes: Uint8Array): Promise<Float32Array> {
+  // A cloud of one attribute of three numbers; each more takes memory.
+  if (bytes.length < 21 || bytes[15] !== 1 || bytes[16] !== 1 || bytes[19] !== 3) throw new ReelError("The positions of a file are a cloud of more than positions.");
   const draco = await loadDraco();
   const decoder = new draco.Decoder();
   const cloud = new draco.PointCloud();

@@ -1,4 +1,5 @@
 /** manifest.json of a reel (docs/format.md): reading and checking. */
+import { MOST_FRAMES, mostPoints } from "./budget";
 import { downloadText, type Source, type Watcher } from "./download";
 import { ReelError } from "./errors";
 import { list, number, numbers, plainPath, positive, record, type Json } from "./json";
@@ -106,11 +107,15 @@ export function parseManifest(value: unknown, url: string): Manifest {
   const groups = list(json.groups, "groups").map((item, index) => parseGroup(item, index, names));
   const live = json.live === true;
   if (groups.length === 0 && !live) throw new ReelError(`${url} holds no group yet.`);
+  const layers = list(json.layers, "layers").map((item, index) => parseFile(item, index));
+  checkPoints("layers", sum(layers, "points"), sum(layers, "bytes"));
+  const end = groups.reduce((last, group) => Math.max(last, group.firstFrame + group.frames), 0);
+  if (json.frames !== end) throw new ReelError(`The manifest is damaged: it has ${JSON.stringify(json.frames)} frames, and its groups ${end}.`);
   return {
     url,
     live,
     fps: positive(json.fps, "fps"),
-    frames: groups.length > 0 ? positive(json.frames, "frames") : 0,
+    frames: end,
     overlap: number(json.overlap, "overlap"),
     shDegree: number(json.sh_degree, "sh_degree"),
     near: json.near === undefined ? 0.01 : positive(json.near, "near"),
@@ -121,7 +126,7 @@ export function parseManifest(value: unknown, url: string): Manifest {
     up: numbers(json.up, 3, "up") as Vec3,
     camera: parseCamera(json.camera),
     cameras: list(json.cameras ?? [], "cameras").map(parseCamera),
-    layers: list(json.layers, "layers").map((item, index) => parseFile(item, index)),
+    layers,
     groups,
     renditions: names.map((name) => ({ name, bytes: groups.reduce((sum, group) => sum + fileOf(group, name).bytes, 0) })),
     presentation: parsePresentation(json),
@@ -176,8 +181,19 @@ function parseGroup(value: unknown, index: number, names: string[]): ReelFile {
   return group;
 }
 
+/** Points take memory, and repeated ones no bytes. */
+function checkPoints(what: string, points: number, bytes: number): void {
+  if (!(points >= 0 && points <= mostPoints(bytes))) throw new ReelError(`The manifest is damaged: ${what} of ${bytes} bytes are to hold ${points} points.`);
+}
+
+function sum(files: ReelFile[], field: "points" | "bytes"): number {
+  return files.reduce((total, file) => total + file[field], 0);
+}
+
 function parseFile(value: unknown, index: number): ReelFile {
   const json = record(value, "a file");
+  checkPoints("files", number(json.points, "points"), number(json.bytes, "bytes"));
+  if (number(json.frames ?? 0, "frames") > MOST_FRAMES) throw new ReelError(`The manifest is damaged: a group of ${json.frames} frames.`);
   return {
     uri: plainPath(json.uri),
     bytes: number(json.bytes, "bytes"),

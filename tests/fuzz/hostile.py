@@ -15,6 +15,10 @@ from typing import Any
 import numpy as np
 
 from splatreel.codec import klt
+from splatreel.codec.group_file import encode_group, encode_layer
+from splatreel.config import EncodeConfig
+from splatreel.scene.gaussians import Gaussians
+from splatreel.scene.group import Group
 from tests.fuzz.edits import Draft
 from tests.fuzz.seeds import files
 
@@ -45,6 +49,11 @@ LIES: dict[str, tuple[str, Callable[[Draft], object]]] = {
     "group-basis-of-no-columns": ("group-predictive", lambda d: d.own["sections"]["dx"].update(shifts=[])),
     "group-basis-of-millions": ("group-predictive", lambda d: _millions_in_a_basis(d)),
     "group-no-motion": ("group-h265", lambda d: d.own["sections"].pop("offsets")),
+    "group-millions-of-flags": ("group-h265", lambda d: _millions_of_flags(d)),
+    "group-thousands-of-still-frames": ("group-predictive", lambda d: _still(d, 30_000, 350)),
+    "group-thousands-of-pictures": ("group-h265", lambda d: d.own.update(frames=9_000)),
+    "layer-equal-points": ("layer-predictive", lambda d: _still(d, 800_000, 0)),
+    "layer-draco-many-numbers": ("layer-h265", lambda d: d.sections.update(means=_numbers(d.sections["means"]))),
 }
 """By name the seed, and what is done to it."""
 MANIFEST_LIES: dict[str, Callable[[dict[str, Any]], object]] = {
@@ -58,7 +67,47 @@ MANIFEST_LIES: dict[str, Callable[[dict[str, Any]], object]] = {
     "manifest-no-camera": lambda m: m.update(camera=None),
     "manifest-bounds-of-one-corner": lambda m: m.update(bounds=[[0, 0, 0]]),
     "manifest-later-version": lambda m: m.update(version=2),
+    "manifest-endless": lambda m: m.update(frames=1 << 40),
+    "manifest-endless-group": lambda m: (m.update(frames=1 << 40), m["groups"][-1].update(frames=(1 << 40) - 2)),
+    "manifest-points-without-bytes": lambda m: m["layers"][0].update(points=800_000),
+    "manifest-layers-without-bytes": lambda m: m.update(layers=[m["layers"][i] | {"points": 80_000} for i in (0, 1)]),
 }
+
+
+def _millions_of_flags(draft: Draft) -> None:
+    """8 MB of zeros, deflated."""
+    draft.own["sections"]["alive"].update(count=1 << 26, deflate=True)
+    draft.sections["alive"] = zlib.compress(bytes(1 << 23), 9)
+
+
+def _still(draft: Draft, points: int, frames: int) -> None:
+    """Points that are all the same take no bytes; with zeros, an eighth of a byte of each and a 256th a frame."""
+    same = Gaussians(
+        np.zeros((points, 3)),
+        np.tile([1.0, 0, 0, 0], (points, 1)),
+        np.ones((points, 3)),
+        np.ones(points),
+        np.zeros((points, 9, 3)),
+    )
+    still = np.tile(np.float32([1, 0, 0, 0]), (frames, points, 1))
+    data, _ = (
+        encode_group(
+            Group(0, 0, same, np.zeros((frames, points, 3), np.float32), still, np.ones(40, bool)), EncodeConfig()
+        )
+        if frames
+        else encode_layer(0, 0, same, EncodeConfig())
+    )
+    made = Draft.of(data)
+    made.own["sections"]["means"]["finer"] = 0
+    draft.own, draft.sections = (
+        made.own,
+        made.sections | {"places": b"", "filler": bytes(max(points // 8, points * frames >> 8))},
+    )
+
+
+def _numbers(cloud: bytes) -> bytes:
+    """Positions of 255 numbers each."""
+    return cloud[:19] + b"\xff" + cloud[20:]
 
 
 def _normals(cloud: bytes) -> bytes:

@@ -6,7 +6,7 @@ from pathlib import Path
 
 from tyro.conf import Positional
 
-from splatreel.cli.options import parse_frames, parse_names, reel_folder
+from splatreel.cli.options import megabytes, parse_frames, parse_names, reel_folder
 from splatreel.threads import use as use_threads
 
 
@@ -22,6 +22,7 @@ def evaluate(
     rendition: str | None = None,
     threads: int | None = None,
     json: bool = False,
+    max_memory: int | None = None,
 ) -> None:
     """Compare a reel with the cameras that it has not seen, or with those that it was trained on, which the report then says.
 
@@ -36,9 +37,10 @@ def evaluate(
         rendition: Which one, of a reel that has several; by default the best.
         threads: How many threads to use; as many as there are cores by default.
         json: Print report.json instead of the summary.
+        max_memory: Megabytes that decoding a file may take; by default what one of its length honestly needs.
     """
     use_threads(threads)
-    span, names = parse_frames(frames), parse_names(cameras, "--cameras")
+    span, names, most = parse_frames(frames), parse_names(cameras, "--cameras"), megabytes(max_memory)
     from splatreel.capture.opening import open_capture
     from splatreel.evaluation.evaluate import evaluate as compare
     from splatreel.evaluation.evaluate import reel_width
@@ -54,7 +56,14 @@ def evaluate(
     progress = console()
     try:
         report = compare(
-            reel, source, rendition=rendition, cameras=names, out=out, undecoded=undecoded, progress=progress
+            reel,
+            source,
+            rendition=rendition,
+            cameras=names,
+            out=out,
+            undecoded=undecoded,
+            progress=progress,
+            most=most,
         )
     finally:
         progress.close()

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Literal
 
 from tyro.conf import Positional
 
-from splatreel.cli.options import parse_frames, reel_folder
+from splatreel.cli.options import megabytes, parse_frames, reel_folder
 from splatreel.errors import UsageError
 
 if TYPE_CHECKING:
@@ -26,6 +26,7 @@ def export(
     width: int | None = None,
     path: Path | None = None,
     format: Literal["ply", "spz", "glb"] = "ply",
+    max_memory: int | None = None,
 ) -> None:
     """Write a reel for others: as one page that plays anywhere, as a film, or frames as PLY, SPZ or glTF files for other programs.
 
@@ -39,6 +40,7 @@ def export(
         width: Width of the film in pixels; by default that of the reel's own camera.
         path: Camera path of the film, a JSON file that the player saved; by default through the capture's cameras.
         format: Of the files in a folder: ply as 3DGS writes it, spz (small, 8 bits), glb (glTF with KHR_gaussian_splatting).
+        max_memory: Megabytes that decoding a file may take; by default what one of its length honestly needs.
     """
     if out.suffix not in (*FORMATS, ".html", ".mp4", ""):
         raise UsageError(
@@ -52,7 +54,7 @@ def export(
         return
     from splatreel.play.timeline import open_reel
 
-    source = open_reel(reel_folder(reel), rendition)
+    source = open_reel(reel_folder(reel), rendition, megabytes(max_memory))
     total = source.manifest.frames
     if path is not None and (out.suffix != ".mp4" or frames is not None):
         raise UsageError(

@@ -52,6 +52,13 @@ def parse_numbers(text: str | None, option: str) -> list[int] | None:
     return None if names is None else [int(name) for name in names]
 
 
+def megabytes(count: int | None) -> int | None:
+    """--max-memory as bytes; None stays None. Raises `UsageError` for none at all."""
+    if count is not None and count < 1:
+        raise UsageError(f"--max-memory {count}: give megabytes, 1 or more.")
+    return None if count is None else count * 1_000_000
+
+
 def parse_renditions(text: str | None) -> tuple[Rate, ...]:
     """`low,high` as rates, best first; None is none. Raises `UsageError` for what is no rate, or fewer than two."""
     names = parse_names(text, "--renditions") or []

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Literal
 
 from tyro.conf import Positional
 
-from splatreel.cli.options import reel_folder
+from splatreel.cli.options import megabytes, reel_folder
 
 if TYPE_CHECKING:
     from splatreel.play.server import Server
@@ -35,6 +35,7 @@ def view(
     port: int = 0,
     open: bool = True,
     width: int = 1280,
+    max_memory: int | None = None,
 ) -> None:
     """Open a reel in the web browser; ends with Ctrl-C.
 
@@ -44,6 +45,7 @@ def view(
         port: Port to listen on; 0 takes any that is free.
         open: Open the browser, or only print the address.
         width: Most pixels across that cpu and cuda draw.
+        max_memory: Megabytes that cpu and cuda may take to decode a file; by default what one of its length honestly needs.
     """
     folder = reel_folder(reel)
     if renderer == "webgl":
@@ -55,7 +57,10 @@ def view(
         from splatreel.play.timeline import open_reel
         from splatreel.play.viewer import Viewer
 
-        run(Viewer(open_reel(folder), choose(renderer), port=port, width=width), browser=open)
+        run(
+            Viewer(open_reel(folder, most=megabytes(max_memory)), choose(renderer), port=port, width=width),
+            browser=open,
+        )
 
 
 def run(player: Server | Viewer, browser: bool) -> None:

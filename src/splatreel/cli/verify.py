@@ -6,19 +6,20 @@ from pathlib import Path
 
 from tyro.conf import Positional
 
-from splatreel.cli.options import reel_folder
+from splatreel.cli.options import megabytes, reel_folder
 
 
-def verify(reel: Positional[Path], /) -> None:
+def verify(reel: Positional[Path], /, max_memory: int | None = None) -> None:
     """Check that a reel is whole: lengths, digests, and that every file decodes.
 
     Args:
         reel: Folder of the reel.
+        max_memory: Megabytes that decoding a file may take; by default what one of its length honestly needs.
     """
     from splatreel.codec.verify import verify_reel
 
     reel = reel_folder(reel)
-    found = verify_reel(reel)
+    found = verify_reel(reel, megabytes(max_memory))
     print(
         f"{reel}: whole, every byte is what the manifest says. {found.groups} groups and {found.layers} layers, "
         f"{found.points:,} points, {found.bytes:,} bytes"

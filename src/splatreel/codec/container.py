@@ -11,15 +11,15 @@ from typing import Any
 import numpy as np
 import safetensors.numpy
 
+from splatreel.codec import budget
 from splatreel.codec.manifest import VERSION
 from splatreel.codec.quantize import integer
 from splatreel.codec.sections import Section, Sections
 from splatreel.errors import ReelError
 
 _KEY = "splatreel"
+_PADDING = "padding"
 _MAX_HEADER = 1 << 20
-MOST_VALUES = 1 << 20
-"""Frames times points that any file may hold, and 256 more for each byte: a small file that claims more wants memory."""
 
 
 @dataclass(frozen=True)
@@ -34,16 +34,26 @@ class FileHeader:
 
 
 def pack_file(header: FileHeader, sections: Sections) -> bytes:
-    """The bytes of a file; the same content gives the same bytes."""
+    """The bytes of a file; the same content gives the same bytes.
+
+    One that holds next to nothing for its many points is padded with zeros to the length that readers ask of it.
+    """
     own: dict[str, Any] = {"version": VERSION, "kind": header.kind, "index": header.index, "points": header.points}
     own |= {"first_frame": header.first_frame} | ({"frames": header.frames} if header.kind == "group" else {})
     own["sections"] = {name: section.parameters for name, section in sorted(sections.items())}
     tensors = {name: np.frombuffer(section.data, np.uint8) for name, section in sections.items()}
-    return safetensors.numpy.save(tensors, {_KEY: json.dumps(own, separators=(",", ":"), allow_nan=False)})
+    metadata = {_KEY: json.dumps(own, separators=(",", ":"), allow_nan=False)}
+    data = safetensors.numpy.save(tensors, metadata)
+    if short := budget.missing(header.points, header.frames, sections, len(data)):
+        data = safetensors.numpy.save(tensors | {_PADDING: np.zeros(short, np.uint8)}, metadata)
+    return data
 
 
-def unpack_file(data: bytes) -> tuple[FileHeader, Sections]:
-    """Header and sections of a file. Raises `ReelError` if data is no such file; reads nothing outside of data."""
+def unpack_file(data: bytes, most: int | None = None) -> tuple[FileHeader, Sections]:
+    """Header and sections of a file. Raises `ReelError` if data is no such file; reads nothing outside of data.
+
+    most: bytes of memory that decoding it may take; None: what a file of its length may (`budget.allowed`).
+    """
     size = int.from_bytes(data[:8], "little")
     if len(data) < 8 or size > min(_MAX_HEADER, len(data) - 8):
         raise ReelError("is not a safetensors file, or truncated.")
@@ -67,10 +77,9 @@ def unpack_file(data: bytes) -> tuple[FileHeader, Sections]:
         first_frame=integer(own, "first_frame", 0, 1 << 40),
         frames=integer(own, "frames", 1, 1 << 40) if own["kind"] == "group" else 0,
     )
-    if header.points > 8 * len(data) or header.points * header.frames > MOST_VALUES + 256 * len(data):
-        raise ReelError(f"claims {header.frames} frames of {header.points} points in {len(data)} bytes.")
     body = memoryview(data)[8 + size :]
     sections = {name: Section(_tensor(body, tensors, name), p) for name, p in parameters.items()}
+    budget.check(header.points, header.frames, sections, len(data), most)
     return header, sections
 
 

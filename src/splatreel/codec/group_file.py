@@ -65,10 +65,10 @@ def _colors(importance: np.ndarray | None) -> np.ndarray | None:
     return None if importance is None else importance[:, predictive.COLOR]
 
 
-def decode_layer(data: bytes, source: str) -> tuple[FileHeader, Gaussians]:
-    """Header and points of a layer file. Raises `ReelError` naming `source` and the section."""
+def decode_layer(data: bytes, source: str, most: int | None = None) -> tuple[FileHeader, Gaussians]:
+    """Header and points of a layer file. most: see `unpack_file`. Raises `ReelError` naming `source` and the section."""
     try:
-        header, sections = unpack_file(data)
+        header, sections = unpack_file(data, most)
         if header.kind != "layer":
             raise ReelError(f"is a {header.kind} file, expected a layer.")
         return header, _decode_points(sections, header.points)[0]
@@ -76,10 +76,10 @@ def decode_layer(data: bytes, source: str) -> tuple[FileHeader, Gaussians]:
         raise ReelError(f"{source}: {error}") from error
 
 
-def decode_group(data: bytes, source: str) -> Group:
-    """The group in a group file. Raises `ReelError` naming `source` and the section."""
+def decode_group(data: bytes, source: str, most: int | None = None) -> Group:
+    """The group in a group file. most: see `unpack_file`. Raises `ReelError` naming `source` and the section."""
     try:
-        header, sections = unpack_file(data)
+        header, sections = unpack_file(data, most)
         if header.kind != "group":
             raise ReelError(f"is a {header.kind} file, expected a group.")
         dynamic, dx, dq, here = _decode_moving(sections, header)

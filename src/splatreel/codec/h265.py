@@ -47,11 +47,14 @@ def decode(data: bytes, parameters: Parameters, frames: int, count: int) -> tupl
     sizes = [(channels * width, height) for channels in (3, 3, 4)]
     tracks = decode_tracks(data, 3, frames, sizes)
     pixels = maps.pixels_of(count, width)
-    high, low, rot = (maps.from_maps(m, pixels, width) for m in tracks)
-    if fold:
-        low = np.where(high & 1, 255 - low, low)
-    dx = _dequantize(high.astype(np.uint16) * 256 + low, ranges[0], ranges[1], 65535)
-    return dx, _dequantize(rot, ranges[2], ranges[3], 255)
+    dx, dq = np.empty((frames, count, 3), np.float32), np.empty((frames, count, 4), np.float32)
+    for frame in range(frames):
+        high, low, rot = (maps.from_maps(m[frame : frame + 1], pixels, width)[0] for m in tracks)
+        if fold:
+            low = np.where(high & 1, 255 - low, low)
+        dx[frame] = _dequantize(high.astype(np.uint16) * 256 + low, ranges[0], ranges[1], 65535)
+        dq[frame] = _dequantize(rot, ranges[2], ranges[3], 255)
+    return dx, dq
 
 
 def _quantize(values: np.ndarray, steps: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 
+from splatreel.codec.budget import MOST_FRAMES, most_points
 from splatreel.codec.presentation import EMPTY, Asset, Presentation, parse_digest, parse_presentation, parse_uri
 from splatreel.codec.quantize import boolean, integer, number, numbers
 from splatreel.errors import ReelError
@@ -175,6 +176,14 @@ def _parse(document: dict[str, Any]) -> Manifest:
             raise ReelError(f"has {kind} that are not in order of time.")
     if not groups and not live:
         raise ReelError("has no group.")
+    if sum(layer.points for layer in layers) > most_points(sum(layer.bytes for layer in layers)):
+        raise ReelError("has layers of more points than their bytes hold.")
+    for before, after in pairwise(groups):
+        if before.first_frame + before.frames < after.first_frame:
+            raise ReelError(f"has no group for the frames from {before.uri}'s last to {after.uri}'s first.")
+    end = max((group.first_frame + group.frames for group in groups), default=0)
+    if document.get("frames") != end:
+        raise ReelError(f"says it has {document.get('frames')!r:.60} frames, its groups hold {end}.")
     if layers and layers[-1].group >= len(groups):
         raise ReelError(f"has a layer of group {layers[-1].group}, but {len(groups)} groups.")
     generator = document.get("generator", "")
@@ -245,13 +254,14 @@ def _parse_file(entry: object, kind: str, index: int) -> FileEntry:
     try:
         if not isinstance(entry, dict):
             raise ReelError("is not an object.")
+        size = integer(entry, "bytes", 1, MAX_FILE_BYTES)
         return FileEntry(
             uri=parse_uri(entry),
-            bytes=integer(entry, "bytes", 1, MAX_FILE_BYTES),
+            bytes=size,
             sha256=parse_digest(entry),
             first_frame=integer(entry, "first_frame", 0, _BIG),
-            frames=integer(entry, "frames", 1, _BIG) if kind == "group" else 0,
-            points=integer(entry, "points", 0, _BIG),
+            frames=integer(entry, "frames", 1, MOST_FRAMES) if kind == "group" else 0,
+            points=integer(entry, "points", 0, most_points(size)),
             group=index if kind == "group" else integer(entry, "group", 0, _BIG),
         )
     except ReelError as error:

@@ -13,6 +13,7 @@ from __future__ import annotations
 import numpy as np
 
 from splatreel.codec import h265
+from splatreel.codec.budget import MOST_FRAMES
 from splatreel.codec.quantize import Parameters, decode_float32, encode_float32
 from splatreel.config import EncodeConfig
 from splatreel.errors import ReelError
@@ -25,7 +26,6 @@ NAMES = {"ofs": "h265", "ori": ORIGINAL, "dif": "h265-dif", "raw": "float32"}
 """`EncodeConfig.source` to the codec of the section."""
 _REST = np.array([1.0, 0, 0, 0])
 
-MAX_FRAMES = 10_000
 MAX_VALUES = 1 << 26
 """Frames times points that decode at most, so that a lying header cannot ask for all memory."""
 
@@ -64,12 +64,16 @@ def decode(data: bytes, parameters: Parameters, frames: int, count: int) -> tupl
     if codec == "float32":
         size = 12 * frames * count
         dx = decode_float32(data[:size], (frames, count, 3))
-        return dx, rotations.normalize(decode_float32(data[size:], (frames, count, 4)))
-    dx, dq = h265.decode(data, parameters, frames, count)
-    if codec == "h265-dif":
-        dx = np.cumsum(dx, axis=0, dtype=np.float64).astype(np.float32)
-        dq = (_REST + np.cumsum(dq, axis=0, dtype=np.float64)).astype(np.float32)
-    return dx, rotations.normalize(dq)
+        dq = decode_float32(data[size:], (frames, count, 4))
+    else:
+        dx, dq = h265.decode(data, parameters, frames, count)
+    move, turn = np.zeros((count, 3)), np.tile(_REST, (count, 1))
+    for frame in range(frames):
+        if codec == "h265-dif":
+            move, turn = move + dx[frame], turn + dq[frame]
+            dx[frame], dq[frame] = move, turn
+        dq[frame] = rotations.normalize(dq[frame])
+    return dx, dq
 
 
 def check(dx: np.ndarray, dq: np.ndarray) -> None:
@@ -82,7 +86,7 @@ def check(dx: np.ndarray, dq: np.ndarray) -> None:
 
 def check_size(frames: int, count: int) -> None:
     """Raise `ReelError` where a file claims more offsets than are decoded."""
-    if not 1 <= frames <= MAX_FRAMES or frames * count > MAX_VALUES:
+    if not 1 <= frames <= MOST_FRAMES or frames * count > MAX_VALUES:
         raise ReelError(f"claims {frames} frames of {count} points, more than can be decoded.")
 
 

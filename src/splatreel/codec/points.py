@@ -74,6 +74,8 @@ def _check_header(data: bytes, count: int) -> None:
     kind, _, flags = struct.unpack_from("<BBH", data, 7)
     if kind != 0 or flags & 0x8000:
         raise ReelError("is not a plain Draco point cloud.")
+    if len(data) < 21 or data[15] != 1 or data[16] != 1 or data[19] != 3:  # each number of an attribute takes memory
+        raise ReelError("is a Draco cloud of more than positions.")
     (points,) = struct.unpack_from("<i", data, 11)
     if points != count:
         raise ReelError(f"is a Draco cloud of {points} points, expected {count}.")

@@ -7,6 +7,7 @@ and is sent (docs/format.md).
 from __future__ import annotations
 
 import struct
+from collections.abc import Iterator
 from dataclasses import dataclass
 from itertools import pairwise
 
@@ -26,6 +27,8 @@ from splatreel.scene.gaussians import Gaussians
 COLORS = np.array([[1, 1, 1], [1, 0, -1], [-1, 2, -1]]) / np.sqrt([[3], [2], [6]])
 """Orthonormal: brightness, red against blue, green against both."""
 _STREAMS = struct.Struct("<IIII")
+_SOME = 1 << 18
+"""Values that are worked on at a time."""
 
 
 @dataclass(frozen=True)
@@ -153,13 +156,24 @@ def decode_points(sections: Sections, count: int) -> tuple[Gaussians, Neighbourh
     )
     quats, scales = covariance.to_shapes(here.decode(SHAPE, sections, "shapes", covariance.NUMBERS))
     opacities = np.clip(here.decode(SHAPE, sections, "opacities", 1)[:, 0], 0, 1)
-    sh = (here.decode(COLOR, sections, "sh_base", 3) @ COLORS)[:, None]
-    if "sh_rest" in sections:
-        section = section_of(sections, "sh_rest", "klt")
-        degree = named("sh_rest", integer, section.parameters, "degree", 1, 3)
-        rest = named("sh_rest", _decode_klt, COLOR, section, 3 * ((degree + 1) ** 2 - 1), 1, here)
-        sh = np.concatenate([sh, rest[:, :, 0].T.reshape(count, -1, 3)], 1)
+    base = here.decode(COLOR, sections, "sh_base", 3) @ COLORS
+    sh = _decode_rest(sections, here)
+    sh[:, 0] = base
     return Gaussians(means, quats, scales, opacities, sh), here
+
+
+def _decode_rest(sections: Sections, here: Neighbourhood) -> np.ndarray:
+    """Spherical harmonics [N, (degree + 1)^2, 3] float32, the first of which is still open. Raises `ReelError`."""
+    count = len(here.classes)
+    if "sh_rest" not in sections:
+        return np.empty((count, 1, 3), np.float32)
+    section = section_of(sections, "sh_rest", "klt")
+    numbers = (named("sh_rest", integer, section.parameters, "degree", 1, 3) + 1) ** 2
+    found = named("sh_rest", _decode_klt, COLOR, section, 3 * (numbers - 1), 1, here)
+    sh = np.empty((count, numbers, 3), np.float32)
+    for some in _blocks(count, numbers):
+        sh[some, 1:] = found.expand(some)[:, :, 0].T.reshape(-1, numbers - 1, 3)
+    return sh
 
 
 def encode_offsets(dx: np.ndarray, dq: np.ndarray, points: EncodedPoints, config: EncodeConfig) -> Sections:
@@ -185,10 +199,14 @@ def decode_offsets(
     sections: Sections, frames: int, quats: np.ndarray, here: Neighbourhood
 ) -> tuple[np.ndarray, np.ndarray]:
     """dx [T, N, 3] and unit dq [T, N, 4], float32, of points turned by quats [N, 4]. Raises `ReelError`."""
-    dx, vectors = (
-        named(name, _decode_klt, MOTION, section_of(sections, name, "klt"), frames, 3, here) for name in ("dx", "dq")
-    )
-    return dx, rotvec.expand(vectors, rotations.to_matrix(quats.astype(np.float64)))
+    count = len(quats)
+    dx = named("dx", _decode_klt, MOTION, section_of(sections, "dx", "klt"), frames, 3, here).expand(slice(0, count))
+    found = named("dq", _decode_klt, MOTION, section_of(sections, "dq", "klt"), frames, 3, here)
+    dq = np.empty((frames, count, 4), np.float32)
+    for some in _blocks(count, frames):
+        turns = rotations.to_matrix(quats[some].astype(np.float64))
+        dq[:, some] = rotvec.expand(found.expand(some), turns)
+    return dx, dq
 
 
 def encode_shade(shade: np.ndarray, order: np.ndarray, here: Neighbourhood, config: EncodeConfig) -> Sections:
@@ -199,8 +217,12 @@ def encode_shade(shade: np.ndarray, order: np.ndarray, here: Neighbourhood, conf
 
 def decode_shade(sections: Sections, frames: int, here: Neighbourhood) -> np.ndarray:
     """[T, N, 4] float32. Raises `ReelError`."""
-    values = named("shade", _decode_klt, COLOR, section_of(sections, "shade", "klt"), frames, 4, here)
-    return values @ np.linalg.inv(SHADE).T.astype(np.float32)
+    count, back = len(here.classes), np.linalg.inv(SHADE).T.astype(np.float32)
+    found = named("shade", _decode_klt, COLOR, section_of(sections, "shade", "klt"), frames, 4, here)
+    shade = np.empty((frames, count, 4), np.float32)
+    for some in _blocks(count, frames):
+        shade[:, some] = found.expand(some) @ back
+    return shade
 
 
 def neighbours_in_order(count: int) -> Neighbourhood:
@@ -234,8 +256,28 @@ def _encode_klt(kind: int, values: np.ndarray, step: float, here: Neighbourhood)
     return section, klt.expand(kept, ends, klt.real(basis, shifts) * step, columns, channels)
 
 
-def _decode_klt(kind: int, section: Section, dimensions: int, channels: int, here: Neighbourhood) -> np.ndarray:
-    """Values [D, N, C] float32. Raises `ReelError`."""
+@dataclass(frozen=True)
+class Coefficients:
+    """A `klt` section before the transform back: found [N, L], of which points have the first ends [N]; see `klt.expand`."""
+
+    found: np.ndarray
+    ends: np.ndarray
+    basis: np.ndarray
+    columns: np.ndarray
+    channels: int
+
+    def expand(self, some: slice) -> np.ndarray:
+        """Values [D, n, C] float32 of some of the points: a group's are large, and what is made of them is needed beside them."""
+        return klt.expand(self.found[some], self.ends[some], self.basis, self.columns, self.channels)
+
+
+def _blocks(count: int, dimensions: int) -> Iterator[slice]:
+    size = max(_SOME // dimensions, 1)
+    return (slice(first, min(first + size, count)) for first in range(0, count, size))
+
+
+def _decode_klt(kind: int, section: Section, dimensions: int, channels: int, here: Neighbourhood) -> Coefficients:
+    """What the section holds of values [D, N, C]. Raises `ReelError`."""
     data, parameters = section.data, section.parameters
     sizes = _STREAMS.unpack_from(data) if len(data) >= _STREAMS.size else (0,) * 4
     if _STREAMS.size + sum(sizes) != len(data):
@@ -250,4 +292,4 @@ def _decode_klt(kind: int, section: Section, dimensions: int, channels: int, her
     if (ends < 0).any() or (ends > most).any():
         raise ReelError(f"has points of {ends.min()} to {ends.max()} columns, of {most}.")
     found = decode_field(body, (len(classes), most), here.levels, classes, ends)
-    return klt.expand(found, ends, basis * step, columns, channels)
+    return Coefficients(found, ends, basis * step, columns, channels)

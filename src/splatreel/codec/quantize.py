@@ -10,6 +10,9 @@ import numpy as np
 
 from splatreel.errors import ReelError
 
+_SOME = 1 << 16
+"""Numbers that are unpacked at a time, a multiple of 8: as bits they take eight times their room."""
+
 Parameters = dict[str, Any]
 """What a section's entry in the file's header says: `codec` and whatever that codec needs."""
 
@@ -43,10 +46,14 @@ def unpack(data: bytes, bits: int, count: int) -> np.ndarray:
         low = np.frombuffer(data, np.uint8, count).astype(np.uint16)
         data, bits, shift = data[count:], bits - 8, 8
     if bits == 8:
-        return low | (np.frombuffer(data, np.uint8, count).astype(np.uint16) << shift)
-    planes = np.unpackbits(np.frombuffer(data, np.uint8), count=count * bits, bitorder="little").reshape(count, bits)
-    high = (planes.astype(np.uint16) << np.arange(bits, dtype=np.uint16)).sum(1, dtype=np.uint16)
-    return low | (high << shift)
+        low |= np.frombuffer(data, np.uint8, count).astype(np.uint16) << shift
+        return low
+    packed, places = np.frombuffer(data, np.uint8), np.arange(bits, dtype=np.uint16) + np.uint16(shift)
+    for first in range(0, count, _SOME):
+        some = min(_SOME, count - first)
+        planes = np.unpackbits(packed[first * bits // 8 :], count=some * bits, bitorder="little").reshape(some, bits)
+        low[first : first + some] |= (planes.astype(np.uint16) << places).sum(1, dtype=np.uint16)
+    return low
 
 
 def deflate(data: bytes) -> tuple[bytes, bool]:
@@ -91,13 +98,15 @@ def decode_linear(data: bytes, parameters: Parameters, rows: int, columns: int) 
     if (high < low).any():
         raise ReelError(f"has a range whose min {low.tolist()} is above its max {high.tolist()}.")
     plain = inflate(data, parameters, packed_size(rows * columns, bits))
-    q = unpack(plain, bits, rows * columns).reshape(columns, rows).T
-    values = low + q * ((high - low) / ((1 << bits) - 1))
-    if boolean(parameters, "log", default=False):
-        if (np.abs(low) > 126).any() or (np.abs(high) > 126).any():
-            raise ReelError(f"has logarithms {low.tolist()}..{high.tolist()} that no float32 holds.")
-        values = np.exp2(values)
-    return np.ascontiguousarray(values, np.float32)
+    q = unpack(plain, bits, rows * columns).reshape(columns, rows)
+    log = boolean(parameters, "log", default=False)
+    if log and ((np.abs(low) > 126).any() or (np.abs(high) > 126).any()):
+        raise ReelError(f"has logarithms {low.tolist()}..{high.tolist()} that no float32 holds.")
+    values = np.empty((rows, columns), np.float32)
+    for column, step in enumerate((high - low) / ((1 << bits) - 1)):
+        exact = low[column] + q[column] * step
+        values[:, column] = np.exp2(exact) if log else exact
+    return values
 
 
 def encode_float32(values: np.ndarray) -> tuple[bytes, Parameters]:
@@ -125,7 +134,10 @@ def encode_bits(flags: np.ndarray) -> tuple[bytes, Parameters]:
 def decode_bits(data: bytes, parameters: Parameters, max_count: int) -> np.ndarray:
     """The flags [count] bool of a `bits` section. Raises `ReelError`."""
     count = integer(parameters, "count", 0, max_count)
-    return unpack(inflate(data, parameters, packed_size(count, 1)), 1, count).astype(bool)
+    plain = inflate(data, parameters, packed_size(count, 1))
+    if len(plain) != packed_size(count, 1):
+        raise ReelError(f"holds {len(plain)} bytes where {count} flags need {packed_size(count, 1)}.")
+    return np.unpackbits(np.frombuffer(plain, np.uint8), count=count, bitorder="little").view(bool)
 
 
 def integer(parameters: Parameters, name: str, low: int, high: int) -> int:

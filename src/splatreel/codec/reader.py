@@ -24,10 +24,12 @@ class ReelReader:
     """An open reel. Files are read when asked for, checked against the manifest, and decoded.
 
     location: a directory, its manifest.json, or an http(s) URL of either. rendition: which one, of those that the manifest names;
-    None: the best. `manifest` is then that of this rendition alone. Raises `ReelError` for anything that is not a reel.
+    None: the best. `manifest` is then that of this rendition alone. most: bytes of memory that decoding one file may take; None: what
+    a file of its length may honestly take (`budget.allowed`). Raises `ReelError` for anything that is not a reel.
     """
 
-    def __init__(self, location: str | Path, rendition: str | None = None) -> None:
+    def __init__(self, location: str | Path, rendition: str | None = None, most: int | None = None) -> None:
+        self._most = most
         self._source = open_source(location)
         self._rendition = rendition
         self.manifest = self._read_manifest()
@@ -58,12 +60,18 @@ class ReelReader:
             self._groups.clear()
         return self.manifest
 
+    def forget(self) -> None:
+        """Drop what was decoded."""
+        self._layers.clear()
+        self._groups.clear()
+        self._static = None
+
     def layer(self, index: int) -> Gaussians:
         """The static points of layers[index] of the manifest, in reel order."""
         entry = self.manifest.layers[index]
         if entry.sha256 not in self._layers:
             name = self._source.name(entry.uri)
-            header, gaussians = decode_layer(self.read_file(entry), name)
+            header, gaussians = decode_layer(self.read_file(entry), name, self._most)
             found = (header.index, header.points, header.first_frame)
             self._check_same(name, found, (entry.group, entry.points, entry.first_frame))
             self._layers[entry.sha256] = gaussians
@@ -116,7 +124,7 @@ class ReelReader:
 
     def _load_group(self, entry: FileEntry) -> Group:
         name = self._source.name(entry.uri)
-        group = decode_group(self.read_file(entry), name)
+        group = decode_group(self.read_file(entry), name, self._most)
         found = (group.index, len(group.dynamic), group.first_frame, group.frames)
         self._check_same(name, found, (entry.group, entry.points, entry.first_frame, entry.frames))
         static = self.manifest.static_points(entry.group)

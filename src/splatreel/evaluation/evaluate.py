@@ -41,18 +41,20 @@ def evaluate(
     seconds: Mapping[str, float] | None = None,
     device: str = "cpu",
     progress: Progress | None = None,
+    most: int | None = None,
 ) -> Report:
     """Render the decoded reel from held-out cameras and measure it; `out` gets report.json, report.md and pictures.
 
     rendition: of the reel, the best by default. cameras: names, see `choose_cameras` for the default. undecoded: frame
     -> the Gaussians before encoding,
     for psnr_undecoded. frames: which, all that both have by default. seconds: wall time of earlier stages, and device, where
-    they ran: both only go into the report. The picture of each camera, truth | render | error, is of the middle frame.
+    they ran: both only go into the report. most: bytes of memory that a file may take, see `ReelReader`.
+    The picture of each camera, truth | render | error, is of the middle frame.
     Raises `UsageError` for cameras or frames that do not fit, and what reading the reel and the capture raises.
     """
     started = time.monotonic()
     progress = progress or Silent()
-    reader = ReelReader(reel, rendition)
+    reader = ReelReader(reel, rendition, most)
     check_same_capture(reader.manifest, capture, str(reel))
     views = choose_cameras(capture, reader.manifest, cameras)
     chosen = choose_frames(min(capture.frames, reader.frames), frames)

@@ -134,12 +134,13 @@ class Timeline:
         return Moment(parts, [True, True, False, True, False], light, (before, after, weight))
 
 
-def open_reel(location: str | Path, rendition: str | None = None) -> Timeline:
+def open_reel(location: str | Path, rendition: str | None = None, most: int | None = None) -> Timeline:
     """Open the reel at a directory, a manifest.json or an http(s) URL; `open_reel(path).at(seconds)` are its Gaussians.
 
-    rendition: one of those the manifest names; None: the best. Raises `ReelError` if there is no valid reel, or not that rendition.
+    rendition: one of those the manifest names; None: the best. most: bytes of memory that a file may take, see
+    `ReelReader`. Raises `ReelError` if there is no valid reel, or not that rendition.
     """
-    return Timeline(ReelReader(location, rendition))
+    return Timeline(ReelReader(location, rendition, most))
 
 
 def _joined(parts: list[Gaussians]) -> Gaussians:

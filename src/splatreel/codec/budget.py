@@ -1,0 +1,82 @@
+"""How much memory decoding a file takes, by what it says of itself, and how much it may take (docs/format.md).
+
+Repeated numbers take no bytes in a good code, so that a small file can hold a great many points. Nothing is made room for before
+it is known to be what a file of that length may honestly hold.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any, Protocol
+
+from splatreel.errors import ReelError
+
+FLOOR = 32 << 20
+"""Bytes of memory that any file may take, and"""
+A_BYTE = 256
+"""as many more for each byte of its length."""
+MOST_FRAMES = 10_000
+"""Frames of one group."""
+_POINT, _VALUE, _COEFFICIENT, _COLOR, _BASIS, _PIXEL = 256, 32, 6, 6, 32, 2
+"""Bytes of memory of a point; of a point at a frame; of a coefficient of a `klt` section, a number of `sh_rest` and one of a basis; of
+a pixel of a map."""
+
+
+class Coded(Protocol):
+    """A section as its parameters say it is."""
+
+    @property
+    def parameters(self) -> dict[str, Any]: ...
+
+
+def allowed(size: int) -> int:
+    """Bytes of memory that a file of `size` bytes may take."""
+    return FLOOR + A_BYTE * size
+
+
+def claimed(points: int, frames: int, sections: Mapping[str, Coded]) -> int:
+    """Bytes of memory that decoding a file takes. frames: 0 for layers. What is no number is refused later and counts as nothing."""
+    found = {name: section.parameters for name, section in sections.items()}
+    a_point = _POINT + _VALUE * frames * (2 if "shade" in found else 1)
+    a_point += _COEFFICIENT * max((_whole(p, "columns") for p in found.values() if p.get("codec") == "klt"), default=0)
+    basis = max((len(p["shifts"]) for p in found.values() if isinstance(p.get("shifts"), list)), default=0)
+    degree = min(_whole(found.get("sh_rest", {}), "degree"), 3)
+    a_point += _COLOR * 3 * ((degree + 1) ** 2 - 1)
+    pictures = sum(_area(p) * (10 * frames if name == "offsets" else 3) for name, p in found.items())
+    pictures += _area(found.get("sh_rest", {})) * 3 * (degree + 1) ** 2
+    flags = _whole(found.get("alive", {}), "count")
+    return points * a_point + _BASIS * basis * max(frames, 45) + _PIXEL * pictures + 2 * flags
+
+
+def check(points: int, frames: int, sections: Mapping[str, Coded], size: int, most: int | None = None) -> None:
+    """Raise `ReelError` for a file that takes more memory than one of its size may, or than `most` bytes where that is given."""
+    limit, needed = allowed(size) if most is None else most, claimed(points, frames, sections)
+    if needed > limit:
+        what = f"{frames} frames of {points}" if frames else f"{points}"
+        raise ReelError(
+            f"claims {what} points in {size} bytes: decoding it would take {_megabytes(needed)} MB of memory, more than the "
+            f"{_megabytes(limit)} MB that are allowed. If you trust it, allow more: --max-memory {_megabytes(needed)}."
+        )
+
+
+def missing(points: int, frames: int, sections: Mapping[str, Coded], size: int) -> int:
+    """How many bytes longer a file of `size` bytes has to be for its memory to be allowed; 0 for all but the emptiest."""
+    return max(-(-(claimed(points, frames, sections) - allowed(size)) // A_BYTE), 0)
+
+
+def most_points(size: int) -> int:
+    """Points that files of `size` bytes in all may hold."""
+    return size + FLOOR // A_BYTE
+
+
+def _whole(parameters: Mapping[str, Any], name: str) -> int:
+    value = parameters.get(name)
+    return value if type(value) is int and 0 <= value <= 1 << 26 else 0
+
+
+def _area(parameters: Mapping[str, Any]) -> int:
+    return _whole(parameters, "width") * _whole(parameters, "height")
+
+
+def _megabytes(count: int) -> int:
+    return -(-count // 1_000_000)

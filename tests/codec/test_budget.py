@@ -1,0 +1,111 @@
+"""What a file may make its reader allocate: honest files never meet the bound, and files at it take what they say they do."""
+
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+
+from splatreel.codec.budget import A_BYTE, FLOOR, allowed, claimed
+from splatreel.codec.container import unpack_file
+from splatreel.codec.group_file import decode_group, decode_layer, encode_group, encode_layer
+from splatreel.codec.reader import ReelReader
+from splatreel.config import EncodeConfig
+from splatreel.errors import ReelError
+from splatreel.scene.gaussians import Gaussians
+from splatreel.scene.group import Group
+from tests.codec.reels import points, write_reel
+from tests.golden import random_motion
+
+MEASURE = """
+import sys
+from pathlib import Path
+from splatreel.codec.group_file import decode_group, decode_layer
+
+def resident(what):
+    return int(Path("/proc/self/status").read_text().split(what + ":")[1].split()[0]) * 1024
+
+for folder, decode in (("layers", decode_layer), ("groups", decode_group)):
+    for golden in ("golden", "golden-predictive"):
+        path = Path("tests/data") / golden / folder / "0000.safetensors"
+        decode(path.read_bytes(), "it")  # compiled and imported now
+for name in sys.argv[1:]:
+    data = Path(name).read_bytes()
+    Path("/proc/self/clear_refs").write_text("5")
+    before = resident("VmRSS")
+    (decode_layer if "layer" in name else decode_group)(data, name)
+    print(resident("VmHWM") - before)
+"""
+
+
+def equal(count: int, degree: int, spread: bool) -> Gaussians:
+    """Points that take hardly any bytes; spread: each at its own place, as Draco wants it."""
+    grid = (
+        np.stack(np.unravel_index(np.arange(count), (64, 64, -(-count // 4096))), 1) if spread else np.zeros((count, 3))
+    )
+    quats, ones = np.tile([1.0, 0, 0, 0], (count, 1)), np.ones((count, 3))
+    return Gaussians(grid, quats, ones, np.ones(count), np.zeros((count, (degree + 1) ** 2, 3)))
+
+
+def still(frames: int, points: Gaussians) -> Group:
+    turns = np.tile(np.float32([1, 0, 0, 0]), (frames, len(points), 1))
+    return Group(0, 0, points, np.zeros((frames, len(points), 3), np.float32), turns, np.ones(4, bool))
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="measures the memory of a process by /proc")
+def test_a_file_at_the_bound_takes_no_more_memory_than_that(tmp_path) -> None:
+    """Equal points, so that it is their number alone that counts; padded, all of them are as small as they may be."""
+    predictive, paper = EncodeConfig(), EncodeConfig(codec="h265", sh_entries=2)
+    files = {
+        "layer": encode_layer(0, 0, equal(140_000, 0, False), predictive)[0],
+        "layer-colours": encode_layer(0, 0, equal(70_000, 3, False), predictive)[0],
+        "group": encode_group(still(70, equal(16_000, 0, False)), predictive)[0],
+        "group-long": encode_group(still(200, equal(6000, 1, False)), predictive)[0],
+        "layer-paper": encode_layer(0, 0, equal(30_000, 3, True), paper)[0],
+        "group-paper": encode_group(still(30, equal(8000, 0, True)), paper)[0],
+    }
+    for name, data in files.items():
+        (tmp_path / name).write_bytes(data)
+    command = [sys.executable, "-c", MEASURE, *(str(tmp_path / name) for name in files)]
+    taken = subprocess.run(command, capture_output=True, text=True, check=True).stdout.split()
+    for (name, data), peak in zip(files.items(), map(int, taken), strict=True):
+        assert peak < allowed(len(data)) + 16e6, name
+    assert allowed(1_000_000) < 300e6
+
+
+@pytest.mark.parametrize("config", [EncodeConfig(coarseness=100.0), EncodeConfig(codec="h265", crf=51, sh_entries=0)])
+def test_the_emptiest_files_that_we_write_are_read(config: EncodeConfig) -> None:
+    same = equal(140_000, 0, config.codec == "h265")
+    data, _ = encode_layer(0, 0, same, config)
+    assert len(decode_layer(data, "it")[1]) == len(same)
+    slow = still(60, same[:18_000])
+    data, _ = encode_group(slow, config)
+    assert decode_group(data, "it").dx.shape == slow.dx.shape
+
+
+@pytest.mark.parametrize("coarseness", [0.3, 2.5])
+def test_ordinary_files_are_far_from_the_bound(coarseness: float) -> None:
+    """As small as they are, the floor alone would let in any file of this test: what counts is what a byte lets in."""
+    moving = points(5000, degree=1)
+    dx, dq = random_motion(np.random.default_rng(0), moving, 35)
+    group = Group(0, 0, moving, 0 * dx, dq, np.ones(0, bool))
+    data, _ = encode_group(group, EncodeConfig(coarseness=coarseness))
+    header, sections = unpack_file(data)
+    assert claimed(header.points, header.frames, sections) < A_BYTE * len(data) / 2
+
+
+def test_whoever_trusts_a_file_allows_more() -> None:
+    data, _ = encode_layer(0, 0, points(20), EncodeConfig())
+    with pytest.raises(
+        ReelError, match=r"it: claims 20 points in \d+ bytes.* more than the 1 MB .*: --max-memory 1\.$"
+    ):
+        decode_layer(data, "it", most=1000)
+    assert len(decode_layer(data, "it", most=FLOOR)[1]) == 20
+
+
+def test_a_reader_has_a_budget(tmp_path) -> None:
+    reel = ReelReader(write_reel(tmp_path), most=1000)
+    with pytest.raises(ReelError, match="claims 20 points"):
+        reel.layer(0)
+    with pytest.raises(ReelError, match="claims 3 frames of 15 points"):
+        reel.group(0)
