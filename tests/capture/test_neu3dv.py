@@ -63,7 +63,18 @@ def test_the_note_beside_the_videos_says_what_is_held_out(scene: Path) -> None:
     assert open_capture(scene, held_out=[]).held_out == []
 
 
-@pytest.mark.parametrize("content", ["[]", "{", '{"held_out": "cam00"}', '{"fps": -1}', '{"fps": null}'])
+NOTES = [
+    "[]",
+    "{",
+    '{"held_out": "cam00"}',
+    '{"fps": -1}',
+    '{"fps": null}',
+    f'{{"fps": {"9" * 400}}}',
+    f'{{"fps": {"9" * 5000}}}',
+]
+
+
+@pytest.mark.parametrize("content", NOTES)
 def test_a_bad_note_is_named(scene: Path, content: str) -> None:
     (scene / "splatreel.json").write_text(content)
     with pytest.raises(CaptureError, match=r"splatreel\.json"):
@@ -155,3 +166,10 @@ def test_camera_0_is_held_out_in_meetrooms_names_too(tmp_path: Path) -> None:
     capture = open_capture(scene)
     assert capture.held_out == ["cam_0"]
     capture.close()
+
+
+@pytest.mark.parametrize("fps", [1e-300, 1e6])
+def test_frames_a_second_that_no_reel_has_are_refused(scene: Path, fps: float) -> None:
+    (scene / "splatreel.json").write_text(json.dumps({"fps": fps}))
+    with pytest.raises(CaptureError, match="frames a second, expected 0.001 to 100000"):
+        open_capture(scene)

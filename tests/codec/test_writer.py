@@ -1,15 +1,20 @@
 """Writing reels: the closed loop, atomic publishing, resuming, a full disk."""
 
+import dataclasses
 import hashlib
 import json
 
 import numpy as np
 import pytest
 
+from splatreel.codec.group_file import encode_layer
+from splatreel.codec.presentation import Poster, Presentation
 from splatreel.codec.reader import ReelReader
 from splatreel.codec.verify import verify_reel
+from splatreel.config import EncodeConfig
 from splatreel.errors import ReelError
 from tests.codec.reels import new_group, new_writer, points, write_reel
+from tests.golden import camera
 
 
 def published(path):
@@ -119,6 +124,59 @@ def test_resume_keeps_only_what_is_whole(tmp_path, uri):
     (path / "groups" / "0000.safetensors").unlink()
     assert new_writer(path, resume=True).manifest.groups == ()
     assert not (path / "manifest.json").exists()
+
+
+@pytest.mark.parametrize("uri", ["layers/0001.safetensors", "groups/0001.safetensors"])
+def test_resume_drops_what_is_damaged_though_as_long_as_before(tmp_path, uri):
+    path = write_reel(tmp_path, groups=3)
+    data = bytearray((path / uri).read_bytes())
+    data[-5] ^= 1
+    (path / uri).write_bytes(data)
+    assert len(new_writer(path, resume=True).manifest.groups) == 1
+    assert verify_reel(path).groups == 1
+
+
+def test_resume_drops_pictures_that_are_damaged(tmp_path):
+    writer = new_writer(tmp_path)
+    writer.add_group(new_group(0, 5, 0))
+    poster = Poster(writer.write_asset("poster.jpg", b"a picture"), 4, 3)
+    writer.present(Presentation(title="A title", poster=poster))
+    (tmp_path / "poster.jpg").write_bytes(b"A picture")
+    presentation = new_writer(tmp_path, resume=True).manifest.presentation
+    assert (presentation.title, presentation.poster) == ("A title", None)
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"fps": 1e-300}, "fps = 1e-300"),
+        ({"near": 0.0}, "near = 0"),
+        ({"near": float("nan")}, "NaN"),
+        ({"up": np.array([np.inf, 0, 0])}, "infinity"),
+        ({"cameras": [camera("a" * 300, 1)]}, "camera of the name"),
+        ({"background": (2.0, 0, 0)}, "background"),
+    ],
+)
+def test_what_no_reader_takes_is_refused_before_anything_is_written(tmp_path, change, message):
+    with pytest.raises(ReelError, match=message):
+        new_writer(tmp_path / "reel", **change)
+    assert not (tmp_path / "reel").exists()
+
+
+@pytest.mark.parametrize("unit", [1e-12, 1e12])
+def test_a_scene_may_be_of_any_unit(tmp_path, unit):
+    config = EncodeConfig()
+    writer = new_writer(tmp_path, near=0.01 * unit, bounds=unit * np.array([[-1.0, -1, -1], [1, 1, 1]]), config=config)
+    one, group = points(30), new_group(0, 20, 30)
+    still = dataclasses.replace(one, means=one.means * unit, scales=one.scales * unit)
+    moving = dataclasses.replace(group.dynamic, means=group.dynamic.means * unit, scales=group.dynamic.scales * unit)
+    writer.add_layer(0, 0, still)
+    writer.add_group(dataclasses.replace(group, dynamic=moving, dx=group.dx * unit))
+    writer.finish()
+    verify_reel(tmp_path)
+    reel, order = ReelReader(tmp_path), encode_layer(0, 0, still, config)[1]
+    assert np.abs(reel.layer(0).means / unit - one.means[order]).max() < 0.1
+    assert 0 < np.abs(reel.group(0).dx).max() / unit < 10
 
 
 def test_without_resume_an_old_reel_is_dropped(tmp_path):

@@ -18,6 +18,8 @@ from splatreel.capture.sound import Track
 from splatreel.errors import CaptureError
 from splatreel.scene.camera import Camera
 
+SLOWEST, FASTEST = 1e-3, 1e5
+"""Frames a second that a reel may have."""
 MIN_CAMERAS = 3
 """Fewer cameras do not fix the geometry of a scene."""
 FAR_OFF = 1e4
@@ -118,8 +120,10 @@ class Capture(ABC):
             )
         if not self.training_cameras:
             raise CaptureError(f"{self.path}: all {len(names)} cameras are held out; leave some to train on.")
-        if not (math.isfinite(self.fps) and self.fps > 0):
-            raise CaptureError(f"{self.path}: has {self.fps} frames a second; correct the number in its files.")
+        if not SLOWEST <= self.fps <= FASTEST:
+            raise CaptureError(
+                f"{self.path}: has {self.fps:g} frames a second, expected {SLOWEST:g} to {FASTEST:g}; correct the number in its files."
+            )
         self._check_places()
 
     def _check_places(self) -> None:

@@ -199,7 +199,7 @@ def _parse(document: dict[str, Any]) -> Manifest:
         up=numbers(document, "up", 3),
         camera=_parse_camera(document.get("camera")),
         cameras=tuple(_parse_camera(camera) for camera in _list(document, "cameras", 0, 100_000)),
-        near=number(document, "near", 1e-9, 1e9) if "near" in document else 0.01,
+        near=number(document, "near", 1e-30, 1e30) if "near" in document else 0.01,
         clearance=_parse_clearance(document["clearance"]) if "clearance" in document else NONE,
         antialias=boolean(document, "antialias", False),
         background=_parse_background(document),

@@ -76,7 +76,7 @@ class Neighbourhood:
     def decode(self, kind: int, sections: Sections, name: str, columns: int) -> np.ndarray:
         """Values [N, C] float64. Raises `ReelError`."""
         section = section_of(sections, name, "field")
-        step = named(name, number, section.parameters, "step", 1e-12, 1e12)
+        step = named(name, number, section.parameters, "step", 1e-30, 1e30)
         shape = len(self.classes), columns
         return named(name, decode_field, section.data, shape, self.levels, self.classes[:, kind]) * step
 
@@ -284,7 +284,7 @@ def _decode_klt(kind: int, section: Section, dimensions: int, channels: int, her
         raise ReelError(f"holds {len(data)} bytes, its streams {', '.join(map(str, sizes))}.")
     cuts = np.cumsum([_STREAMS.size, *sizes]).tolist()
     basis_data, columns_data, ends_data, body = (data[a:b] for a, b in pairwise(cuts))
-    step = number(parameters, "step", 1e-12, 1e12)
+    step = number(parameters, "step", 1e-30, 1e30)
     basis = klt.decode_basis(basis_data, parameters, "shifts", dimensions)
     most = integer(parameters, "columns", 1, basis.shape[1] * channels)
     columns, classes = klt.decode_columns(columns_data, most, basis.shape[1], channels), here.classes[:, kind]

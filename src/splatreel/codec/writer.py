@@ -32,7 +32,7 @@ class ReelWriter:
     config: with renditions, every group is written in each of them; what comes back decoded is the best.
     fps: frames a second. bounds: [2, 3] box of the content. up: [3] unit. near: least depth to draw. clearance: of static points.
     background: red, green and blue, 0..1, where nothing is. camera: where a player starts.
-    Raises `ReelError` where files cannot be read or written.
+    Raises `ReelError` where files cannot be read or written, and for what no reader takes: before anything is encoded.
     """
 
     def __init__(
@@ -77,12 +77,13 @@ class ReelWriter:
             background=background,
             renditions=config.renditions if others else (),
         )
+        self._check_header()
         published = self._published()
         if published:
             self._manifest = self._manifest.with_files(list(published.layers), list(published.groups))
             same = published.renditions == self._manifest.renditions
             self._drop_from(self._intact() if resume and same else 0)
-            self._manifest = replace(self._manifest, presentation=published.presentation)
+            self._manifest = replace(self._manifest, presentation=self._whole(published.presentation))
             if not (resume and same):
                 self.present(EMPTY)
 
@@ -174,6 +175,13 @@ class ReelWriter:
             raise ReelError(f"{self.path}: a reel without a group cannot be finished.")
         self._publish(self._manifest, live=False)
 
+    def _check_header(self) -> None:
+        file = self.path / "manifest.json"
+        try:
+            parse_manifest(replace(self._manifest, renditions=()).to_json().encode(), str(file))
+        except ValueError as error:
+            raise ReelError(f"{file}: would hold NaN or infinity. Look for it in the capture.") from error
+
     def _published(self) -> Manifest | None:
         file = self.path / "manifest.json"
         try:
@@ -184,18 +192,31 @@ class ReelWriter:
             raise ReelError(f"{file}: cannot be read ({error.strerror}). Make it readable or delete it.") from error
 
     def _intact(self) -> int:
-        """How many groups, from the first on, have all their files, in the length that the manifest says."""
-        broken = [entry.group for entry in self._manifest.files if self._size(entry.uri) != entry.bytes]
+        """How many groups, from the first on, have all their files as they were written."""
+        broken = [entry.group for entry in self._manifest.files if not self._is_whole(entry)]
         return min(broken, default=len(self._manifest.groups))
 
-    def _size(self, uri: str) -> int | None:
-        path = self.path / uri
+    def _whole(self, presentation: Presentation) -> Presentation:
+        """Without the pictures and the sound of which a file is damaged: they are made anew."""
+        names = {name for name in ("poster", "thumbnails", "sound") if getattr(presentation, name) is not None}
+        alone = {name: replace(EMPTY, **{name: getattr(presentation, name)}) for name in names}
+        damaged = [name for name in names if not all(self._is_whole(asset) for asset in alone[name].assets)]
+        return replace(presentation, **dict.fromkeys(damaged))
+
+    def _is_whole(self, entry: FileEntry | Asset) -> bool:
+        """Whether a file has the bytes that the manifest says."""
+        path, digest = self.path / entry.uri, hashlib.sha256()
         try:
-            return path.stat().st_size
+            if path.stat().st_size != entry.bytes:
+                return False
+            with open(path, "rb") as file:
+                while part := file.read(1 << 20):
+                    digest.update(part)
         except FileNotFoundError:
-            return None
+            return False
         except OSError as error:
             raise ReelError(f"{path}: cannot be read ({error.strerror}). Make it readable or delete it.") from error
+        return digest.hexdigest() == entry.sha256
 
     def _check_next(self, group: int) -> None:
         if not 0 <= group <= len(self._manifest.groups):
