@@ -32,6 +32,7 @@ const common = {
 await rm(out, { recursive: true, force: true });
 await mkdir(out, { recursive: true });
 await build({ ...common, entryPoints: { player: "src/main.ts" }, format: "esm", outdir: out });
+await build({ ...common, entryPoints: { early: "src/early.ts" }, format: "esm", external: ["./player.js"], outdir: out });
 await build({
   ...common,
   entryPoints: {

@@ -6,6 +6,7 @@ import { ReelError, messageOf } from "./errors";
 import { plain, type Kernels } from "./kernels";
 import type { Track } from "./mp4";
 import { wasmKernels } from "./wasm";
+import { besideWorker, failureOf, openWorker } from "./worker";
 import code from "../wasm/kernels.wasm";
 
 /** Get and decode a file, or stop doing so. */
@@ -56,7 +57,7 @@ async function fastest(): Promise<Kernels> {
 const idle: Worker[] = [];
 
 function decodeInWorker(track: Track): Promise<Uint8Array> {
-  const worker = idle.pop() ?? new Worker(new URL("hevc-worker.js", self.location.href));
+  const worker = idle.pop() ?? openWorker(besideWorker("hevc-worker.js"));
   return new Promise((resolve, reject) => {
     worker.onmessage = ({ data }: MessageEvent<{ planes?: Uint8Array; error?: string }>) => {
       idle.push(worker);
@@ -65,7 +66,7 @@ function decodeInWorker(track: Track): Promise<Uint8Array> {
     };
     worker.onerror = (event) => {
       worker.terminate();
-      reject(new ReelError(`the video decoder failed (${event.message})`));
+      reject(new ReelError(`the video decoder failed (${failureOf(event)})`));
     };
     worker.postMessage(track, [track.hvcC.buffer as ArrayBuffer, ...track.samples.map((sample) => sample.buffer as ArrayBuffer)]);
   });

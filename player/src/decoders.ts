@@ -4,6 +4,7 @@ import type { DecodedFile } from "./decode";
 import type { DecodeReply, DecodeRequest } from "./decode-worker";
 import type { Source } from "./download";
 import { Meter } from "./meter";
+import { failureOf } from "./worker";
 
 /** Files that download and decode at a time. */
 const WORKERS = 2;
@@ -18,6 +19,8 @@ export interface Receiver {
 
 export interface Job {
   readonly source: Source;
+  /** When it was asked for, milliseconds. */
+  readonly asked: number;
   /** When its first byte came, milliseconds, and the bytes since then. */
   began: number;
   received: number;
@@ -39,13 +42,18 @@ export class Decoders {
   /** Called when a worker is free again. */
   onfree: () => void = () => undefined;
 
-  private readonly workers = Array.from({ length: WORKERS }, () => startWorker("decode-worker.js"));
-  private readonly idle = [...this.workers];
+  private readonly workers: Worker[] = [];
+  private readonly idle: Worker[] = [];
   private readonly running = new Map<string, Running>();
   private nextId = 0;
 
+  /** One worker starts at once, while the manifest is on its way; the other when two files are wanted. */
+  constructor() {
+    this.idle.push(this.hire());
+  }
+
   get free(): boolean {
-    return this.idle.length > 0;
+    return this.idle.length > 0 || this.workers.length < WORKERS;
   }
 
   /** Keys of the files being got. */
@@ -57,10 +65,24 @@ export class Decoders {
     return this.running.has(key);
   }
 
+  /** Bytes of a file that came so far. */
+  received(key: string): number {
+    return this.running.get(key)?.received ?? 0;
+  }
+
+  /** Whether no more is missing of a file than comes until another that is asked for now begins to. */
+  isNearlyHere(key: string): boolean {
+    const job = this.running.get(key);
+    if (!job?.open) return true;
+    const answer = job.began - job.asked;
+    const rate = job.received / Math.max(performance.now() - job.began, answer, 1);
+    return job.received > 0 && job.source.bytes - job.received < rate * answer;
+  }
+
   /** Get a file of so many points. Only while a worker is free. */
   start(key: string, source: Source, points: number, receiver: Receiver): void {
-    const worker = this.idle.pop()!;
-    const job: Running = { id: this.nextId++, worker, source, began: 0, received: 0, open: true };
+    const worker = this.idle.pop() ?? this.hire();
+    const job: Running = { id: this.nextId++, worker, source, asked: performance.now(), began: 0, received: 0, open: true };
     this.running.set(key, job);
     this.meter.begin(performance.now());
     const finish = (tell: () => void): void => {
@@ -82,7 +104,7 @@ export class Decoders {
         finish(() => receiver.done(data.file));
       }
     };
-    worker.onerror = (event) => finish(() => receiver.failed(`${source.url} cannot be decoded (${event.message}).`));
+    worker.onerror = (event) => finish(() => receiver.failed(`${source.url} cannot be decoded (${failureOf(event)}).`));
     tell(worker, { id: job.id, source });
   }
 
@@ -105,6 +127,12 @@ export class Decoders {
 
   destroy(): void {
     for (const worker of this.workers) worker.terminate();
+  }
+
+  private hire(): Worker {
+    const worker = startWorker("decode-worker.js");
+    this.workers.push(worker);
+    return worker;
   }
 
   private count(job: Running, bytes: number): void {

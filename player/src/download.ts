@@ -48,10 +48,18 @@ export async function download(source: Source, watcher: Watcher, signal: AbortSi
 
 /** Text of a small file, for the manifest. Always asks the host whether it is still the same. */
 export function downloadText(url: string, watcher: Watcher, signal: AbortSignal): Promise<string> {
-  return insist(url, watcher, signal, async () => {
-    const answer = await ask(url, { cache: "no-cache", signal }, FEW);
-    return answer.text().catch((error: unknown) => Promise.reject(new Passing(messageOf(error), FEW)));
-  });
+  return insist(url, watcher, signal, () =>
+    watched(signal, FEW, async (inner, alive) => {
+      const answer = await ask(url, { cache: "no-cache", signal: inner }, FEW);
+      const decoder = new TextDecoder();
+      let text = "";
+      await readAll(answer, FEW, (value) => {
+        alive();
+        text += decoder.decode(value, { stream: true });
+      });
+      return text + decoder.decode();
+    }),
+  );
 }
 
 /** Try until it works, is given up, or fails in a way that will not pass. */
@@ -77,6 +85,7 @@ async function ask(url: string, options: RequestInit, tries = PAUSES.length): Pr
   try {
     response = await fetch(url, options);
   } catch (error) {
+    if (options.signal?.aborted) throw error;
     if (await answersOthers(url)) {
       throw new ReelError(`${url} is there, but its host does not let pages of ${location.origin} read it. It must send the header Access-Control-Allow-Origin.`);
     }
@@ -88,21 +97,48 @@ async function ask(url: string, options: RequestInit, tries = PAUSES.length): Pr
   throw new ReelError(`${url} cannot be downloaded: ${why}.`);
 }
 
-async function receive(source: Source, transfer: { body: Uint8Array; filled: number }, again: boolean, watcher: Watcher, signal: AbortSignal): Promise<void> {
+/** Work that is given up when nothing comes for a while: `alive` says that something came. */
+async function watched<T>(signal: AbortSignal, tries: number, work: (inner: AbortSignal, alive: () => void) => Promise<T>): Promise<T> {
+  signal.throwIfAborted();
   const controller = new AbortController();
   const abort = (): void => controller.abort();
   signal.addEventListener("abort", abort);
   let alarm = setTimeout(abort, STALL);
+  const alive = (): void => {
+    clearTimeout(alarm);
+    alarm = setTimeout(abort, STALL);
+  };
   try {
+    return await work(controller.signal, alive);
+  } catch (error) {
+    if (controller.signal.aborted && !signal.aborted) throw new Passing("nothing came for some seconds", tries);
+    throw error;
+  } finally {
+    clearTimeout(alarm);
+    signal.removeEventListener("abort", abort);
+    controller.abort();
+  }
+}
+
+async function readAll(response: Response, tries: number, take: (value: Uint8Array) => void): Promise<void> {
+  const reader = response.body!.getReader();
+  for (;;) {
+    const { done, value } = await reader.read().catch((error: unknown) => Promise.reject(new Passing(messageOf(error), tries)));
+    if (done) return;
+    take(value);
+  }
+}
+
+async function receive(source: Source, transfer: { body: Uint8Array; filled: number }, again: boolean, watcher: Watcher, signal: AbortSignal): Promise<void> {
+  await watched(signal, PAUSES.length, async (inner, alive) => {
     const headers: HeadersInit = transfer.filled > 0 ? { Range: `bytes=${transfer.filled}-` } : {};
-    const response = await ask(source.url, { headers, cache: again ? "reload" : "default", signal: controller.signal });
+    const response = await ask(source.url, { headers, cache: again ? "reload" : "default", signal: inner }).catch((error: unknown) => {
+      if (error instanceof Passing && error.status === 416) transfer.filled = 0;
+      throw error;
+    });
     if (response.status !== 206) transfer.filled = 0; // the host begins anew
-    const reader = response.body!.getReader();
-    for (;;) {
-      const { done, value } = await reader.read().catch((error: unknown) => Promise.reject(new Passing(messageOf(error))));
-      if (done) break;
-      clearTimeout(alarm);
-      alarm = setTimeout(abort, STALL);
+    await readAll(response, PAUSES.length, (value) => {
+      alive();
       if (transfer.filled + value.byteLength > source.bytes) {
         transfer.filled = 0;
         throw new Passing(`it has more than the ${source.bytes} bytes of the manifest`, FEW);
@@ -110,16 +146,8 @@ async function receive(source: Source, transfer: { body: Uint8Array; filled: num
       transfer.body.set(value, transfer.filled);
       transfer.filled += value.byteLength;
       watcher.received(value.byteLength);
-    }
-  } catch (error) {
-    if (error instanceof Passing && error.status === 416) transfer.filled = 0;
-    if (controller.signal.aborted && !signal.aborted) throw new Passing("nothing came for some seconds");
-    throw error;
-  } finally {
-    clearTimeout(alarm);
-    signal.removeEventListener("abort", abort);
-    controller.abort();
-  }
+    });
+  });
   if (transfer.filled < source.bytes) throw new Passing(`it ended after ${transfer.filled} of ${source.bytes} bytes`);
 }
 
@@ -132,7 +160,7 @@ async function check({ sha256 }: Source, transfer: { body: Uint8Array; filled: n
 /** Whether a host that this page may not read from answers at all. */
 function answersOthers(url: string): Promise<boolean> {
   if (new URL(url, location.href).origin === location.origin) return Promise.resolve(false);
-  return fetch(url, { mode: "no-cors" }).then(() => true, () => false);
+  return fetch(url, { mode: "no-cors", signal: AbortSignal.timeout(STALL) }).then(() => true, () => false);
 }
 
 /** Wait, but no longer than until the network is back. */

@@ -1,5 +1,6 @@
 /** Draco point clouds to integer or float positions, by the WASM decoder of npm draco3d. Runs in a worker. */
 import { ReelError } from "./errors";
+import { besideWorker } from "./worker";
 
 interface DracoModule {
   Decoder: new () => DracoDecoder;
@@ -28,8 +29,8 @@ let loading: Promise<DracoModule> | undefined;
 
 function loadDraco(): Promise<DracoModule> {
   loading ??= (async () => {
-    importScripts(new URL("draco-decode.js", self.location.href).href);
-    return DracoDecoderModule({ locateFile: (name: string) => new URL(name, self.location.href).href });
+    importScripts(besideWorker("draco-decode.js").href);
+    return DracoDecoderModule({ locateFile: (name: string) => besideWorker(name).href });
   })();
   return loading;
 }

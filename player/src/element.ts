@@ -1,95 +1,125 @@
 /** <splat-reel src="…/manifest.json" poster autoplay loop controls>: a reel in a page, in the manner of <video>. */
 import { attachControls } from "./controls";
+import { checkedViewmat } from "./finite";
 import { Gestures } from "./gestures";
 import { linkTo, startOf } from "./link";
 import type { LocalFiles } from "./local-files";
 import type { Camera } from "./manifest";
+import { Pending } from "./pending";
 import { Player } from "./player";
 import type { Pose } from "./pose";
+import { Poster } from "./poster";
+import { Presence } from "./presence";
+import { reachable } from "./reach";
 import type { Picture } from "./stage";
 import type { Stats } from "./stats";
 import styles from "./ui.css";
 import { Controls } from "./ui";
 
 /** Events of the player that the element passes on. */
-const EVENTS = ["loadstart", "durationchange", "loadedmetadata", "canplay", "play", "playing", "pause", "waiting", "timeupdate", "progress"];
-EVENTS.push("seeking", "seeked", "ratechange", "ended", "error");
+const EVENTS = ["emptied", "loadstart", "durationchange", "loadedmetadata", "loadeddata", "canplay", "play", "playing", "pause", "waiting"];
+EVENTS.push("timeupdate", "progress", "seeking", "seeked", "ratechange", "ended", "error");
+
+const sheet = new CSSStyleSheet();
+sheet.replaceSync(styles);
 
 export class SplatReelElement extends HTMLElement {
-  static readonly observedAttributes = ["src", "poster", "loop", "controls"];
+  static readonly observedAttributes = ["src", "poster", "loop", "controls", "loading"];
+
+  /** As of HTMLMediaElement, for `networkState`. */
+  static readonly NETWORK_EMPTY = 0;
+  static readonly NETWORK_IDLE = 1;
+  static readonly NETWORK_LOADING = 2;
+  static readonly NETWORK_NO_SOURCE = 3;
 
   /** The player behind the element. */
   readonly player: Player;
   private readonly canvas = document.createElement("canvas");
-  private readonly picture = document.createElement("img");
+  private readonly picture: Poster;
+  private readonly presence: Presence;
+  private readonly pending: Pending;
   private files: LocalFiles | null = null;
   private controlsShown: Controls | null = null;
-  private connection = new AbortController();
+  /** While the element is in a page. */
+  private connection: AbortController | null = null;
+  private watching = new AbortController();
 
   constructor() {
     super();
-    const style = document.createElement("style");
-    style.textContent = styles;
     this.canvas.tabIndex = 0;
     this.canvas.setAttribute("role", "img");
-    this.picture.className = "poster";
-    this.picture.alt = "";
-    this.picture.hidden = true;
-    this.attachShadow({ mode: "open" }).append(style, this.canvas, this.picture);
     this.player = new Player(this.canvas);
+    this.picture = new Poster(this.player);
+    this.presence = new Presence(this, this.player, this.picture);
+    this.pending = new Pending(this.player);
+    const root = this.attachShadow({ mode: "open" });
+    root.adoptedStyleSheets = [sheet]; // not a style element, which a page's policy may forbid
+    root.append(this.canvas, this.picture.image);
     for (const name of EVENTS) this.player.addEventListener(name, () => this.dispatchEvent(new Event(name)));
-    this.player.addEventListener("canplay", () => (this.picture.hidden = true));
   }
 
   connectedCallback(): void {
+    if (this.connection) return; // it was moved within the page
     const { canvas, player } = this;
     const label = this.getAttribute("aria-label") ?? "Volumetric video";
     canvas.setAttribute("aria-label", `${label}. Drag to look around, scroll to zoom, double-click to choose the middle.`);
     this.connection = new AbortController();
     const { signal } = this.connection;
     const gestures = new Gestures(this, canvas, signal);
-    this.picture.after(gestures.hint);
+    this.picture.image.after(gestures.hint);
     signal.addEventListener("abort", () => gestures.hint.remove());
     attachControls(canvas, player, gestures, signal);
     const resize = new ResizeObserver(() => player.invalidate());
     resize.observe(canvas);
     signal.addEventListener("abort", () => resize.disconnect());
     addEventListener("hashchange", () => this.hasAttribute("share") && this.follow(location.href), { signal });
-    player.connect();
+    for (const name of ["pointerdown", "focusin"]) this.addEventListener(name, () => this.presence.use(), { signal });
     this.showControls();
-    this.load();
+    this.watch();
+    if (!player.hasSource) this.load();
   }
 
   disconnectedCallback(): void {
+    // What is moved within a page is taken out and put back at once.
+    queueMicrotask(() => void (!this.isConnected && this.leave()));
+  }
+
+  /** Out of the page: time and view stay, for when it is put back. */
+  private leave(): void {
+    if (!this.connection) return;
+    this.player.pause();
+    this.watching.abort();
     this.connection.abort();
+    this.connection = null;
     this.controlsShown?.remove();
     this.controlsShown = null;
-    this.player.disconnect();
   }
 
   attributeChangedCallback(name: string, before: string | null, now: string | null): void {
     if (name === "loop") this.player.loop = now !== null;
-    if (!this.isConnected || before === now) return;
+    if (!this.connection || before === now) return;
     if (name === "src") this.load();
-    if (name === "poster") this.showPoster();
+    if (name === "poster") this.picture.give(this.poster);
     if (name === "controls") this.showControls();
+    if (name === "loading") this.watch();
   }
 
-  /** Open `src` from the start. Done by itself when the element enters a page or `src` changes. */
+  /** Open `src` from the start, or close what is open where there is none. Done by itself when the element enters a page or `src` changes. */
   load(): void {
     const { player } = this;
-    this.showPoster();
     const source = this.files ?? this.currentSrc;
-    if (!source) return player.close();
-    void player.load(source, this.hasAttribute("share") ? startOf(location.href) : null);
+    if (source) void player.load(source, this.hasAttribute("share") ? startOf(location.href) : null);
+    else player.close();
+    this.picture.give(this.poster);
+    this.presence.settle();
     const calm = matchMedia("(prefers-reduced-motion: reduce)").matches;
-    if (this.autoplay && !calm) player.play();
+    if (source && this.autoplay && !calm) player.play();
   }
 
-  /** Resolves once time moves. Rejects where there is no reel to play. */
-  async play(): Promise<void> {
-    this.player.play();
-    await this.player.whenReady();
+  /** Resolves once time goes on. Rejects with a `NotSupportedError` where there is no reel to play, with an `AbortError` where `pause` or another reel comes first. */
+  play(): Promise<void> {
+    this.presence.use();
+    return this.pending.play();
   }
 
   pause(): void {
@@ -98,7 +128,7 @@ export class SplatReelElement extends HTMLElement {
 
   /** Pause, go to a time, and take a picture of exactly this pose and size. */
   renderAt(seconds: number, pose: Pose, width: number, height: number): Promise<Picture> {
-    return this.player.renderAt(seconds, pose, width, height);
+    return this.presence.attend(() => this.player.renderAt(seconds, pose, width, height));
   }
 
   get src(): string {
@@ -129,6 +159,15 @@ export class SplatReelElement extends HTMLElement {
 
   set poster(value: string) {
     this.setAttribute("poster", value);
+  }
+
+  /** "eager", or "lazy": files are got and pictures drawn only where people may soon see them. */
+  get loading(): string {
+    return this.getAttribute("loading") === "eager" ? "eager" : "lazy";
+  }
+
+  set loading(value: string) {
+    this.setAttribute("loading", value);
   }
 
   get autoplay(): boolean {
@@ -222,6 +261,19 @@ export class SplatReelElement extends HTMLElement {
     return player.ahead >= Math.min(left, 1) ? 4 : player.ahead > 0.1 ? 3 : 2;
   }
 
+  /** As of HTMLMediaElement: 0 no reel, 1 nothing is being got, 2 something is, 3 the reel cannot be had. */
+  get networkState(): number {
+    const { player } = this;
+    if (!player.hasSource) return SplatReelElement.NETWORK_EMPTY;
+    if (player.error && !player.manifest) return SplatReelElement.NETWORK_NO_SOURCE;
+    return player.busy ? SplatReelElement.NETWORK_LOADING : SplatReelElement.NETWORK_IDLE;
+  }
+
+  /** Of the bytes that people wait for now, the part that is here, 0..1. */
+  get progress(): number {
+    return this.player.progress;
+  }
+
   get error(): Error | null {
     return this.player.error;
   }
@@ -236,8 +288,10 @@ export class SplatReelElement extends HTMLElement {
   }
 
   set camera(pose: Pick<Camera, "viewmat"> | null) {
-    if (!this.player.camera || !pose) return;
-    this.player.camera.viewmat = [...pose.viewmat];
+    if (!pose) return;
+    const viewmat = checkedViewmat(pose.viewmat);
+    if (!this.player.camera) return;
+    this.player.camera.viewmat = viewmat;
     this.player.invalidate();
   }
 
@@ -259,13 +313,16 @@ export class SplatReelElement extends HTMLElement {
   private follow(link: string): void {
     const { seconds, view } = startOf(link);
     if (seconds !== null) this.currentTime = seconds;
-    if (view && this.player.camera) this.player.camera.state = view;
+    const { camera, manifest } = this.player;
+    const sane = view && manifest && reachable(view, manifest);
+    if (sane && camera) camera.state = sane;
     this.player.invalidate();
   }
 
-  private showPoster(): void {
-    this.picture.hidden = !this.poster || this.player.canPlay;
-    if (this.poster) this.picture.src = this.poster;
+  private watch(): void {
+    this.watching.abort();
+    this.watching = new AbortController();
+    this.presence.watch(this.loading === "eager", this.watching.signal);
   }
 
   private showControls(): void {

@@ -1,6 +1,7 @@
 /** H.265 tracks to luma planes: WebCodecs where the browser has HEVC, a WASM decoder otherwise. Runs in a worker. */
 import { ReelError, messageOf } from "./errors";
 import type { Track } from "./mp4";
+import { besideWorker } from "./worker";
 
 /** The Emscripten module of hevc-decode.js (npm @hevcjs/core), as far as it is used here. */
 interface HevcModule {
@@ -122,8 +123,8 @@ let wasm: Promise<HevcModule> | undefined;
 
 function loadWasm(): Promise<HevcModule> {
   wasm ??= (async () => {
-    importScripts(new URL("hevc-decode.js", self.location.href).href);
-    return HEVCDecoderModule({ locateFile: (name: string) => new URL(name, self.location.href).href });
+    importScripts(besideWorker("hevc-decode.js").href);
+    return HEVCDecoderModule({ locateFile: (name: string) => besideWorker(name).href });
   })();
   return wasm;
 }

@@ -74,8 +74,9 @@ export interface Manifest {
 }
 
 /** Download and check a manifest. Throws `ReelError` with the url in its message. */
-export async function loadManifest(url: string, watcher: Watcher, signal: AbortSignal): Promise<Manifest> {
-  return parseText(await downloadText(url, watcher, signal), new URL(url, location.href).href);
+export async function loadManifest(url: string, watcher: Watcher, signal: AbortSignal, early: Promise<string | null> | null = null): Promise<Manifest> {
+  const text = (await early) ?? (await downloadText(url, watcher, signal));
+  return parseText(text, new URL(url, location.href).href);
 }
 
 /** The manifest of a reel on this machine. Throws `ReelError`. */

@@ -26,10 +26,10 @@ export class Messages {
 
   /** Show how things are. */
   update(): void {
-    const { canPlay, paused, currentTime, error, waiting } = this.player;
+    const { canPlay, paused, currentTime, error, waiting, busy } = this.player;
     this.find(".panel").hidden = !error;
     if (error) this.find(".panel p").textContent = error.message;
-    this.updateWait(error === null && (!canPlay || waiting));
+    this.updateWait(busy && (!canPlay || waiting));
     this.find(".start").hidden = !(canPlay && paused && currentTime === 0 && !error && !waiting);
   }
 
@@ -51,7 +51,8 @@ export class Messages {
     }
     if (!waiting) clearTimeout(this.explain);
     wait.hidden = !waiting;
-    const text = this.player.notice ?? "Loading";
+    const { notice, progress } = this.player;
+    const text = notice ?? (progress > 0 ? `Loading ${Math.floor(100 * progress)} %` : "Loading");
     const words = wait.querySelector("p")!;
     if (words.textContent !== text) words.textContent = text;
   }

@@ -1,10 +1,14 @@
-/** Plays a reel on a canvas: the clock, what shows at its time, and one picture a display frame. */
+/** Plays a reel on a canvas: opening and closing it, its states and events; `playback` draws it. */
 import { OrbitCamera } from "./camera";
 import { Clock } from "./clock";
 import { DeviceLostError, messageOf } from "./errors";
+import { checkedPose, finite } from "./finite";
 import type { LocalFiles } from "./local-files";
 import type { Manifest } from "./manifest";
-import type { Pose, Start } from "./pose";
+import type { Early } from "./page";
+import { Playback } from "./playback";
+import type { CameraState, Pose, Start } from "./pose";
+import { reachable } from "./reach";
 import type { Eye, View } from "./renderer";
 import { Resolution } from "./resolution";
 import { Session, type SessionEvents } from "./session";
@@ -13,99 +17,165 @@ import type { Scene } from "./sort-worker";
 import type { Picture, Stage } from "./stage";
 import { measure, type Stats } from "./stats";
 import type { Stream } from "./stream";
+import { Surface } from "./surface";
 import { until } from "./until";
 
-/** Longest step of the clock: after a background tab, playback goes on where it was. */
-const LONGEST_STEP = 0.25;
-
-/** Ticks after which the stream may think again although nothing happens: what failed has rested, the network may be better. */
-const HEARTBEAT = 30;
-
 /**
- * Events, named as those of HTMLMediaElement: loadstart, loadedmetadata, durationchange, canplay (the first whole picture), play,
- * playing, pause, timeupdate, progress, waiting, seeking, seeked, ratechange, ended, error.
+ * Events, named as those of HTMLMediaElement: emptied, loadstart, loadedmetadata, durationchange, loadeddata (something is drawn, if
+ * only what rests), canplay (the first whole picture), play, playing (time goes on), pause, timeupdate, progress, waiting, seeking,
+ * seeked, ratechange, ended, error.
  */
 export class Player extends EventTarget {
   /** The camera people steer; null until the manifest is here. */
   camera: OrbitCamera | null = null;
   error: Error | null = null;
+  /** What the page has asked for already, before the player was here. */
+  early: Early | null = null;
   /** A headset shows the reel, in frames of its own. */
   presented = false;
   /** A picture is being taken: nothing else is drawn. */
   held = false;
   readonly clock = new Clock();
   readonly resolution = new Resolution();
-  /** What belongs to the reel that is open. */
+  readonly playback = new Playback(this);
+  /** What belongs to the reel that is open; null while there is none, or nobody looks. */
   session: Session | null = null;
 
   private source: string | LocalFiles = "";
+  /** Where to begin, as a link says or a page that does not wait for the manifest. */
   private start: Start | null = null;
+  /** Where it broke off. */
+  private back: { seconds: number; view: CameraState } | null = null;
   private choice: string | null = null;
-  private stalled = true;
-  private isSeeking = false;
-  private ready = false;
-  private lastTick = 0;
-  private tickRequest = 0;
-  private ticks = 0;
+  private awake = false;
+  /** Counts openings: what an earlier one still waits for comes to nothing. */
+  private turn = 0;
+  private readonly surface: Surface;
   private readonly online = (): void => {
     if (this.error) this.retry();
   };
 
   constructor(readonly canvas: HTMLCanvasElement) {
     super();
-    canvas.addEventListener("webglcontextlost", (event) => {
-      event.preventDefault();
-      this.fail(new DeviceLostError());
-    });
-    canvas.addEventListener("webglcontextrestored", () => this.retry());
+    this.surface = new Surface(canvas, () => this.fail(new DeviceLostError()), () => this.retry());
   }
 
-  /** Begin to draw. */
-  connect(): void {
+  /** Whether people look: only then pictures are drawn and time goes on. */
+  set shown(on: boolean) {
+    this.playback.run(on);
+  }
+
+  /** Get files and hold a graphics device from now on: people may soon look. */
+  wake(): void {
+    if (this.awake) return;
+    this.awake = true;
     addEventListener("online", this.online);
-    const tick = (now: number): void => {
-      this.tickRequest = requestAnimationFrame(tick);
-      this.tick(now);
-    };
-    this.tickRequest = requestAnimationFrame(tick);
+    if (this.hasSource && !this.error) void this.begin();
   }
 
-  /** Close the reel and stop drawing. */
-  disconnect(): void {
+  /** Give back all that takes memory and network. Time and view stay, and `wake` goes on from there. */
+  rest(): void {
+    if (!this.awake) return;
+    this.awake = false;
     removeEventListener("online", this.online);
-    cancelAnimationFrame(this.tickRequest);
-    this.close();
+    this.turn++;
+    const had = this.session !== null;
+    this.closeSession();
+    if (had) this.surface.release();
+    this.emit("progress");
+  }
+
+  /** Whether a reel was given, wherever it is. */
+  get hasSource(): boolean {
+    return this.source !== "";
+  }
+
+  /** Of the reel's manifest, absolute; empty where there is none, or it is on this machine. */
+  get address(): string {
+    return typeof this.source === "string" ? this.source : "";
   }
 
   /** Open a reel by its manifest's address, or one on this machine; a live one at its edge. Errors come as the `error` event. */
   load(source: string | LocalFiles, start: Start | null = null): Promise<void> {
+    this.close();
     this.source = source;
     this.start = start;
-    return this.begin();
+    return this.awake ? this.begin() : Promise.resolve();
   }
 
   /** Try again after an error, where it happened. */
   retry(): void {
-    if (this.camera) this.start = { seconds: this.currentTime, view: this.camera.state };
+    if (this.camera) this.back = { seconds: this.currentTime, view: this.camera.state };
+    [this.clock.manifest, this.camera] = [null, null];
     void this.begin();
   }
 
+  /** Close the reel: nothing of it is left, and time is 0. */
+  close(): void {
+    const had = this.hasSource;
+    this.closeSession();
+    this.turn++;
+    [this.source, this.start, this.back, this.error] = ["", null, null, null];
+    [this.clock.manifest, this.camera, this.clock.playing, this.clock.seconds] = [null, null, false, 0];
+    this.playback.seeking = false;
+    if (had) this.emit("emptied");
+  }
+
+  private closeSession(): void {
+    this.session?.close();
+    this.session = null;
+    this.playback.reset();
+  }
+
   private async begin(): Promise<void> {
-    this.close();
+    this.closeSession();
+    this.error = null;
+    const turn = ++this.turn;
     this.emit("loadstart");
     let session: Session | null = null;
     try {
+      if (this.surface.released) await this.surface.acquire();
+      if (turn !== this.turn) return void (!this.awake && this.surface.release());
       session = this.session = new Session(this.canvas, this.sessionEvents());
       if (session.stage.software) this.resolution.hesitate();
-      const manifest = await session.find(this.source);
+      // What is still known of a reel that was put to rest is as good as anew; a live one has grown.
+      const manifest = this.manifest && !this.live ? this.manifest : await session.find(this.source, this.takeEarly());
       if (!session.closed) this.open(session, manifest);
     } catch (error) {
-      if (!session?.closed) this.fail(error);
+      if (turn === this.turn && !session?.closed) this.fail(error);
     }
   }
 
+  /** The text of the manifest, if the page asked for it; once. */
+  private takeEarly(): Promise<string | null> | null {
+    const { early, source } = this;
+    this.early = null;
+    return early?.url === source ? early.text : null;
+  }
+
+  private open(session: Session, manifest: Manifest): void {
+    session.open(manifest);
+    this.clock.manifest = manifest;
+    const known = this.camera !== null;
+    this.camera ??= this.cameraOf(manifest);
+    if (!known) this.clock.seek(this.back?.seconds ?? this.start?.seconds ?? (manifest.live ? this.clock.edge : 0));
+    [this.start, this.back] = [null, null];
+    this.rendition = this.choice;
+    if (!known) this.emit("loadedmetadata");
+    this.emit("durationchange");
+    this.playback.update();
+  }
+
+  private cameraOf(manifest: Manifest): OrbitCamera {
+    const camera = new OrbitCamera(manifest);
+    camera.calm = matchMedia("(prefers-reduced-motion: reduce)").matches;
+    const view = this.back?.view ?? (this.start?.view ? reachable(this.start.view, manifest) : null);
+    if (view) camera.state = view;
+    return camera;
+  }
+
   private sessionEvents(): SessionEvents {
-    const changed = (event: string): void => (this.emit(event), this.update());
+    const changed = (event: string): void => (this.emit(event), this.playback.update());
     return {
       arrived: () => changed("progress"),
       grown: () => changed("durationchange"),
@@ -114,11 +184,18 @@ export class Player extends EventTarget {
     };
   }
 
-  /** Close the reel. */
-  close(): void {
-    this.session?.close();
-    [this.session, this.clock.manifest, this.camera] = [null, null, null];
-    [this.error, this.ready, this.stalled, this.isSeeking] = [null, false, true, false];
+  /** The reel is closed for what cannot be helped: it begins anew with `retry`. */
+  private fail(error: unknown): void {
+    if (this.error) return;
+    // A lost device fails at whatever is asked of it, before the browser tells of the loss.
+    const cause = this.stage?.lost ? new DeviceLostError() : error;
+    if (this.session) this.session.broken = true;
+    this.error = cause instanceof Error ? cause : new Error(messageOf(cause));
+    this.emit("error");
+  }
+
+  emit(name: string): void {
+    this.dispatchEvent(new Event(name));
   }
 
   get stage(): Stage | null {
@@ -143,15 +220,20 @@ export class Player extends EventTarget {
   }
 
   get currentTime(): number {
-    return this.clock.seconds;
+    return this.manifest ? this.clock.seconds : (this.start?.seconds ?? 0);
   }
 
   set currentTime(seconds: number) {
+    finite(seconds, "currentTime");
+    if (!this.manifest) {
+      this.start = { seconds: Math.max(seconds, 0), view: this.start?.view ?? null };
+      return;
+    }
     this.clock.seek(seconds);
-    this.isSeeking = true;
+    [this.playback.seeking, this.playback.moving] = [true, false];
     this.emit("seeking");
     this.emit("timeupdate");
-    this.update();
+    this.playback.update();
     // The old picture stays as it is until the new one is sorted.
     this.resolution.move();
     this.stage?.resort();
@@ -170,7 +252,7 @@ export class Player extends EventTarget {
   }
 
   set playbackRate(rate: number) {
-    this.clock.rate = rate;
+    this.clock.rate = finite(rate, "playbackRate");
     this.emit("ratechange");
   }
 
@@ -201,7 +283,7 @@ export class Player extends EventTarget {
   }
 
   get seeking(): boolean {
-    return this.isSeeking;
+    return this.playback.seeking;
   }
 
   get ended(): boolean {
@@ -210,7 +292,18 @@ export class Player extends EventTarget {
 
   /** Time moves on only when this is false: data is missing. */
   get waiting(): boolean {
-    return this.stalled;
+    return this.playback.stalled;
+  }
+
+  /** What is missing is being got: there is something to wait for. */
+  get busy(): boolean {
+    const { session, stream } = this;
+    return session !== null && !this.error && (!stream || this.waiting || stream.busy);
+  }
+
+  /** Of the bytes that are waited for, the part that is here, 0..1. */
+  get progress(): number {
+    return this.stream?.progress ?? 0;
   }
 
   /** Why it takes so long, for people; null while there is nothing to say. */
@@ -220,7 +313,7 @@ export class Player extends EventTarget {
 
   /** True once a whole picture has been shown. */
   get canPlay(): boolean {
-    return this.ready;
+    return this.playback.ready;
   }
 
   /** Time ranges whose groups are here, [start, end] seconds. */
@@ -244,11 +337,12 @@ export class Player extends EventTarget {
     if (this.ended) this.currentTime = 0;
     this.clock.playing = true;
     this.emit("play");
+    if (this.waiting) this.emit("waiting");
   }
 
   pause(): void {
     if (!this.clock.playing) return;
-    this.clock.playing = false;
+    [this.clock.playing, this.playback.moving] = [false, false];
     this.emit("pause");
   }
 
@@ -265,110 +359,6 @@ export class Player extends EventTarget {
     this.stage?.invalidate();
   }
 
-  /** Resolves when a whole picture has been shown; rejects on an error. */
-  whenReady(): Promise<void> {
-    return until(this, "canplay", () => this.ready);
-  }
-
-  /** RGBA bytes of one settled picture of exactly this pose and size. */
-  renderAt(seconds: number, pose: Pose, width: number, height: number): Promise<Picture> {
-    return takeShot(this, seconds, pose, width, height);
-  }
-
-  private open(session: Session, manifest: Manifest): void {
-    session.open(manifest);
-    this.clock.manifest = manifest;
-    this.camera = new OrbitCamera(manifest);
-    this.camera.calm = matchMedia("(prefers-reduced-motion: reduce)").matches;
-    if (this.start?.view) this.camera.state = this.start.view;
-    this.clock.seek(this.start?.seconds ?? (manifest.live ? this.clock.edge : 0));
-    this.rendition = this.choice;
-    this.emit("loadedmetadata");
-    this.emit("durationchange");
-    this.update();
-  }
-
-  private fail(error: unknown): void {
-    if (this.error) return;
-    // A lost device fails at whatever is asked of it, before the browser tells of the loss.
-    const cause = this.stage?.lost ? new DeviceLostError() : error;
-    if (this.session) this.session.broken = true; // it begins anew
-    this.error = cause instanceof Error ? cause : new Error(messageOf(cause));
-    this.emit("error");
-  }
-
-  private emit(name: string): void {
-    this.dispatchEvent(new Event(name));
-  }
-
-  /** What should show now. */
-  get scene(): Scene {
-    const { current, previous } = this.clock.moment;
-    return { layers: this.stream!.layersOf(current.group), current, previous };
-  }
-
-  /** Tell the stream what is needed now, and see whether it is here. */
-  private update(): void {
-    const { stream, stage } = this;
-    if (!stream || !stage || this.error) return;
-    const { current, previous } = this.clock.moment;
-    const { frame, rate } = this.clock;
-    const shown = { current: current.group, previous: previous?.group ?? null, inUse: stage.inUse };
-    stream.want({ ...shown, frame, rate, loop: this.loop && !this.live });
-    const here = stream.has(current.group) && (previous === null || stream.has(previous.group));
-    if (here !== this.stalled) return;
-    this.stalled = !here;
-    if (here) stage.resort();
-    this.emit(here ? "playing" : "waiting");
-  }
-
-  /** A frame of a headset: what it sees, sorted as the head looks. */
-  present(now: number, head: View, eyes: Eye[]): void {
-    const { stage } = this;
-    if (!stage || !this.camera || this.held) return;
-    this.pass(now);
-    stage.invalidate();
-    this.drawOn(stage, head, eyes, now);
-  }
-
-  private tick(now: number): void {
-    const { stage, camera } = this;
-    if (this.presented) return; // the headset's frames count
-    if (!stage || !camera || this.held) return void (this.lastTick = now);
-    if (camera.step(this.pass(now))) this.invalidate();
-    const view = this.view;
-    if (view) this.drawOn(stage, view, null, now);
-  }
-
-  /** Let time go on; seconds since the last time. */
-  private pass(now: number): number {
-    const step = Math.min((now - this.lastTick) / 1000, LONGEST_STEP);
-    this.lastTick = now;
-    this.advance(step);
-    if (++this.ticks % HEARTBEAT === 0) this.update();
-    return step;
-  }
-
-  private drawOn(stage: Stage, view: View, eyes: Eye[] | null, now: number): void {
-    if (stage.wantsSort) this.startSort(stage, view);
-    const before = stage.pictures;
-    stage.draw(this.isSeeking || this.stalled ? null : this.clock.frame, view, eyes);
-    if (this.resolution.drawn(stage.pictures > before, now)) this.stream?.judge(this.resolution.struggling);
-    if (!eyes && this.ready && this.resolution.rest(now)) stage.redraw();
-  }
-
-  private advance(step: number): void {
-    if (this.paused || !this.ready || this.stalled || this.isSeeking || this.error) return;
-    if (!this.clock.advance(step)) return;
-    this.emit("timeupdate");
-    this.update();
-    this.invalidate();
-    if (this.ended && !this.loop) {
-      this.pause();
-      this.emit("ended");
-    }
-  }
-
   /** The view in as many pixels as the device keeps up with; null while the canvas has no size. */
   get view(): View | null {
     const ratio = this.resolution.ratio;
@@ -377,24 +367,24 @@ export class Player extends EventTarget {
     return this.camera && width > 0 && height > 0 ? this.camera.view(width, height) : null;
   }
 
-  /** Sort what should show; before the first group, the layers that are here. */
-  private startSort(stage: Stage, view: View): void {
-    const layers = this.stream!.layersReady;
-    if (!this.stalled) void this.show(stage, this.scene, view);
-    else if (!stage.scene?.current && layers > 0) void this.show(stage, { layers, current: null, previous: null }, view);
+  /** What should show now. */
+  get scene(): Scene {
+    return this.playback.scene;
   }
 
-  /** Show a scene: then a seek may be over, and the first picture may be whole. */
-  private async show(stage: Stage, scene: Scene, view: View): Promise<void> {
-    if (!(await stage.sort(scene, view)) || this.stalled || scene.current === null) return;
-    if (!this.ready && !this.presented) stage.draw(this.clock.frame, view); // canplay: it has been drawn
-    if (this.isSeeking && scene.current.group === this.clock.moment.current.group) {
-      this.isSeeking = false;
-      this.emit("seeked");
-      this.update(); // what was on screen before may go now
-    }
-    if (this.ready) return;
-    this.ready = true;
-    this.emit("canplay");
+  /** A frame of a headset: what it sees, sorted as the head looks. */
+  present(now: number, head: View, eyes: Eye[]): void {
+    this.playback.present(now, head, eyes);
+  }
+
+  /** Resolves when a whole picture has been shown; rejects on an error. */
+  whenReady(): Promise<void> {
+    return until(this, "canplay", () => this.canPlay);
+  }
+
+  /** RGBA bytes of one settled picture of exactly this pose and size. Throws `TypeError` where a number is none. */
+  async renderAt(seconds: number, pose: Pose, width: number, height: number): Promise<Picture> {
+    const [sizes, checked] = [[width, height].map((size) => finite(size, "A picture's size")), checkedPose(pose)];
+    return takeShot(this, finite(seconds, "seconds"), checked, sizes[0], sizes[1]);
   }
 }

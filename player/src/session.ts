@@ -40,12 +40,12 @@ export class Session {
     return this.life.signal.aborted;
   }
 
-  /** A reel's manifest; of a live one, once it has a group. */
-  async find(source: string | LocalFiles): Promise<Manifest> {
+  /** A reel's manifest; of a live one, once it has a group. early: its text, already asked for; null: not, or in vain. */
+  async find(source: string | LocalFiles, early: Promise<string | null> | null = null): Promise<Manifest> {
     const { signal } = this.life;
     if (typeof source !== "string") return readManifest(source);
     if (source === EMBEDDED) return readManifest(embeddedReel());
-    let manifest = await loadManifest(source, { received: () => undefined, trouble: (why) => this.wait(why) }, signal);
+    let manifest = await loadManifest(source, { received: () => undefined, trouble: (why) => this.wait(why) }, signal, early);
     while (manifest.groups.length === 0) {
       this.wait("Live. The first group is not here yet.");
       manifest = await follow(manifest, signal);

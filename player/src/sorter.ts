@@ -6,6 +6,7 @@ import type { Gaussians } from "./gaussians";
 import type { Clearance } from "./manifest";
 import type { View } from "./renderer";
 import type { Scene, SortMessage, SortReply } from "./sort-worker";
+import { failureOf } from "./worker";
 
 export class Sorter {
   private readonly worker = startWorker("sort-worker.js");
@@ -18,7 +19,7 @@ export class Sorter {
       this.waiting = null;
       resolve?.(data);
     };
-    this.worker.onerror = (event) => onError(`Sorting failed (${event.message}).`);
+    this.worker.onerror = (event) => onError(`Sorting failed (${failureOf(event)}).`);
   }
 
   get busy(): boolean {

@@ -140,10 +140,8 @@ export class Stage {
     if (scene.current === null) return paint(scene, 1);
     const { groups, overlap } = manifest;
     const { group } = scene.current;
-    const { firstFrame, frames } = groups[group];
-    // A moment that the sorted groups do not hold waits for its own sort; until then the last one stays.
-    const holds = frame !== null && frame >= firstFrame && frame <= firstFrame + frames - 1;
-    if (frame !== null && (holds || groupAt(groups, frame) === group)) this.drawnFrame = frame;
+    // A moment that the order is not for waits for its own; until then the last one stays.
+    if (frame !== null && isOrderedFor(scene, frame, manifest)) this.drawnFrame = frame;
     const moment = momentOf(groups, overlap, this.drawnFrame, group);
     const previous = scene.previous && { group: scene.previous.group, frame: clampFrame(groups[scene.previous.group], this.drawnFrame) };
     paint({ ...scene, current: moment.current, previous }, previous ? moment.weight : 1);
@@ -174,4 +172,13 @@ export class Stage {
     this.sorter.destroy();
     this.renderer.destroy();
   }
+}
+
+/** Whether an order serves for a frame: with all groups that show, and from no later frame, as where time begins again within a group. */
+export function isOrderedFor({ current, previous }: Scene, frame: number, { groups, overlap }: Pick<Manifest, "groups" | "overlap">): boolean {
+  if (current === null) return true;
+  const { firstFrame, frames } = groups[current.group];
+  const holds = (frame >= firstFrame && frame <= firstFrame + frames - 1) || groupAt(groups, frame) === current.group;
+  const moment = momentOf(groups, overlap, frame, current.group);
+  return holds && (previous !== null || moment.previous === null) && moment.current.frame >= current.frame;
 }

@@ -1,4 +1,5 @@
 /** Decides which files of a reel to have, and in which rendition: the layers first, then the group that shows, then those that follow. */
+import { Awaited } from "./awaited";
 import { Chooser, type Option } from "./chooser";
 import type { DecodedFile } from "./decode";
 import type { Decoders, Job } from "./decoders";
@@ -52,6 +53,7 @@ export class Stream {
   /** Groups that were given up in a better rendition. */
   private readonly hurried = new Set<number>();
   private readonly resting = new Map<string, number>();
+  private readonly awaited = new Awaited();
   private demand: Demand = { current: 0, previous: null, inUse: [], loop: false, frame: 0, rate: 1 };
   private last: number | null = null;
   private stopped = false;
@@ -81,6 +83,20 @@ export class Stream {
 
   has(group: number): boolean {
     return this.groups.has(group) && this.layersReady >= this.layersOf(group);
+  }
+
+  /** Files are being got. */
+  get busy(): boolean {
+    return this.decoders.keys.length > 0;
+  }
+
+  /** Of the bytes of what shows now and is not here yet, the part that came, 0..1. */
+  get progress(): number {
+    return this.awaited.progress((key) => {
+      const item = itemOf(key);
+      const { bytes } = item.kind === "layer" ? this.manifest.layers[item.index] : this.fileOf(item.index);
+      return { bytes, here: this.isHere(item) ? bytes : this.decoders.received(key) };
+    });
   }
 
   /** Groups held, in order of time. */
@@ -138,12 +154,15 @@ export class Stream {
     for (const key of this.decoders.keys) if (!keys.has(key)) this.cancel(key);
     // Another rendition of what is on screen by now comes too late.
     for (const { key, index } of queue) if (this.coming.has(key) && this.groups.has(index) && this.isOnScreen(index)) this.cancel(key);
+    this.watch(queue);
     let late = false;
     for (const item of queue) {
       const urgent = this.isNeededNow(item);
+      // Layers have the whole line: there is something to see then.
+      if (item.kind === "group" && this.layersAreComing()) return;
       // What shows gets the whole line.
       if (late && !urgent) return;
-      if ((item.kind === "layer" ? this.layers : this.groups).has(item.index)) continue;
+      if (this.isHere(item)) continue;
       late ||= urgent;
       if (this.decoders.has(item.key) || (!urgent && this.rests(item))) continue;
       if (!this.decoders.free) {
@@ -155,6 +174,23 @@ export class Stream {
       this.load(item, item.kind === "group" ? this.renditionFor(item.index) : "");
     }
     if (!late) this.improve(queue);
+  }
+
+  /** Note what shows now and is not here. */
+  private watch(queue: Wanted[]): void {
+    const needed = queue.filter((item) => this.isNeededNow(item));
+    const keys = (items: Wanted[]): string[] => items.map(({ key }) => key);
+    this.awaited.expect(keys(needed), keys(needed.filter((item) => !this.isHere(item))));
+  }
+
+  /** A layer that shows now has begun to come, and more than the next answer's time is missing of it. */
+  private layersAreComing(): boolean {
+    const { layers } = this.manifest;
+    return layers.some(({ group }, index) => group <= this.demand.current && !this.layers.has(index) && !this.decoders.isNearlyHere(layerItem(index).key));
+  }
+
+  private isHere({ kind, index }: Wanted): boolean {
+    return (kind === "layer" ? this.layers : this.groups).has(index);
   }
 
   private isNeededNow({ kind, index }: Wanted): boolean {
@@ -249,7 +285,7 @@ export class Stream {
   /** All that is wanted is here: get groups that do not show yet in the rendition that they should be in by now. */
   private improve(queue: Wanted[]): void {
     const { renditions, groups } = this.manifest;
-    if (queue.some(({ kind, index }) => !(kind === "layer" ? this.layers : this.groups).has(index))) return;
+    if (queue.some((item) => !this.isHere(item))) return;
     // Nothing hangs on these transfers: they may find out that the line is better again.
     const hope = this.decoders.meter.hope(performance.now());
     const place = (name: string | undefined): number => renditions.findIndex((rendition) => rendition.name === name);
@@ -275,6 +311,7 @@ export class Stream {
       received: (job) => {
         this.troubled(null);
         if (kind === "group") this.reconsider(wanted, job);
+        else if (this.decoders.isNearlyHere(key)) this.fill();
       },
       trouble: (why) => this.troubled(why),
       done: (decoded) => this.deliver(wanted, rendition, decoded),
@@ -339,6 +376,11 @@ export function costOf(group: Pick<ReelFile, "points" | "frames">): number {
 export function memoryBudget(): number {
   const gigabytes = (navigator as { deviceMemory?: number }).deviceMemory ?? 2;
   return Math.min(Math.max(gigabytes, 1), 8) * 2 ** 26;
+}
+
+function itemOf(key: string): Wanted {
+  const [kind, index] = key.split(" ");
+  return kind === "layer" ? layerItem(Number(index)) : groupItem(Number(index));
 }
 
 function layerItem(index: number): Wanted {

@@ -13,7 +13,7 @@ import type { Player } from "./player";
 import { describe } from "./stats";
 
 /** Of the player: after these, what shows may be another. */
-const EVENTS = ["loadstart", "loadedmetadata", "durationchange", "canplay", "play", "pause", "timeupdate", "progress", "waiting", "playing"];
+const EVENTS = ["emptied", "loadstart", "loadedmetadata", "durationchange", "canplay", "play", "pause", "timeupdate", "progress", "waiting", "playing"];
 EVENTS.push("seeking", "seeked", "ratechange", "ended", "error");
 
 export class Controls {

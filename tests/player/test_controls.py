@@ -147,39 +147,3 @@ def test_less_motion_for_those_who_ask_for_it(browser: Browser, server: Server):
     open_player(page, server, "")
     assert page.evaluate(f"[{REEL}.paused, {PLAYER}.camera.calm]") == [True, True]
     page.close()
-
-
-def test_the_element_has_the_manners_of_a_video(page: Page, server: Server):
-    page.route("**/embed.html", lambda route: route.fulfill(content_type="text/html", body=EMBED))
-    page.goto(server.url + "embed.html")
-    page.wait_for_function("seen.includes('seeked') && r.readyState === 4")
-    seen = page.evaluate("seen")
-    order = [seen.index(name) for name in ("loadstart", "loadedmetadata", "playing", "canplay", "seeking", "seeked")]
-    assert order == sorted(order)
-    state = page.evaluate(
-        "[r.paused, r.duration, r.currentTime, r.buffered.end(0), r.readyState, r.error, r.currentSrc, r.camera.width]"
-    )
-    duration = pytest.approx(open_reel(GOLDEN).duration)
-    assert state == [True, duration, 0.1, duration, 4, None, f"{server.url}reel/manifest.json", 240]
-    assert page.evaluate("r.play().then(() => r.paused)") is False
-    page.evaluate("r.remove()")
-    assert page.evaluate("[r.player.manifest, r.readyState]") == [None, 0]
-    page.evaluate(
-        "r.poster = 'data:image/gif;base64,R0lGODlhAQABAAAAACwAAAAAAQABAAACAkQBADs='; document.body.append(r)"
-    )
-    assert page.locator("splat-reel .poster").is_visible()
-    page.wait_for_function("r.readyState >= 2")
-    assert page.locator("splat-reel .poster").is_hidden()
-
-
-EMBED = """<!doctype html><body><script type="module">
-import { SplatReelElement } from "./player.js";
-const r = window.r = new SplatReelElement();
-const seen = window.seen = [];
-for (const name of ["loadstart", "loadedmetadata", "playing", "canplay", "seeking", "seeked"])
-  r.addEventListener(name, () => seen.push(name));
-r.style.width = "240px";
-r.src = "reel/manifest.json";
-r.addEventListener("canplay", () => { r.currentTime = 0.1; });
-document.body.append(r);
-</script>"""

@@ -15,7 +15,7 @@ from splatreel.errors import ReelError
 from splatreel.play.page import introduced
 from splatreel.play.server import STATIC
 
-MODULE = '<script type="module" src="player.js"></script>'
+MODULE = '<script type="module" src="early.js"></script>'
 PAGE = "<main data-splatreel-page>"
 """What stands in the player's own page."""
 WORKERS = ("decode-worker.js", "sort-worker.js")

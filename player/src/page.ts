@@ -1,0 +1,26 @@
+/** The bundled page: opens the reel that ?src= names, by default the one beside it, in the whole window. */
+import styles from "./page.css";
+
+/** What `early` has asked for: the text of the manifest at an address, null if that failed, and the poster. */
+export interface Early {
+  url: string;
+  text: Promise<string | null>;
+  image: HTMLImageElement;
+}
+
+/** The element of the page that asks for it; a page that embeds the player has none. */
+export type Stage = HTMLElement & { early?: Early };
+
+export function openPage(stage: Stage): void {
+  const sheet = new CSSStyleSheet();
+  sheet.replaceSync(styles);
+  document.adoptedStyleSheets.push(sheet); // not a style element, which a host's policy may forbid
+  const parameters = new URLSearchParams(location.search);
+  const reel = document.createElement("splat-reel");
+  for (const name of ["autoplay", "loop", "controls", "share"]) reel.toggleAttribute(name, parameters.get(name) !== "0");
+  for (const name of ["src", "poster"]) if (parameters.has(name)) reel.setAttribute(name, parameters.get(name)!);
+  if (!parameters.has("src")) reel.setAttribute("src", stage.dataset.src ?? "reel/manifest.json");
+  reel.player.early = stage.early ?? null;
+  stage.append(reel);
+  stage.early?.image.remove(); // the element shows the same
+}

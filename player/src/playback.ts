@@ -1,0 +1,171 @@
+/** Time of the reel that is open, what is needed for it, and one picture a display frame. */
+import type { Manifest } from "./manifest";
+import type { Player } from "./player";
+import type { Eye, View } from "./renderer";
+import type { Scene } from "./sort-worker";
+import type { Stage } from "./stage";
+
+/** Longest step of the clock: after a background tab, playback goes on where it was. */
+const LONGEST_STEP = 0.25;
+/** Ticks after which the stream may think again although nothing happens: what failed has rested, the network may be better. */
+const HEARTBEAT = 30;
+
+export class Playback {
+  /** Data is missing: time stands still. */
+  stalled = true;
+  seeking = false;
+  /** A whole picture has been shown. */
+  ready = false;
+  /** Something has been drawn, if only what rests. */
+  pictured = false;
+  /** Time goes on. */
+  moving = false;
+
+  private lastTick = 0;
+  private ticks = 0;
+  private request = 0;
+
+  constructor(private readonly player: Player) {}
+
+  /** Draw and let time go on, or stop. */
+  run(on: boolean): void {
+    cancelAnimationFrame(this.request);
+    if (!on) return void (this.moving = false);
+    this.lastTick = performance.now();
+    const tick = (now: number): void => {
+      this.request = requestAnimationFrame(tick);
+      this.tick(now);
+    };
+    this.request = requestAnimationFrame(tick);
+  }
+
+  /** Another reel is opened, or none. A seek stays one. */
+  reset(): void {
+    [this.stalled, this.ready, this.pictured, this.moving] = [true, false, false, false];
+  }
+
+  /** Draw the picture that shows once more, at once; false where there is none. */
+  redraw(): boolean {
+    const { stage, view } = this.player;
+    if (!stage || stage.lost || !this.pictured || !view) return false;
+    stage.redraw();
+    stage.draw(null, view);
+    return true;
+  }
+
+  /** What should show now. */
+  get scene(): Scene {
+    const { clock, stream } = this.player;
+    const { current, previous } = clock.moment;
+    return { layers: stream!.layersOf(current.group), current, previous };
+  }
+
+  /** Whether what rests has most of the points of the first picture, so that it is one without the rest. */
+  get layersFill(): boolean {
+    const { layers, groups } = this.player.manifest as Manifest;
+    const { group } = this.player.clock.moment.current;
+    const resting = layers.reduce((sum, layer) => sum + (layer.group <= group ? layer.points : 0), 0);
+    return resting >= groups[group].points;
+  }
+
+  /** Tell the stream what is needed now, and see whether it is here. */
+  update(): void {
+    const { player } = this;
+    const { stream, stage, clock } = player;
+    if (!stream || !stage || player.error) return;
+    const { current, previous } = clock.moment;
+    const shown = { current: current.group, previous: previous?.group ?? null, inUse: stage.inUse };
+    stream.want({ ...shown, frame: clock.frame, rate: clock.rate, loop: player.loop && !player.live });
+    const here = stream.has(current.group) && (previous === null || stream.has(previous.group));
+    if (here !== this.stalled) return;
+    this.stalled = !here;
+    if (here) stage.resort();
+    else this.moving = false;
+    player.emit(here || player.paused ? "progress" : "waiting");
+  }
+
+  /** A frame of a headset: what it sees, sorted as the head looks. */
+  present(now: number, head: View, eyes: Eye[]): void {
+    const { stage, camera, held } = this.player;
+    if (!stage || !camera || held) return;
+    this.pass(now);
+    stage.invalidate();
+    this.drawOn(stage, head, eyes, now);
+  }
+
+  private tick(now: number): void {
+    const { player } = this;
+    const { stage, camera } = player;
+    if (player.presented) return; // the headset's frames count
+    if (!stage || !camera || player.held) return void (this.lastTick = now);
+    if (camera.step(this.pass(now))) player.invalidate();
+    const view = player.view;
+    if (view) this.drawOn(stage, view, null, now);
+  }
+
+  /** Let time go on; seconds since the last time. */
+  private pass(now: number): number {
+    const step = Math.min(Math.max(now - this.lastTick, 0) / 1000, LONGEST_STEP);
+    this.lastTick = now;
+    this.advance(step);
+    if (++this.ticks % HEARTBEAT === 0) this.update();
+    return step;
+  }
+
+  private drawOn(stage: Stage, view: View, eyes: Eye[] | null, now: number): void {
+    const { resolution, stream, clock } = this.player;
+    if (stage.wantsSort) this.startSort(stage, view);
+    const before = stage.pictures;
+    stage.draw(this.seeking || this.stalled ? null : clock.frame, view, eyes);
+    const drawn = stage.pictures > before;
+    if (drawn) this.drew();
+    if (resolution.drawn(drawn, now)) stream?.judge(resolution.struggling);
+    if (!eyes && this.ready && resolution.rest(now)) stage.redraw();
+  }
+
+  private drew(): void {
+    if (this.pictured) return;
+    this.pictured = true;
+    this.player.emit("loadeddata");
+  }
+
+  private advance(step: number): void {
+    const { player } = this;
+    if (player.paused || !this.ready || this.stalled || this.seeking || player.error) return;
+    if (!player.clock.advance(step)) return void (this.moving = false);
+    if (!this.moving) {
+      this.moving = true;
+      player.emit("playing");
+    }
+    player.emit("timeupdate");
+    this.update();
+    player.invalidate();
+    if (player.ended && !player.loop) {
+      player.pause();
+      player.emit("ended");
+    }
+  }
+
+  /** Sort what should show; before the first group, the layers that are here. */
+  private startSort(stage: Stage, view: View): void {
+    const layers = this.player.stream!.layersReady;
+    if (!this.stalled) void this.show(stage, this.scene, view);
+    else if (!stage.scene?.current && layers > 0) void this.show(stage, { layers, current: null, previous: null }, view);
+  }
+
+  /** Show a scene: then a seek may be over, and the first picture may be whole. */
+  private async show(stage: Stage, scene: Scene, view: View): Promise<void> {
+    const { player } = this;
+    if (!(await stage.sort(scene, view)) || this.stalled || scene.current === null) return;
+    if (!this.ready && !player.presented) stage.draw(player.clock.frame, view); // canplay: it has been drawn
+    if (this.seeking && scene.current.group === player.clock.moment.current.group) {
+      this.seeking = false;
+      player.emit("seeked");
+      this.update(); // what was on screen before may go now
+    }
+    if (this.ready) return;
+    this.ready = true;
+    this.drew();
+    player.emit("canplay");
+  }
+}

@@ -1,0 +1,89 @@
+"""The player from another origin, such as a CDN, and under the strict policies that docs/player.md gives."""
+
+import re
+import time
+from pathlib import Path
+
+import pytest
+from playwright.sync_api import Page
+
+from splatreel.play.server import STATIC
+from tests.golden import GOLDEN, PREDICTIVE
+from tests.player.hosts import host
+from tests.player.pages import PLAYER
+
+pytestmark = pytest.mark.browser
+
+DOCS = Path(__file__).parents[2] / "docs" / "player.md"
+CORS = {"Access-Control-Allow-Origin": "*"}
+PAGE = """<!doctype html><link rel="icon" href="data:," /><script type="module" src="{player}player.js"></script>
+<splat-reel src="{reel}manifest.json" controls></splat-reel>"""
+
+
+def policies() -> list[str]:
+    """Those of the docs: the player on the page's own origin, and from a CDN."""
+    found = re.findall(r"^ +Content-Security-Policy: (.+)$", DOCS.read_text(), re.M)
+    assert len(found) == 2
+    return found
+
+
+def violations(page: Page) -> list[str]:
+    """What policies forbid, in pages and workers, as the console says."""
+    texts: list[str] = []
+    page.on(
+        "console", lambda message: texts.append(message.text) if "Content Security Policy" in message.text else None
+    )
+    return texts
+
+
+def wait(page: Page, expression: str) -> None:
+    """As `wait_for_function`, which policies forbid."""
+    deadline = time.monotonic() + 30
+    while not page.evaluate(expression):
+        assert time.monotonic() < deadline, (expression, page.evaluate(f"String({PLAYER}.error)"))
+        page.wait_for_timeout(50)
+
+
+def wait_for_picture(page: Page) -> None:
+    wait(page, f"document.querySelector('splat-reel')?.player && ({PLAYER}.canPlay || {PLAYER}.error !== null)")
+    assert page.evaluate(f"{PLAYER}.error?.message ?? null") is None
+
+
+@pytest.mark.parametrize("reel", [GOLDEN, PREDICTIVE], ids=["h265", "predictive"])
+def test_page_player_and_reel_on_three_origins(page: Page, tmp_path: Path, reel: Path):
+    with host(STATIC, headers=CORS) as cdn, host(reel, headers=CORS) as data:
+        policy = policies()[1].replace("https://cdn.example", cdn[:-1]).replace("https://reels.example", data[:-1])
+        pages = {"/": PAGE.format(player=cdn, reel=data)}
+        with host(tmp_path, pages, {"Content-Security-Policy": policy}) as site:
+            forbidden = violations(page)
+            page.goto(site)
+            wait_for_picture(page)
+            page.evaluate(f"{PLAYER}.currentTime = 0.3")
+            wait(page, f"!{PLAYER}.seeking && !{PLAYER}.waiting")
+    assert forbidden == []
+
+
+@pytest.mark.parametrize("reel", [GOLDEN, PREDICTIVE], ids=["h265", "predictive"])
+def test_a_strict_policy_on_one_origin(page: Page, tmp_path: Path, reel: Path):
+    (tmp_path / "player").symlink_to(STATIC)
+    (tmp_path / "reel").symlink_to(reel)
+    pages = {"/": PAGE.format(player="player/", reel="reel/")}
+    with host(tmp_path, pages, {"Content-Security-Policy": policies()[0]}) as site:
+        forbidden = violations(page)
+        page.goto(site)
+        wait_for_picture(page)
+        page.locator("splat-reel").get_by_role("button", name="Settings").click()
+        page.goto(f"{site}player/index.html?src=../reel/manifest.json")
+        wait_for_picture(page)
+    assert forbidden == []
+
+
+def test_without_leave_for_webassembly_it_decodes_in_javascript(page: Page, tmp_path: Path):
+    page.expected_problems = ("WebAssembly",)
+    (tmp_path / "player").symlink_to(STATIC)
+    (tmp_path / "reel").symlink_to(PREDICTIVE)
+    policy = policies()[0].replace(" 'wasm-unsafe-eval'", "")
+    pages = {"/": PAGE.format(player="player/", reel="reel/")}
+    with host(tmp_path, pages, {"Content-Security-Policy": policy}) as site:
+        page.goto(site)
+        wait_for_picture(page)
