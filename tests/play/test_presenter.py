@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
+from splatreel.codec import container
 from splatreel.codec.verify import verify_reel
 from splatreel.codec.writer import ReelWriter
 from splatreel.errors import ReelError
@@ -137,3 +138,40 @@ def test_a_poster_that_does_not_fit_is_smaller(tmp_path: Path, monkeypatch: pyte
     poster = writer.manifest.presentation.poster
     assert poster is not None
     assert (poster.width, poster.height) == (640, 480)
+
+
+def test_killed_at_any_write_the_same_command_ends_with_the_same_reel(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    present = Presenter({"title": "Balls"})
+
+    def run(folder: Path) -> None:
+        writer = new_writer(folder, resume=True)
+        published = len(writer.manifest.groups)
+        if published:
+            present(writer, published - 1)
+        add_groups(writer, range(published, 2), present)
+        complete(writer, present)
+
+    run(tmp_path / "whole")
+    writes, first = 0, container.write_atomically
+
+    def write(path: Path, data: bytes) -> None:
+        nonlocal writes
+        writes += 1
+        if writes == fatal:
+            raise KeyboardInterrupt
+        first(path, data)
+
+    monkeypatch.setattr("splatreel.codec.writer.write_atomically", write)
+    for fatal in range(1, 30):
+        writes = 0
+        folder = tmp_path / str(fatal)
+        try:
+            run(folder)
+        except KeyboardInterrupt:
+            run(folder)
+        assert contents(folder) == contents(tmp_path / "whole"), f"killed at write {fatal}"
+        if writes < fatal:
+            break
+    assert 8 < fatal < 29, "every write was tried"
