@@ -25,7 +25,7 @@ def test_the_demo_makes_a_reel_and_a_report_and_is_continued(
 ) -> None:
     arguments = ["demo", "--out", str(tmp_path / "demo"), "--width", "64", "--height", "48", "--frames", "8"]
     assert main(arguments) == 0
-    out = capsys.readouterr().out
+    said = capsys.readouterr()
     report = json.loads((tmp_path / "demo" / "report.json").read_text())
     manifest = json.loads((tmp_path / "demo" / "reel" / "manifest.json").read_text())
     assert (report["frames"], report["width"], report["height"]) == (8, 64, 48)
@@ -37,8 +37,9 @@ def test_the_demo_makes_a_reel_and_a_report_and_is_continued(
     assert len(manifest["groups"]) == 2
     assert manifest["live"] is False
     assert manifest["title"] == "A toy room"
-    assert {"poster", "thumbnails", "limits"} <= set(manifest)
-    assert "splatreel serve" in out  # no terminal here: it ends by itself
+    assert {"poster", "thumbnails", "sound", "limits"} <= set(manifest)
+    assert "Sound: camera cam" in said.err
+    assert "splatreel serve" in said.out  # no terminal here: it ends by itself
 
     assert main(["edit", str(tmp_path / "demo"), "--title", "My room"]) == 0
     assert main(arguments) == 0

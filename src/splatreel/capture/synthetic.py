@@ -1,4 +1,4 @@
-"""The built-in capture: the toy room filmed by fourteen cameras, written as a Neu3DV folder."""
+"""The built-in capture: the toy room filmed by fourteen cameras, with sound, written as a Neu3DV folder."""
 
 from __future__ import annotations
 
@@ -21,10 +21,12 @@ from splatreel import threads
 from splatreel.capture import toyroom
 from splatreel.capture.raytracer import trace_cover, trace_frame, trace_still
 from splatreel.capture.sidecar import SIDECAR
+from splatreel.capture.sound import RATE
+from splatreel.capture.toysound import heard
 from splatreel.errors import CaptureError, UsageError
 from splatreel.scene.camera import Camera
 
-VERSION = 1
+VERSION = 2
 """Raised when the same arguments make another capture than before."""
 
 NEAR, FAR = 2.0, 9.0
@@ -159,7 +161,9 @@ def _film(folder: Path, camera: Camera, recipe: dict) -> Iterator[int]:
     """Write one camera's video; yields the number of each frame as it is written."""
     still = toyroom.standing(recipe["seed"])
     seen = trace_still(camera, still, toyroom.LIGHT)
-    with VideoWriter(folder / f"{camera.name}.mp4", camera, recipe["fps"]) as video:
+    seconds, seed = recipe["frames"] / recipe["fps"], 100 * recipe["seed"] + int(camera.name.removeprefix("cam"))
+    sound = heard(camera.center, seconds, seed)
+    with VideoWriter(folder / f"{camera.name}.mp4", camera, recipe["fps"], sound) as video:
         for t in range(recipe["frames"]):
             video.add(trace_frame(camera, seen, still, toyroom.moving(t / recipe["fps"]), toyroom.LIGHT))
             yield t
@@ -174,14 +178,21 @@ def llff_row(camera: Camera, near: float, far: float) -> np.ndarray:
 
 
 class VideoWriter:
-    """An H.264 file of nearly lossless quality; one thread, so that the bytes do not depend on the machine."""
+    """An H.264 file of nearly lossless quality; one thread, so that the bytes do not depend on the machine.
 
-    def __init__(self, path: Path, camera: Camera, fps: int) -> None:
+    sound: [samples] float32 at `RATE` a second from the first picture on, kept without loss (ALAC); None: the file is silent.
+    """
+
+    def __init__(self, path: Path, camera: Camera, fps: int, sound: np.ndarray | None = None) -> None:
         self._container = av.open(str(path), "w", options={"fflags": "+bitexact"})
         self._stream = self._container.add_stream("libx264", rate=Fraction(fps))
         self._stream.width, self._stream.height, self._stream.pix_fmt = camera.width, camera.height, "yuv444p"
         self._stream.codec_context.thread_count = 1
         self._stream.codec_context.options = {"crf": "6", "preset": "medium", "g": str(fps), "flags": "+bitexact"}
+        self._sound, self._track = sound, None
+        if sound is not None:
+            self._track = self._container.add_stream("alac", rate=RATE, layout="mono")
+            self._track.codec_context.options = {"flags": "+bitexact"}
 
     def __enter__(self) -> VideoWriter:
         return self
@@ -192,4 +203,14 @@ class VideoWriter:
     def __exit__(self, kind: type | None, *_: object) -> None:
         if kind is None:
             self._container.mux(self._stream.encode(None))
+            self._add_sound()
         self._container.close()
+
+    def _add_sound(self) -> None:
+        if self._sound is None or self._track is None:
+            return
+        samples = np.rint(self._sound * 32767).astype(np.int16)
+        frame = av.AudioFrame.from_ndarray(samples[None], "s16p", "mono")
+        frame.sample_rate, frame.pts = RATE, 0
+        self._container.mux(self._track.encode(frame))
+        self._container.mux(self._track.encode(None))

@@ -6,6 +6,7 @@ World: x right, y up, z towards the cameras; the floor is y = 0. Times are secon
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -15,6 +16,10 @@ from splatreel.capture.solids import BOX, CYLINDER, ELLIPSOID, POSITION, REACH, 
 LIGHT = np.array([1.3, 4.6, 3.4])
 PLANE_ENTERS = 0.4
 TRAIN_STARTS = 1.2
+BALL_RADIUS, BALL_REACH, BALL_SPEED, BALL_HOP = 0.16, 1.44, 2.7, 0.62
+"""How far to either side the ball comes, how fast, and the seconds from one bounce to the next."""
+BALL_START, BALL_PHASE = 0.6, 0.25
+"""At time 0: how far it has come from the left, and the share of a hop."""
 
 Color = tuple[float, float, float]
 WHITE, CREAM, BLACK = (0.95, 0.94, 0.9), (0.93, 0.86, 0.7), (0.09, 0.09, 0.11)
@@ -211,16 +216,45 @@ def _globe(b: Builder, t: float) -> None:
     b.add(ELLIPSOID, (0.02, 0.8, -0.75), (0.38,) * 3, colors, tx.GLOBE, 2.0, 3.0, turn=turn_z(-0.3) @ turn_y(0.66 * t))
 
 
+def ball(t: float) -> tuple[float, float, float]:
+    """Where the middle of the ball is."""
+    way = (BALL_SPEED * t + BALL_START) % (4 * BALL_REACH)
+    x = way - BALL_REACH if way < 2 * BALL_REACH else 3 * BALL_REACH - way
+    phase = (t / BALL_HOP + BALL_PHASE) % 1.0
+    return x, BALL_RADIUS + 0.012 + 4 * phase * (1 - phase) * 0.5, 0.75
+
+
+@dataclass(frozen=True)
+class Impact:
+    """The ball strikes something. place: where they touch. on: floor or bumper. strength: of the strongest one is 1."""
+
+    time: float
+    place: tuple[float, float, float]
+    on: str
+    strength: float
+
+
+def impacts(seconds: float) -> list[Impact]:
+    """All of the first so many seconds, in the order of time."""
+    bounces = [(k - BALL_PHASE) * BALL_HOP for k in range(1, math.ceil(seconds / BALL_HOP + BALL_PHASE) + 1)]
+    crossing = 2 * BALL_REACH / BALL_SPEED
+    turns = [k * crossing - BALL_START / BALL_SPEED for k in range(1, math.ceil(seconds / crossing) + 2)]
+    found = []
+    for time in bounces:
+        x, y, z = ball(time)
+        found.append(Impact(time, (x, y - BALL_RADIUS, z), "floor", 1.0))
+    for time in turns:
+        x, y, z = ball(time)
+        found.append(Impact(time, (x + math.copysign(BALL_RADIUS, x), y, z), "bumper", 0.6))
+    return sorted((impact for impact in found if impact.time < seconds), key=lambda impact: impact.time)
+
+
 def _ball(b: Builder, t: float) -> None:
     """The fast thing: to and fro between two bumpers, bouncing; 6 to 8 pixels a frame at the default size."""
-    radius, reach, speed, hop = 0.16, 1.44, 2.7, 0.62
-    way = (speed * t + 0.6) % (4 * reach)
-    x = way - reach if way < 2 * reach else 3 * reach - way
-    phase = (t / hop + 0.25) % 1.0
-    y = radius + 0.012 + 4 * phase * (1 - phase) * 0.5
-    turn = turn_z(-2.0 * x / reach) @ turn_x(0.5)
+    place = ball(t)
+    turn = turn_z(-2.0 * place[0] / BALL_REACH) @ turn_x(0.5)
     b.body()
-    b.add(ELLIPSOID, (x, y, 0.75), (radius,) * 3, (RED, WHITE, YELLOW), tx.SECTORS, 3.0, turn=turn)
+    b.add(ELLIPSOID, place, (BALL_RADIUS,) * 3, (RED, WHITE, YELLOW), tx.SECTORS, 3.0, turn=turn)
 
 
 def _plane(b: Builder, t: float) -> None:
