@@ -31,7 +31,7 @@ const common = {
 
 await rm(out, { recursive: true, force: true });
 await mkdir(out, { recursive: true });
-await build({ ...common, entryPoints: { player: "src/main.ts" }, format: "esm", outdir: out });
+await build({ ...common, entryPoints: { player: "src/main.ts", share: "src/share.ts" }, format: "esm", outdir: out });
 await build({ ...common, entryPoints: { early: "src/early.ts" }, format: "esm", external: ["./player.js"], outdir: out });
 await build({
   ...common,
@@ -48,15 +48,18 @@ for (const [name, source] of Object.entries(decoders)) await copyFile(join(packa
 await writeFile(join(out, "THIRD_PARTY.txt"), await notices());
 
 async function notices() {
-  const hevc = await readFile(join(packages, "@hevcjs/core/LICENSE"), "utf8");
+  const licence = (name) => readFile(join(packages, name, "LICENSE"), "utf8");
   return [
-    "The player in this folder is part of Splatreel (Apache-2.0). It carries two decoders of others:",
+    "The player in this folder is part of Splatreel (Apache-2.0). It carries two decoders and an encoder of others:",
     "",
     "draco-decode.js, draco_decoder.wasm: npm package draco3d, Copyright The Draco Authors, Apache License 2.0.",
     "https://www.apache.org/licenses/LICENSE-2.0",
     "",
     "hevc-decode.js, hevc-decode.wasm: npm package @hevcjs/core, under this licence:",
     "",
-    hevc,
+    await licence("@hevcjs/core"),
+    "share.js: holds the npm package uqr, which writes QR codes, under this licence:",
+    "",
+    await licence("uqr"),
   ].join("\n");
 }

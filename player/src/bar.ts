@@ -30,6 +30,8 @@ export interface BarActions {
 /** What the bar cannot see in the player. */
 export interface BarState {
   full: boolean;
+  /** What the button for it promises; "": there is none. */
+  fullLabel: string;
   presenting: boolean;
 }
 
@@ -58,15 +60,17 @@ export class Bar {
   }
 
   /** Show how things are. */
-  update({ full, presenting }: BarState): void {
+  update({ full, fullLabel, presenting }: BarState): void {
     const { duration, currentTime, paused, live, clock, manifest } = this.player;
     this.box.hidden = manifest === null;
     this.seek.update();
-    this.button("time").innerHTML = `${timeText(currentTime)} <span>/ ${timeText(duration)}</span>`;
+    const tenths = duration < 60;
+    this.button("time").innerHTML = `${timeText(currentTime, tenths)} <span>/ ${timeText(duration, tenths)}</span>`;
     this.button("live").hidden = !live;
     this.button("live").classList.toggle("on", currentTime >= clock.edge);
     this.set("play", paused ? PLAY : PAUSE, paused ? "Play" : "Pause", "k");
-    this.set("full", full ? SMALL : FULL, full ? "Leave fullscreen" : "Fullscreen", "f");
+    this.button("full").hidden = fullLabel === "";
+    this.set("full", full ? SMALL : FULL, fullLabel, "f");
     this.set("headset", HEADSET, presenting ? "Leave VR" : "Enter VR", "v");
   }
 

@@ -1,6 +1,6 @@
 /** safetensors files with a `splatreel` header (docs/format.md). */
 import { fits } from "./budget";
-import { ReelError } from "./errors";
+import { PLAIN, ReelError } from "./errors";
 
 export interface Section {
   codec: string;
@@ -43,7 +43,7 @@ export function parseContainer(file: Uint8Array, name: string): Container {
     fail("its header cannot be read");
   }
   if (!isObject(header) || !isObject(meta)) return fail("its header cannot be read");
-  if (meta.version !== 1) throw new ReelError(`${name} has version ${JSON.stringify(meta.version)}; this player knows version 1.`);
+  if (meta.version !== 1) throw new ReelError(`${name} has version ${JSON.stringify(meta.version)}; this player knows version 1.`, { plain: PLAIN.newer });
   const sections = meta.sections;
   if (!isObject(sections) || !Object.values(sections).every(isObject)) return fail("it has no table of sections");
   if (meta.kind !== "layer" && meta.kind !== "group") fail("it is neither a layer nor a group");

@@ -17,7 +17,7 @@ export type DecodeReply = { id: number } & (
   | { received: number }
   | { trouble: string }
   | { file: DecodedFile; milliseconds: number }
-  | { error: string }
+  | { error: string; plain?: string | undefined }
 );
 
 const scope = self as unknown as { onmessage: (event: MessageEvent<DecodeRequest>) => void; postMessage(message: DecodeReply, transfer?: Transferable[]): void };
@@ -40,7 +40,7 @@ scope.onmessage = async ({ data }) => {
     const file = await decodeFile(bytes, source.url, decodeDraco, decodeInWorker, await kernels);
     scope.postMessage({ id, file, milliseconds: performance.now() - began }, buffersOf(file));
   } catch (error) {
-    scope.postMessage({ id, error: messageOf(error) });
+    scope.postMessage({ id, error: messageOf(error), plain: error instanceof ReelError ? error.plain : undefined });
   }
   running.delete(id);
 };

@@ -14,7 +14,7 @@ export interface Receiver {
   received(job: Job): void;
   trouble(why: string): void;
   done(file: DecodedFile): void;
-  failed(why: string): void;
+  failed(why: string, plain?: string): void;
 }
 
 export interface Job {
@@ -98,7 +98,7 @@ export class Decoders {
         this.count(job, data.received);
         receiver.received(job);
       } else if ("trouble" in data) receiver.trouble(data.trouble);
-      else if ("error" in data) finish(() => receiver.failed(data.error));
+      else if ("error" in data) finish(() => receiver.failed(data.error, data.plain));
       else {
         this.time(data.milliseconds, points);
         finish(() => receiver.done(data.file));

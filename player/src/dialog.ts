@@ -2,30 +2,38 @@
 import { CLOSE } from "./icons";
 import { elementOf } from "./markup";
 
+const MARKUP = `<div class="sheet dialog" role="dialog" hidden>
+  <button type="button" class="close" aria-label="Close">${CLOSE}</button>
+  <h2></h2>
+  <div class="content"></div>
+</div>`;
+
 export class Dialog {
-  readonly box: HTMLElement;
+  readonly box = elementOf(MARKUP);
+  private readonly button = this.box.querySelector<HTMLElement>(".close")!;
 
-  /** name: its class; closed: called whenever it was closed. */
-  constructor(name: string, label: string, private readonly closed: () => void, signal: AbortSignal) {
-    this.box = elementOf(`<div class="sheet dialog ${name}" role="dialog" aria-label="${label}" hidden><button type="button" class="close" aria-label="Close">${CLOSE}</button></div>`);
-    this.closeButton.onclick = () => (this.open = false);
-    document.addEventListener("pointerdown", (event) => {
-      if (this.open && !event.composedPath().includes(this.box)) this.open = false;
-    }, { signal });
+  /** closed: called whenever it was closed. */
+  constructor(private readonly closed: () => void, signal: AbortSignal) {
+    this.button.onclick = () => this.close();
+    document.addEventListener("pointerdown", (event) => void (event.composedPath().includes(this.box) || this.close()), { signal });
   }
 
-  get open(): boolean {
-    return !this.box.hidden;
+  /** The title of what is open; "" when nothing is. */
+  get open(): string {
+    return this.box.hidden ? "" : this.box.ariaLabel!;
   }
 
-  set open(open: boolean) {
-    if (open === this.open) return;
-    this.box.hidden = !open;
-    if (open) this.closeButton.focus();
-    else this.closed();
+  show(title: string, content: HTMLElement): void {
+    this.box.ariaLabel = title;
+    this.box.querySelector("h2")!.textContent = title;
+    this.box.querySelector(".content")!.replaceChildren(content);
+    this.box.hidden = false;
+    this.button.focus();
   }
 
-  private get closeButton(): HTMLElement {
-    return this.box.querySelector<HTMLElement>(".close")!;
+  close(): void {
+    if (!this.open) return;
+    this.box.hidden = true;
+    this.closed();
   }
 }

@@ -1,6 +1,6 @@
 /** Gets a file over networks that fail: tries again after growing pauses, goes on where a transfer broke off, checks what came. */
 import { isIntact } from "./checksum";
-import { ReelError, messageOf } from "./errors";
+import { PLAIN, ReelError, messageOf } from "./errors";
 import { readPart, type Part } from "./local-files";
 
 export interface Source {
@@ -27,7 +27,7 @@ const STALL = 8000;
 
 /** A failure that may pass, and how often it is worth trying again. */
 class Passing extends Error {
-  constructor(why: string, readonly tries = PAUSES.length, readonly status = 0) {
+  constructor(why: string, readonly tries = PAUSES.length, readonly status = 0, readonly plain = PLAIN.network) {
     super(why);
   }
 }
@@ -70,7 +70,7 @@ async function insist<T>(url: string, watcher: Watcher, signal: AbortSignal, att
     } catch (error) {
       if (signal.aborted || !(error instanceof Passing)) throw error;
       const offline = navigator.onLine === false;
-      if (!offline && failures >= error.tries) throw new ReelError(`${url} cannot be downloaded: ${error.message}.`);
+      if (!offline && failures >= error.tries) throw new ReelError(`${url} cannot be downloaded: ${error.message}.`, { plain: error.plain });
       watcher.trouble(offline ? "Offline. Waiting for the network." : `Trying again: ${error.message}.`);
       await pause(PAUSES[failures] * (1 + Math.random() / 2), signal);
       // Without a network nothing is given up.
@@ -87,14 +87,14 @@ async function ask(url: string, options: RequestInit, tries = PAUSES.length): Pr
   } catch (error) {
     if (options.signal?.aborted) throw error;
     if (await answersOthers(url)) {
-      throw new ReelError(`${url} is there, but its host does not let pages of ${location.origin} read it. It must send the header Access-Control-Allow-Origin.`);
+      throw new ReelError(`${url} is there, but its host does not let pages of ${location.origin} read it. It must send the header Access-Control-Allow-Origin.`, { plain: PLAIN.refused });
     }
     throw new Passing(`${messageOf(error)}. Check the address and the network`, tries);
   }
   if (response.ok) return response;
   const why = `it answered ${response.status} ${response.statusText}`.trim();
   if (response.status >= 500 || [408, 416, 425, 429].includes(response.status)) throw new Passing(why, tries, response.status);
-  throw new ReelError(`${url} cannot be downloaded: ${why}.`);
+  throw new ReelError(`${url} cannot be downloaded: ${why}.`, { plain: [401, 403].includes(response.status) ? PLAIN.refused : PLAIN.missing });
 }
 
 /** Work that is given up when nothing comes for a while: `alive` says that something came. */
@@ -141,7 +141,7 @@ async function receive(source: Source, transfer: { body: Uint8Array; filled: num
       alive();
       if (transfer.filled + value.byteLength > source.bytes) {
         transfer.filled = 0;
-        throw new Passing(`it has more than the ${source.bytes} bytes of the manifest`, FEW);
+        throw new Passing(`it has more than the ${source.bytes} bytes of the manifest`, FEW, 0, PLAIN.damaged);
       }
       transfer.body.set(value, transfer.filled);
       transfer.filled += value.byteLength;
@@ -154,7 +154,7 @@ async function receive(source: Source, transfer: { body: Uint8Array; filled: num
 async function check({ sha256 }: Source, transfer: { body: Uint8Array; filled: number }): Promise<void> {
   if (await isIntact(transfer.body, sha256)) return;
   transfer.filled = 0;
-  throw new Passing("its checksum is not the manifest's", FEW);
+  throw new Passing("its checksum is not the manifest's", FEW, 0, PLAIN.damaged);
 }
 
 /** Whether a host that this page may not read from answers at all. */

@@ -1,11 +1,31 @@
 /** The help: keys and gestures, and what they do. */
 import type { KeyTable } from "./keys";
+import { elementOf } from "./markup";
 
-/** The help's content as markup. */
-export function helpMarkup(table: KeyTable): string {
-  const section = ([title, lines]: KeyTable[number]): string => `<section><h3>${title}</h3><dl>${lines.map(({ shown, what }) => `<dt>${keycaps(shown)}</dt><dd>${what}</dd>`).join("")}</dl></section>`;
-  return `<h2>Keys</h2><div class="columns">${table.map(section).join("")}</div>
-    <p>Drag to turn, right or Shift drag or two fingers to move, scroll or pinch for nearer and farther, double-click to choose the middle.</p>`;
+const TOUCH: [string, string][] = [
+  ["Drag", "Turn"],
+  ["Two fingers", "Move"],
+  ["Pinch", "Nearer, farther"],
+  ["Double tap", "Make that the middle"],
+  ["Tap", "Controls on, off"],
+];
+const MOUSE: [string, string][] = [
+  ["Drag", "Turn"],
+  ["Right drag, Shift drag", "Move"],
+  ["Scroll", "Nearer, farther"],
+  ["Double click", "Make that the middle"],
+];
+
+/** What this device is steered by comes first. */
+export function helpOf(table: KeyTable): HTMLElement {
+  const touch = matchMedia("(pointer: coarse)").matches;
+  const [time, view] = table.map(([title, lines]) => section(title, lines.map(({ shown, what }) => [keycaps(shown), what])));
+  const gestures = touch ? section("Touch", TOUCH) : section("Mouse", MOUSE);
+  return elementOf(`<div class="columns">${(touch ? [gestures, time, view] : [time, gestures, view]).join("")}</div>`);
+}
+
+function section(title: string, lines: [string, string][]): string {
+  return `<section><h3>${title}</h3><dl>${lines.map(([shown, what]) => `<dt>${shown}</dt><dd>${what}</dd>`).join("")}</dl></section>`;
 }
 
 function keycaps(shown: string): string {

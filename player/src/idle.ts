@@ -14,7 +14,6 @@ export class Idle {
     for (const name of ["pointermove", "pointerdown"] as const) host.addEventListener(name, (event) => this.pointer(event), { signal });
     // Not by the focus that comes with a click or a tap.
     host.addEventListener("focusin", (event) => (event.composedPath()[0] as Element).matches(":focus-visible") && this.wake(), { signal });
-    host.addEventListener("keydown", () => this.wake(), { signal });
     host.addEventListener("pointerleave", (event) => event.pointerType !== "touch" && this.sleep(), { signal });
     // A tap becomes a click once it is over: what it brings up does not get it.
     canvas.addEventListener("click", () => this.touched && (this.asleep ? this.wake() : this.sleep()), { signal });
@@ -28,6 +27,13 @@ export class Idle {
     else if (!this.fade) this.wake();
   }
 
+  /** Show them for a while. */
+  wake(): void {
+    this.host.classList.remove("idle");
+    clearTimeout(this.fade);
+    this.fade = window.setTimeout(() => this.sleep(), FADE_AFTER);
+  }
+
   private get asleep(): boolean {
     return this.host.classList.contains("idle");
   }
@@ -35,12 +41,6 @@ export class Idle {
   private pointer(event: PointerEvent): void {
     this.touched = event.pointerType === "touch";
     if (!this.touched || event.composedPath().includes(this.holder)) this.wake();
-  }
-
-  private wake(): void {
-    this.host.classList.remove("idle");
-    clearTimeout(this.fade);
-    this.fade = window.setTimeout(() => this.sleep(), FADE_AFTER);
   }
 
   private sleep(): void {

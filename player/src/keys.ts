@@ -10,6 +10,7 @@ export interface Actions {
   reset(): void;
   fly(): void;
   statistics(): void;
+  picture(): void;
   help(): void;
   escape(): void;
 }
@@ -37,7 +38,7 @@ const RATES = [0.25, 0.5, 0.75, 1, 1.25, 1.5, 2];
 /** Titles, and the keys below each with what they do. */
 export type KeyTable = [string, Line[]][];
 
-/** Listen at a player's element until the signal. Returns what there is, for the help. */
+/** Listen at a player's element, or at a page that is all for it, until the signal. Returns what there is, for the help. */
 export function attachKeys(host: HTMLElement, player: Player, actions: Actions, signal: AbortSignal): KeyTable {
   const table: KeyTable = [["Time", timeLines(player, actions)], ["View", viewLines(player, actions)]];
   const bindings = new Map<string, Binding>();
@@ -60,16 +61,20 @@ export function attachKeys(host: HTMLElement, player: Player, actions: Actions, 
     steer();
   }, { signal });
   host.addEventListener("keyup", (event) => (down.delete(event.code), steer()), { signal });
-  host.addEventListener("focusout", () => (down.clear(), steer()), { signal });
+  const letGo = (): void => (down.clear(), steer());
+  host.addEventListener("focusout", letGo, { signal });
+  addEventListener("blur", letGo, { signal });
   return table;
 }
 
 /** Whether the element under the keys wants this one for itself. */
 function takesKeys(event: KeyboardEvent): boolean {
+  const { key } = event;
   const target = event.composedPath()[0];
-  if (target instanceof HTMLSelectElement) return event.key !== "Escape";
-  if (target instanceof HTMLInputElement && target.type === "checkbox") return event.key === " ";
-  return target instanceof HTMLButtonElement && (event.key === " " || event.key === "Enter");
+  if (!(target instanceof HTMLElement) || key === "Escape") return false;
+  if (target.isContentEditable || target.matches("select, textarea, input:not([type=range], [type=checkbox])")) return true;
+  if (target.matches("[type=checkbox]")) return key === " ";
+  return target.matches("button, summary, a[href]") && (key === " " || key === "Enter");
 }
 
 function nameOf({ key, shiftKey }: KeyboardEvent): string {
@@ -108,6 +113,7 @@ function viewLines(player: Player, actions: Actions): Line[] {
     { shown: "R", what: "Reset the view", bindings: [{ keys: ["r"], press: actions.reset }] },
     { shown: "F", what: "Fullscreen", bindings: [{ keys: ["f"], press: actions.fullscreen }] },
     { shown: "V", what: "Virtual reality, with a headset", bindings: [{ keys: ["v"], press: actions.headset }] },
+    { shown: "P", what: "Save a picture", bindings: [{ keys: ["p"], press: actions.picture }] },
     { shown: "I", what: "Statistics", bindings: [{ keys: ["i"], press: actions.statistics }] },
     { shown: "?", what: "These keys", bindings: [{ keys: ["?"], press: actions.help }] },
     { shown: "Esc", what: "Close", bindings: [{ keys: ["escape"], press: actions.escape }] },

@@ -28,7 +28,7 @@ export class LocalFiles {
   /** Text of the manifest. Throws `ReelError`. */
   async manifest(): Promise<string> {
     const part = this.find("manifest.json");
-    if (!part) throw new ReelError(`${this.name} is not a reel: it has no manifest.json.`);
+    if (!part) throw new ReelError(`${this.name} is not a reel: it has no manifest.json.`, { plain: `${this.name} is not a reel: it has no manifest.json.` });
     try {
       return await new Response(streamOf(part)).text();
     } catch (error) {

@@ -1,7 +1,7 @@
 /** manifest.json of a reel (docs/format.md): reading and checking. */
 import { MOST_FRAMES, mostPoints } from "./budget";
 import { downloadText, type Source, type Watcher } from "./download";
-import { ReelError } from "./errors";
+import { PLAIN, ReelError } from "./errors";
 import { list, number, numbers, plainPath, positive, record, type Json } from "./json";
 import type { LocalFiles } from "./local-files";
 import type { Vec3 } from "./matrix";
@@ -90,7 +90,7 @@ function parseText(text: string, url: string): Manifest {
   try {
     value = JSON.parse(text);
   } catch {
-    throw new ReelError(`${url} is not a reel's manifest: it is not JSON.`);
+    throw new ReelError(`${url} is not a reel's manifest: it is not JSON.`, { plain: PLAIN.missing });
   }
   return parseManifest(value, url);
 }
@@ -98,16 +98,16 @@ function parseText(text: string, url: string): Manifest {
 /** Check a manifest's fields; unknown ones are ignored, an unknown version is an error. */
 export function parseManifest(value: unknown, url: string): Manifest {
   const json = record(value, "the manifest");
-  if (json.format !== "splatreel") throw new ReelError(`${url} is not a reel: its format is ${JSON.stringify(json.format)}.`);
+  if (json.format !== "splatreel") throw new ReelError(`${url} is not a reel: its format is ${JSON.stringify(json.format)}.`, { plain: PLAIN.missing });
   if (json.version !== 1) {
-    throw new ReelError(`${url} is a reel of version ${JSON.stringify(json.version)}; this player knows version 1.`);
+    throw new ReelError(`${url} is a reel of version ${JSON.stringify(json.version)}; this player knows version 1.`, { plain: PLAIN.newer });
   }
   const bounds = list(json.bounds, "bounds").map((corner) => numbers(corner, 3, "bounds") as Vec3);
   if (bounds.length !== 2) throw new ReelError(`${url}: bounds needs two corners.`);
   const names = parseNames(json.renditions);
   const groups = list(json.groups, "groups").map((item, index) => parseGroup(item, index, names));
   const live = json.live === true;
-  if (groups.length === 0 && !live) throw new ReelError(`${url} holds no group yet.`);
+  if (groups.length === 0 && !live) throw new ReelError(`${url} holds no group yet.`, { plain: "Nothing of this reel is here yet." });
   const layers = list(json.layers, "layers").map((item, index) => parseFile(item, index));
   checkPoints("layers", sum(layers, "points"), sum(layers, "bytes"));
   const end = groups.reduce((last, group) => Math.max(last, group.firstFrame + group.frames), 0);

@@ -19,7 +19,9 @@ const MARKUP = [
   toggle("fly", "Fly through the cameras"),
   toggle("statistics", "Statistics"),
   `<div class="frames">Frame<span><button type="button" name="back" aria-label="One frame back">${BACK}</button><button type="button" name="on" aria-label="One frame on">${ON}</button></span></div>`,
-  `<button type="button" name="share" class="wide">Copy a link to this view</button>`,
+  `<button type="button" name="share" class="wide">Share</button>`,
+  `<button type="button" name="picture" class="wide">Save a picture</button>`,
+  `<button type="button" name="about" class="wide">About this reel</button>`,
   `<button type="button" name="help" class="wide">Keys and gestures</button>`,
 ].join("");
 
@@ -28,12 +30,18 @@ export interface MenuActions {
   statistics(): void;
   help(): void;
   share(): void;
+  picture(): void;
+  about(): void;
   loop(on: boolean): void;
 }
 
 export class Menu {
   readonly box = elementOf(`<div class="sheet menu" role="group" aria-label="Settings" hidden>${MARKUP}</div>`);
   statistics = false;
+  /** The page takes links to a time and a view. */
+  shares = false;
+  /** The reel says something of itself. */
+  says = false;
 
   constructor(private readonly player: Player, actions: MenuActions) {
     this.input("rate").onchange = () => void (player.playbackRate = Number(this.input("rate").value));
@@ -47,8 +55,7 @@ export class Menu {
     this.input("statistics").onchange = () => actions.statistics();
     this.input("back").onclick = () => player.step(-1);
     this.input("on").onclick = () => player.step(1);
-    this.input("share").onclick = () => actions.share();
-    this.input("help").onclick = () => actions.help();
+    for (const name of ["share", "picture", "about", "help"] as const) this.input(name).onclick = () => actions[name]();
   }
 
   get open(): boolean {
@@ -70,6 +77,8 @@ export class Menu {
     this.input("loop").checked = player.loop;
     this.input("fly").checked = player.camera?.flying === true;
     this.input("statistics").checked = this.statistics;
+    this.input("share").hidden = !this.shares;
+    this.input("about").hidden = !this.says;
   }
 
   /** Auto says what it came to; reels in one rendition have nothing to choose. */

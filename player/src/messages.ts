@@ -1,4 +1,5 @@
 /** What stands in the middle of the picture: waiting, the first play, errors, short messages. */
+import { plainWords } from "./errors";
 import { PLAY } from "./icons";
 import { elementOf } from "./markup";
 import type { Player } from "./player";
@@ -11,7 +12,12 @@ const MARKUP = `<div class="center">
   <div class="wait" role="status" hidden><div class="spinner"></div><p>Loading</p></div>
   <button class="start" type="button" aria-label="Play" tabindex="-1" hidden>${PLAY}</button>
   <div class="toast" role="status"></div>
-  <div class="sheet panel" role="alert" hidden><h2>This reel cannot be played</h2><p></p><button type="button" class="retry">Try again</button></div>
+  <div class="sheet panel" role="alert" hidden>
+    <h2></h2>
+    <p></p>
+    <button type="button" class="retry">Try again</button>
+    <details><summary>Details</summary><div></div></details>
+  </div>
 </div>`;
 
 export class Messages {
@@ -27,8 +33,7 @@ export class Messages {
   /** Show how things are. */
   update(): void {
     const { canPlay, paused, currentTime, error, waiting, busy } = this.player;
-    this.find(".panel").hidden = !error;
-    if (error) this.find(".panel p").textContent = error.message;
+    this.updatePanel(error);
     this.updateWait(busy && (!canPlay || waiting));
     this.find(".start").hidden = !(canPlay && paused && currentTime === 0 && !error && !waiting);
   }
@@ -40,6 +45,20 @@ export class Messages {
     box.classList.add("shown");
     clearTimeout(this.toast);
     this.toast = window.setTimeout(() => box.classList.remove("shown"), TOAST);
+  }
+
+  /** Plain words; what says where and why is in the details. */
+  private updatePanel(error: Error | null): void {
+    const panel = this.find(".panel");
+    if (error && panel.hidden) {
+      const plain = plainWords(error);
+      this.find(".panel h2").textContent = this.player.canPlay ? "Playback stopped" : "This reel cannot be played";
+      this.find(".panel p").textContent = plain;
+      const details = this.box.querySelector("details")!;
+      [details.hidden, details.open] = [plain === error.message, false];
+      this.find("details div").textContent = error.message;
+    }
+    panel.hidden = !error;
   }
 
   /** Wheel at once, words once it takes long. */

@@ -20,6 +20,7 @@ export function openPage(stage: Stage): void {
   for (const name of ["autoplay", "loop", "controls", "share"]) reel.toggleAttribute(name, parameters.get(name) !== "0");
   for (const name of ["src", "poster"]) if (parameters.has(name)) reel.setAttribute(name, parameters.get(name)!);
   if (!parameters.has("src")) reel.setAttribute("src", stage.dataset.src ?? "reel/manifest.json");
+  reel.addEventListener("loadedmetadata", () => (document.title = reel.player.manifest!.presentation.title || document.title));
   reel.player.early = stage.early ?? null;
   stage.append(reel);
   stage.early?.image.remove(); // the element shows the same

@@ -1,5 +1,5 @@
 /** A shader program: compiled in the background, checked before it is used. */
-import { ReelError } from "./errors";
+import { PLAIN, ReelError } from "./errors";
 
 export class Program {
   private readonly program: WebGLProgram;
@@ -19,7 +19,7 @@ export class Program {
     const { gl, program, stages } = this;
     if (gl.getProgramParameter(program, gl.LINK_STATUS) || gl.isContextLost()) return stages.forEach((stage) => gl.deleteShader(stage));
     const why = [...stages.map((stage) => gl.getShaderInfoLog(stage)), gl.getProgramInfoLog(program)].filter(Boolean).join(" ");
-    throw new ReelError(`This device's graphics driver refuses the player's shaders: ${why}`);
+    throw new ReelError(`This device's graphics driver refuses the player's shaders: ${why}`, { plain: PLAIN.device });
   }
 
   use(): void {

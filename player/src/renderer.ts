@@ -1,6 +1,6 @@
 /** Draws a reel's points in WebGL2. Knows nothing about time or downloads: it is told what to show. */
 import type { DecodedFile } from "./decode";
-import { ReelError } from "./errors";
+import { PLAIN, ReelError } from "./errors";
 import { TEXTURE_WIDTH } from "./layout";
 import { Fade } from "./fade";
 import { lightAt } from "./light";
@@ -64,7 +64,7 @@ export class Renderer {
 
   constructor(readonly canvas: HTMLCanvasElement) {
     const gl = canvas.getContext("webgl2", { alpha: false, antialias: false, depth: false, powerPreference: "high-performance" });
-    if (!gl) throw new ReelError("This browser or device offers no WebGL 2, which the player draws with.");
+    if (!gl) throw new ReelError("This browser or device offers no WebGL 2, which the player draws with.", { plain: PLAIN.device });
     this.gl = gl;
     this.software = isSoftware(gl);
     this.project = new Program(gl, projectVertex, projectFragment);
@@ -236,7 +236,7 @@ export class Renderer {
     const { gl } = this;
     const most = gl.getParameter(gl.MAX_TEXTURE_SIZE) as number;
     const { end } = this.rows;
-    if (end > most) throw new ReelError(`The reel has more points than this device draws (${end * TEXTURE_WIDTH} of ${most * TEXTURE_WIDTH}).`);
+    if (end > most) throw new ReelError(`The reel has more points than this device draws (${end * TEXTURE_WIDTH} of ${most * TEXTURE_WIDTH}).`, { plain: PLAIN.device });
     this.capacity = Math.min(Math.max(end, Math.ceil(1.5 * this.capacity)), most);
     for (const texture of [this.shape, this.color]) gl.deleteTexture(texture);
     this.shape = this.integerTexture(gl.RGBA32UI, this.capacity);

@@ -32,7 +32,7 @@ export class SeekBar {
     const { currentTime, duration } = this.player;
     input.max = String(duration);
     if (!this.dragging) input.value = String(currentTime);
-    input.setAttribute("aria-valuetext", `${timeText(currentTime)} of ${timeText(duration)}`);
+    input.setAttribute("aria-valuetext", `${timeText(currentTime, duration < 60)} of ${timeText(duration, duration < 60)}`);
     input.style.setProperty("--played", `${percent(currentTime, duration)}%`);
     input.style.setProperty("--ahead", this.bufferedTrack());
   }

@@ -315,7 +315,7 @@ export class Stream {
       },
       trouble: (why) => this.troubled(why),
       done: (decoded) => this.deliver(wanted, rendition, decoded),
-      failed: (why) => this.failed(wanted, why),
+      failed: (why, plain) => this.failed(wanted, new ReelError(why, { plain })),
     });
   }
 
@@ -344,11 +344,11 @@ export class Stream {
     this.events.progress();
   }
 
-  private failed(wanted: Wanted, why: string): void {
+  private failed(wanted: Wanted, error: ReelError): void {
     this.coming.delete(wanted.key);
     if (this.isNeededNow(wanted) && !(wanted.kind === "group" && this.groups.has(wanted.index))) {
       this.stopped = true;
-      this.events.failed(new ReelError(why));
+      this.events.failed(error);
     } else this.resting.set(wanted.key, performance.now() + REST);
   }
 

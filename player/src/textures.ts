@@ -1,5 +1,5 @@
 /** The points of one file in GPU memory. */
-import { ReelError } from "./errors";
+import { PLAIN, ReelError } from "./errors";
 import type { Gaussians } from "./gaussians";
 import { TEXTURE_WIDTH } from "./layout";
 import type { Offsets } from "./offsets";
@@ -88,7 +88,7 @@ export class PointTextures {
     const entries = codebook.length / numbers;
     const rows = Math.ceil(entries / ENTRIES_PER_ROW);
     const most = gl.getParameter(gl.MAX_TEXTURE_SIZE) as number;
-    if (rows > most) throw new ReelError(`A file of the reel has more view-dependent colours than this device holds (${entries} of ${most * ENTRIES_PER_ROW}).`);
+    if (rows > most) throw new ReelError(`A file of the reel has more view-dependent colours than this device holds (${entries} of ${most * ENTRIES_PER_ROW}).`, { plain: PLAIN.device });
     const width = ENTRIES_PER_ROW * ENTRY_TEXELS;
     const values = new Float32Array(rows * width * 4);
     for (let e = 0; e < entries; e++) {

@@ -1,20 +1,26 @@
 /** The controls over the picture, put together: bar, menu, help, statistics and messages, and what keys and buttons do. */
+import { aboutOf, saysAnything } from "./about";
+import { addressOf } from "./assets";
 import { Bar } from "./bar";
 import { Dialog } from "./dialog";
 import { messageOf } from "./errors";
+import { Fullscreen } from "./fullscreen";
 import { hasHeadset, Headset } from "./headset";
-import { helpMarkup } from "./help";
+import { helpOf } from "./help";
 import { Idle } from "./idle";
-import { attachKeys } from "./keys";
+import { attachKeys, type KeyTable } from "./keys";
 import { elementOf } from "./markup";
 import { Menu } from "./menu";
 import { Messages } from "./messages";
 import type { Player } from "./player";
+import { saveScreenshot } from "./screenshot";
 import { describe } from "./stats";
 
 /** Of the player: after these, what shows may be another. */
 const EVENTS = ["emptied", "loadstart", "loadedmetadata", "durationchange", "canplay", "play", "pause", "timeupdate", "progress", "waiting", "playing"];
 EVENTS.push("seeking", "seeked", "ratechange", "ended", "error");
+
+const HELP = "Keys and gestures";
 
 export class Controls {
   private readonly holder = elementOf(`<div class="ui"></div>`);
@@ -22,12 +28,15 @@ export class Controls {
   private readonly messages: Messages;
   private readonly bar: Bar;
   private readonly menu: Menu;
-  private readonly help: Dialog;
+  private readonly dialog: Dialog;
+  private readonly full: Fullscreen;
   private readonly idle: Idle;
+  private readonly keys: KeyTable;
   private readonly life = new AbortController();
   private headset: Headset | null = null;
 
   constructor(private readonly host: HTMLElement & { readonly link: string }, root: ShadowRoot, private readonly player: Player) {
+    const { signal } = this.life;
     const actions = this.actions();
     this.messages = new Messages(player);
     this.bar = new Bar(player, {
@@ -37,12 +46,16 @@ export class Controls {
       headset: actions.headset,
       full: actions.fullscreen,
     });
-    this.menu = new Menu(player, { ...actions, share: () => this.share(), loop: (on) => host.toggleAttribute("loop", on) });
-    this.help = new Dialog("help", "Keys", () => player.canvas.focus(), this.life.signal);
-    this.help.box.insertAdjacentHTML("beforeend", helpMarkup(attachKeys(host, player, actions, this.life.signal)));
-    this.holder.append(this.messages.box, this.statistics, this.bar.box, this.menu.box, this.help.box);
+    this.menu = new Menu(player, { ...actions, share: () => this.share(), about: () => this.about(), loop: (on) => host.toggleAttribute("loop", on) });
+    this.dialog = new Dialog(() => player.canvas.focus(), signal);
+    this.full = new Fullscreen(host, () => this.update(), signal);
+    this.holder.append(this.messages.box, this.statistics, this.bar.box, this.menu.box, this.dialog.box);
     root.append(this.holder);
-    this.idle = new Idle(host, this.holder, player, () => this.bar.seek.dragging || this.menu.open || this.help.open, this.life.signal);
+    // On the reel's own page all keys are for it.
+    const keyboard = host.closest("[data-splatreel-page]") ? document.documentElement : host;
+    this.keys = attachKeys(keyboard, player, actions, signal);
+    this.idle = new Idle(host, this.holder, player, () => this.bar.seek.dragging || this.menu.open || this.dialog.open !== "", signal);
+    keyboard.addEventListener("keydown", () => this.idle.wake(), { signal });
     this.listen();
     this.update();
   }
@@ -59,12 +72,13 @@ export class Controls {
     const { player } = this;
     return {
       toggle: () => (player.paused ? player.play() : player.pause()),
-      fullscreen: () => this.toggleFullscreen(),
+      fullscreen: () => void this.full.toggle().catch(() => this.messages.say("The browser does not give the screen")),
       headset: () => this.toggleHeadset(),
       reset: () => player.camera?.reset(),
       fly: () => this.fly(),
       statistics: () => this.toggleStatistics(),
-      help: () => this.toggleHelp(),
+      picture: () => void saveScreenshot(player).catch((error) => this.messages.say(messageOf(error))),
+      help: () => (this.dialog.open === HELP ? this.dialog.close() : this.show(HELP, helpOf(this.keys))),
       escape: () => this.closeSheets(),
     };
   }
@@ -72,19 +86,10 @@ export class Controls {
   private listen(): void {
     const { player, life: { signal } } = this;
     for (const name of EVENTS) player.addEventListener(name, () => this.update(), { signal });
-    document.addEventListener("fullscreenchange", () => this.update(), { signal });
     player.canvas.addEventListener("pointerdown", () => this.openMenu(false), { signal });
     void hasHeadset().then((there) => (this.bar.button("headset").hidden = !there));
     const timer = setInterval(() => this.showStatistics(), 250);
     signal.addEventListener("abort", () => clearInterval(timer));
-  }
-
-  private toggleFullscreen(): void {
-    const { host } = this;
-    if (document.fullscreenElement) void document.exitFullscreen();
-    else if (host.requestFullscreen) void host.requestFullscreen();
-    else host.classList.toggle("filling"); // phones that give only films the whole screen
-    this.update();
   }
 
   private toggleHeadset(): void {
@@ -121,17 +126,37 @@ export class Controls {
     if (!statistics.hidden && stats) statistics.innerHTML = describe(stats).map(([name, value]) => `<dt>${name}</dt><dd>${value}</dd>`).join("");
   }
 
-  private toggleHelp(): void {
+  private show(title: string, content: HTMLElement): void {
     this.openMenu(false);
-    this.help.open = !this.help.open;
+    this.dialog.show(title, content);
   }
 
+  private about(): void {
+    const { presentation } = this.player.manifest!;
+    this.show(presentation.title || "About this reel", aboutOf(presentation));
+  }
+
+  /** What shares is loaded when it is asked for. */
+  private async share(): Promise<void> {
+    const { host, player: { manifest } } = this;
+    const say = (words: string): void => this.messages.say(words);
+    this.openMenu(false);
+    try {
+      const { shareOf } = (await import(addressOf("share.js"))) as typeof import("./share");
+      const shared = { link: host.link, page: location.href.split("#")[0], reel: manifest!.url, player: addressOf("player.js"), title: manifest!.presentation.title };
+      this.show("Share", shareOf(shared, say));
+    } catch {
+      say("This part of the player cannot be loaded");
+    }
+  }
+
+  /** What is open, one at a time; then the window. */
   private closeSheets(): void {
-    if (this.help.open) this.help.open = false;
+    if (this.dialog.open) this.dialog.close();
     else if (this.menu.open) {
       this.openMenu(false);
       this.bar.button("settings").focus();
-    } else this.host.classList.remove("filling");
+    } else this.full.leave();
   }
 
   private openMenu(open: boolean): void {
@@ -139,17 +164,11 @@ export class Controls {
     this.bar.button("settings").setAttribute("aria-expanded", String(open));
   }
 
-  private async share(): Promise<void> {
-    const { link } = this.host;
-    this.openMenu(false);
-    const copied = await navigator.clipboard?.writeText(link).then(() => true, () => false);
-    if (!copied) history.replaceState(null, "", link);
-    this.messages.say(copied ? "Link copied" : "The link is in the address bar");
-  }
-
   private update(): void {
-    const full = document.fullscreenElement !== null || this.host.classList.contains("filling");
-    this.bar.update({ full, presenting: this.headset !== null });
+    const { manifest } = this.player;
+    this.bar.update({ full: this.full.on, fullLabel: this.full.offer, presenting: this.headset !== null });
+    this.menu.shares = this.host.hasAttribute("share") && !!manifest && !manifest.files;
+    this.menu.says = !!manifest && saysAnything(manifest.presentation);
     this.messages.update();
     this.menu.update();
     this.idle.update();

@@ -71,7 +71,7 @@ def test_every_key_does_what_the_help_says(page: Page, server: Server):
     page.keyboard.press("i")
     page.locator("splat-reel .stats").get_by_text("Points").wait_for()
     page.keyboard.press("?")
-    help = page.locator("splat-reel").get_by_role("dialog", name="Keys")
+    help = page.locator("splat-reel").get_by_role("dialog", name="Keys and gestures")
     assert "Fullscreen" in help.inner_text()
     page.keyboard.press("Escape")
     assert help.is_hidden()

@@ -1,0 +1,35 @@
+/** The whole screen where the browser gives it, else the whole window, else nothing. */
+
+export class Fullscreen {
+  /** changed: called whenever it is another. */
+  constructor(private readonly host: HTMLElement, private readonly changed: () => void, signal: AbortSignal) {
+    document.addEventListener("fullscreenchange", changed, { signal });
+  }
+
+  get on(): boolean {
+    return document.fullscreenElement !== null || this.host.classList.contains("filling");
+  }
+
+  /** What a button may promise; "" where it could do nothing: some phones and frames do not give the screen. */
+  get offer(): string {
+    if (document.fullscreenElement) return "Leave fullscreen";
+    if (document.fullscreenEnabled) return "Fullscreen";
+    if (this.on) return "Leave the whole window";
+    const { clientWidth, clientHeight } = this.host;
+    return clientWidth < innerWidth - 1 || clientHeight < innerHeight - 1 ? "Fill the window" : "";
+  }
+
+  /** Rejects where the browser refuses. */
+  async toggle(): Promise<void> {
+    if (document.fullscreenElement) await document.exitFullscreen();
+    else if (document.fullscreenEnabled) await this.host.requestFullscreen();
+    else if (this.offer) this.host.classList.toggle("filling");
+    this.changed();
+  }
+
+  /** Give the window back. */
+  leave(): void {
+    this.host.classList.remove("filling");
+    this.changed();
+  }
+}

@@ -1,0 +1,81 @@
+/** The share dialog: a link, its QR code, and code that embeds the reel. Loaded when it is asked for. */
+import { encode } from "uqr";
+import { elementOf } from "./markup";
+
+/** What there is to share. */
+export interface Shared {
+  /** The page's address with the present time and view, and without. */
+  link: string;
+  page: string;
+  /** The addresses of the manifest and of the player's module. */
+  reel: string;
+  player: string;
+  title: string;
+}
+
+const PERMISSIONS = "fullscreen; clipboard-write; xr-spatial-tracking; autoplay";
+
+const field = (name: string, label: string, lines: number): string => `<div class="field">
+  <label for="share-${name}">${label}</label>
+  <button type="button" class="copy" aria-label="Copy: ${label}">Copy</button>
+  <textarea id="share-${name}" name="${name}" rows="${lines}" readonly spellcheck="false"></textarea>
+</div>`;
+
+const MARKUP = `<div class="share">
+  <div class="fields">
+    ${field("link", "Link", 2)}
+    <label class="exact">At this time and view<input type="checkbox" role="switch" checked /></label>
+    ${field("frame", "Embed in a page, as a frame", 2)}
+    ${field("element", "Embed in a page, as an element", 2)}
+  </div>
+  <div class="code" role="img" aria-label="QR code of the link"></div>
+</div>`;
+
+/** say: tells people what became of a copy. */
+export function shareOf(shared: Shared, say: (words: string) => void): HTMLElement {
+  const box = elementOf(MARKUP);
+  const exact = box.querySelector<HTMLInputElement>(".exact input")!;
+  const area = (name: string): HTMLTextAreaElement => box.querySelector<HTMLTextAreaElement>(`[name=${name}]`)!;
+  const update = (): void => {
+    const link = exact.checked ? shared.link : shared.page;
+    area("link").value = link;
+    area("frame").value = frameOf(link, shared.title);
+    area("element").value = elementCodeOf(shared);
+    box.querySelector(".code")!.replaceChildren(codeOf(link));
+  };
+  exact.onchange = update;
+  for (const button of box.querySelectorAll<HTMLElement>(".copy")) {
+    const text = button.parentElement!.querySelector("textarea")!;
+    button.onclick = async () => say((await copy(text)) ? "Copied" : "It is marked: copy it with the keyboard or the browser's menu");
+    text.onfocus = () => text.select();
+  }
+  update();
+  return box;
+}
+
+/** Frames may not have the clipboard; the older way asks for no permission. What cannot be copied is left marked. */
+async function copy(text: HTMLTextAreaElement): Promise<boolean> {
+  if (await navigator.clipboard?.writeText(text.value).then(() => true, () => false)) return true;
+  text.focus();
+  text.select();
+  return document.execCommand("copy");
+}
+
+function frameOf(link: string, title: string): string {
+  return `<iframe src="${escaped(link)}" title="${escaped(title || "Volumetric video")}" width="800" height="450" style="border: 0" allow="${PERMISSIONS}" allowfullscreen loading="lazy"></iframe>`;
+}
+
+function elementCodeOf({ player, reel }: Shared): string {
+  return `<script type="module" src="${escaped(player)}"></script>\n<splat-reel src="${escaped(reel)}" controls loop></splat-reel>`;
+}
+
+function escaped(text: string): string {
+  return text.replace(/[&"<>]/g, (mark) => `&#${mark.charCodeAt(0)};`);
+}
+
+/** Black on white with the border that readers need, whatever the colour scheme. */
+function codeOf(text: string): SVGElement {
+  const { data, size } = encode(text, { ecc: "L", border: 3 });
+  const squares = data.flatMap((row, y) => row.flatMap((dark, x) => (dark ? `M${x} ${y}h1v1h-1z` : [])));
+  return elementOf<HTMLElement>(`<div><svg viewBox="0 0 ${size} ${size}" shape-rendering="crispEdges"><path d="M0 0h${size}v${size}H0z" fill="#fff" stroke="none" /><path d="${squares.join("")}" fill="#000" stroke="none" /></svg></div>`).firstElementChild as SVGElement;
+}
