@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 
-from splatreel.codec.presentation import Asset, check_text
+from splatreel.codec.presentation import check_text
 from splatreel.codec.writer import ReelWriter
 from splatreel.play.poster import write_poster
 from splatreel.play.thumbnails import write_thumbnails
@@ -29,16 +29,11 @@ class Presenter:
         missing = {name: text for name, text in self.otherwise.items() if not getattr(before, name)}
         words = {name: check_text(name, text) for name, text in (missing | dict(self.words)).items()}
         after = replace(before, **words)
-        if group == 0 or after.poster is None or not _there(writer, after.poster.asset):
+        if group == 0 or after.poster is None:
             after = replace(after, poster=write_poster(writer, open_reel(writer.path)))
         if group is not None:
             after = replace(after, thumbnails=None)  # those of a reel that was complete, and now gets other groups
-        elif after.thumbnails is None or not all(_there(writer, sheet) for sheet in after.thumbnails.sheets):
+        elif after.thumbnails is None:
             after = replace(after, thumbnails=write_thumbnails(writer, open_reel(writer.path)))
         if after != before:
             writer.present(after)
-
-
-def _there(writer: ReelWriter, asset: Asset) -> bool:
-    path = writer.path / asset.uri
-    return path.is_file() and path.stat().st_size == asset.bytes
