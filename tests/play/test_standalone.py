@@ -60,13 +60,13 @@ def test_the_page_holds_the_reel_and_what_plays_it(reel: Path, tmp_path: Path) -
     assert manifest.presentation.title == HOSTILE
     files = {uri: base64.b64decode(text) for uri, text in scripts.of("data-reel-file").items()}
     assert files == {file.uri: (reel / file.uri).read_bytes() for file in manifest.files}
-    assert set(scripts.of("data-player-file")) == {"decode-worker.js", "sort-worker.js"}
+    assert set(scripts.of("data-player-file")) == {"decode-worker.js", "share.js", "sort-worker.js"}
     kinds = [attributes.get("type") for attributes, _ in scripts.found]
-    assert kinds == ["application/json", *["text/plain"] * (len(files) + 2), "module"]
+    assert kinds == ["application/json", *["text/plain"] * (len(files) + 3), "module"]
     text = page.read_text(encoding="utf-8")
     assert "<!--" not in text
     assert 'data-src="embedded:"' in text
-    assert 'src="player.js"' not in text
+    assert "early.js" not in text
 
 
 def test_one_rendition_is_taken_and_a_live_reel_is_as_it_is_now(tmp_path: Path) -> None:
@@ -94,18 +94,12 @@ def test_what_cannot_be_put_into_a_page(reel: Path, tmp_path: Path) -> None:
     assert not (tmp_path / "page.html").exists()
 
 
-def test_modules_on_demand_are_found_in_the_page(reel: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_code_that_speaks_of_scripts_ends_none(reel: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     static = shutil.copytree(standalone.STATIC, tmp_path / "static")
-    (static / "player.js").write_text('import{a}from"./chunk-A.js";const q=()=>import("./qr.js");const t="</Script>"')
-    (static / "chunk-A.js").write_text("export const a=1")
-    (static / "qr.js").write_text('import{a}from"./chunk-A.js"')
+    (static / "player.js").write_text('const t="</Script><!--",r=/<\\/script>/')
     monkeypatch.setattr(standalone, "STATIC", static)
     write_standalone(tmp_path / "page.html", reel)
-    scripts = Scripts(tmp_path / "page.html")
-    imports = json.loads(scripts.of("type")["importmap"])["imports"]
-    assert set(imports) == {"splatreel/chunk-A.js", "splatreel/qr.js"}
-    code = base64.b64decode(imports["splatreel/qr.js"].removeprefix("data:text/javascript;base64,"))
-    assert code == b'import{a}from"splatreel/chunk-A.js"'
-    assert scripts.of("type")["module"] == (
-        'import{a}from"splatreel/chunk-A.js";const q=()=>import("splatreel/qr.js");const t="<\\/Script>"'
-    )
+    assert Scripts(tmp_path / "page.html").of("type")["module"] == 'const t="<\\/Script>\\x3c!--",r=/<\\/script>/'
+    (static / "index.html").write_text("<main></main>")
+    with pytest.raises(ReelError, match="Build the player again"):
+        write_standalone(tmp_path / "page.html", reel)

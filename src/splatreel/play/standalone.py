@@ -15,10 +15,11 @@ from splatreel.errors import ReelError
 from splatreel.play.page import introduced
 from splatreel.play.server import STATIC
 
-MODULE = '<script type="module" src="early.js"></script>'
+LOADER = '<script type="module" src="early.js"></script>'
 PAGE = "<main data-splatreel-page>"
 """What stands in the player's own page."""
-WORKERS = ("decode-worker.js", "sort-worker.js")
+ELSEWHERE = ("player", "early", "hevc", "draco")
+"""How the names begin of scripts that are no files in the page: the player itself, its loader, what the paper's codec needs."""
 
 
 def write_standalone(path: Path, location: str | Path, rendition: str | None = None) -> int:
@@ -34,10 +35,11 @@ def write_standalone(path: Path, location: str | Path, rendition: str | None = N
     page = (STATIC / "index.html").read_text(encoding="utf-8")
     parts = [f'<script type="application/json" id="splatreel-manifest">{_inert(manifest.to_json())}</script>']
     parts += [_file("reel", entry.uri, _checked(reel, entry)) for entry in [*manifest.files, *manifest.assets]]
-    modules, player = _modules()
-    parts += [_file("player", name, (STATIC / name).read_bytes()) for name in WORKERS]
-    parts += [modules, f'<script type="module">{_inert_code(player)}</script>']
-    for own, new in ((MODULE, "\n".join(parts)), (PAGE, PAGE.replace(">", ' data-src="embedded:">'))):
+    scripts = [script for script in sorted(STATIC.glob("*.js")) if not script.name.startswith(ELSEWHERE)]
+    parts += [_file("player", script.name, script.read_bytes()) for script in scripts]
+    player = (STATIC / "player.js").read_text(encoding="utf-8")
+    parts.append(f'<script type="module">{_inert_code(player)}</script>')
+    for own, new in ((LOADER, "\n".join(parts)), (PAGE, PAGE.replace(">", ' data-src="embedded:">'))):
         if own not in page:
             raise ReelError(f"{STATIC / 'index.html'}: does not hold {own}. Build the player again.")
         page = page.replace(own, new, 1)
@@ -60,23 +62,6 @@ def _checked(reel: ReelReader, entry: FileEntry | Asset) -> bytes:
 
 def _file(kind: str, name: str, data: bytes) -> str:
     return f'<script type="text/plain" data-{kind}-file="{name}">{b64encode(data).decode()}</script>'
-
-
-def _modules() -> tuple[str, str]:
-    """An import map with the modules that the player loads on demand, and the player's own code, which asks for them by its names.
-
-    A module in a page has no folder to look beside it in, and browsers refuse modules from a disk.
-    """
-    names = [p.name for p in sorted(STATIC.glob("*.js")) if p.name != "player.js" and p.name not in WORKERS]
-    code = {name: (STATIC / name).read_text(encoding="utf-8") for name in ["player.js", *names]}
-    beside = re.compile(f'"\\./({"|".join(map(re.escape, names))})"')
-    named = {name: beside.sub(r'"splatreel/\1"', text) for name, text in code.items()}
-    asked = {name for text in code.values() for name in beside.findall(text)}
-    urls = [
-        f'"splatreel/{name}":"data:text/javascript;base64,{b64encode(named[name].encode()).decode()}"'
-        for name in sorted(asked)
-    ]
-    return f'<script type="importmap">{{"imports":{{{",".join(urls)}}}}}</script>' if urls else "", named["player.js"]
 
 
 def _inert(text: str) -> str:
