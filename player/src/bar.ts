@@ -4,6 +4,7 @@ import { elementOf } from "./markup";
 import type { Player } from "./player";
 import { SeekBar } from "./seekbar";
 import { timeText } from "./timetext";
+import { Volume } from "./volume";
 
 const MARKUP = `<div class="bar" role="group" aria-label="Player controls">
   <div class="row">
@@ -38,12 +39,15 @@ export interface BarState {
 export class Bar {
   readonly box = elementOf(MARKUP);
   readonly seek: SeekBar;
+  private readonly volume: Volume;
   /** The seek bar, then the buttons. */
   private readonly stops: HTMLElement[];
 
   constructor(private readonly player: Player, actions: BarActions) {
     this.seek = new SeekBar(player);
     this.box.prepend(this.seek.box);
+    this.volume = new Volume(player);
+    this.button("gap").before(this.volume.box);
     this.stops = [this.seek.input, ...this.box.querySelectorAll<HTMLElement>(".row button")];
     for (const [name, act] of Object.entries(actions)) this.button(name).onclick = () => act();
     this.button("live").onclick = () => {
@@ -64,6 +68,7 @@ export class Bar {
     const { duration, currentTime, paused, live, clock, manifest } = this.player;
     this.box.hidden = manifest === null;
     this.seek.update();
+    this.volume.update();
     const tenths = duration < 60;
     this.button("time").innerHTML = `${timeText(currentTime, tenths)} <span>/ ${timeText(duration, tenths)}</span>`;
     this.button("live").hidden = !live;

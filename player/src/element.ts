@@ -1,4 +1,4 @@
-/** <splat-reel src="…/manifest.json" poster autoplay loop controls>: a reel in a page, in the manner of <video>. */
+/** <splat-reel src="…/manifest.json" poster autoplay loop muted controls>: a reel in a page, in the manner of <video>. */
 import { attachControls } from "./controls";
 import { checkedViewmat } from "./finite";
 import { Gestures } from "./gestures";
@@ -18,13 +18,13 @@ import { Controls } from "./ui";
 
 /** Events of the player that the element passes on. */
 const EVENTS = ["emptied", "loadstart", "durationchange", "loadedmetadata", "loadeddata", "canplay", "play", "playing", "pause", "waiting"];
-EVENTS.push("timeupdate", "progress", "seeking", "seeked", "ratechange", "ended", "error");
+EVENTS.push("timeupdate", "progress", "seeking", "seeked", "ratechange", "volumechange", "ended", "error");
 
 const sheet = new CSSStyleSheet();
 sheet.replaceSync(styles);
 
 export class SplatReelElement extends HTMLElement {
-  static readonly observedAttributes = ["src", "poster", "loop", "controls", "loading"];
+  static readonly observedAttributes = ["src", "poster", "loop", "muted", "controls", "loading"];
 
   /** As of HTMLMediaElement, for `networkState`. */
   static readonly NETWORK_EMPTY = 0;
@@ -97,6 +97,7 @@ export class SplatReelElement extends HTMLElement {
 
   attributeChangedCallback(name: string, before: string | null, now: string | null): void {
     if (name === "loop") this.player.loop = now !== null;
+    if (name === "muted" && !this.connection && now !== null) this.muted = true;
     if (!this.connection || before === now) return;
     if (name === "src") this.load();
     if (name === "poster") this.picture.give(this.poster);
@@ -113,10 +114,10 @@ export class SplatReelElement extends HTMLElement {
     this.picture.give(this.poster);
     this.presence.settle();
     const calm = matchMedia("(prefers-reduced-motion: reduce)").matches;
-    if (source && this.autoplay && !calm) player.play();
+    if (source && this.autoplay && !calm) player.play(true);
   }
 
-  /** Resolves once time goes on. Rejects with a `NotSupportedError` where there is no reel to play, with an `AbortError` where `pause` or another reel comes first. */
+  /** Resolves once time goes on. Rejects with a `NotSupportedError` where there is no reel to play, with a `NotAllowedError` where the browser does not let it be heard, with an `AbortError` where `pause` or another reel comes first. */
   play(): Promise<void> {
     this.presence.use();
     return this.pending.play();
@@ -231,6 +232,32 @@ export class SplatReelElement extends HTMLElement {
 
   set playbackRate(rate: number) {
     this.player.playbackRate = rate;
+  }
+
+  /** Of the sound, 0 to 1. */
+  get volume(): number {
+    return this.player.soundtrack.volume;
+  }
+
+  set volume(volume: number) {
+    this.player.soundtrack.volume = volume;
+  }
+
+  get muted(): boolean {
+    return this.player.soundtrack.muted;
+  }
+
+  set muted(muted: boolean) {
+    this.player.soundtrack.muted = muted;
+  }
+
+  /** The attribute `muted`: whether it begins in silence. */
+  get defaultMuted(): boolean {
+    return this.hasAttribute("muted");
+  }
+
+  set defaultMuted(on: boolean) {
+    this.toggleAttribute("muted", on);
   }
 
   /** Names of what there is to choose from, best first; empty where there is one rendition only. */

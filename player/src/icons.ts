@@ -11,3 +11,6 @@ export const HEADSET = icon('<path d="M3 8.5A2.5 2.5 0 0 1 5.5 6h13A2.5 2.5 0 0 
 export const BACK = icon('<path d="M14.5 6.5 9 12l5.5 5.5"/>');
 export const ON = icon('<path d="M9.5 6.5 15 12l-5.5 5.5"/>');
 export const CLOSE = icon('<path d="M6.5 6.5l11 11M17.5 6.5l-11 11"/>');
+const SPEAKER = '<path class="solid" d="M4 9.5h3.5L12 5.5v13l-4.5-4H4z"/>';
+export const SOUND = icon(`${SPEAKER}<path d="M15.5 9a4.2 4.2 0 0 1 0 6M18 6.5a7.8 7.8 0 0 1 0 11"/>`);
+export const MUTED = icon(`${SPEAKER}<path d="M15.5 9.5l5 5M20.5 9.5l-5 5"/>`);

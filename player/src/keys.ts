@@ -95,6 +95,7 @@ function timeLines(player: Player, actions: Actions): Line[] {
     { shown: "0 – 9", what: "To tenths of the reel", bindings: [{ keys: [..."0123456789"], press: (key) => void (player.currentTime = (Number(key) / 10) * player.duration) }] },
     { shown: "Home End", what: "To the ends", bindings: [{ keys: ["home"], press: () => void (player.currentTime = 0) }, { keys: ["end"], press: () => void (player.currentTime = player.duration) }] },
     { shown: "< >", what: "Slower or faster", bindings: [{ keys: ["<"], press: rate(-1) }, { keys: [">"], press: rate(1) }] },
+    { shown: "M", what: "Sound on or off", bindings: [{ keys: ["m"], press: () => player.soundtrack.toggle() }] },
   ];
 }
 

@@ -16,6 +16,7 @@ const MARKUP = [
   choice("rendition", "Quality", []),
   choice("quality", "Resolution", QUALITIES.map(([value, text]) => option(value, text))),
   toggle("loop", "Loop"),
+  toggle("spatial", "Spatial sound"),
   toggle("fly", "Fly through the cameras"),
   toggle("statistics", "Statistics"),
   `<div class="frames">Frame<span><button type="button" name="back" aria-label="One frame back">${BACK}</button><button type="button" name="on" aria-label="One frame on">${ON}</button></span></div>`,
@@ -51,6 +52,7 @@ export class Menu {
       player.invalidate();
     };
     this.input("loop").onchange = () => actions.loop(this.input("loop").checked);
+    this.input("spatial").onchange = () => void (player.soundtrack.spatial.on = this.input("spatial").checked);
     this.input("fly").onchange = () => actions.fly();
     this.input("statistics").onchange = () => actions.statistics();
     this.input("back").onclick = () => player.step(-1);
@@ -75,6 +77,8 @@ export class Menu {
     this.updateRenditions();
     this.input("quality").value = player.resolution.quality;
     this.input("loop").checked = player.loop;
+    this.input("spatial").checked = player.soundtrack.spatial.on;
+    this.input("spatial").parentElement!.hidden = !player.soundtrack.placed;
     this.input("fly").checked = player.camera?.flying === true;
     this.input("statistics").checked = this.statistics;
     this.input("share").hidden = !this.shares;

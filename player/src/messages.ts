@@ -1,8 +1,9 @@
 /** What stands in the middle of the picture: waiting, the first play, errors, short messages. */
 import { plainWords } from "./errors";
-import { PLAY } from "./icons";
+import { MUTED, PLAY } from "./icons";
 import { elementOf } from "./markup";
 import type { Player } from "./player";
+import type { Soundtrack } from "./soundtrack";
 
 /** A wait longer than this, milliseconds, is explained. */
 const EXPLAIN_AFTER = 1500;
@@ -11,6 +12,7 @@ const TOAST = 2200;
 const MARKUP = `<div class="center">
   <div class="wait" role="status" hidden><div class="spinner"></div><p>Loading</p></div>
   <button class="start" type="button" aria-label="Play" tabindex="-1" hidden>${PLAY}</button>
+  <button class="unmute" type="button" hidden>${MUTED}Tap for sound</button>
   <div class="toast" role="status"></div>
   <div class="sheet panel" role="alert" hidden>
     <h2></h2>
@@ -24,18 +26,28 @@ export class Messages {
   readonly box = elementOf(MARKUP);
   private explain = 0;
   private toast = 0;
+  /** What of the sound has been said. */
+  private told: Error | null = null;
 
   constructor(private readonly player: Player) {
     this.find(".start").onclick = () => player.play();
     this.find(".retry").onclick = () => player.retry();
+    this.find(".unmute").onclick = () => player.soundtrack.toggle();
   }
 
   /** Show how things are. */
   update(): void {
-    const { canPlay, paused, currentTime, error, waiting, busy } = this.player;
+    const { canPlay, paused, currentTime, error, waiting, busy, soundtrack } = this.player;
     this.updatePanel(error);
     this.updateWait(busy && (!canPlay || waiting));
+    this.updateSound(soundtrack, paused);
     this.find(".start").hidden = !(canPlay && paused && currentTime === 0 && !error && !waiting);
+  }
+
+  private updateSound({ blocked, error }: Soundtrack, paused: boolean): void {
+    this.find(".unmute").hidden = !blocked || paused;
+    if (error && error !== this.told) this.say("The sound cannot be played");
+    this.told = error;
   }
 
   /** Say something for a moment. */

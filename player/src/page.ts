@@ -18,6 +18,7 @@ export function openPage(stage: Stage): void {
   const parameters = new URLSearchParams(location.search);
   const reel = document.createElement("splat-reel");
   for (const name of ["autoplay", "loop", "controls", "share"]) reel.toggleAttribute(name, parameters.get(name) !== "0");
+  reel.toggleAttribute("muted", parameters.get("muted") === "1");
   for (const name of ["src", "poster"]) if (parameters.has(name)) reel.setAttribute(name, parameters.get(name)!);
   if (!parameters.has("src")) reel.setAttribute("src", stage.dataset.src ?? "reel/manifest.json");
   reel.addEventListener("loadedmetadata", () => (document.title = reel.player.manifest!.presentation.title || document.title));

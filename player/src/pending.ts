@@ -11,12 +11,13 @@ export class Pending {
 
   constructor(private readonly player: Player) {
     player.addEventListener("playing", () => this.settle((promised) => promised.resolve()));
+    player.addEventListener("notallowed", () => this.fail("NotAllowedError", "The browser plays sound only once a person has touched the page. Mute the reel, or play it when somebody asks for it."));
     player.addEventListener("pause", () => this.fail("AbortError", "play() was interrupted by a call to pause()."));
     player.addEventListener("emptied", () => this.fail("AbortError", "play() was interrupted: another reel is opened, or none."));
     player.addEventListener("error", () => this.fail("NotSupportedError", player.error!.message));
   }
 
-  /** Play; resolves once time goes on. Rejects with an `AbortError` or `NotSupportedError`. */
+  /** Play; resolves once time goes on. Rejects with an `AbortError`, `NotSupportedError` or `NotAllowedError`. */
   play(): Promise<void> {
     const { player } = this;
     if (!player.hasSource) return Promise.reject(new DOMException("There is no reel to play: the attribute src is missing.", "NotSupportedError"));

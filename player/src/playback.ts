@@ -13,6 +13,8 @@ const HEARTBEAT = 30;
 export class Playback {
   /** Data is missing: time stands still. */
   stalled = true;
+  /** Sound is missing, and pictures wait for it. */
+  late = false;
   seeking = false;
   /** A whole picture has been shown. */
   ready = false;
@@ -30,7 +32,10 @@ export class Playback {
   /** Draw and let time go on, or stop. */
   run(on: boolean): void {
     cancelAnimationFrame(this.request);
-    if (!on) return void (this.moving = false);
+    if (!on) {
+      this.moving = false;
+      return this.player.soundtrack.rest();
+    }
     this.lastTick = performance.now();
     const tick = (now: number): void => {
       this.request = requestAnimationFrame(tick);
@@ -41,7 +46,7 @@ export class Playback {
 
   /** Another reel is opened, or none. A seek stays one. */
   reset(): void {
-    [this.stalled, this.ready, this.pictured, this.moving] = [true, false, false, false];
+    [this.stalled, this.late, this.ready, this.pictured, this.moving] = [true, false, false, false, false];
   }
 
   /** Draw the picture that shows once more, at once; false where there is none. */
@@ -107,13 +112,14 @@ export class Playback {
   private pass(now: number): number {
     const step = Math.min(Math.max(now - this.lastTick, 0) / 1000, LONGEST_STEP);
     this.lastTick = now;
-    this.advance(step);
+    this.advance(now / 1000, step);
     if (++this.ticks % HEARTBEAT === 0) this.update();
     return step;
   }
 
   private drawOn(stage: Stage, view: View, eyes: Eye[] | null, now: number): void {
-    const { resolution, stream, clock } = this.player;
+    const { resolution, stream, clock, soundtrack, manifest } = this.player;
+    soundtrack.spatial.listen(view.viewmat, manifest!);
     if (stage.wantsSort) this.startSort(stage, view);
     const before = stage.pictures;
     stage.draw(this.seeking || this.stalled ? null : clock.frame, view, eyes);
@@ -129,10 +135,19 @@ export class Playback {
     this.player.emit("loadeddata");
   }
 
-  private advance(step: number): void {
+  /** now, step: seconds. */
+  private advance(now: number, step: number): void {
     const { player } = this;
-    if (player.paused || !this.ready || this.stalled || this.seeking || player.error) return;
-    if (!player.clock.advance(step)) return void (this.moving = false);
+    const { clock, soundtrack } = player;
+    const wanted = !player.paused && !player.error;
+    const running = wanted && this.ready && !this.stalled && !this.seeking;
+    if (wanted) soundtrack.want(clock, running);
+    const passed = soundtrack.pass(clock, running, now, step);
+    this.waitForSound(running && soundtrack.late(clock));
+    const before = clock.seconds;
+    if (!running || passed === 0) return;
+    if (!clock.advance(passed)) return void (this.moving = false);
+    if (clock.seconds < before) soundtrack.seek(); // it begins again
     if (!this.moving) {
       this.moving = true;
       player.emit("playing");
@@ -144,6 +159,13 @@ export class Playback {
       player.pause();
       player.emit("ended");
     }
+  }
+
+  private waitForSound(late: boolean): void {
+    if (late === this.late) return;
+    this.late = late;
+    if (late) this.moving = false;
+    this.player.emit(late ? "waiting" : "progress");
   }
 
   /** Sort what should show; before the first group, the layers that are here. */

@@ -14,6 +14,7 @@ import { Resolution } from "./resolution";
 import { Session, type SessionEvents } from "./session";
 import { takeShot } from "./shot";
 import type { Scene } from "./sort-worker";
+import { Soundtrack } from "./soundtrack";
 import type { Picture, Stage } from "./stage";
 import { measure, type Stats } from "./stats";
 import type { Stream } from "./stream";
@@ -23,7 +24,7 @@ import { until } from "./until";
 /**
  * Events, named as those of HTMLMediaElement: emptied, loadstart, loadedmetadata, durationchange, loadeddata (something is drawn, if
  * only what rests), canplay (the first whole picture), play, playing (time goes on), pause, timeupdate, progress, waiting, seeking,
- * seeked, ratechange, ended, error.
+ * seeked, ratechange, volumechange, ended, error; and notallowed (the browser lets nobody hear the sound whom nobody asked).
  */
 export class Player extends EventTarget {
   /** The camera people steer; null until the manifest is here. */
@@ -38,6 +39,7 @@ export class Player extends EventTarget {
   readonly clock = new Clock();
   readonly resolution = new Resolution();
   readonly playback = new Playback(this);
+  readonly soundtrack = new Soundtrack((event) => this.emit(event), () => this.pause());
   /** What belongs to the reel that is open; null while there is none, or nobody looks. */
   session: Session | null = null;
 
@@ -81,6 +83,7 @@ export class Player extends EventTarget {
     this.turn++;
     const had = this.session !== null;
     this.closeSession();
+    this.soundtrack.release();
     if (had) this.surface.release();
     this.emit("progress");
   }
@@ -124,6 +127,7 @@ export class Player extends EventTarget {
   private closeSession(): void {
     this.session?.close();
     this.session = null;
+    this.soundtrack.close();
     this.playback.reset();
   }
 
@@ -161,6 +165,8 @@ export class Player extends EventTarget {
     if (!known) this.clock.seek(this.back?.seconds ?? this.start?.seconds ?? (manifest.live ? this.clock.edge : 0));
     [this.start, this.back] = [null, null];
     this.rendition = this.choice;
+    this.soundtrack.open(manifest);
+    if (!this.paused) this.soundtrack.ask();
     if (!known) this.emit("loadedmetadata");
     this.emit("durationchange");
     this.playback.update();
@@ -230,6 +236,7 @@ export class Player extends EventTarget {
       return;
     }
     this.clock.seek(seconds);
+    this.soundtrack.seek();
     [this.playback.seeking, this.playback.moving] = [true, false];
     this.emit("seeking");
     this.emit("timeupdate");
@@ -292,7 +299,7 @@ export class Player extends EventTarget {
 
   /** Time moves on only when this is false: data is missing. */
   get waiting(): boolean {
-    return this.playback.stalled;
+    return this.playback.stalled || this.playback.late;
   }
 
   /** What is missing is being got: there is something to wait for. */
@@ -308,7 +315,7 @@ export class Player extends EventTarget {
 
   /** Why it takes so long, for people; null while there is nothing to say. */
   get notice(): string | null {
-    return this.session?.trouble ?? this.stream?.trouble ?? null;
+    return this.session?.trouble ?? this.stream?.trouble ?? this.soundtrack.trouble;
   }
 
   /** True once a whole picture has been shown. */
@@ -332,10 +339,12 @@ export class Player extends EventTarget {
     return this.stage && this.stream && this.manifest ? measure(this) : null;
   }
 
-  play(): void {
+  /** automatic: a page's wish, which is fulfilled in silence where the browser does not allow sound. */
+  play(automatic = false): void {
     if (this.clock.playing) return;
     if (this.ended) this.currentTime = 0;
-    this.clock.playing = true;
+    [this.clock.playing, this.soundtrack.optional] = [true, automatic];
+    this.soundtrack.ask();
     this.emit("play");
     if (this.waiting) this.emit("waiting");
   }
@@ -343,6 +352,7 @@ export class Player extends EventTarget {
   pause(): void {
     if (!this.clock.playing) return;
     [this.clock.playing, this.playback.moving] = [false, false];
+    this.soundtrack.rest();
     this.emit("pause");
   }
 

@@ -18,7 +18,7 @@ import { describe } from "./stats";
 
 /** Of the player: after these, what shows may be another. */
 const EVENTS = ["emptied", "loadstart", "loadedmetadata", "durationchange", "canplay", "play", "pause", "timeupdate", "progress", "waiting", "playing"];
-EVENTS.push("seeking", "seeked", "ratechange", "ended", "error");
+EVENTS.push("seeking", "seeked", "ratechange", "volumechange", "ended", "error");
 
 const HELP = "Keys and gestures";
 

@@ -8,6 +8,7 @@ import pytest
 from playwright.sync_api import Page
 
 from splatreel.play.server import STATIC
+from tests.flashes import GOLDEN as SOUND
 from tests.golden import GOLDEN, PREDICTIVE
 from tests.player.hosts import host
 from tests.player.pages import PLAYER
@@ -75,6 +76,19 @@ def test_a_strict_policy_on_one_origin(page: Page, tmp_path: Path, reel: Path):
         page.locator("splat-reel").get_by_role("button", name="Settings").click()
         page.goto(f"{site}player/index.html?src=../reel/manifest.json")
         wait_for_picture(page)
+    assert forbidden == []
+
+
+def test_sound_under_a_strict_policy(page: Page, tmp_path: Path):
+    (tmp_path / "player").symlink_to(STATIC)
+    (tmp_path / "reel").symlink_to(SOUND)
+    pages = {"/": PAGE.format(player="player/", reel="reel/")}
+    with host(tmp_path, pages, {"Content-Security-Policy": policies()[0]}) as site:
+        forbidden = violations(page)
+        page.goto(site)
+        wait_for_picture(page)
+        page.locator("splat-reel .start").click()
+        wait(page, f"{PLAYER}.soundtrack.audio?.currentTime > 0.1 && {PLAYER}.currentTime > 0.1")
     assert forbidden == []
 
 
