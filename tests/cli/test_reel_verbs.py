@@ -50,6 +50,13 @@ def test_info_as_json(capsys: pytest.CaptureFixture[str]) -> None:
     assert values["bytes"] == sum(f.stat().st_size for f in files)
 
 
+def test_info_tells_of_sound(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["info", str(GOLDEN.parent / "golden-sound")]) == 0
+    assert "sound: 4.00 s, 1 channel, 51 kbit/s, at 1, 0, 0" in capsys.readouterr().out
+    assert main(["info", str(GOLDEN)]) == 0
+    assert "sound" not in capsys.readouterr().out
+
+
 def test_verify_finds_a_flipped_bit(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["verify", str(GOLDEN)]) == 0
     assert "whole" in capsys.readouterr().out

@@ -142,6 +142,44 @@ def test_what_is_no_sound_is_refused(data) -> None:
         list(decode_sound(data, list(sound.segments), 1))
 
 
+def test_files_of_points_are_never_deleted_for_sound(tmp_path) -> None:
+    """A manifest may name anything as sound; taking that away must not take away a group."""
+    reel = write_reel(tmp_path)
+    add_sound(reel, encode_sound([flashes.clicks()], 1))
+
+    def forge(document):
+        group = document["groups"][1]
+        document["sound"]["segments"][1] |= {name: group[name] for name in ("uri", "bytes", "sha256")}
+        document["sound"]["init"]["uri"] = "manifest.json"
+
+    edit_manifest(reel, forge)
+    add_sound(reel, encode_sound([flashes.clicks((0.1,), 0.5)], 1))
+    assert verify_reel(reel).groups == 2
+    edit_manifest(reel, lambda d: d["sound"]["init"].update({k: d["layers"][0][k] for k in ("uri", "bytes", "sha256")}))
+    writer = new_writer(reel, resume=True)
+    write_sound(writer, None)
+    writer.finish()
+    assert verify_reel(reel).groups == 2
+
+
+def test_damaged_sound_is_an_error_or_sound(tmp_path) -> None:
+    """Whatever bytes change, decoding says `ReelError` or goes on, in bounded time."""
+    rng = np.random.default_rng(0)
+    init, data = ((flashes.GOLDEN / "sound" / name).read_bytes() for name in ("init.mp4", "0001.m4s"))
+    for _ in range(300):
+        spoilt = bytearray(init + data)
+        for at in rng.integers(0, len(init) + 600, 3):
+            spoilt[at] = rng.integers(256)
+        length = 0
+        try:
+            for _, part in decode_sound(bytes(spoilt[: len(init)]), [bytes(spoilt[len(init) :])], 1):
+                assert part.shape[1] == 1
+                length += len(part)
+        except ReelError:
+            continue
+        assert length <= 120 * 100 * RATE // 1000
+
+
 def test_a_segment_cut_short_is_found(tmp_path) -> None:
     reel = write_reel(tmp_path)
     sound = encode_sound([flashes.clicks()], 1)

@@ -70,8 +70,22 @@ MANIFEST_LIES: dict[str, Callable[[dict[str, Any]], object]] = {
     "manifest-endless": lambda m: m.update(frames=1 << 40),
     "manifest-endless-group": lambda m: (m.update(frames=1 << 40), m["groups"][-1].update(frames=(1 << 40) - 2)),
     "manifest-points-without-bytes": lambda m: m["layers"][0].update(points=800_000),
+    "manifest-sound-path-up": lambda m: m.update(sound=_sound(uri="../secret.m4s")),
+    "manifest-sound-of-a-page": lambda m: m.update(sound=_sound() | {"type": "text/html"}),
+    "manifest-sound-endless": lambda m: m.update(sound=_sound(seconds=1e12)),
+    "manifest-sound-before-it-begins": lambda m: m.update(sound=_sound(start=-1)),
+    "manifest-sound-too-large": lambda m: m.update(sound=_sound(bytes=1 << 40)),
+    "manifest-sound-nowhere": lambda m: m.update(sound=_sound() | {"position": [0, "x", 0]}),
     "manifest-layers-without-bytes": lambda m: m.update(layers=[m["layers"][i] | {"points": 80_000} for i in (0, 1)]),
 }
+
+
+def _sound(**segment: object) -> dict[str, Any]:
+    """Sound of one segment, of which this is a lie."""
+    asset = {"uri": "sound/init.mp4", "bytes": 565, "sha256": "0" * 64}
+    first = asset | {"uri": "sound/0000.m4s", "start": 0, "seconds": 2} | segment
+    kind = 'audio/mp4; codecs="opus"'
+    return {"type": kind, "rate": 48000, "channels": 1, "init": asset, "segments": [first]}
 
 
 def _millions_of_flags(draft: Draft) -> None:

@@ -81,3 +81,6 @@ def test_what_lies_about_itself_is_refused(tmp_path: Path) -> None:
     edit_manifest(reel, lambda document: document["sound"]["segments"][0].update(seconds=0.1))
     with pytest.raises(ReelError, match="longer than the manifest says"):
         open_reel(reel).sound.samples(0, 1)
+    edit_manifest(reel, lambda document: document["sound"]["segments"][0].update(seconds=1e-3, bytes=1 << 20))
+    with pytest.raises(ReelError, match="too many for Opus"):
+        open_reel(reel).sound.samples(0, 1)

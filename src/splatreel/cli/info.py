@@ -14,6 +14,7 @@ from splatreel.cli.options import reel_folder
 if TYPE_CHECKING:
     from splatreel.codec.info import ReelInfo
     from splatreel.codec.manifest import Manifest
+    from splatreel.codec.presentation import Sound
 
 
 def info(reel: Positional[Path], /, rendition: str | None = None, json: bool = False) -> None:
@@ -84,11 +85,22 @@ def presented(manifest: Manifest) -> list[str]:
     sizes = {
         "poster": said.poster.asset.bytes if said.poster else 0,
         "thumbnails": sum(sheet.bytes for sheet in said.thumbnails.sheets) if said.thumbnails else 0,
-        "sound": said.sound.init.bytes + sum(s.asset.bytes for s in said.sound.segments) if said.sound else 0,
+        "sound": sum(asset.bytes for asset in said.sound.assets) if said.sound else 0,
     }
     lines = [f"  {name}: {text}" for name, text in texts.items() if text]
     beside = ", ".join(f"{name} {size:,} bytes" for name, size in sizes.items() if size)
+    if said.sound:
+        lines.append(f"  {sounding(said.sound)}")
     return [*lines, *([f"  beside the points: {beside}"] if beside else [])]
+
+
+def sounding(sound: Sound) -> str:
+    """What sound there is."""
+    seconds = sum(segment.seconds for segment in sound.segments)
+    rate = 8e-3 * sum(segment.asset.bytes for segment in sound.segments) / seconds
+    where = f"at {', '.join(f'{x:.3g}' for x in sound.position)}" if sound.position else "without a place"
+    channels = "1 channel" if sound.channels == 1 else f"{sound.channels} channels"
+    return f"sound: {seconds:.2f} s, {channels}, {rate:.0f} kbit/s, {where}"
 
 
 ROWS, BAR = 24, 48

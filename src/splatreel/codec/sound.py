@@ -27,6 +27,8 @@ BITS_A_SECOND = {1: 64_000, 2: 112_000}
 PREROLL = 0.08
 """Seconds after which a decoder that starts in the middle gives what one that started before does (RFC 7845)."""
 
+_MOST_BYTES, _MOST_A_SECOND = 1 << 16, 1 << 17
+"""Of a segment: for what is around its packets, and twice the 510 kbit/s that are the most of Opus."""
 _SEGMENT = SEGMENT_SECONDS * RATE // PACKET
 """Packets of a segment."""
 
@@ -94,8 +96,9 @@ def decode_sound(init: bytes, segments: list[bytes], channels: int) -> Iterator[
             if len(container.streams) != 1 or not container.streams.audio:
                 raise ReelError("is not one track of sound.")
             stream = container.streams.audio[0]
-            if stream.codec_context.name not in ("opus", "libopus"):
-                raise ReelError(f"is {stream.codec_context.name}, expected opus.")
+            if stream.codec_context is None or stream.codec_context.name not in ("opus", "libopus"):
+                raise ReelError("is not Opus.")
+            stream.codec_context.thread_type = "NONE"
             for frame in container.decode(stream):
                 if (frame.sample_rate, frame.layout.nb_channels) != (RATE, channels):
                     found = f"{frame.layout.nb_channels} channels at {frame.sample_rate} a second"
@@ -105,6 +108,14 @@ def decode_sound(init: bytes, segments: list[bytes], channels: int) -> Iterator[
                 yield round(frame.pts * frame.time_base * RATE), _samples(frame)
     except (FFmpegError, ValueError, EOFError) as error:
         raise ReelError(f"is no sound that can be decoded ({error}).") from error
+
+
+def check_size(segment: SoundSegment) -> None:
+    """Raises `ReelError` for a segment of so many bytes that it cannot be Opus: who reads a second shall not read a gigabyte."""
+    if segment.asset.bytes > _MOST_BYTES + _MOST_A_SECOND * segment.seconds:
+        raise ReelError(
+            f"{segment.asset.uri}: has {segment.asset.bytes} bytes for {segment.seconds:g} s, too many for Opus."
+        )
 
 
 def add_sound(reel: str | Path, sound: EncodedSound, position: Vec3 | None = None) -> None:
@@ -130,8 +141,9 @@ def add_sound(reel: str | Path, sound: EncodedSound, position: Vec3 | None = Non
         write_atomically(folder / uri, data)
     publish(described)
     before = manifest.presentation.sound
+    kept = {"manifest.json", *files(sound), *(file.uri for file in manifest.files)}
     for asset in before.assets if before else ():
-        if asset.uri not in files(sound):
+        if asset.uri not in kept:
             (folder / asset.uri).unlink(missing_ok=True)
 
 

@@ -165,6 +165,7 @@ class ReelWriter:
     def present(self, presentation: Presentation) -> None:
         """Say this beside the points from now on: words, and assets that are written. What it no longer names is deleted."""
         left = {asset.uri for asset in self._manifest.assets} - {asset.uri for asset in presentation.assets}
+        left -= {"manifest.json", *(file.uri for file in self._manifest.files)}
         self._publish(replace(self._manifest, presentation=presentation), live=self._manifest.live)
         for uri in left:
             self._delete(uri)

@@ -11,7 +11,7 @@ from av.container import OutputContainer
 from splatreel.codec.fragments import RATE
 from splatreel.codec.presentation import Asset, Sound
 from splatreel.codec.reader import ReelReader
-from splatreel.codec.sound import PREROLL, TYPE, decode_sound
+from splatreel.codec.sound import PREROLL, TYPE, check_size, decode_sound
 from splatreel.errors import ReelError
 
 _CACHED_SEGMENTS = 4
@@ -46,6 +46,8 @@ class ReelSound:
         needed = [s for s in self._sound.segments if s.start < end and s.start + s.seconds > start - PREROLL]
         if not needed:
             return out
+        for segment in needed:
+            check_size(segment)
         most = round((sum(s.seconds for s in needed) + 1) * self.rate)
         try:
             init, *segments = (self._read(asset) for asset in (self._sound.init, *(s.asset for s in needed)))
