@@ -31,6 +31,12 @@ export function positive(value: unknown, what: string): number {
   return result;
 }
 
+export function within(value: unknown, low: number, high: number, what: string): number {
+  const result = number(value, what);
+  if (result < low || result > high) throw new ReelError(`The manifest is damaged: ${what} is ${result}, expected ${low} to ${high}.`);
+  return result;
+}
+
 export function numbers(value: unknown, count: number, what: string): number[] {
   const result = list(value, what).flat();
   if (result.length !== count) throw new ReelError(`The manifest is damaged: ${what} has ${result.length} numbers, not ${count}.`);

@@ -1,7 +1,10 @@
 /** What a manifest says for people beside the points: words, pictures, sound, and how far views hold (docs/format.md). All optional. */
 import { ReelError } from "./errors";
-import { list, number, numbers, plainPath, positive, record, type Json } from "./json";
+import { list, number, numbers, plainPath, positive, record, within, type Json } from "./json";
 import type { Vec3 } from "./matrix";
+
+/** What any asset may have at most, in bytes. */
+const MAX_ASSET = 64 << 20;
 
 /** A file without points. uri: relative to the manifest. */
 export interface Asset {
@@ -84,7 +87,7 @@ function text(json: Json, name: string): string {
 
 function parseAsset(value: unknown): Asset {
   const json = record(value, "a file");
-  return { uri: plainPath(json.uri), bytes: positive(json.bytes, "bytes"), sha256: typeof json.sha256 === "string" ? json.sha256 : null };
+  return { uri: plainPath(json.uri), bytes: within(json.bytes, 1, MAX_ASSET, "bytes"), sha256: typeof json.sha256 === "string" ? json.sha256 : null };
 }
 
 function parsePoster(json: Json): Poster {
@@ -103,19 +106,23 @@ function parseSound(json: Json): Sound {
   if (typeof json.type !== "string" || !/^audio\/[a-z0-9]+; codecs="[A-Za-z0-9.]+"$/.test(json.type)) {
     throw new ReelError(`The manifest is damaged: its sound is of the type ${JSON.stringify(json.type)}.`);
   }
+  const segments = list(json.segments, "sound segments").map(parseSegment);
+  if (segments.some((later, i) => i > 0 && later.start < segments[i - 1]!.start + segments[i - 1]!.seconds - 1e-3)) {
+    throw new ReelError("The manifest is damaged: its sound segments overlap.");
+  }
   return {
     type: json.type,
-    rate: positive(json.rate, "sound rate"),
-    channels: positive(json.channels, "sound channels"),
+    rate: within(json.rate, 1000, 768_000, "sound rate"),
+    channels: within(json.channels, 1, 8, "sound channels"),
     init: parseAsset(json.init),
-    segments: list(json.segments, "sound segments").map(parseSegment),
+    segments,
     position: json.position === undefined ? null : (numbers(json.position, 3, "sound position") as Vec3),
   };
 }
 
 function parseSegment(value: unknown): SoundSegment {
   const json = record(value, "a sound segment");
-  return { ...parseAsset(json), start: number(json.start, "sound start"), seconds: positive(json.seconds, "sound seconds") };
+  return { ...parseAsset(json), start: within(json.start, 0, 1e7, "sound start"), seconds: within(json.seconds, 1e-3, 3600, "sound seconds") };
 }
 
 function parseLimits(json: Json): Limits {
