@@ -13,6 +13,7 @@ import pytest
 
 from splatreel.cli import main as cli
 from splatreel.cli.main import main
+from splatreel.codec.reader import ReelReader
 from splatreel.codec.verify import verify_reel
 from tests.capture import folders
 from tests.recon.captures import WallCapture
@@ -43,8 +44,8 @@ def capture(tmp_path: Path) -> Path:
     return folder
 
 
-def start(capture: Path, out: Path) -> subprocess.Popen[str]:
-    command = [sys.executable, "-c", SHORT, "reconstruct", str(capture), "--out", str(out)]
+def start(capture: Path, out: Path, title: str) -> subprocess.Popen[str]:
+    command = [sys.executable, "-c", SHORT, "reconstruct", str(capture), "--out", str(out), "--title", title]
     environment = os.environ | {"PYTHONPATH": os.pathsep.join(sys.path)}
     return subprocess.Popen(command, stderr=subprocess.PIPE, stdout=subprocess.PIPE, text=True, env=environment)
 
@@ -57,7 +58,7 @@ def test_signals_stop_the_command_and_the_same_command_goes_on(capture: Path, tm
         ("group 2/2 motion", signal.SIGKILL, -signal.SIGKILL, 1),
     ]
     for line, number, code, published in stops:
-        process = start(capture, out)
+        process = start(capture, out, "A wall")
         assert process.stderr is not None
         seen = next((text for text in process.stderr if text.startswith(line)), None)
         assert seen is not None, line
@@ -68,12 +69,17 @@ def test_signals_stop_the_command_and_the_same_command_goes_on(capture: Path, tm
         if number != signal.SIGKILL:
             assert "continue with the same command:\n  splatreel reconstruct" in errors
         assert verify_reel(out / "reel").groups == published
-    process = start(capture, out)
+    process = start(capture, out, "Another wall")  # which is no other run
     output, errors = process.communicate(timeout=60)
     assert process.returncode == 0, errors
     assert "keyframe" not in errors  # both were kept
     assert f"splatreel serve {out / 'reel'}" in output
     assert verify_reel(out / "reel").groups == 2
+    said = ReelReader(out / "reel").manifest.presentation
+    assert said.title == "Another wall"
+    assert said.poster is not None
+    assert said.thumbnails is not None
+    assert said.limits is not None
     assert [file for file in out.rglob("*") if file.suffix == ".tmp"] == []
 
 
