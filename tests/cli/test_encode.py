@@ -1,6 +1,7 @@
 """`splatreel encode`: another reel of a run, and never over one that somebody has."""
 
 import json
+import os
 import shutil
 from pathlib import Path
 
@@ -10,6 +11,7 @@ from splatreel.cli.main import main
 from splatreel.codec.reader import ReelReader
 from splatreel.codec.verify import verify_reel
 from splatreel.config import Config, KeyframeConfig
+from splatreel.recon.claim import hold
 from splatreel.recon.sequence import reconstruct
 from tests.recon.captures import WallCapture
 
@@ -145,3 +147,19 @@ def test_a_folder_without_a_run(run: Path, capsys: pytest.CaptureFixture[str]) -
     assert capsys.readouterr().err == (
         "Error: run/reel/work: holds no finished group. Run splatreel reconstruct first.\n"
     )
+
+
+@pytest.mark.skipif(os.name != "posix", reason="locks of folders")
+def test_of_two_at_once_the_second_is_told(run: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    with hold(Path("other")):
+        assert main(["encode", "run", "--out", "other"]) == 1
+        assert (
+            "other: another process is writing this reel. Wait for it or choose another --out"
+            in capsys.readouterr().err
+        )
+        assert list(Path("other").iterdir()) == []
+    left = Path("other") / "groups" / f".0000.safetensors.{'0' * 16}.tmp"
+    left.parent.mkdir()
+    left.write_bytes(b"half")
+    assert main(["encode", "run", "--out", "other"]) == 0
+    assert verify_reel("other").strangers == []

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import os
 import shutil
-import tempfile
 from dataclasses import dataclass
 from pathlib import Path
 from types import ModuleType
@@ -20,6 +19,7 @@ from splatreel.capture.sidecar import read_sidecar
 from splatreel.capture.videos import Videos
 from splatreel.errors import CaptureError
 from splatreel.progress import Progress
+from splatreel.scene.atomic import scratch
 
 MODEL = Path("sparse/0")
 FEW = 100
@@ -54,11 +54,11 @@ def calibrate(path: Path, progress: Progress) -> Calibration:
         found = ", ".join(file.name for file in files.values()) or "none"
         raise CaptureError(f"{path}: {len(files)} videos ({found}), at least {MIN_CAMERAS} are needed. Add the others.")
     colmap = import_pycolmap()
-    with tempfile.TemporaryDirectory(prefix=".calibrate-", dir=path) as folder:
-        pictures = Path(folder) / "images"
+    with scratch(path, "calibrate") as folder:
+        pictures = folder / "images"
         progress.stage("first frames", len(files))
         _write_pictures(path, files, pictures, progress)
-        model = _solve(colmap, Path(folder), len(files), progress)
+        model = _solve(colmap, folder, len(files), progress)
         images = sorted(model.images.values(), key=lambda image: image.name) if model else []
         placed = {Path(image.name).stem: int(image.num_points3D) for image in images}
         if len(placed) < MIN_CAMERAS:
@@ -67,7 +67,7 @@ def calibrate(path: Path, progress: Progress) -> Calibration:
                 f"tell where they stand. Film with neighbouring cameras that see the same things, and with more texture "
                 f"around what moves."
             )
-        _put(model, Path(folder) / "model", path / MODEL)
+        _put(model, folder / "model", path / MODEL)
     lost = sorted(set(files) - set(placed))
     return Calibration(placed, lost, float(model.compute_mean_reprojection_error()))
 

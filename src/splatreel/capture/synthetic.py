@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 import math
 import os
-import tempfile
 from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from fractions import Fraction
@@ -24,9 +23,10 @@ from splatreel.capture.sidecar import SIDECAR
 from splatreel.capture.sound import RATE
 from splatreel.capture.toysound import heard
 from splatreel.errors import CaptureError, UsageError
+from splatreel.scene.atomic import scratch
 from splatreel.scene.camera import Camera
 
-VERSION = 2
+VERSION = 3
 """Raised when the same arguments make another capture than before."""
 
 NEAR, FAR = 2.0, 9.0
@@ -116,8 +116,8 @@ def make_capture(
         )
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
-        with tempfile.TemporaryDirectory(prefix=f".{path.name}.", dir=path.parent) as temporary:
-            folder = Path(temporary) / path.name
+        with scratch(path.parent, path.name) as temporary:
+            folder = temporary / path.name
             folder.mkdir()
             _write(folder, recipe, progress or (lambda share: None))
             os.replace(folder, path)
@@ -188,7 +188,8 @@ class VideoWriter:
         self._stream = self._container.add_stream("libx264", rate=Fraction(fps))
         self._stream.width, self._stream.height, self._stream.pix_fmt = camera.width, camera.height, "yuv444p"
         self._stream.codec_context.thread_count = 1
-        self._stream.codec_context.options = {"crf": "6", "preset": "medium", "g": str(fps), "flags": "+bitexact"}
+        options = {"crf": "6", "preset": "medium", "g": str(fps), "flags": "+bitexact"}
+        self._stream.codec_context.options = options | {"x264-params": "mbtree=0"}  # with it, bytes differ under load
         self._sound, self._track = sound, None
         if sound is not None:
             self._track = self._container.add_stream("alac", rate=RATE, layout="mono")

@@ -52,6 +52,7 @@ def encode(
     from splatreel.codec.info import reel_info
     from splatreel.play.presenter import Presenter
     from splatreel.progress import console
+    from splatreel.recon.claim import hold
     from splatreel.recon.publish import encode as encode_checkpoints
 
     _check_folder(run, out)
@@ -68,7 +69,9 @@ def encode(
     _check_rate(config, rate, target_mbps, PAPERS & set(given))
     progress = console()
     try:
-        encode_checkpoints(run / "work", out, config, progress, target_mbps, Presenter(_words_of(run)))
+        with hold(out):
+            _check_folder(run, out)  # somebody else may have finished it by now
+            encode_checkpoints(run / "work", out, config, progress, target_mbps, Presenter(_words_of(run)))
     finally:
         progress.close()
     print(describe(str(out), reel_info(out)))

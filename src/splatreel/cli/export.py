@@ -9,6 +9,7 @@ from tyro.conf import Positional
 
 from splatreel.cli.options import megabytes, parse_frames, reel_folder
 from splatreel.errors import UsageError
+from splatreel.scene.atomic import sweep
 
 if TYPE_CHECKING:
     from splatreel.play.timeline import Timeline
@@ -66,7 +67,9 @@ def export(
     if not 0 <= first < end <= total:
         wrong = f"frame {frame}" if frame is not None else f"frame {end - 1}"
         raise UsageError(f"{reel}: there is no {wrong}; choose 0 to {total - 1}.")
-    (out if not out.suffix else out.parent).mkdir(parents=True, exist_ok=True)
+    place = out.parent if out.suffix else out
+    place.mkdir(parents=True, exist_ok=True)
+    sweep(place, out.name if out.suffix else "")
     if out.suffix in FORMATS:
         count = _write_frame(source, first, out)
         print(f"{out}: {count:,} Gaussians of frame {first}")

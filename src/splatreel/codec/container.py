@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import os
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -16,6 +15,7 @@ from splatreel.codec.manifest import VERSION
 from splatreel.codec.quantize import integer
 from splatreel.codec.sections import Section, Sections
 from splatreel.errors import ReelError
+from splatreel.scene.atomic import replacing
 
 _KEY = "splatreel"
 _PADDING = "padding"
@@ -85,17 +85,10 @@ def unpack_file(data: bytes, most: int | None = None) -> tuple[FileHeader, Secti
 
 def write_atomically(path: Path, data: bytes) -> None:
     """Replace path by data, whole or not at all. Raises `ReelError` where the disk refuses."""
-    temporary = path.with_name(f".{path.name}.{os.getpid()}.tmp")
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
-        try:
-            with open(temporary, "wb") as file:
-                file.write(data)
-                file.flush()
-                os.fsync(file.fileno())
-            os.replace(temporary, path)
-        finally:
-            temporary.unlink(missing_ok=True)
+        with replacing(path) as temporary:
+            temporary.write_bytes(data)
     except OSError as error:
         raise ReelError(
             f"{path}: could not write {len(data)} bytes ({error.strerror or error}). What was published "

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-import os
 from pathlib import Path
 
 import numpy as np
 from PIL import Image
+
+from splatreel.scene.atomic import replacing
 
 ERROR_GAIN = 4
 """The error is shown four times as bright: 1/4 of the range is white."""
@@ -22,6 +23,5 @@ def comparison(truth: np.ndarray, render: np.ndarray) -> np.ndarray:
 def write_png(path: Path, image: np.ndarray) -> None:
     """Write a uint8 [H, W, 3] image, at once."""
     path.parent.mkdir(parents=True, exist_ok=True)
-    temporary = path.with_name(f".{path.name}.{os.getpid()}")
-    Image.fromarray(image).save(temporary, format="PNG")
-    os.replace(temporary, path)
+    with replacing(path) as temporary:
+        Image.fromarray(image).save(temporary, format="PNG")

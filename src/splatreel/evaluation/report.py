@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import dataclasses
 import json
-import os
 from dataclasses import dataclass, field
 from pathlib import Path
 
 from splatreel.errors import UsageError
+from splatreel.scene.atomic import replacing
 
 
 @dataclass(frozen=True)
@@ -139,6 +139,5 @@ def megabytes(count: float) -> str:
 
 def write_text(path: Path, text: str) -> None:
     """Write a file so that it is either the old or the new one, never half of it."""
-    temporary = path.with_name(f".{path.name}.{os.getpid()}")
-    temporary.write_text(text, encoding="utf-8")
-    os.replace(temporary, path)
+    with replacing(path) as temporary:
+        temporary.write_text(text, encoding="utf-8")

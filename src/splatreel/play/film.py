@@ -13,6 +13,7 @@ import numpy as np
 from splatreel.play.path import CameraPath, Keyframe, in_order
 from splatreel.play.sound import FilmSound
 from splatreel.play.timeline import Timeline
+from splatreel.scene.atomic import replacing
 from splatreel.scene.camera import Camera
 
 Shot = tuple[float, Camera]
@@ -56,13 +57,22 @@ def write_film(
 ) -> None:
     """Write pictures of a reel as H.264 in MP4, at the reel's rate, with its sound as AAC if it keeps step with them.
 
+    The same pictures give the same bytes, and the film is there whole or not at all.
+
     All cameras have the same size; odd sides lose a row or column, as players expect. report: called with how many pictures are done.
     """
     width, height = shots[0][1].width // 2 * 2, shots[0][1].height // 2 * 2
-    with av.open(str(path), "w", format="mp4", options={"movflags": "faststart"}) as container:
+    with (
+        replacing(path) as temporary,
+        av.open(
+            str(temporary), "w", format="mp4", options={"movflags": "faststart", "fflags": "+bitexact"}
+        ) as container,
+    ):
         stream = container.add_stream("libx264", rate=Fraction(reel.fps).limit_denominator(1001))
         stream.width, stream.height, stream.pix_fmt = width, height, "yuv420p"
-        stream.options = {"crf": "17", "preset": "medium"}
+        stream.codec_context.thread_count = 1
+        # Of several threads and of x264's macroblock tree the bytes depend on the machine and on what else it does.
+        stream.options = {"crf": "17", "preset": "medium", "flags": "+bitexact", "x264-params": "mbtree=0"}
         start = starts_in_step(shots, reel.fps)
         sound = FilmSound(container, reel.sound, start) if reel.sound is not None and start is not None else None
         for done, (seconds, camera) in enumerate(shots):

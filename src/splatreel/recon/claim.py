@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-import errno
 import json
 import os
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -12,11 +13,7 @@ from splatreel.capture.base import Capture
 from splatreel.config import Config
 from splatreel.errors import ReconstructionError
 from splatreel.recon import checkpoint
-
-try:
-    import fcntl
-except ImportError:  # not on Windows, where nothing keeps two runs apart
-    fcntl = None
+from splatreel.scene.atomic import lock, sweep
 
 VERSION = 1
 """Raised when checkpoints of before can no longer be continued."""
@@ -77,32 +74,47 @@ class Claim:
                 "Choose another --out, or move the reel away."
             )
 
-    def _acquire(self) -> int | None:
+    def _acquire(self) -> int:
         try:
             self.work.mkdir(parents=True, exist_ok=True)
             self.reel.mkdir(exist_ok=True)
-            if fcntl is None:
-                return None
-            lock = os.open(self.work / ".lock", os.O_RDWR | os.O_CREAT, 0o644)
+            handle = os.open(self.work / ".lock", os.O_RDWR | os.O_CREAT, 0o644)
         except OSError as error:
             raise ReconstructionError(
                 f"{error.filename}: cannot be written ({error.strerror}). Choose another --out, or fix what is in the way."
             ) from error
-        try:
-            fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except OSError as error:
-            if error.errno in (errno.EAGAIN, errno.EACCES):
-                os.close(lock)
-                raise ReconstructionError(
-                    f"{self.out}: another process is reconstructing into this folder. Wait for it or choose another --out."
-                ) from error
-            # Some network file systems have no locks: then nobody can tell.
-        return lock
+        if not lock(handle):
+            os.close(handle)
+            raise ReconstructionError(
+                f"{self.out}: another process is reconstructing into this folder. Wait for it or choose another --out."
+            )
+        return handle
 
     def _release(self) -> None:
         if self._lock is not None:
             os.close(self._lock)
             self._lock = None
+
+
+@contextmanager
+def hold(reel: Path) -> Iterator[None]:
+    """The right to write a reel that is not that of a run. Entering makes its folder, and removes what a killed process left there.
+
+    Raises `ReconstructionError` where another process is writing it.
+    """
+    reel.mkdir(parents=True, exist_ok=True)
+    handle = os.open(reel, os.O_RDONLY) if os.name == "posix" else None
+    try:
+        if handle is not None and not lock(handle):
+            raise ReconstructionError(
+                f"{reel}: another process is writing this reel. Wait for it or choose another --out."
+            )
+        for folder in (reel, *(place for place in reel.iterdir() if place.is_dir())):
+            sweep(folder)
+        yield
+    finally:
+        if handle is not None:
+            os.close(handle)
 
 
 def _filled(record: dict[str, Any], defaults: dict[str, Any]) -> dict[str, Any]:
