@@ -58,6 +58,17 @@ def test_its_films_have_it(room: Path) -> None:
     assert choose("auto", capture.tracks(), SECONDS, 0, room).camera == "cam10"
 
 
+def test_the_sound_of_some_frames_is_that_of_their_time(room: Path) -> None:
+    capture = open_capture(room, frames=(12, 45))
+    seconds, begin = capture.frames / capture.fps, capture.first_frame / capture.fps
+    choice = choose("cam00", capture.tracks(), seconds, begin, room)
+    found = onsets(np.concatenate(list(choice.samples(seconds)))[:, 0])
+    center = capture.camera("cam00").center
+    arrivals = [i.time + float(np.linalg.norm(np.array(i.place) - center)) / 343 - begin for i in impacts(SECONDS)]
+    assert found == pytest.approx([time for time in arrivals if 0 < time < seconds], abs=1e-3)
+    assert len(found) == 3
+
+
 def test_sync_finds_that_they_start_together(room: Path) -> None:
     starts = synchronise(room, Silent())
     assert len(starts) == 14
