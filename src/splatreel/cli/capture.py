@@ -22,6 +22,7 @@ def capture_check(capture: Positional[Path], /, width: int | None = None, frames
         frames: Which frames, as A:B; all by default.
     """
     from splatreel.capture.opening import open_capture
+    from splatreel.capture.sound import choose
     from splatreel.progress import console
 
     source = open_capture(capture, width=width, frames=parse_frames(frames))
@@ -33,6 +34,8 @@ def capture_check(capture: Positional[Path], /, width: int | None = None, frames
             count = min(CHUNK, source.frames - first)
             source.read(first, count, names)
             progress.update(first + count)
+        seconds = source.frames / source.fps
+        sound = choose("auto", source.tracks(), seconds, source.first_frame / source.fps, capture)
     finally:
         progress.close()
         source.close()
@@ -41,6 +44,7 @@ def capture_check(capture: Positional[Path], /, width: int | None = None, frames
     print(f"{capture}: {type(source).__name__}, every frame can be read")
     print(f"  {len(names)} cameras, held out: {held_out}; {points}")
     print(f"  {source.frames} frames at {source.fps:g} a second, {source.width} x {source.height} pixels")
+    print(f"  sound: {sound or 'none'}")
 
 
 def capture_calibrate(capture: Positional[Path], /) -> None:

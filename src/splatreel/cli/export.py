@@ -34,7 +34,7 @@ def export(
     Args:
         reel: Folder of the reel.
         out: F.html for one page with player and reel; F.ply, F.spz or F.glb for one frame, a folder for a file a frame; F.mp4 for a
-            film through the capture's cameras.
+            film through the capture's cameras, with the reel's sound.
         frame: Which frame, counted from 0; for one file.
         frames: A:B, frames A to B - 1; by default all. For a folder or a film.
         rendition: Which one, of a reel that has several; by default the best.

@@ -41,7 +41,7 @@ def view(
 
     Args:
         reel: Folder of the reel, or of the reconstruction that holds it.
-        renderer: webgl draws in the browser; cpu and cuda draw here and stream the pictures (needs splatreel[viewer]).
+        renderer: webgl draws in the browser; cpu and cuda draw here and stream the pictures, without sound (needs splatreel[viewer]).
         port: Port to listen on; 0 takes any that is free.
         open: Open the browser, or only print the address.
         width: Most pixels across that cpu and cuda draw.

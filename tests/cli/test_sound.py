@@ -1,0 +1,50 @@
+"""Sound on the command line: what a capture has, and what is refused before anything is trained."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from splatreel.capture.sound import RATE, read_sound
+from splatreel.capture.synthetic import make_capture
+from splatreel.cli.main import main
+from tests import flashes
+
+
+@pytest.fixture(scope="module")
+def room(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return make_capture(tmp_path_factory.mktemp("room") / "room", width=16, height=16, frames=20)
+
+
+def test_check_says_what_would_be_heard(room: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["capture", "check", str(room)]) == 0
+    assert "sound: camera cam12 (the loudest without distortion)" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize(
+    ("wanted", "said"),
+    [
+        ("cam99", "--sound cam99: is neither a file nor such a camera"),
+        ("splatreel.json", "its sound cannot be decoded"),
+    ],
+)
+def test_what_has_no_sound_is_refused_at_once(
+    room: Path,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+    wanted: str,
+    said: str,
+) -> None:
+    monkeypatch.chdir(room)
+    assert main(["reconstruct", ".", "--out", str(tmp_path / "out"), "--sound", wanted]) == 1
+    error = capsys.readouterr().err
+    assert said in error
+    assert "keyframe" not in error
+
+
+def test_a_film_of_some_frames_has_their_sound(tmp_path: Path) -> None:
+    film = tmp_path / "film.mp4"
+    assert main(["export", str(flashes.GOLDEN), "--out", str(film), "--frames", "100:150", "--width", "32"]) == 0
+    found = flashes.onsets(np.concatenate(list(read_sound(film, 1, RATE))))
+    np.testing.assert_allclose(found + 2, flashes.CLICKS[2:3], atol=2e-3)
