@@ -3,30 +3,34 @@
 import shutil
 from pathlib import Path
 
+import pytest
 from playwright.sync_api import Page
 
 from splatreel.codec.edit import edit_reel
 from splatreel.play.standalone import write_standalone
-from tests.golden import PREDICTIVE
+from tests.flashes import GOLDEN as SOUND
 from tests.player.pages import PLAYER, wait_for_picture
 
+pytestmark = pytest.mark.browser
 
-def test_it_plays_from_a_disk_and_asks_the_network_for_nothing(page: Page, tmp_path: Path) -> None:
-    reel = shutil.copytree(PREDICTIVE, tmp_path / "reel")
-    edit_reel(reel, {"title": "Balls </script><b>"})
+AUDIO = f"{PLAYER}.soundtrack.audio"
+
+
+def test_it_plays_and_sounds_from_a_disk_and_asks_the_network_for_nothing(page: Page, tmp_path: Path) -> None:
+    reel = shutil.copytree(SOUND, tmp_path / "reel")
+    edit_reel(reel, {"title": "Flashes </script><b>"})
     write_standalone(tmp_path / "reel.html", reel)
     asked: list[str] = []
     page.on("request", lambda request: asked.append(request.url))
     page.goto((tmp_path / "reel.html").as_uri() + "?autoplay=0")
     wait_for_picture(page)
-    assert page.title().startswith("Balls </script><b>")
-    assert page.evaluate(f"{PLAYER}.duration") > 0.4
-    page.evaluate(f"{PLAYER}.currentTime = 0.3")  # the second group
-    page.wait_for_function(f"!{PLAYER}.seeking && {PLAYER}.canPlay")
+    assert page.title() == "Flashes </script><b>"
+    page.locator("splat-reel .start").click()
+    page.wait_for_function(f"!{AUDIO}.paused && {AUDIO}.currentTime > 0.05 && {PLAYER}.currentTime > 0.05")
     picture = """(async () => {
         const reel = document.querySelector("splat-reel"), { K, viewmat, width, height } = reel.camera;
-        const { data } = await reel.renderAt(0.3, { K, viewmat }, width, height);
-        return data.filter((value, i) => i % 4 < 3 && value > 40).length;
+        const { data } = await reel.renderAt(2.5, { K, viewmat }, width, height);
+        return data.filter((value, i) => i % 4 < 3 && value > 20).length;
     })()"""
     assert page.evaluate(picture) > 2000, "the picture is black"
     assert [url for url in asked if not url.startswith(("file:", "blob:"))] == []
