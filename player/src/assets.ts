@@ -8,7 +8,7 @@ export function startWorker(name: string): Worker {
 }
 
 /** Of a part that is loaded when it is asked for. */
-export function addressOf(name: string): string {
+export function moduleAddress(name: string): string {
   const inPage = embeddedPlayerFile(name);
   return inPage ? URL.createObjectURL(inPage) : new URL(name, import.meta.url).href;
 }

@@ -1,11 +1,12 @@
 /** The seek bar: where time is, what is here already, and which time is under the pointer. */
 import { elementOf } from "./markup";
 import type { Player } from "./player";
+import { Thumbnails } from "./thumbnails";
 import { timeText } from "./timetext";
 
 const MARKUP = `<div class="track">
   <input class="seek" type="range" min="0" max="0" step="0.001" value="0" aria-label="Seek" />
-  <span class="hint" aria-hidden="true"></span>
+  <span class="hint" aria-hidden="true"><span class="at"></span></span>
 </div>`;
 
 export class SeekBar {
@@ -15,15 +16,26 @@ export class SeekBar {
   dragging = false;
 
   private readonly hint = this.box.querySelector<HTMLElement>(".hint")!;
+  private readonly thumbnails: Thumbnails;
 
   constructor(private readonly player: Player) {
-    const { input } = this;
+    const { input, box } = this;
+    this.thumbnails = new Thumbnails(player);
+    this.hint.prepend(this.thumbnails.box);
+    const drag = (on: boolean): void => {
+      this.dragging = on;
+      box.classList.toggle("dragged", on);
+    };
     input.addEventListener("input", () => {
-      this.dragging = true;
+      drag(true);
       player.currentTime = Number(input.value);
+      this.showHint(player.currentTime / player.duration);
     });
-    input.addEventListener("change", () => (this.dragging = false));
-    this.box.addEventListener("pointermove", (event) => this.showHint(event));
+    input.addEventListener("change", () => drag(false));
+    box.addEventListener("pointermove", ({ clientX, pointerType }) => {
+      const { left, width } = input.getBoundingClientRect();
+      if (pointerType !== "touch") this.showHint((clientX - left) / width);
+    });
   }
 
   /** Show how things are. */
@@ -37,11 +49,15 @@ export class SeekBar {
     input.style.setProperty("--ahead", this.bufferedTrack());
   }
 
-  private showHint(event: PointerEvent): void {
-    const { left, width } = this.input.getBoundingClientRect();
-    const part = Math.min(Math.max((event.clientX - left) / width, 0), 1);
-    this.hint.textContent = timeText(part * this.player.duration, true);
-    this.hint.style.left = `${Math.min(Math.max(part * width, 24), width - 24)}px`;
+  /** What is at a part of the bar, which stays within it. */
+  private showHint(place: number): void {
+    const { hint, player: { duration } } = this;
+    const part = Math.min(Math.max(place, 0), 1) || 0;
+    hint.querySelector(".at")!.textContent = timeText(part * duration, true);
+    this.thumbnails.show(part * duration);
+    const width = this.box.clientWidth;
+    const half = hint.offsetWidth / 2;
+    hint.style.left = `${Math.min(Math.max(part * width, half), width - half)}px`;
   }
 
   /** The ranges that are here, as a background. */
@@ -49,7 +65,7 @@ export class SeekBar {
     const { buffered, duration } = this.player;
     const stops = buffered.flatMap(([from, to]) => {
       const [a, b] = [percent(from, duration), percent(to, duration)];
-      return [`transparent ${a}%`, `rgb(255 255 255 / 0.36) ${a}%`, `rgb(255 255 255 / 0.36) ${b}%`, `transparent ${b}%`];
+      return [`transparent ${a}%`, `var(--here) ${a}%`, `var(--here) ${b}%`, `transparent ${b}%`];
     });
     return stops.length > 0 ? `linear-gradient(to right, ${stops.join(", ")})` : "linear-gradient(transparent, transparent)";
   }

@@ -1,6 +1,6 @@
 /** The controls over the picture, put together: bar, menu, help, statistics and messages, and what keys and buttons do. */
 import { aboutOf, saysAnything } from "./about";
-import { addressOf } from "./assets";
+import { moduleAddress } from "./assets";
 import { Bar } from "./bar";
 import { Dialog } from "./dialog";
 import { messageOf } from "./errors";
@@ -142,8 +142,8 @@ export class Controls {
     const say = (words: string): void => this.messages.say(words);
     this.openMenu(false);
     try {
-      const { shareOf } = (await import(addressOf("share.js"))) as typeof import("./share");
-      const shared = { link: host.link, page: location.href.split("#")[0], reel: manifest!.url, player: addressOf("player.js"), title: manifest!.presentation.title };
+      const { shareOf } = (await import(moduleAddress("share.js"))) as typeof import("./share");
+      const shared = { link: host.link, page: location.href.split("#")[0], reel: manifest!.url, player: moduleAddress("player.js"), title: manifest!.presentation.title };
       this.show("Share", shareOf(shared, say));
     } catch {
       say("This part of the player cannot be loaded");

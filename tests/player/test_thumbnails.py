@@ -1,0 +1,95 @@
+"""Small pictures over the seek bar: the right one of the right sheet, got when it is looked at."""
+
+import io
+import json
+
+import numpy as np
+import pytest
+from PIL import Image
+from playwright.sync_api import CDPSession, Page, Route
+
+from splatreel.play.server import Server
+from tests.golden import GOLDEN
+from tests.player.pages import open_player
+
+pytestmark = pytest.mark.browser
+
+COUNT, COLUMNS, ROWS = 6, 2, 2
+SIZE = (64, 48)
+
+
+def color(index: int) -> tuple[int, int, int]:
+    return (40 * index, 200 - 30 * index, 90)
+
+
+def sheet(number: int) -> bytes:
+    """Plain colours, one a picture; the last sheet has one row."""
+    left = min(COUNT - number * COLUMNS * ROWS, COLUMNS * ROWS)
+    picture = Image.new("RGB", (COLUMNS * SIZE[0], -(-left // COLUMNS) * SIZE[1]))
+    for k in range(left):
+        place = (k % COLUMNS * SIZE[0], k // COLUMNS * SIZE[1])
+        picture.paste(Image.new("RGB", SIZE, color(number * COLUMNS * ROWS + k)), place)
+    out = io.BytesIO()
+    picture.save(out, "PNG")
+    return out.getvalue()
+
+
+def add_thumbnails(page: Page) -> list[str]:
+    """Give the golden reel thumbnails; what is asked for of them."""
+    manifest = json.loads((GOLDEN / "manifest.json").read_text())
+    seconds = manifest["frames"] / manifest["fps"] / COUNT
+    sheets = [{"uri": f"thumbnails/{i}.png", "bytes": len(sheet(i))} for i in range(2)]
+    manifest["thumbnails"] = {"width": SIZE[0], "height": SIZE[1], "columns": COLUMNS, "rows": ROWS, "count": COUNT}
+    manifest["thumbnails"] |= {"seconds": seconds, "sheets": sheets}
+    asked: list[str] = []
+
+    def answer(route: Route) -> None:
+        asked.append(route.request.url.rsplit("/", 1)[1])
+        route.fulfill(content_type="image/png", body=sheet(int(asked[-1][0])))
+
+    page.route("**/reel/manifest.json", lambda route: route.fulfill(json=manifest))
+    page.route("**/thumbnails/*", answer)
+    return asked
+
+
+def shown(page: Page) -> np.ndarray:
+    """Colour in the middle of the thumbnail."""
+    image = page.locator("splat-reel .thumbnail img")
+    image.wait_for()
+    page.wait_for_timeout(250)
+    picture = np.asarray(Image.open(io.BytesIO(page.locator("splat-reel .thumbnail").screenshot())).convert("RGB"))
+    assert np.allclose(picture.shape[1::-1], SIZE, atol=1)  # a pixel may be cut in two
+    return picture[SIZE[1] // 2, SIZE[0] // 2]
+
+
+def test_the_thumbnail_of_the_time_under_the_mouse(page: Page, server: Server):
+    asked = add_thumbnails(page)
+    open_player(page, server)
+    assert asked == []
+    track = page.locator("splat-reel .seek").bounding_box()
+    assert track is not None
+    for index in (0, 1, 3, 5, 2):
+        page.mouse.move(track["x"] + track["width"] * (index + 0.1) / COUNT, track["y"] + track["height"] / 2)
+        assert np.abs(shown(page).astype(int) - color(index)).max() < 6
+    hint = page.locator("splat-reel .hint").bounding_box()
+    assert hint is not None
+    assert hint["x"] >= 0
+    assert hint["y"] + hint["height"] <= track["y"] + track["height"] / 2
+    assert asked[:2] == ["0.png", "1.png"]
+
+
+def test_a_finger_on_the_seek_bar_sees_it_too(phone: Page, server: Server, fingers: CDPSession):
+    add_thumbnails(phone)
+    open_player(phone, server)
+    seek = phone.locator("splat-reel .seek").bounding_box()
+    assert seek is not None
+    y = seek["y"] + seek["height"] / 2
+    for kind, part in (("touchStart", 0.05), ("touchMove", 0.3), ("touchMove", 0.85)):
+        points = [{"x": seek["x"] + seek["width"] * part, "y": y}]
+        fingers.send("Input.dispatchTouchEvent", {"type": kind, "touchPoints": points})
+        phone.wait_for_timeout(50)
+    assert np.abs(shown(phone).astype(int) - color(5)).max() < 6
+    assert phone.locator("splat-reel .hint").evaluate("(hint) => getComputedStyle(hint).opacity") == "1"
+    fingers.send("Input.dispatchTouchEvent", {"type": "touchEnd", "touchPoints": []})
+    phone.wait_for_timeout(300)
+    assert phone.locator("splat-reel .hint").evaluate("(hint) => getComputedStyle(hint).opacity") == "0"
