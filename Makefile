@@ -10,7 +10,7 @@ NPM := $(shell command -v npm 2>/dev/null)
 demo: $(SETUP)  ## capture, reconstruct, compress, evaluate and play the built-in scene
 	$(BIN)/splatreel demo --out out/demo
 
-test: $(SETUP)
+test: $(SETUP) $(if $(NPM),player/node_modules/.package-lock.json)
 	GOMP_SPINCOUNT=0 $(BIN)/python -m pytest --durations=15
 
 check: $(SETUP)  ## style, types, the import ladder and the sizes; that the committed player is the one its source builds

@@ -21,8 +21,13 @@ export function openPage(stage: Stage): void {
   reel.toggleAttribute("muted", parameters.get("muted") === "1");
   for (const name of ["src", "poster"]) if (parameters.has(name)) reel.setAttribute(name, parameters.get(name)!);
   if (!parameters.has("src")) reel.setAttribute("src", stage.dataset.src ?? "reel/manifest.json");
-  reel.addEventListener("loadedmetadata", () => (document.title = reel.player.manifest!.presentation.title || document.title));
+  const heading = document.createElement("h1"); // for who does not see the picture
+  heading.textContent = document.title;
+  reel.addEventListener("loadedmetadata", () => {
+    const { title } = reel.player.manifest!.presentation;
+    if (title) heading.textContent = document.title = title;
+  });
   reel.player.early = stage.early ?? null;
-  stage.append(reel);
+  stage.append(heading, reel);
   stage.early?.image.remove(); // the element shows the same
 }

@@ -84,8 +84,74 @@ def wait(page: Page) -> None:
 
 
 def error(page: Page) -> None:
-    alert = page.locator("splat-reel").get_by_role("alert")
-    alert.wait_for()
+    page.locator("splat-reel").get_by_role("alert").wait_for()
+
+
+def detail(page: Page) -> None:
+    error(page)
+    page.locator("splat-reel").get_by_text("Details").click()
+    # The port is another one every time.
+    words = page.locator("splat-reel details div")
+    words.evaluate("(words) => (words.textContent = words.textContent.replace(/:\\d+/, ':8080'))")
+
+
+def stop(page: Page) -> None:
+    """The second group cannot be had."""
+    fresh(page)
+    page.evaluate(f"{PLAYER}.currentTime = 0.3")
+    error(page)
+
+
+def hint(page: Page) -> None:
+    """The wheel over a picture that leaves it to the page."""
+    begin(page)
+    page.evaluate(f"{REEL}.setAttribute('gestures', 'cooperative')")
+    page.mouse.move(60, 60)
+    page.mouse.wheel(0, 50)
+
+
+def opened(entry: str) -> Callable[[Page], None]:
+    """What an entry of the menu opens."""
+
+    def act(page: Page) -> None:
+        begin(page)
+        reel = page.locator("splat-reel")
+        reel.get_by_role("button", name="Settings").click()
+        reel.locator(".menu").get_by_role("button", name=entry).click()
+        reel.get_by_role("dialog").wait_for()
+        # The port is another one every time.
+        for area in reel.locator("textarea").all():
+            area.evaluate("(area) => (area.value = area.value.replace(/:\\d+/g, ':8080'))")
+        page.evaluate(f"{REEL}.shadowRoot.querySelector('.code path + path')?.remove()")
+        page.mouse.move(4, 4)
+
+    return act
+
+
+def thumbnail(page: Page) -> None:
+    begin(page)
+    track = page.locator("splat-reel .seek").bounding_box()
+    assert track is not None
+    page.mouse.move(track["x"] + 0.7 * track["width"], track["y"] + track["height"] / 2)
+    page.locator("splat-reel .thumbnail img").wait_for()
+
+
+def described(page: Page) -> None:
+    """The reel says what it is, and has pictures of its moments: sand on blue."""
+    manifest = json.loads((GOLDEN / "manifest.json").read_text())
+    manifest |= {"title": "A toy train on its round", "author": "Ada Example", "licence": "CC BY 4.0"}
+    manifest |= {"description": "Filmed on a Sunday with eight phones.\nThe engine is older than its driver."}
+    sheet = {"uri": "thumbnails.png", "bytes": 1000}
+    manifest["thumbnails"] = {"width": 160, "height": 90, "columns": 1, "rows": 1, "seconds": 1, "count": 1}
+    manifest["thumbnails"]["sheets"] = [sheet]
+    out = io.BytesIO()
+    Image.new("RGB", (160, 90), (80, 130, 200)).save(out, "PNG")
+    page.route("**/reel/manifest.json", lambda route: route.fulfill(json=manifest))
+    page.route("**/thumbnails.png", lambda route: route.fulfill(content_type="image/png", body=out.getvalue()))
+
+
+def gone_second_group(page: Page) -> None:
+    page.route("**/groups/0001.safetensors", lambda route: route.fulfill(status=404, body="not here"))
 
 
 def no_second_group(page: Page) -> None:
@@ -130,13 +196,18 @@ def poster() -> str:
 
 @dataclass(frozen=True)
 class Screen:
-    """A state: what is asked of the page, what is done before it opens and after, its size and colour scheme."""
+    """A state: what is asked of the page, what is done before it opens and after, its size, colours and screen."""
 
     act: Callable[[Page], None]
     before: Callable[[Page], None] = nothing
     query: str = "?autoplay=0"
     size: tuple[int, int] = (480, 320)
     scheme: str = "dark"
+    forced: bool = False
+    touch: bool = False
+
+
+PORTRAIT, LANDSCAPE = (360, 640), (640, 360)
 
 
 STATES = {
@@ -158,6 +229,24 @@ STATES = {
     "narrow-menu": Screen(menu, renditions, size=(320, 480)),
     "narrow-help": Screen(press("?"), size=(320, 480)),
     "narrow-error": Screen(error, no_reel, size=(320, 240)),
+    "error-detail": Screen(detail, no_reel),
+    "stopped": Screen(stop, gone_second_group),
+    "hint": Screen(hint),
+    "thumbnail": Screen(thumbnail, described),
+    "about": Screen(opened("About this reel"), described),
+    "share": Screen(opened("Share"), described, size=(800, 520)),
+    "share-light": Screen(opened("Share"), described, size=(800, 520), scheme="light"),
+    "phone": Screen(begin, live_reel, size=PORTRAIT, touch=True),
+    "phone-menu": Screen(menu, described, size=PORTRAIT, touch=True),
+    "phone-help": Screen(press("?"), size=PORTRAIT, touch=True),
+    "phone-share": Screen(opened("Share"), size=PORTRAIT, scheme="light", touch=True),
+    "phone-error": Screen(error, no_reel, size=PORTRAIT, touch=True),
+    "landscape": Screen(begin, headset, size=LANDSCAPE, touch=True),
+    "landscape-menu": Screen(menu, renditions, size=LANDSCAPE, scheme="light", touch=True),
+    "forced": Screen(begin, live_reel, forced=True),
+    "forced-menu": Screen(menu, renditions, size=(480, 560), forced=True),
+    "forced-share": Screen(opened("Share"), size=(800, 520), scheme="light", forced=True),
+    "forced-error": Screen(detail, no_reel, forced=True),
 }
 
 
@@ -168,6 +257,9 @@ def take(browser: Browser, url: str, screen: Screen) -> np.ndarray:
         viewport={"width": width, "height": height},
         color_scheme="light" if screen.scheme == "light" else "dark",
         reduced_motion="reduce",
+        forced_colors="active" if screen.forced else "none",
+        has_touch=screen.touch,
+        is_mobile=screen.touch,
     )
     screen.before(page)
     page.goto(url + screen.query)
