@@ -31,8 +31,10 @@ const common = {
 
 await rm(out, { recursive: true, force: true });
 await mkdir(out, { recursive: true });
-await build({ ...common, entryPoints: { player: "src/main.ts", share: "src/share.ts" }, format: "esm", outdir: out });
+await build({ ...common, entryPoints: { player: "src/main.ts" }, format: "esm", outdir: out });
 await build({ ...common, entryPoints: { early: "src/early.ts" }, format: "esm", external: ["./player.js"], outdir: out });
+// Loaded when they are asked for; each is whole, so that it can lie anywhere, also in a page.
+await build({ ...common, entryPoints: { "open-files": "src/open-files.ts", "path-panel": "src/path-panel.ts", share: "src/share.ts" }, format: "esm", outdir: out });
 await build({
   ...common,
   entryPoints: {

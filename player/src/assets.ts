@@ -7,8 +7,13 @@ export function startWorker(name: string): Worker {
   return inPage ? new Worker(URL.createObjectURL(inPage)) : openWorker(new URL(name, import.meta.url));
 }
 
-/** Of a part that is loaded when it is asked for. */
+/** The address of a file of the player. */
 export function moduleAddress(name: string): string {
   const inPage = embeddedPlayerFile(name);
   return inPage ? URL.createObjectURL(inPage) : new URL(name, import.meta.url).href;
+}
+
+/** A module of the player that is loaded when it is first needed. */
+export function loadPart<T>(name: string): Promise<T> {
+  return import(moduleAddress(name)) as Promise<T>;
 }

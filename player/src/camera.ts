@@ -13,6 +13,13 @@ const FRICTION = 6;
 const PULL = 5;
 /** Closest the view comes to straight up or down, radians. */
 const POLE = 0.1;
+/** Of a screen of another shape than the picture: one side of the picture is shown to at least 1 / this. */
+const CROP = 1.4;
+/** Of an upright screen, the part of its height that the picture is to have, and what may become of its width then. */
+const TALL = 0.7;
+const TALL_CROP = 2.5;
+/** A focus that is farther from the middle of an upright screen, in halves of its width, is brought there. */
+const ASIDE = 0.2;
 /** Seconds a change of pose takes. */
 const GLIDE = 0.5;
 
@@ -42,7 +49,7 @@ export class OrbitCamera {
   /** Least depth to draw, world units. */
   readonly near: number;
   private readonly limits: Limits;
-  private readonly start: CameraState;
+  private start: CameraState;
   private readonly poses: CameraState[];
   private pivot: Vec3 = [0, 0, 0];
   private eye: Vec3 = [0, 0, 0];
@@ -55,7 +62,8 @@ export class OrbitCamera {
   private flight: CameraPath | null = null;
   private moved = false;
 
-  constructor(manifest: Manifest) {
+  /** screen: what it begins on, CSS pixels. */
+  constructor(manifest: Manifest, screen?: { clientWidth: number; clientHeight: number }) {
     const { up, camera, cameras, near } = manifest;
     this.up = normalize(up);
     this.home = camera;
@@ -65,6 +73,7 @@ export class OrbitCamera {
     this.start = this.stateOf(camera);
     this.poses = cameras.map((item) => this.stateOf(item));
     this.state = this.start;
+    if (screen) this.fit(screen.clientWidth, screen.clientHeight);
   }
 
   get viewmat(): number[] {
@@ -84,6 +93,17 @@ export class OrbitCamera {
     [this.glide, this.ride, this.moved] = [null, null, false];
     this.velocity = { ...STILL };
     this.place(state);
+  }
+
+  /** Begin so that the reel's focus is in the middle of an upright screen, whose sides cut off much of the picture. */
+  private fit(width: number, height: number): void {
+    const { viewmat: m, fx } = this.view(width, height);
+    const { focus } = this.limits;
+    const [x, z] = [0, 8].map((i) => m[i] * focus[0] + m[i + 1] * focus[1] + m[i + 2] * focus[2] + m[i + 3]);
+    if (height <= width || z <= 0 || Math.abs((fx * x) / z) < (ASIDE * width) / 2) return;
+    const yaw = this.yawTo(subtract(focus, this.eye));
+    const turn = quatOf([this.right, this.down, this.forward].map((axis) => rotate(axis, this.up, yaw)) as [Vec3, Vec3, Vec3]);
+    this.state = this.start = { ...this.start, turn };
   }
 
   /** Back to the reel's own camera. */
@@ -196,8 +216,10 @@ export class OrbitCamera {
     const { K, width: w, height: h } = this.home;
     const whole = Math.min(width / w, height / h);
     const filled = Math.max(width / w, height / h);
-    // Fill a screen of another shape where little is lost by it; never crop more than this.
-    const zoom = Math.min(filled, 1.4 * whole);
+    // Fill a screen of another shape where little is lost by it. On an upright one a strip would be left of a wide picture:
+    // there it takes most of the height, of which its own sides are the price.
+    const most = height > width ? Math.max(CROP, Math.min((TALL * filled) / whole, TALL_CROP)) : CROP;
+    const zoom = Math.min(filled, most * whole);
     return {
       viewmat: this.viewmat,
       fx: K[0] * zoom,
@@ -274,15 +296,20 @@ export class OrbitCamera {
     return true;
   }
 
+  /** The turn about `up` after which what lies in a direction is straight ahead, or above or below that, radians. */
+  private yawTo(direction: Vec3): number {
+    const level = (v: Vec3): Vec3 => subtract(v, scale(this.up, dot(v, this.up)));
+    const [a, b] = [level(this.forward), level(direction)];
+    return Math.atan2(dot(cross(a, b), this.up), dot(a, b));
+  }
+
   /** Look at the pivot again, turning about `up` and then up or down: the horizon stays. */
   private aim(): void {
     const to = normalize(subtract(this.pivot, this.eye));
-    const level = (v: Vec3): Vec3 => subtract(v, scale(this.up, dot(v, this.up)));
-    const [a, b] = [level(this.forward), level(to)];
-    const yaw = Math.atan2(dot(cross(a, b), this.up), dot(a, b));
+    const yaw = this.yawTo(to);
     const height = (v: Vec3): number => Math.asin(Math.min(Math.max(dot(v, this.up), -1), 1));
     const pitch = height(to) - height(this.forward);
-    const across = normalize(cross(b, this.up));
+    const across = normalize(cross(to, this.up));
     const about = (v: Vec3): Vec3 => rotate(rotate(v, this.up, yaw), across, pitch);
     [this.right, this.down] = [about(this.right), about(this.down)];
     this.forward = to;

@@ -1,10 +1,15 @@
 /** <splat-reel src="…/manifest.json" poster autoplay loop muted controls>: a reel in a page, in the manner of <video>. */
+import { loadPart } from "./assets";
+import { Beyond } from "./beyond";
 import { attachControls } from "./controls";
+import { Drop } from "./drop";
 import { checkedViewmat } from "./finite";
 import { Gestures } from "./gestures";
 import { linkTo, startOf } from "./link";
 import type { LocalFiles } from "./local-files";
 import type { Camera } from "./manifest";
+import { parsePath, type PathFile } from "./path";
+import { PathPlayer } from "./path-player";
 import { Pending } from "./pending";
 import { Player } from "./player";
 import type { Pose } from "./pose";
@@ -18,7 +23,7 @@ import { Controls } from "./ui";
 
 /** Events of the player that the element passes on. */
 const EVENTS = ["emptied", "loadstart", "durationchange", "loadedmetadata", "loadeddata", "canplay", "play", "playing", "pause", "waiting"];
-EVENTS.push("timeupdate", "progress", "seeking", "seeked", "ratechange", "volumechange", "ended", "error");
+EVENTS.push("timeupdate", "progress", "seeking", "seeked", "ratechange", "volumechange", "pathchange", "ended", "error");
 
 const sheet = new CSSStyleSheet();
 sheet.replaceSync(styles);
@@ -34,6 +39,7 @@ export class SplatReelElement extends HTMLElement {
 
   /** The player behind the element. */
   readonly player: Player;
+  readonly pathPlayer: PathPlayer;
   private readonly canvas = document.createElement("canvas");
   private readonly picture: Poster;
   private readonly presence: Presence;
@@ -49,12 +55,13 @@ export class SplatReelElement extends HTMLElement {
     this.canvas.tabIndex = 0;
     this.canvas.setAttribute("role", "img");
     this.player = new Player(this.canvas);
+    this.pathPlayer = new PathPlayer(this.player);
     this.picture = new Poster(this.player);
     this.presence = new Presence(this, this.player, this.picture);
     this.pending = new Pending(this.player);
     const root = this.attachShadow({ mode: "open" });
     root.adoptedStyleSheets = [sheet]; // not a style element, which a page's policy may forbid
-    root.append(this.canvas, this.picture.image);
+    root.append(this.canvas, new Beyond(this.player).box, this.picture.image);
     for (const name of EVENTS) this.player.addEventListener(name, () => this.dispatchEvent(new Event(name)));
   }
 
@@ -75,6 +82,7 @@ export class SplatReelElement extends HTMLElement {
     addEventListener("hashchange", () => this.hasAttribute("share") && this.follow(location.href), { signal });
     for (const name of ["pointerdown", "focusin"]) this.addEventListener(name, () => this.presence.use(), { signal });
     this.showControls();
+    if (this.hasAttribute("drop")) new Drop(this, this.shadowRoot!, signal);
     this.watch();
     if (!player.hasSource) this.load();
   }
@@ -325,6 +333,26 @@ export class SplatReelElement extends HTMLElement {
   /** Back to the reel's own camera. */
   resetCamera(): void {
     this.player.camera?.reset();
+  }
+
+  /** Play a reel out of files that people chose: a zip, or all of a folder. Rejects with a `ReelError` where there is none among them. */
+  async openFiles(files: Iterable<File>): Promise<void> {
+    const list = [...files];
+    this.srcObject = await (await loadPart<typeof import("./open-files")>("open-files.js")).openFiles(list);
+  }
+
+  /** The camera path, as its file holds it (docs/format.md); null: none. Throws `ReelError` for what is no path. */
+  get path(): PathFile | null {
+    return this.pathPlayer.path?.toJSON() ?? null;
+  }
+
+  set path(path: PathFile | null) {
+    this.pathPlayer.path = path === null ? null : parsePath(path, "path");
+  }
+
+  /** Play it from its beginning. Resolves at its end, or once a hand takes the camera, or plays, pauses or seeks. */
+  playPath(): Promise<void> {
+    return this.pathPlayer.play();
   }
 
   get stats(): Stats | null {

@@ -19,7 +19,7 @@ export class Limits {
 
   private readonly up: Vec3;
   private readonly bounds: [Vec3, Vec3];
-  private readonly focus: Vec3;
+  readonly focus: Vec3;
   private readonly distance: [number, number];
   /** Radians; none: as far as one likes. */
   private readonly angle: number;

@@ -19,6 +19,7 @@ const MARKUP = [
   toggle("spatial", "Spatial sound"),
   toggle("fly", "Fly through the cameras"),
   toggle("statistics", "Statistics"),
+  `<button type="button" name="path" class="wide">Camera path</button>`,
   `<div class="frames">Frame<span><button type="button" name="back" aria-label="One frame back">${BACK}</button><button type="button" name="on" aria-label="One frame on">${ON}</button></span></div>`,
   `<button type="button" name="share" class="wide">Share</button>`,
   `<button type="button" name="picture" class="wide">Save a picture</button>`,
@@ -33,6 +34,7 @@ export interface MenuActions {
   share(): void;
   picture(): void;
   about(): void;
+  path(): void;
   loop(on: boolean): void;
 }
 
@@ -57,7 +59,7 @@ export class Menu {
     this.input("statistics").onchange = () => actions.statistics();
     this.input("back").onclick = () => player.step(-1);
     this.input("on").onclick = () => player.step(1);
-    for (const name of ["share", "picture", "about", "help"] as const) this.input(name).onclick = () => actions[name]();
+    for (const name of ["path", "share", "picture", "about", "help"] as const) this.input(name).onclick = () => actions[name]();
   }
 
   get open(): boolean {

@@ -21,6 +21,8 @@ export function openPage(stage: Stage): void {
   reel.toggleAttribute("muted", parameters.get("muted") === "1");
   for (const name of ["src", "poster"]) if (parameters.has(name)) reel.setAttribute(name, parameters.get(name)!);
   if (!parameters.has("src")) reel.setAttribute("src", stage.dataset.src ?? "reel/manifest.json");
+  // Who opens the player alone has no reel beside it.
+  reel.setAttribute("drop", parameters.has("src") || stage.dataset.src ? "" : "ask");
   const heading = document.createElement("h1"); // for who does not see the picture
   heading.textContent = document.title;
   reel.addEventListener("loadedmetadata", () => {

@@ -59,22 +59,25 @@ export class CameraPath {
     return this.keyframes.at(-1)!.at;
   }
 
-  /** Where it is after some seconds; `cut`: from one keyframe to the next without a move. */
-  at(seconds: number, cut = false): { viewmat: number[]; time: number } {
+  /** Where it is after some seconds, and seconds of the reel a second; `cut`: from one keyframe to the next without a move. */
+  at(seconds: number, cut = false): { viewmat: number[]; time: number; pace: number } {
     const { keyframes, eyes, turns } = this;
     const now = this.loop && this.seconds > 0 ? seconds % this.seconds : seconds;
-    const i = Math.max(this.leg(now), 0);
+    const i = this.leg(now);
     const [from, to] = [keyframes[i], keyframes[i + 1]];
     const t = to ? Math.min(Math.max((now - from.at) / (to.at - from.at), 0), 1) : 0;
-    const time = to ? from.time + (to.time - from.time) * t : from.time;
-    if (!to || cut) return { viewmat: from.viewmat, time };
+    if (!to) return { viewmat: from.viewmat, time: from.time, pace: 0 };
     const step = to.at - from.at;
+    const pace = (to.time - from.time) / step;
+    const time = from.time + pace * step * t;
+    if (cut) return { viewmat: from.viewmat, time, pace };
     const eye = hermite(eyes[i], scale(this.speeds[i], step), eyes[i + 1], scale(this.speeds[i + 1], step), t);
-    return { viewmat: viewmatOf(eye, ...axesOf(arc(turns[i], scale(this.spins[i], step), turns[i + 1], scale(this.spins[i + 1], step), t))), time };
+    const turn = arc(turns[i], scale(this.spins[i], step), turns[i + 1], scale(this.spins[i + 1], step), t);
+    return { viewmat: viewmatOf(eye, ...axesOf(turn)), time, pace };
   }
 
   /** The keyframe that was passed last; the last but one at the end. */
-  leg(seconds: number): number {
+  private leg(seconds: number): number {
     const { keyframes } = this;
     const next = keyframes.findIndex(({ at }, i) => i > 0 && at > seconds);
     return next < 0 ? Math.max(keyframes.length - 2, 0) : next - 1;

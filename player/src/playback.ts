@@ -23,6 +23,9 @@ export class Playback {
   /** Time goes on. */
   moving = false;
 
+  /** Says how many seconds the camera may go on of those that have passed: a camera path keeps it in step with the reel. */
+  guide: ((seconds: number) => number) | null = null;
+
   private lastTick = 0;
   private ticks = 0;
   private request = 0;
@@ -89,6 +92,16 @@ export class Playback {
     player.emit(here || player.paused ? "progress" : "waiting");
   }
 
+  /** Show another time with the next picture: no seek, which people would ask for. */
+  scrub(seconds: number): void {
+    const { player } = this;
+    player.clock.seek(seconds);
+    player.soundtrack.seek();
+    player.emit("timeupdate");
+    this.update();
+    player.invalidate();
+  }
+
   /** A frame of a headset: what it sees, sorted as the head looks. */
   present(now: number, head: View, eyes: Eye[]): void {
     const { stage, camera, held } = this.player;
@@ -103,7 +116,8 @@ export class Playback {
     const { stage, camera } = player;
     if (player.presented) return; // the headset's frames count
     if (!stage || !camera || player.held) return void (this.lastTick = now);
-    if (camera.step(this.pass(now))) player.invalidate();
+    const passed = this.pass(now);
+    if (camera.step(this.guide?.(passed) ?? passed)) player.invalidate();
     const view = player.view;
     if (view) this.drawOn(stage, view, null, now);
   }
@@ -124,7 +138,10 @@ export class Playback {
     const before = stage.pictures;
     stage.draw(this.seeking || this.stalled ? null : clock.frame, view, eyes);
     const drawn = stage.pictures > before;
-    if (drawn) this.drew();
+    if (drawn) {
+      this.drew();
+      this.player.emit("drawn");
+    }
     if (resolution.drawn(drawn, now)) stream?.judge(resolution.struggling);
     if (!eyes && this.ready && resolution.rest(now)) stage.redraw();
   }

@@ -24,7 +24,7 @@ import { until } from "./until";
 /**
  * Events, named as those of HTMLMediaElement: emptied, loadstart, loadedmetadata, durationchange, loadeddata (something is drawn, if
  * only what rests), canplay (the first whole picture), play, playing (time goes on), pause, timeupdate, progress, waiting, seeking,
- * seeked, ratechange, volumechange, ended, error; and notallowed (the browser lets nobody hear the sound whom nobody asked).
+ * seeked, ratechange, volumechange, ended, error; notallowed (no sound before a touch), drawn, pathchange (or it begins or ends).
  */
 export class Player extends EventTarget {
   /** The camera people steer; null until the manifest is here. */
@@ -173,7 +173,7 @@ export class Player extends EventTarget {
   }
 
   private cameraOf(manifest: Manifest): OrbitCamera {
-    const camera = new OrbitCamera(manifest);
+    const camera = new OrbitCamera(manifest, this.canvas);
     camera.calm = matchMedia("(prefers-reduced-motion: reduce)").matches;
     const view = this.back?.view ?? (this.start?.view ? reachable(this.start.view, manifest) : null);
     if (view) camera.state = view;

@@ -1,6 +1,6 @@
 /** The controls over the picture, put together: bar, menu, help, statistics and messages, and what keys and buttons do. */
 import { aboutOf, saysAnything } from "./about";
-import { moduleAddress } from "./assets";
+import { loadPart, moduleAddress } from "./assets";
 import { Bar } from "./bar";
 import { Dialog } from "./dialog";
 import { messageOf } from "./errors";
@@ -12,6 +12,7 @@ import { attachKeys, type KeyTable } from "./keys";
 import { elementOf } from "./markup";
 import { Menu } from "./menu";
 import { Messages } from "./messages";
+import type { PathHost } from "./path-panel";
 import type { Player } from "./player";
 import { saveScreenshot } from "./screenshot";
 import { describe } from "./stats";
@@ -34,8 +35,9 @@ export class Controls {
   private readonly keys: KeyTable;
   private readonly life = new AbortController();
   private headset: Headset | null = null;
+  private path: { close(): void } | null = null;
 
-  constructor(private readonly host: HTMLElement & { readonly link: string }, root: ShadowRoot, private readonly player: Player) {
+  constructor(private readonly host: PathHost & { readonly link: string }, root: ShadowRoot, private readonly player: Player) {
     const { signal } = this.life;
     const actions = this.actions();
     this.messages = new Messages(player);
@@ -46,7 +48,7 @@ export class Controls {
       headset: actions.headset,
       full: actions.fullscreen,
     });
-    this.menu = new Menu(player, { ...actions, share: () => this.share(), about: () => this.about(), loop: (on) => host.toggleAttribute("loop", on) });
+    this.menu = new Menu(player, { ...actions, share: () => this.share(), about: () => this.about(), path: () => this.openPath(), loop: (on) => host.toggleAttribute("loop", on) });
     this.dialog = new Dialog(() => player.canvas.focus(), signal);
     this.full = new Fullscreen(host, () => this.update(), signal);
     this.holder.append(this.messages.box, this.statistics, this.bar.box, this.menu.box, this.dialog.box);
@@ -64,6 +66,7 @@ export class Controls {
   remove(): void {
     this.life.abort();
     this.headset?.leave();
+    this.path?.close();
     this.holder.remove();
   }
 
@@ -114,6 +117,22 @@ export class Controls {
     this.menu.update();
   }
 
+  /** The panel of the camera path is loaded when it is asked for. */
+  private async openPath(): Promise<void> {
+    this.openMenu(false);
+    if (this.path) return this.path.close();
+    try {
+      const { PathPanel } = await loadPart<typeof import("./path-panel")>("path-panel.js");
+      if (this.path || this.life.signal.aborted || !this.player.camera) return;
+      this.path = new PathPanel(this.host, this.host.shadowRoot!, () => {
+        this.path = null;
+        this.player.canvas.focus();
+      });
+    } catch {
+      this.messages.say("This part of the player cannot be loaded");
+    }
+  }
+
   private toggleStatistics(): void {
     this.statistics.hidden = !this.statistics.hidden;
     this.showStatistics();
@@ -142,7 +161,7 @@ export class Controls {
     const say = (words: string): void => this.messages.say(words);
     this.openMenu(false);
     try {
-      const { shareOf } = (await import(moduleAddress("share.js"))) as typeof import("./share");
+      const { shareOf } = await loadPart<typeof import("./share")>("share.js");
       const shared = { link: host.link, page: location.href.split("#")[0], reel: manifest!.url, player: moduleAddress("player.js"), title: manifest!.presentation.title };
       this.show("Share", shareOf(shared, say));
     } catch {

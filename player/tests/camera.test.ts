@@ -121,3 +121,29 @@ test("focus turns to the point and orbits about it", () => {
   camera.orbit(0.4, 0.1);
   close(pixel(camera, [1, 0.5, 0]), [80, 60]);
 });
+
+test("an upright screen shows a wide picture over most of its height, a wide one as before", () => {
+  const camera = new OrbitCamera(manifest);
+  const tall = camera.view(390, 844);
+  const share = (120 * tall.fy) / 120 / 844;
+  assert.ok(share > 0.65 && share < 1, String(share));
+  close([tall.cx, tall.cy], [195, 422]);
+  const wide = camera.view(844, 390);
+  assert.ok(Math.abs(wide.fx - 1.4 * 390) < 1e-6);
+  assert.ok(camera.view(160, 4000).fx <= 2.5 * 120);
+});
+
+test("on an upright screen the focus is brought to the middle, level as it was; on a wide one all stays", () => {
+  const aside = { ...manifest, presentation: { limits: { focus: [1, 0.3, 0], angle: null, distance: null, floor: null } } } as unknown as Manifest;
+  close(new OrbitCamera(aside, { clientWidth: 844, clientHeight: 390 }).viewmat, viewmat);
+  const camera = new OrbitCamera(aside, { clientWidth: 390, clientHeight: 844 });
+  const { viewmat: m, fx, cx } = camera.view(390, 844);
+  const [x, z] = [0, 8].map((r) => m[r] + 0.3 * m[r + 1] + m[r + 3]);
+  assert.ok(Math.abs((fx * x) / z + cx - 195) < 1e-6);
+  close([m[1], m[4], m[5], m[6]], [0, 0, 1, 0]);
+  camera.orbit(0.4, 0);
+  camera.calm = true;
+  camera.reset();
+  camera.step(1);
+  close(camera.viewmat, m);
+});

@@ -33,4 +33,8 @@ def test_it_plays_and_sounds_from_a_disk_and_asks_the_network_for_nothing(page: 
         return data.filter((value, i) => i % 4 < 3 && value > 20).length;
     })()"""
     assert page.evaluate(picture) > 2000, "the picture is black"
+    page.locator("splat-reel").get_by_role("button", name="Settings").click()
+    page.locator("splat-reel").get_by_role("button", name="Camera path").click()
+    page.locator("splat-reel .path-panel").get_by_role("button", name="Add this view").click()
+    assert page.evaluate("document.querySelector('splat-reel').path.keyframes.length") == 1
     assert [url for url in asked if not url.startswith(("file:", "blob:"))] == []

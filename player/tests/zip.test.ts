@@ -1,0 +1,96 @@
+import assert from "node:assert/strict";
+import { readFileSync } from "node:fs";
+import { join } from "node:path";
+import { test } from "node:test";
+import { deflateRawSync } from "node:zlib";
+import { openFiles } from "../src/open-files";
+import { filesOfZip } from "../src/zip";
+
+interface Packed { name: string; bytes: Buffer; method?: number; flags?: number }
+
+/** A zip of these files; comment: what follows its end. */
+function zip(files: Packed[], comment = ""): Buffer {
+  const [bodies, directory]: Buffer[][] = [[], []];
+  let offset = 0;
+  for (const { name, bytes, method = 8, flags = 0 } of files) {
+    const packed = method === 8 ? deflateRawSync(bytes) : bytes;
+    const shared = Buffer.alloc(26);
+    shared.writeUInt16LE(20, 0);
+    shared.writeUInt16LE(flags, 2);
+    shared.writeUInt16LE(method, 4);
+    shared.writeUInt32LE(packed.length, 14);
+    shared.writeUInt32LE(bytes.length, 18);
+    shared.writeUInt16LE(name.length, 22);
+    const local = Buffer.concat([Buffer.from("PK\x03\x04", "latin1"), shared, Buffer.from(name), packed]);
+    const rest = Buffer.alloc(14);
+    rest.writeUInt32LE(offset, 10);
+    directory.push(Buffer.concat([Buffer.from("PK\x01\x02\x14\x00", "latin1"), shared, rest, Buffer.from(name)]));
+    bodies.push(local);
+    offset += local.length;
+  }
+  const end = Buffer.alloc(18);
+  const listed = Buffer.concat(directory);
+  end.writeUInt16LE(files.length, 4);
+  end.writeUInt16LE(files.length, 6);
+  end.writeUInt32LE(listed.length, 8);
+  end.writeUInt32LE(offset, 12);
+  end.writeUInt16LE(comment.length, 16);
+  return Buffer.concat([...bodies, listed, Buffer.from("PK\x05\x06", "latin1"), end, Buffer.from(comment)]);
+}
+
+const text = (words: string): Buffer => Buffer.from(words);
+const file = (bytes: Buffer, name = "a.zip"): File => new File([bytes as BlobPart], name);
+const GOLDEN = join(process.cwd(), "../tests/data/golden/manifest.json");
+
+test("files of a zip are read, stored or deflated, with a comment at its end", async () => {
+  const long = Buffer.alloc(5000, "long ");
+  const files = await filesOfZip(file(zip([{ name: "a/b.txt", bytes: long }, { name: "c.txt", bytes: text("c"), method: 0 }, { name: "a/", bytes: text(""), method: 0 }], "PK said")), "a.zip");
+  assert.deepEqual([...files.keys()], ["a/b.txt", "c.txt"]);
+  const part = await files.get("a/b.txt")!();
+  assert.equal(part.deflated, true);
+  assert.equal(await new Response(part.blob.stream().pipeThrough(new DecompressionStream("deflate-raw"))).text(), long.toString());
+  assert.equal(await (await files.get("c.txt")!()).blob.text(), "c");
+});
+
+test("the reel in a zip is found, also in a folder of it", async () => {
+  const manifest = readFileSync(GOLDEN);
+  const bytes = zip([{ name: "out/reel/manifest.json", bytes: manifest }, { name: "out/reel/groups/0000.safetensors", bytes: text("group") }, { name: "__MACOSX/manifest.json", bytes: text("") }]);
+  const reel = await openFiles([file(bytes)]);
+  assert.equal(await reel.manifest(), manifest.toString());
+  assert.ok(reel.part("groups/0000.safetensors").blob.size > 0);
+  assert.equal(reel.part("../manifest.json").blob.size, 0);
+});
+
+test("a zip that is cut off, damaged, encrypted or strange says so", async () => {
+  const good = zip([{ name: "manifest.json", bytes: text("{}") }]);
+  const damaged = Buffer.from(good);
+  damaged[0] = 0;
+  const directory = Buffer.from(good);
+  directory.writeUInt32LE(1, good.indexOf("PK\x01\x02", 0, "latin1"));
+  const outside = Buffer.from(good);
+  outside.writeUInt32LE(0xfffffff, good.length - 6);
+  const large = Buffer.from(good);
+  large.writeUInt32LE(0xffffffff, good.length - 6);
+  const cases: [Buffer, RegExp][] = [
+    [good.subarray(0, good.length - 5), /a\.zip cannot be read: it is no zip, or it was cut off/],
+    [damaged, /damaged at manifest\.json/],
+    [directory, /its directory is damaged/],
+    [outside, /it is damaged/],
+    [large, /larger than 4 GB. Unzip it/],
+    [zip([{ name: "manifest.json", bytes: text("{}"), flags: 1 }]), /manifest\.json is encrypted/],
+    [zip([{ name: "manifest.json", bytes: text("{}"), method: 12 }]), /compressed in a way \(12\)/],
+  ];
+  for (const [bytes, message] of cases) await assert.rejects(openFiles([file(bytes)]), { name: "ReelError", message });
+});
+
+test("what is no reel is called by what it is", async () => {
+  const cases: [File[], RegExp][] = [
+    [[file(text("ply"), "scene.ply")], /That is not a reel: scene\.ply is one still scene.*Give the folder/],
+    [[file(text("mp4"), "film.MP4")], /film\.MP4 is an ordinary video/],
+    [[file(text("{}"), "manifest.json")], /manifest\.json is one file of a reel/],
+    [[file(zip([{ name: "a.txt", bytes: text("a") }]))], /a\.zip holds no manifest\.json/],
+    [[file(zip([{ name: "a/manifest.json", bytes: text("a") }, { name: "b/manifest.json", bytes: text("a") }]))], /several reels: a\/manifest\.json and b\/manifest\.json/],
+    [[], /There is no file/],
+  ];
+  for (const [files, message] of cases) await assert.rejects(openFiles(files), { name: "ReelError", message });
+});
