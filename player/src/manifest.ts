@@ -209,11 +209,13 @@ function parseFile(value: unknown, index: number): ReelFile {
 
 function parseCamera(value: unknown): Camera {
   const json = record(value, "a camera");
+  const K = numbers(json.K, 9, "camera K");
+  if (!(K[0] > 0 && K[4] > 0)) throw new ReelError(`The manifest is damaged: a camera has the focal lengths ${K[0]} and ${K[4]}.`);
   return {
     name: String(json.name ?? ""),
     width: positive(json.width, "camera width"),
     height: positive(json.height, "camera height"),
-    K: numbers(json.K, 9, "camera K"),
+    K,
     viewmat: numbers(json.viewmat, 16, "camera viewmat"),
   };
 }

@@ -4,10 +4,25 @@ from __future__ import annotations
 
 import sys
 import time
+import unicodedata
 from collections.abc import Callable
 from typing import Any, Protocol, TextIO
 
 Span = tuple[float, float]
+
+
+def printable(text: str) -> str:
+    """Text that is not ours as a terminal may have it: what is no character, space or new line is escaped.
+
+    So are the marks that turn the order of letters round: what one reads is what there is.
+    """
+    return "".join(
+        c if c in "\n\t" or c.isprintable() or unicodedata.category(c) == "Zs" else _escaped(c) for c in text
+    )
+
+
+def _escaped(character: str) -> str:
+    return character.encode("unicode_escape").decode("ascii")
 
 
 class Progress(Protocol):
@@ -113,7 +128,7 @@ class Lines:
         self._stream.flush()
 
     def _print(self, text: str) -> None:
-        print(text, file=self._stream, flush=True)
+        print(printable(text), file=self._stream, flush=True)
 
 
 class Terminal:
@@ -146,7 +161,7 @@ class Terminal:
         self._bars.update(self._task, completed=done, text=text)
 
     def note(self, text: str) -> None:
-        self._bars.console.print(text, markup=False, highlight=False)
+        self._bars.console.print(printable(text), markup=False, highlight=False)
 
     def close(self) -> None:
         self._bars.stop()

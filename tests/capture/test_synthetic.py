@@ -46,9 +46,8 @@ def test_the_same_arguments_give_the_same_bytes(made: Path, tmp_path: Path) -> N
 
     assert digests(again) == digests(made)
     film = (made / "cam03.mp4").read_bytes()
-    assert b" mbtree=0 " in film and b" threads=1 " in film, (
-        "with x264's macroblock tree, bytes differ now and then under load"
-    )
+    assert b" mbtree=0 " in film, "with x264's macroblock tree, bytes differ now and then under load"
+    assert b" threads=1 " in film
 
 
 def test_made_once_it_is_kept(made: Path) -> None:

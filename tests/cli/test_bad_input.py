@@ -1,6 +1,7 @@
 """Captures and folders that cannot be used, at the command line: one block that names the file and the way out, and nothing lost."""
 
 import json
+import os
 import shutil
 from collections.abc import Callable
 from pathlib import Path
@@ -90,6 +91,14 @@ SPOILED: dict[str, tuple[Callable[[Path], object], list[str]]] = {
     ),
     "NaN poses": (lambda s: change_poses(s, with_nan), ["scene/poses_bounds.npy", "row 3", "NaN", "remove the row"]),
     "poses that are no array": (lambda s: cut(s / "poses_bounds.npy", 0.01), ["scene/poses_bounds.npy", "Copy it"]),
+    "objects in place of poses": (
+        lambda s: np.save(s / "poses_bounds.npy", np.array([{}, None], object), allow_pickle=True),
+        ["scene/poses_bounds.npy: is not a NumPy array file, or damaged. Copy it again"],
+    ),
+    "a pipe": (
+        lambda s: os.mkfifo(s / "cam09.mp4"),
+        ["scene/cam09.mp4: is neither a file nor a folder", "Take it out"],
+    ),
     "poses in an archive": (two_arrays, ["scene/poses_bounds.npy", "an archive of several arrays"]),
     "cameras in one place": (lambda s: change_poses(s, gathered), ["scene: all 5 cameras", "one place", "poses"]),
     "a camera far off": (
@@ -120,7 +129,10 @@ ASKED = {
     "--frames 0:9": ["scene: frames 0:9", "0 <= first < end <= 3"],
     "--frames 3:4": ["scene: frames 3:4", "frames 0:3"],
     "--width 4": ["scene: images of 4x3 pixels", "at least 8", "larger width or scale"],
-    "--width 0": ["scene", "positive"],
+    "--width 0": ["scene", "0 pixels wide", "1 to 16384"],
+    "--width=-5": ["scene", "-5 pixels wide", "1 to 16384"],
+    "--width 1000000": ["scene", "1000000 pixels wide"],
+    f"--frames 0:{'9' * 5000}": ["--frames '0:999", "is no range of frames"],
     "--scale nan": ["scene", "nan", "positive"],
     "--width 16 --scale 0.5": ["scene", "give one of them"],
     "--hold-out cam00,cam01,cam02": ["scene: only 2 cameras", "cam00, cam01, cam02", "at least 3", "Hold out fewer"],

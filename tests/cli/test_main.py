@@ -1,6 +1,8 @@
 """The command line as a user meets it: exit codes, and the exact text of what goes wrong."""
 
+import contextlib
 import errno
+import io
 import os
 import re
 import subprocess
@@ -13,7 +15,7 @@ import pytest
 
 from splatreel import errors
 from splatreel.cli import main as cli
-from splatreel.cli.failure import EXTRAS, explain
+from splatreel.cli.failure import EXTRAS, LIGHTER, explain
 from splatreel.cli.main import main
 
 VERBS = [
@@ -160,13 +162,55 @@ def test_a_full_disk(error: Exception) -> None:
 
 @pytest.mark.parametrize(
     "error",
-    [MemoryError(), RuntimeError("[enforce fail] DefaultCPUAllocator: can't allocate memory: you tried 8 bytes")],
+    [
+        MemoryError(),
+        RuntimeError("[enforce fail] DefaultCPUAllocator: can't allocate memory: you tried 8 bytes"),
+        ImportError("libtorch_cpu.so: failed to map segment from shared object"),
+        OSError(errno.ENOMEM, "Cannot allocate memory"),
+    ],
 )
 def test_no_memory(error: Exception) -> None:
     assert explained(error) == (
-        "Error: out of memory. Ask for a smaller picture (--width), fewer frames (--frames A:B) or --quality draft.",
+        "Error: out of memory. Ask for a smaller picture (--width), fewer frames (--frames) or --quality draft.",
         1,
     )
+
+
+@pytest.mark.parametrize("verb", [*LIGHTER, "info", "verify", "bench"])
+def test_advice_names_options_that_the_verb_has(verb: str) -> None:
+    text, _ = explain(RuntimeError("CUDA out of memory."), verb.split()) or ("", 0)
+    named = set(re.findall("--[a-z]+", text))
+    assert named == set(LIGHTER.get(verb, ()))
+    if named:
+        with pytest.raises(SystemExit), contextlib.redirect_stdout(io.StringIO()) as help:
+            main([*verb.split(), "--help"])
+        assert named <= set(re.findall("--[a-z]+", help.getvalue()))
+
+
+def test_a_damaged_cache_of_compiled_code_is_named(tmp_path: Path) -> None:
+    """Numba reads what it finds; a text file in place of its index is enough."""
+    code = "import numba\n@numba.njit(cache=True)\ndef one():\n    return 1\none()\n"
+    script = code.replace(
+        "\none()\n",
+        """
+import sys
+from splatreel.cli.failure import explain
+try:
+    print(one())
+except Exception as error:
+    print(explain(error, ["demo", "--out", "a b"]))
+""",
+    )
+    (tmp_path / "it.py").write_text(script)
+    environment = os.environ | {"NUMBA_CACHE_DIR": str(tmp_path / "cache")}
+    command = [sys.executable, str(tmp_path / "it.py")]
+    assert subprocess.run(command, env=environment, capture_output=True, text=True, check=True).stdout == "1\n"
+    for file in (tmp_path / "cache").rglob("*.nb?"):
+        file.write_bytes(file.read_bytes()[:40] + b"damaged")
+    text = subprocess.run(command, env=environment, capture_output=True, text=True, check=True).stdout
+    assert f"the compiled code in {tmp_path}" in text
+    assert "Delete that folder" in text
+    assert "splatreel demo --out 'a b'" in text
 
 
 def test_no_gpu_memory() -> None:

@@ -1,7 +1,10 @@
 """The verbs that read a reel, on the golden one."""
 
 import json
+import os
 import shutil
+import subprocess
+import sys
 from pathlib import Path
 
 import numpy as np
@@ -171,3 +174,75 @@ def test_edit_says_what_it_cannot(tmp_path: Path, capsys: pytest.CaptureFixture[
     (tmp_path / "reel" / "manifest.json").write_bytes(before.replace(b'"live": false', b'"live": true'))
     assert main(["edit", str(tmp_path / "reel"), "--title", "x"]) == 1
     assert "is still being written" in capsys.readouterr().err
+
+
+@pytest.fixture
+def forged(tmp_path: Path) -> Path:
+    """A reel whose texts are those of somebody who wants to take over the terminal."""
+    reel = shutil.copytree(GOLDEN, tmp_path / "reel")
+    change(reel, generator="\x1b]0;owned\x07\x1b[2J", title="caf\u00e9 \u202egnp.exe", author="\u9b5a")
+    return reel
+
+
+def change(reel: Path, **fields: object) -> None:
+    manifest = json.loads((reel / "manifest.json").read_text())
+    (reel / "manifest.json").write_text(json.dumps(manifest | fields))
+
+
+def test_texts_of_a_reel_do_not_reach_the_terminal_as_commands(
+    forged: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(["info", str(forged)]) == 0
+    text = capsys.readouterr().out
+    assert r"made by \x1b]0;owned\x07\x1b[2J" in text
+    assert r"title: caf\u00e9 \u202egnp.exe".replace(r"\u00e9", "\u00e9") in text
+    (forged / "\x1b[31mred").write_text("")
+    assert main(["verify", str(forged)]) == 0
+    assert r"\x1b[31mred" in capsys.readouterr().out
+    assert main(["verify", f"{forged}\x1b[2J"]) == 1
+    assert "\x1b" not in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("encoding", ["ascii", "cp1252"])
+def test_info_where_the_terminal_has_few_characters(forged: Path, encoding: str) -> None:
+    command = [sys.executable, "-m", "splatreel", "info", str(forged)]
+    found = subprocess.run(command, capture_output=True, env=os.environ | {"PYTHONIOENCODING": encoding}, check=True)
+    text = found.stdout.decode(encoding)
+    assert r"author: \u9b5a" in text
+    assert "####" in text
+
+
+def test_half_a_character_is_refused(forged: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    change(forged, title="\ud800")
+    assert main(["info", str(forged)]) == 1
+    assert r"manifest.json: holds half a character (\ud800)" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("fields", "message"),
+    [
+        ({"frames": 1 << 40}, "says it has 1099511627776 frames, its groups hold"),
+        ({"camera": {"name": "", "width": 8, "height": 8, "K": [0] * 9, "viewmat": [0] * 16}}, "focal lengths 0 and 0"),
+    ],
+)
+def test_a_manifest_that_cannot_be_exported(
+    forged: Path, fields: dict, message: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    change(forged, **fields)
+    assert main(["export", str(forged), "--out", str(forged / "frames")]) == 1
+    assert message in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("width", ["0", "-3", "15", "1000000"])
+def test_a_film_of_no_possible_size(width: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["export", str(GOLDEN), "--out", str(tmp_path / "film.mp4"), f"--width={width}"]) == 2
+    assert f"--width {width}: films are 16 to 8192 pixels wide and high" in capsys.readouterr().err
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize("name", ["film.mp4", "frames", "one.ply"])
+def test_where_nothing_can_be_written(name: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    (tmp_path / "file").write_text("in the way")
+    out = tmp_path / "file" / name
+    assert main(["export", str(GOLDEN), "--out", str(out), *(["--frame", "0"] if name == "one.ply" else [])]) == 1
+    assert str(tmp_path / "file") in capsys.readouterr().err

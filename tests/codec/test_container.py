@@ -125,3 +125,12 @@ def test_atomic_write_leaves_the_old_file_when_the_disk_is_full(tmp_path, monkey
         write_atomically(file, b"new")
     assert file.read_bytes() == b"old"
     assert [p.name for p in file.parent.iterdir()] == ["a.bin"]
+
+
+def test_half_a_character_in_the_metadata_is_no_traceback() -> None:
+    data = pack_file(HEADER, SECTIONS).replace(b'\\"kind\\"', b'\\"\\\\ud800"', 1)
+    with pytest.raises(ReelError):
+        unpack_file(data)
+    own = json.dumps({"__metadata__": {"splatreel": "\ud800"}}).encode()
+    with pytest.raises(ReelError, match="half a character"):
+        unpack_file(len(own).to_bytes(8, "little") + own)

@@ -1,9 +1,14 @@
 """Reels over HTTP: the same as from disk, and no way out of the host."""
 
+import contextlib
 import dataclasses
 import functools
 import http.server
+import os
+import shutil
+import socket
 import threading
+import time
 
 import pytest
 
@@ -77,3 +82,39 @@ def test_a_server_that_trickles(url, monkeypatch):
     monkeypatch.setattr("splatreel.codec.source.PATIENCE", -1.0)
     with pytest.raises(ReelError, match="cannot be fetched"):
         ReelReader(f"{url}/golden")
+
+
+def test_a_server_whose_head_trickles_is_given_up(monkeypatch):
+    """A byte of a header every now and then would pass the timeout of every single read."""
+    monkeypatch.setattr("splatreel.codec.source.HEAD", 0.5)
+    with socket.create_server(("127.0.0.1", 0)) as server:
+
+        def trickle():
+            connection, _ = server.accept()
+            with connection, contextlib.suppress(OSError):
+                connection.sendall(b"HTTP/1.1 200 OK\r\nX: ")
+                for _ in range(400):
+                    connection.sendall(b"x")
+                    time.sleep(0.05)
+
+        threading.Thread(target=trickle, daemon=True).start()
+        start = time.monotonic()
+        with pytest.raises(ReelError, match="cannot be fetched"):
+            ReelReader(f"http://127.0.0.1:{server.getsockname()[1]}/reel")
+        assert time.monotonic() - start < 10
+
+
+@pytest.mark.parametrize("address", ["http://[", "http://host:port/reel", "http://host:99999999/"])
+def test_what_is_no_address(address):
+    with pytest.raises(ReelError, match=r"is no address|cannot be fetched"):
+        ReelReader(address)
+
+
+@pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="pipes")
+@pytest.mark.parametrize("uri", ["manifest.json", "groups/0000.safetensors"])
+def test_a_pipe_in_a_reel_is_not_waited_for(tmp_path, uri):
+    reel = shutil.copytree(GOLDEN, tmp_path / "reel")
+    (reel / uri).unlink()
+    os.mkfifo(reel / uri)
+    with pytest.raises(ReelError, match=f"{uri}: is no file"):
+        ReelReader(reel).group(0)

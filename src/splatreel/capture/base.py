@@ -20,6 +20,8 @@ from splatreel.scene.camera import Camera
 
 SLOWEST, FASTEST = 1e-3, 1e5
 """Frames a second that a reel may have."""
+WIDEST = 16384
+"""Pixels across that pictures are read at."""
 MIN_CAMERAS = 3
 """Fewer cameras do not fix the geometry of a scene."""
 FAR_OFF = 1e4
@@ -44,6 +46,8 @@ class Request:
         """Output (width, height) for an input of that size, at the same aspect ratio."""
         if self.width is not None and self.scale is not None:
             raise CaptureError(f"{path}: both width {self.width} and scale {self.scale} were given; give one of them.")
+        if self.width is not None and not 1 <= self.width <= WIDEST:
+            raise CaptureError(f"{path}: cannot be read {self.width} pixels wide; choose a width of 1 to {WIDEST}.")
         scale = self.width / width if self.width is not None else self.scale if self.scale is not None else 1.0
         if not 0 < scale < math.inf:
             raise CaptureError(f"{path}: cannot be resized by {scale}; width and scale must be positive numbers.")

@@ -71,8 +71,9 @@ def _read_poses(file: Path) -> np.ndarray:
         if not isinstance(poses, np.ndarray):
             raise ValueError("an archive of several arrays")
     except (OSError, ValueError, EOFError, SyntaxError, MemoryError, BadZipFile) as error:
+        why = "" if "pickle" in str(error) else f" ({error})"  # numpy advises to run whatever a file says
         raise CaptureError(
-            f"{file}: is not a NumPy array file ({error}). Copy it again; LLFF's imgs2poses makes one."
+            f"{file}: is not a NumPy array file, or damaged{why}. Copy it again; LLFF's imgs2poses makes one."
         ) from error
     if poses.ndim != 2 or poses.shape[1] != 17 or poses.dtype.kind not in "fiu":
         raise CaptureError(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Callable
 from pathlib import Path
 
@@ -48,6 +49,18 @@ def open_capture(
     request = Request(width, scale, frames, held_out)
     for fits, reader in READERS:
         if fits(folder):
+            check_files(folder)
             return reader(folder, request)
     state = "holds none of these" if folder.is_dir() else "is not a folder; one of these was looked for"
     raise CaptureError(f"{folder}: {state}:\n{LOOKED_FOR}")
+
+
+def check_files(folder: Path, depth: int = 3) -> None:
+    """Raise `CaptureError` for what is neither a file nor a folder: reading a pipe waits until somebody writes into it."""
+    with os.scandir(folder) as entries:
+        for entry in entries:
+            if entry.is_dir():
+                if depth and not entry.name.startswith("."):
+                    check_files(Path(entry.path), depth - 1)
+            elif not entry.is_file() and os.path.exists(entry.path):
+                raise CaptureError(f"{entry.path}: is neither a file nor a folder. Take it out of the capture.")

@@ -8,6 +8,7 @@ from pathlib import Path
 from tyro.conf import Positional
 
 from splatreel.cli.options import parse_frames
+from splatreel.cli.output import say
 
 CHUNK = 8
 """Frames of all cameras held in memory at a time."""
@@ -41,10 +42,10 @@ def capture_check(capture: Positional[Path], /, width: int | None = None, frames
         source.close()
     held_out = ", ".join(source.held_out) or "none"
     points = "no points" if source.points is None else f"{len(source.points):,} points"
-    print(f"{capture}: {type(source).__name__}, every frame can be read")
-    print(f"  {len(names)} cameras, held out: {held_out}; {points}")
-    print(f"  {source.frames} frames at {source.fps:g} a second, {source.width} x {source.height} pixels")
-    print(f"  sound: {sound or 'none'}")
+    say(f"{capture}: {type(source).__name__}, every frame can be read")
+    say(f"  {len(names)} cameras, held out: {held_out}; {points}")
+    say(f"  {source.frames} frames at {source.fps:g} a second, {source.width} x {source.height} pixels")
+    say(f"  sound: {sound or 'none'}")
 
 
 def capture_calibrate(capture: Positional[Path], /) -> None:
@@ -60,11 +61,11 @@ def capture_calibrate(capture: Positional[Path], /) -> None:
 
     with closing(console()) as progress:
         found = calibrate(capture, progress)
-    print(f"{capture / MODEL}: {len(found.placed)} cameras, points are off by {found.error:.2f} pixels")
+    say(f"{capture / MODEL}: {len(found.placed)} cameras, points are off by {found.error:.2f} pixels")
     if found.lost:
-        print(f"  left out, for they show too little of what the others do: {', '.join(found.lost)}")
+        say(f"  left out, for they show too little of what the others do: {', '.join(found.lost)}")
     if found.doubtful:
-        print(f"  doubtful, for they see few points: {', '.join(f'{n} ({found.placed[n]})' for n in found.doubtful)}")
+        say(f"  doubtful, for they see few points: {', '.join(f'{n} ({found.placed[n]})' for n in found.doubtful)}")
 
 
 def capture_sync(capture: Positional[Path], /) -> None:
@@ -78,6 +79,6 @@ def capture_sync(capture: Positional[Path], /) -> None:
 
     with closing(console()) as progress:
         starts = synchronise(capture, progress)
-    print(f"{capture / 'splatreel.json'}: seconds of each video at which all of them start")
+    say(f"{capture / 'splatreel.json'}: seconds of each video at which all of them start")
     for name, start in starts.items():
-        print(f"  {name} {start:.3f}")
+        say(f"  {name} {start:.3f}")

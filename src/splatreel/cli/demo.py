@@ -6,6 +6,7 @@ import sys
 import time
 from pathlib import Path
 
+from splatreel.cli.output import say, serving
 from splatreel.cli.reconstruct import Device, configure
 from splatreel.config import Quality
 from splatreel.threads import use as use_threads
@@ -83,11 +84,11 @@ def demo(
     finally:
         progress.close()
     capture.close()
-    print(report.to_markdown())
-    print(f"{out / 'report.json'}, {out / 'pictures'}, {result.reel}")
+    say(report.to_markdown())
+    say(f"{out / 'report.json'}, {out / 'pictures'}, {result.reel}")
     if serve and sys.stdout.isatty():
         from splatreel.cli.serve import serve as serve_reel
 
         serve_reel(result.reel, port=0)
     else:
-        print(f"Play it with\n  splatreel serve {result.reel}")
+        say(f"Play it with\n  {serving(result.reel)}")

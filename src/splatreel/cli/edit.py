@@ -7,6 +7,7 @@ from pathlib import Path
 from tyro.conf import OmitArgPrefixes, Positional
 
 from splatreel.cli.options import reel_folder
+from splatreel.cli.output import say
 from splatreel.cli.words import Words
 from splatreel.errors import UsageError
 
@@ -25,4 +26,4 @@ def edit(reel: Positional[Path], /, words: OmitArgPrefixes[Words] = Words()) -> 
     folder = reel_folder(reel)
     manifest = edit_reel(folder, given)
     for name in given:
-        print(f"{folder}: {name} {getattr(manifest.presentation, name) or 'taken out'}")
+        say(f"{folder}: {name} {getattr(manifest.presentation, name) or 'taken out'}")

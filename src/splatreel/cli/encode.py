@@ -10,6 +10,7 @@ from tyro.conf import Positional
 
 from splatreel.cli.info import describe
 from splatreel.cli.options import parse_renditions
+from splatreel.cli.output import say
 from splatreel.cli.reconstruct import Codec
 from splatreel.config import COARSENESS, ENCODE_LIMITS, EncodeConfig, Rate
 from splatreel.errors import UsageError
@@ -74,7 +75,7 @@ def encode(
             encode_checkpoints(run / "work", out, config, progress, target_mbps, Presenter(_words_of(run)))
     finally:
         progress.close()
-    print(describe(str(out), reel_info(out)))
+    say(describe(str(out), reel_info(out)))
 
 
 def _words_of(run: Path) -> dict[str, str]:

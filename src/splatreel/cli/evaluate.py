@@ -7,6 +7,7 @@ from pathlib import Path
 from tyro.conf import Positional
 
 from splatreel.cli.options import megabytes, parse_frames, parse_names, reel_folder
+from splatreel.cli.output import say
 from splatreel.threads import use as use_threads
 
 
@@ -68,4 +69,4 @@ def evaluate(
     finally:
         progress.close()
         source.close()
-    print(report.to_json() if json else report.to_markdown(), end="" if not json else "\n")
+    say(report.to_json() if json else report.to_markdown(), end="" if not json else "\n")

@@ -8,12 +8,15 @@ from typing import TYPE_CHECKING, Literal
 from tyro.conf import Positional
 
 from splatreel.cli.options import megabytes, parse_frames, reel_folder
+from splatreel.cli.output import say
 from splatreel.errors import UsageError
 from splatreel.scene.atomic import sweep
 
 if TYPE_CHECKING:
     from splatreel.play.timeline import Timeline
 
+WIDEST = 8192
+"""Pixels of a film's side, about what H.264 allows."""
 FORMATS = (".ply", ".spz", ".glb")
 
 
@@ -72,20 +75,20 @@ def export(
     sweep(place, out.name if out.suffix else "")
     if out.suffix in FORMATS:
         count = _write_frame(source, first, out)
-        print(f"{out}: {count:,} Gaussians of frame {first}")
+        say(f"{out}: {count:,} Gaussians of frame {first}")
     elif out.suffix == ".mp4":
         _write_film(source, first, end, out, width, path)
     else:
         for index in range(first, end):
             _write_frame(source, index, out / f"{index:06}.{format}")
-        print(f"{out}: {end - first} {format.upper()} files, frames {first} to {end - 1}")
+        say(f"{out}: {end - first} {format.upper()} files, frames {first} to {end - 1}")
 
 
 def _write_page(reel: Path, out: Path, rendition: str | None) -> None:
     from splatreel.play.standalone import write_standalone
 
     size = write_standalone(out, reel_folder(reel), rendition)
-    print(f"{out}: player and reel, {size / 1e6:.2f} MB; open it in any browser")
+    say(f"{out}: player and reel, {size / 1e6:.2f} MB; open it in any browser")
 
 
 def _write_frame(source: Timeline, frame: int, path: Path) -> int:
@@ -110,6 +113,8 @@ def _write_film(source: Timeline, first: int, end: int, out: Path, width: int | 
 
     start = source.manifest.camera
     if width is not None:
+        if not 16 <= width <= WIDEST or not 16 <= round(start.height * width / start.width) <= WIDEST:
+            raise UsageError(f"--width {width}: films are 16 to {WIDEST} pixels wide and high.")
         start = start.resized(width, round(start.height * width / start.width))
     if path is None:
         shots = film_through(start, source.manifest.cameras, end - first, source.fps, first)
@@ -121,4 +126,4 @@ def _write_film(source: Timeline, first: int, end: int, out: Path, width: int | 
         write_film(out, source, shots, progress.update)
     finally:
         progress.close()
-    print(f"{out}: {len(shots)} frames, {start.width} x {start.height}")
+    say(f"{out}: {len(shots)} frames, {start.width} x {start.height}")

@@ -14,6 +14,22 @@ from splatreel.errors import SplatreelError
 EXTRAS = {"torch": "recon", "cv2": "recon", "pycolmap": "recon", "gsplat": "cuda", "viser": "viewer"}
 """Which extra of the package brings an optional module."""
 
+ADVICE = {
+    "--width": "a smaller picture (--width)",
+    "--frames": "fewer frames (--frames)",
+    "--quality": "--quality draft",
+    "--device": "--device cpu",
+}
+"""What takes less memory."""
+LIGHTER = {
+    **dict.fromkeys(
+        ("reconstruct", "demo", "bench reconstruct", "bench oracle"), ("--width", "--frames", "--quality", "--device")
+    ),
+    **dict.fromkeys(("evaluate", "export"), ("--width", "--frames")),
+    **dict.fromkeys(("view", "bench codec", "bench kernels"), ("--width",)),
+}
+"""By verb those of its options."""
+
 INTERRUPTED, TERMINATED = 130, 143
 """What shells return for a program ended by Ctrl-C, and by SIGTERM."""
 
@@ -53,17 +69,39 @@ def explain(error: BaseException, arguments: Sequence[str]) -> tuple[str, int] |
         text = f"Error: the disk is full{place}. What is finished is kept; free some space, then run\n  {command}"
         return text, 1
     if _is_out_of_memory(error):
-        smaller = "Ask for a smaller picture (--width), fewer frames (--frames A:B)"
-        text = f"Error: out of memory. {smaller} or --quality draft."
-        if "CUDA" in str(error):
-            text = f"Error: out of GPU memory. {smaller}, --quality draft or --device cpu."
-        return text, 1
+        gpu = "CUDA" in str(error)
+        return f"Error: out of {'GPU ' if gpu else ''}memory. {_lighter(arguments, gpu)}", 1
+    if (folder := _damaged_cache(error)) is not None:
+        return (
+            f"Error: the compiled code in {folder} is damaged. Delete that folder, it is made anew; then run\n  {command}",
+            1,
+        )
     if isinstance(error, ModuleNotFoundError) and error.name in EXTRAS:
         extra = f"pip install 'splatreel[{EXTRAS[error.name]}]'"
         return f"Error: the Python package {error.name!r} is needed for this and not installed. Run\n  {extra}", 1
     if isinstance(error, OSError) and error.filename is not None:
         return f"Error: {error.filename}: {error.strerror}.", 1
     return None
+
+
+def _lighter(arguments: Sequence[str], gpu: bool) -> str:
+    """What to ask of a verb instead, by the options that it has."""
+    names = LIGHTER.get(" ".join(arguments[: 2 if arguments[:1] == ["bench"] else 1]), ())
+    ways = [ADVICE[name] for name in names if gpu or name != "--device"]
+    if not ways:
+        return "Close other programs, or use a machine with more."
+    return f"Ask for {', '.join(ways[:-1])}{' or ' if ways[1:] else ''}{ways[-1]}."
+
+
+def _damaged_cache(error: BaseException) -> str | None:
+    """The folder of numba's cache, if reading it failed."""
+    trace, folder = error.__traceback__, None
+    while trace is not None:
+        frame = trace.tb_frame
+        if frame.f_code.co_filename.replace("\\", "/").endswith("numba/core/caching.py"):
+            folder = getattr(frame.f_locals.get("self"), "_cache_path", folder)
+        trace = trace.tb_next
+    return folder
 
 
 def _is_disk_full(error: BaseException) -> bool:
@@ -75,8 +113,9 @@ def _is_disk_full(error: BaseException) -> bool:
 
 
 def _is_out_of_memory(error: BaseException) -> bool:
-    """Python's own error, and torch's RuntimeErrors for the CPU and for CUDA."""
-    if isinstance(error, MemoryError):
+    """Python's own error, the system's, torch's RuntimeErrors for the CPU and for CUDA, and libraries that cannot be loaded."""
+    if isinstance(error, MemoryError) or (isinstance(error, OSError) and error.errno == errno.ENOMEM):
         return True
-    signs = ("can't allocate memory", "not enough memory", "CUDA out of memory")
-    return isinstance(error, RuntimeError) and any(sign in str(error) for sign in signs)
+    signs = ("can't allocate memory", "not enough memory", "CUDA out of memory", "annot allocate memory")
+    signs += ("failed to map segment", "can't start new thread")
+    return isinstance(error, RuntimeError | ImportError) and any(sign in str(error) for sign in signs)

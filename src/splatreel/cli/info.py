@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 from tyro.conf import Positional
 
 from splatreel.cli.options import reel_folder
+from splatreel.cli.output import say
 
 if TYPE_CHECKING:
     from splatreel.codec.info import ReelInfo
@@ -31,9 +32,9 @@ def info(reel: Positional[Path], /, rendition: str | None = None, json: bool = F
     found = reel_info(reel, rendition)
     if json:
         values = dataclasses.asdict(found) | {"manifest": json_format.loads(found.manifest.to_json())}
-        print(json_format.dumps(values, indent=1))
+        say(json_format.dumps(values, indent=1))
     else:
-        print(describe(str(reel), found))
+        say(describe(str(reel), found))
 
 
 def describe(name: str, found: ReelInfo) -> str:

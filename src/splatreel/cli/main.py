@@ -21,6 +21,7 @@ from splatreel.cli.info import info
 from splatreel.cli.reconstruct import reconstruct
 from splatreel.cli.serve import serve, view
 from splatreel.cli.verify import verify
+from splatreel.progress import printable
 
 DESCRIPTION = "Volumetric video from many static cameras: reconstruct, compress, stream and play groups of Gaussians."
 
@@ -60,7 +61,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         known = explain(error, arguments)
         if known is None:
             raise
-        print(known[0], file=sys.stderr)
+        print(printable(known[0]), file=sys.stderr)
         return known[1]
     return 0
 

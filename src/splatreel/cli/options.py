@@ -13,10 +13,10 @@ def parse_frames(text: str | None) -> tuple[int, int] | None:
     """`A:B` as (first, end), end exclusive; None stays None. Raises `UsageError` for anything else."""
     if text is None:
         return None
-    match = re.fullmatch(r"(\d+):(\d+)", text.strip())
+    match = re.fullmatch(r"([0-9]{1,9}):([0-9]{1,9})", text.strip())
     if match is None or int(match[1]) >= int(match[2]):
         raise UsageError(
-            f"--frames {text!r} is no range of frames. Write A:B with A < B, such as 0:60 for the first 60."
+            f"--frames {text!r:.60} is no range of frames. Write A:B with A < B, such as 0:60 for the first 60."
         )
     return int(match[1]), int(match[2])
 
@@ -44,10 +44,10 @@ def parse_held_out(text: str | None) -> list[str] | None:
 def parse_numbers(text: str | None, option: str) -> list[int] | None:
     """`0,14,28` as a list of frames; None stays None. Raises `UsageError` for anything else, or a number given twice."""
     names = parse_names(text, option)
-    bad = [name for name in names or [] if re.fullmatch(r"\d+", name) is None]
+    bad = [name for name in names or [] if re.fullmatch(r"[0-9]{1,9}", name) is None]
     if bad:
         raise UsageError(
-            f"{option} {text!r}: {bad[0]!r} is no frame. Write numbers with commas between them, such as 0,14."
+            f"{option} {text!r:.60}: {bad[0]!r:.60} is no frame. Write numbers with commas between them, such as 0,14."
         )
     return None if names is None else [int(name) for name in names]
 

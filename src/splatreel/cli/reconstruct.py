@@ -9,6 +9,7 @@ from typing import Literal
 from tyro.conf import OmitArgPrefixes, Positional
 
 from splatreel.cli.options import parse_frames, parse_held_out, parse_renditions
+from splatreel.cli.output import say, serving
 from splatreel.cli.words import Words
 from splatreel.config import Config, Quality, Rate, preset
 from splatreel.errors import UsageError
@@ -78,7 +79,7 @@ def reconstruct(
     finally:
         progress.close()
         source.close()
-    print(f"{result.reel}: play it with\n  splatreel serve {result.reel}")
+    say(f"{result.reel}: play it with\n  {serving(result.reel)}")
 
 
 def with_renditions(config: Config, renditions: tuple[Rate, ...]) -> Config:

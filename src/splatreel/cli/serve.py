@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Literal
 from tyro.conf import Positional
 
 from splatreel.cli.options import megabytes, reel_folder
+from splatreel.cli.output import say
 
 if TYPE_CHECKING:
     from splatreel.play.server import Server
@@ -66,10 +67,10 @@ def view(
 def run(player: Server | Viewer, browser: bool) -> None:
     """Serve until Ctrl-C, which here is the normal end."""
     with player:
-        print(f"Playing at {player.url} - stop with Ctrl-C", flush=True)
+        say(f"Playing at {player.url} - stop with Ctrl-C", flush=True)
         if browser:
             webbrowser.open(player.url)
         try:
             player.wait()
         except KeyboardInterrupt:
-            print()
+            say()

@@ -7,6 +7,7 @@ from pathlib import Path
 from tyro.conf import Positional
 
 from splatreel.cli.options import megabytes, reel_folder
+from splatreel.cli.output import say
 
 
 def verify(reel: Positional[Path], /, max_memory: int | None = None) -> None:
@@ -20,9 +21,9 @@ def verify(reel: Positional[Path], /, max_memory: int | None = None) -> None:
 
     reel = reel_folder(reel)
     found = verify_reel(reel, megabytes(max_memory))
-    print(
+    say(
         f"{reel}: whole, every byte is what the manifest says. {found.groups} groups and {found.layers} layers, "
         f"{found.points:,} points, {found.bytes:,} bytes"
     )
     if found.strangers:
-        print(f"  {len(found.strangers)} files that the manifest does not name: {', '.join(found.strangers[:5])}")
+        say(f"  {len(found.strangers)} files that the manifest does not name: {', '.join(found.strangers[:5])}")

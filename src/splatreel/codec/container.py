@@ -11,6 +11,7 @@ import numpy as np
 import safetensors.numpy
 
 from splatreel.codec import budget
+from splatreel.codec.document import parse_object
 from splatreel.codec.manifest import VERSION
 from splatreel.codec.quantize import integer
 from splatreel.codec.sections import Section, Sections
@@ -57,12 +58,12 @@ def unpack_file(data: bytes, most: int | None = None) -> tuple[FileHeader, Secti
     size = int.from_bytes(data[:8], "little")
     if len(data) < 8 or size > min(_MAX_HEADER, len(data) - 8):
         raise ReelError("is not a safetensors file, or truncated.")
-    tensors = _json_object(data[8 : 8 + size], "header")
+    tensors = parse_object(data[8 : 8 + size], "header")
     metadata = tensors.pop("__metadata__", None)
     text = metadata.get(_KEY) if isinstance(metadata, dict) else None
     if not isinstance(text, str):
         raise ReelError("has no `splatreel` metadata: it is not part of a reel.")
-    own = _json_object(text.encode(), "metadata")
+    own = parse_object(text, "metadata")
     if own.get("version") != VERSION or isinstance(own["version"], bool):
         raise ReelError(f"has version {own.get('version')!r}; this Splatreel reads {VERSION}. Update Splatreel.")
     if own.get("kind") not in ("layer", "group"):
@@ -107,13 +108,3 @@ def _tensor(body: memoryview, tensors: dict[str, Any], name: str) -> bytes:
     if not 0 <= begin <= end <= len(body) or tensor.get("shape") != [end - begin]:
         raise ReelError(f"section {name!r} lies outside of the file, which is truncated or damaged.")
     return bytes(body[begin:end])
-
-
-def _json_object(data: bytes, what: str) -> dict[str, Any]:
-    try:
-        value = json.loads(data.decode("utf-8"))
-    except (ValueError, RecursionError) as error:
-        raise ReelError(f"has a {what} that is not JSON ({error}).") from error
-    if not isinstance(value, dict):
-        raise ReelError(f"has a {what} that is not a JSON object.")
-    return value

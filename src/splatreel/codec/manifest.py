@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 
 from splatreel.codec.budget import MOST_FRAMES, most_points
+from splatreel.codec.document import parse_object
 from splatreel.codec.presentation import EMPTY, Asset, Presentation, parse_digest, parse_presentation, parse_uri
 from splatreel.codec.quantize import boolean, integer, number, numbers
 from splatreel.errors import ReelError
@@ -152,11 +153,8 @@ def parse_manifest(data: bytes, source: str) -> Manifest:
 def _load(data: bytes) -> dict[str, Any]:
     if len(data) > MAX_BYTES:
         raise ReelError(f"is longer than the {MAX_BYTES} bytes a manifest may have.")
-    try:
-        document = json.loads(data.decode("utf-8"))
-    except (ValueError, RecursionError) as error:
-        raise ReelError(f"is not JSON ({error}).") from error
-    if not isinstance(document, dict) or document.get("format") != FORMAT:
+    document = parse_object(data)
+    if document.get("format") != FORMAT:
         raise ReelError("is not the manifest of a reel: its `format` is not 'splatreel'.")
     if document.get("version") != VERSION or isinstance(document["version"], bool):
         raise ReelError(f"has version {document.get('version')!r}; this Splatreel reads {VERSION}. Update Splatreel.")
@@ -285,10 +283,15 @@ def _parse_camera(value: object) -> Camera:
     if not isinstance(name, str) or len(name) > 200:
         raise ReelError(f"has a camera of the name {name!r:.100}.")
     try:
+        viewmat, K = numbers(value, "viewmat", 16).reshape(4, 4), numbers(value, "K", 9).reshape(3, 3)
+        if K[0, 0] <= 0 or K[1, 1] <= 0:
+            raise ReelError(f"has the focal lengths {K[0, 0]:g} and {K[1, 1]:g} in its K, expected pixels.")
+        if not 0.5 < np.linalg.det(viewmat[:3, :3]) < 2:
+            raise ReelError("has a viewmat that is no rotation and translation.")
         return Camera(
             name=name,
-            viewmat=numbers(value, "viewmat", 16).reshape(4, 4),
-            K=numbers(value, "K", 9).reshape(3, 3),
+            viewmat=viewmat,
+            K=K,
             width=integer(value, "width", 1, 1 << 20),
             height=integer(value, "height", 1, 1 << 20),
         )

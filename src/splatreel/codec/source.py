@@ -2,10 +2,15 @@
 
 from __future__ import annotations
 
+import contextlib
+import os
+import socket
+import stat
+import threading
 import time
 import urllib.error
 import urllib.request
-from http.client import HTTPException, HTTPResponse
+from http.client import HTTPConnection, HTTPException, HTTPResponse, HTTPSConnection
 from pathlib import Path
 from typing import Protocol
 from urllib.parse import urljoin, urlsplit
@@ -14,8 +19,10 @@ from splatreel.errors import ReelError
 
 TIMEOUT = 30.0
 """Seconds without an answer after which a server counts as gone."""
+HEAD = 60.0
+"""Seconds until the head of an answer has to be there,"""
 PATIENCE = 600.0
-"""Seconds that one file may take in all."""
+"""and that one file may take in all."""
 
 
 class Source(Protocol):
@@ -34,7 +41,10 @@ def open_source(location: str | Path) -> Source:
     """The source of a reel at a directory, a path to its manifest.json, or an http(s) URL of either."""
     text = str(location)
     if text.startswith(("http://", "https://")):
-        return _Web(text)
+        try:
+            return _Web(text)
+        except ValueError as error:
+            raise ReelError(f"{text}: is no address ({error}). Correct it.") from error
     path = Path(location)
     return _Directory(path.parent if path.name == "manifest.json" else path)
 
@@ -48,7 +58,9 @@ class _Directory:
 
     def read(self, uri: str, limit: int) -> bytes:
         try:
-            with open(self.root / uri, "rb") as file:
+            with open(self.root / uri, "rb", opener=_without_waiting) as file:
+                if not stat.S_ISREG(os.fstat(file.fileno()).st_mode):
+                    raise ReelError(f"{self.name(uri)}: is no file. Is this a reel, and is it whole?")
                 return _bounded(file.read(limit + 1), limit, self.name(uri))
         except OSError as error:
             raise ReelError(
@@ -56,12 +68,17 @@ class _Directory:
             ) from error
 
 
+def _without_waiting(path: str, flags: int) -> int:
+    """A pipe is opened at once, not when somebody begins to write into it."""
+    return os.open(path, flags | getattr(os, "O_NONBLOCK", 0))
+
+
 class _Web:
     def __init__(self, url: str) -> None:
         split = urlsplit(url)
         path = split.path.removesuffix("manifest.json")
         self.base = f"{split.scheme}://{split.netloc}{path if path.endswith('/') else path + '/'}"
-        self.opener = urllib.request.build_opener(_SameHost(split.netloc))
+        self.opener = urllib.request.build_opener(_SameHost(split.netloc), _Http(), _Https())
 
     def name(self, uri: str) -> str:
         return urljoin(self.base, uri)
@@ -73,6 +90,46 @@ class _Web:
                 return _bounded(_read_slowly(response, limit + 1), limit, url)
         except (urllib.error.URLError, HTTPException, OSError, ValueError) as error:
             raise ReelError(f"{url}: cannot be fetched ({error}). Check the address and the connection.") from error
+
+
+class _Impatient(HTTPConnection):
+    """Ends the connection where an answer's head is not there in time: one that trickles would pass every single timeout."""
+
+    def connect(self) -> None:
+        super().connect()
+        self._late = threading.Event()
+        self._end = threading.Timer(HEAD, self._hang_up, [self.sock, self._late])
+        self._end.daemon = True
+        self._end.start()
+
+    def getresponse(self) -> HTTPResponse:
+        try:
+            response = super().getresponse()
+        finally:
+            self._end.cancel()
+        if self._late.is_set():
+            raise TimeoutError(f"no answer in {HEAD:.0f} s")
+        return response
+
+    @staticmethod
+    def _hang_up(connection: socket.socket, late: threading.Event) -> None:
+        late.set()
+        with contextlib.suppress(OSError):
+            connection.shutdown(socket.SHUT_RDWR)
+
+
+class _ImpatientTls(_Impatient, HTTPSConnection):
+    pass
+
+
+class _Http(urllib.request.HTTPHandler):
+    def http_open(self, req: urllib.request.Request) -> HTTPResponse:
+        return self.do_open(_Impatient, req)
+
+
+class _Https(urllib.request.HTTPSHandler):
+    def https_open(self, req: urllib.request.Request) -> HTTPResponse:
+        return self.do_open(_ImpatientTls, req)
 
 
 class _SameHost(urllib.request.HTTPRedirectHandler):

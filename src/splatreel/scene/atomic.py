@@ -30,7 +30,11 @@ _LONGEST = 100
 def replacing(path: Path) -> Iterator[Path]:
     """A new, empty file beside `path`; at the end it takes the place of `path`, after an exception it is deleted. Raises OSError."""
     temporary = _temporary(path.parent, path.name)
-    handle = os.open(temporary, os.O_RDWR | os.O_CREAT | os.O_EXCL, 0o666)
+    try:
+        handle = os.open(temporary, os.O_RDWR | os.O_CREAT | os.O_EXCL, 0o666)
+    except OSError as error:
+        error.filename = str(path)  # the name that a user knows
+        raise
     try:
         try:
             lock(handle)
