@@ -84,8 +84,9 @@ def test_what_moves_is_not_taken_for_a_camera_that_does() -> None:
     assert check_poses(CAMERAS, frames) == ALL_RIGHT
 
 
-def test_without_features_nothing_is_said() -> None:
-    assert check_poses(CAMERAS, np.full((2, 9, 64, WIDTH, 3), 90, np.uint8)) == ALL_RIGHT
+def test_without_features_nothing_is_known_and_nobody_is_touched() -> None:
+    found = check_poses(CAMERAS, np.full((2, 9, 64, WIDTH, 3), 90, np.uint8))
+    assert found == Findings({}, [], [], list(range(9)))
 
 
 def test_the_fewer_features_tell_the_farther_off_must_a_camera_be():

@@ -2,13 +2,14 @@
 
 What two other cameras agree on lies at a place that a third one must show where it does. If it would do so only turned and moved a
 little, it was touched after its calibration: all others see the scene twice until it is put right. A camera whose features hardly ever
-lie on the others' epipolar lines is somewhere else, or its video is another's.
+lie on the others' epipolar lines is somewhere else, or its video is another's; but one that looks from where no other does has little
+in common with them wherever it stands, which is no evidence.
 """
 
 from __future__ import annotations
 
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import cv2
 import numpy as np
@@ -16,7 +17,7 @@ import numpy as np
 from splatreel import threads
 from splatreel.recon.features import detect, epipolar_lines, match, off_line
 from splatreel.recon.planesweep import project, unproject
-from splatreel.recon.triangulate import intersect, neighbour_pairs, reprojection_errors
+from splatreel.recon.triangulate import intersect, neighbour_pairs, reprojection_errors, separation
 from splatreel.scene.camera import Camera, focus_point
 
 NEIGHBOURS = 6
@@ -37,6 +38,10 @@ FEWEST = 80, 200
 """Places by which a camera is judged, and matches by which it is a stranger."""
 CHANCE = 1.6
 """Times as many matches as by chance that are on their lines in any camera that sees what the others do."""
+WIDE = 60.0
+"""Degrees between two cameras' directions, from which on features hardly match, wherever they stand."""
+ALIKE = 2.0, 50
+"""Times as many matches as by chance that are on their lines, and of how many, where two cameras show the same things."""
 STEP = 1e-3
 """Radians, and of the cameras' distance from each other: what six unknowns of a pose are counted in."""
 BEHIND = 1e6
@@ -60,12 +65,14 @@ class Findings:
     """What an inspection found, by index of the cameras.
 
     mended: those that were put right. strangers: those that do not show what their neighbours do. doubtful: all that seem wrong, if
-    they are so many that nobody can tell which are right; the others are empty then.
+    they are so many that nobody can tell which are right; the first two are empty then. unchecked: those that show too little of what
+    the others do for anybody to tell.
     """
 
     mended: dict[int, Mended]
     strangers: list[int]
     doubtful: list[int]
+    unchecked: list[int] = field(default_factory=list)
 
 
 @dataclass(frozen=True)
@@ -90,6 +97,9 @@ class _Sight:
 
     def __init__(self, cameras: list[Camera], frames: np.ndarray) -> None:
         self.cameras, self.pairs = list(cameras), neighbour_pairs(cameras, NEIGHBOURS)
+        self.apart, self.chance = separation(cameras), CLOSE / (REACHES[0] * cameras[0].width)
+        forwards = np.stack([camera.forward for camera in cameras])
+        self.narrow = forwards @ forwards.T > np.cos(np.radians(WIDE))
         with ThreadPoolExecutor(threads.count()) as pool:
             self.features = [list(pool.map(detect, images)) for images in frames]
         self.matches = {pair: self._match(pair, REACHES[0]) for pair in self.pairs}
@@ -109,13 +119,31 @@ class _Sight:
 
     def stranger(self, number: int) -> bool:
         """Whether its features are on the others' lines hardly more often than anything would be that is looked for in reach."""
+        near = self._on_lines(self._comparable(number))
+        return len(near) >= FEWEST[1] and near.mean() < CHANCE * self.chance
+
+    def alone(self, number: int) -> bool:
+        """Whether it shows too little of what the others do, whether that fits or not."""
+        near = self._on_lines([pair for pair in self.pairs if number in pair])
+        return len(self._on_lines(self._comparable(number))) < FEWEST[1] and not self._alike(near)
+
+    def _comparable(self, number: int) -> list[Pair]:
+        """Its pairs that would show the same things if all were right: others do that are as different and more."""
+        others = [pair for pair in self.pairs if number not in pair and self._alike(self._on_lines([pair]))]
+        most = max((self.apart[pair] for pair in others), default=0.0)
+        return [pair for pair in self.pairs if number in pair and self.narrow[pair] and self.apart[pair] <= most]
+
+    def _alike(self, near: np.ndarray) -> bool:
+        return len(near) >= ALIKE[1] and near.mean() > ALIKE[0] * self.chance
+
+    def _on_lines(self, pairs: list[Pair]) -> np.ndarray:
+        """[M] bool: which matches of pairs of cameras are on their epipolar lines."""
         off = [np.zeros(0)]
-        for a, b in self.pairs:
-            for seen, found in zip(self.features, self.matches[a, b], strict=True) if number in (a, b) else ():
+        for a, b in pairs:
+            for seen, found in zip(self.features, self.matches[a, b], strict=True):
                 lines = epipolar_lines(self.cameras[a], self.cameras[b], seen[a].pixels[found[:, 0]])
                 off.append(off_line(lines, seen[b].pixels[found[:, 1]]))
-        near, chance = np.abs(np.concatenate(off)) < CLOSE, CLOSE / (REACHES[0] * self.cameras[number].width)
-        return len(near) >= FEWEST[1] and near.mean() < CHANCE * chance
+        return np.abs(np.concatenate(off)) < CLOSE
 
     def judge(self, number: int) -> Verdict:
         """Where a camera would have to be to show most places where they are that two others agree on."""
@@ -182,12 +210,17 @@ def check_poses(cameras: list[Camera], frames: np.ndarray) -> Findings:
     sight, mended = _Sight(cameras, frames), set[int]()
     everybody = range(len(cameras))
     strangers: list[int] = []
+    unchecked: list[int] = []
     for _ in everybody:
         verdicts = {c: sight.judge(c) for c in everybody}
         wrong = [c for c in everybody if verdicts[c].wrong]
         strangers = [c for c in everybody if c not in wrong and sight.stranger(c)]
+        judged = [c for c in everybody if verdicts[c].features]
+        unchecked = [c for c in everybody if c not in judged and c not in strangers and sight.alone(c)]
         suspects = sorted({*mended, *wrong, *strangers})
         if suspects and 3 * len(suspects) >= len(cameras):
+            if 2 * len(judged) < len(cameras):
+                return Findings({}, [], [], sorted({*suspects, *unchecked}))
             return Findings({}, [], suspects)
         if not wrong:
             break
@@ -196,7 +229,7 @@ def check_poses(cameras: list[Camera], frames: np.ndarray) -> Findings:
         mended.add(worst)
     focus = focus_point(cameras)
     pixels = {c: _apart(cameras[c], sight.cameras[c], focus) for c in mended if c not in strangers}
-    return Findings({c: Mended(sight.cameras[c], off) for c, off in pixels.items()}, strangers, [])
+    return Findings({c: Mended(sight.cameras[c], off) for c, off in pixels.items()}, strangers, [], unchecked)
 
 
 def _couples(own: np.ndarray) -> np.ndarray:

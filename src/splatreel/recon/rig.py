@@ -59,6 +59,16 @@ class Rig:
         if found.doubtful:
             names = ", ".join(self.names[number] for number in found.doubtful)
             progress.note(f"the poses of {names} do not fit each other, too many to be put right: calibrate anew")
+        if found.unchecked:
+            names = ", ".join(self.names[number] for number in found.unchecked)
+            if len(found.unchecked) == len(self.cameras):
+                progress.note(
+                    "the cameras show too little in common to check their poses: taken as they are said to be"
+                )
+            else:
+                progress.note(
+                    f"{names}: too little in common with the other cameras to check the pose, kept as it is said to be"
+                )
         kept = [number for number in range(len(self.cameras)) if number not in found.strangers]
         self._keep(kept)
         checkpoint.save_arrays(folder / POSES, self._packed() | {"kept": np.array(kept)})

@@ -57,14 +57,19 @@ def neighbour_pairs(cameras: list[Camera], neighbours: int) -> list[tuple[int, i
 
 
 def nearest_cameras(cameras: list[Camera], count: int) -> np.ndarray:
-    """The cameras nearest to each by place and viewing direction, nearest first; [C, min(count, C - 1)] int."""
+    """The cameras nearest to each, nearest first; [C, min(count, C - 1)] int."""
+    cost = separation(cameras)
+    np.fill_diagonal(cost, np.inf)
+    return np.argsort(cost, 1, kind="stable")[:, : min(count, len(cameras) - 1)]
+
+
+def separation(cameras: list[Camera]) -> np.ndarray:
+    """[C, C] how different cameras' views are: their distance, as a share of the median, and 1 - cosine of their directions."""
     centers = np.stack([c.center for c in cameras]).astype(np.float64)
     forwards = np.stack([c.forward for c in cameras]).astype(np.float64)
     gaps = np.linalg.norm(centers[:, None] - centers[None], axis=-1)
     spread = np.median(gaps) or 1.0
-    cost = gaps / spread + (1 - forwards @ forwards.T)
-    np.fill_diagonal(cost, np.inf)
-    return np.argsort(cost, 1, kind="stable")[:, : min(count, len(cameras) - 1)]
+    return gaps / spread + (1 - forwards @ forwards.T)
 
 
 def _solve_stars(
