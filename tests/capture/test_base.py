@@ -59,7 +59,7 @@ def test_cameras_of_one_name_or_of_two_sizes_are_refused() -> None:
 
 def test_the_fingerprint_knows_what_matters() -> None:
     changed = folders.cameras()
-    changed[2] = replace(changed[2], viewmat=changed[2].viewmat + 1e-3)
+    changed[2] = replace(changed[2], viewmat=changed[2].viewmat + 1e-3 * (np.arange(4) < 3)[:, None])
     prints = [
         capture(frame_range=(0, 9)),
         capture(frame_range=(1, 9)),

@@ -54,6 +54,10 @@ def spoil(scene: Path, change: Callable[[dict], object], file: str = "train_meta
         (lambda m: m.update(w2c=[[[1, 2, 3]] * 3] * 5), r"train_meta\.json: w2c has shape"),
         (lambda m: m["w2c"][3][1][0].__setitem__(3, 9.0), r"w2c of camera 2 changes over time"),
         (lambda m: [step[1][0].__setitem__(3, float("nan")) for step in m["w2c"]], "Camera '2': viewmat holds NaN"),
+        (
+            lambda m: [step[1].__setitem__(2, [-x for x in step[1][2]]) for step in m["w2c"]],
+            r"train_meta\.json: w2c of camera 2 is .*it mirrors",
+        ),
         (lambda m: [c.__setitem__(0, 10) for c in m["cam_id"]], "a camera is listed twice"),
         (lambda m: [m[key].pop() for key in ("k", "w2c", "fn", "cam_id")], r"unequal frame counts .*'10': 5"),
     ],

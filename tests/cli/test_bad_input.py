@@ -4,11 +4,14 @@ import json
 import os
 import shutil
 from collections.abc import Callable
+from fractions import Fraction
 from pathlib import Path
 
+import av
 import numpy as np
 import pytest
 
+from splatreel.capture.opening import open_capture
 from splatreel.cli.main import main
 from tests.capture import folders
 
@@ -67,6 +70,18 @@ def cut_film(scene: Path) -> None:
     cut(scene / "cam02.mp4", 0.8)
 
 
+def jumped(scene: Path) -> None:
+    """Its third frame comes five frames late."""
+    with av.open(str(scene / "cam02.mp4"), "w") as container:
+        stream = container.add_stream("libx264", rate=30)
+        stream.height, stream.width, stream.pix_fmt = folders.HEIGHT, folders.WIDTH, "yuv444p"
+        for number, time in enumerate((0, 1, 7)):
+            picture = av.VideoFrame.from_ndarray(folders.frame(2, number), format="rgb24")
+            picture.pts, picture.time_base = time, Fraction(1, 30)
+            container.mux(stream.encode(picture))
+        container.mux(stream.encode(None))
+
+
 def two_arrays(scene: Path) -> None:
     np.savez(scene / "a.npz", np.zeros(3), np.ones(3))
     (scene / "a.npz").replace(scene / "poses_bounds.npy")
@@ -107,6 +122,18 @@ SPOILED: dict[str, tuple[Callable[[Path], object], list[str]]] = {
     ),
     "two cameras": (lambda s: remove_cameras(s, 2), ["scene: 2 cameras (cam00, cam01)", "at least 3"]),
     "two cameras to train on": (lambda s: remove_cameras(s, 3), ["scene: only 2 cameras", "held-out cam00", "3"]),
+    "near and far exchanged": (
+        lambda s: change_poses(s, lambda p: p[:, [*range(15), 16, 15]]),
+        ["scene/poses_bounds.npy: row 0", "near bound 9", "far bound 1.5", "exchange them"],
+    ),
+    "a jump of five frames": (
+        jumped,
+        ["scene/cam02.mp4: frame 2 is of 0.233 s", "others of 0.067 s", "--frames 0:2", "capture sync"],
+    ),
+    "mirrored poses": (
+        lambda s: change_poses(s, lambda p: p * np.array([1, -1, 1, 1, 1] * 3 + [1, 1])),
+        ["scene/poses_bounds.npy: the row of cam00.mp4", "it mirrors", "x right, y down, z forward"],
+    ),
     "an endless frame rate": (
         lambda s: (s / "splatreel.json").write_text('{"fps": 1e999}'),
         ["scene/splatreel.json: fps is inf", "Correct it or remove it"],
@@ -123,6 +150,32 @@ def test_captures_that_cannot_be_used(what: str, scene: Path, capsys: pytest.Cap
     assert error.startswith("Error: ")
     assert [part for part in expected if part not in error] == []
     assert not Path("out").exists()
+    assert main(["capture", "check", "scene"]) == 1
+    assert error == "".join(line for line in capsys.readouterr().err.splitlines(True) if line.startswith("Error: "))
+
+
+def test_a_video_that_jumps_is_taken_up_to_there(scene: Path) -> None:
+    jumped(scene)
+    assert open_capture(scene, frames=(0, 2)).read(0, 2, ["cam02"]).shape[0] == 2
+    (scene / "splatreel.json").write_text(json.dumps({"starts": {"cam02": 0.0}}))
+    frames = open_capture(scene, frames=(0, 3)).read(0, 3, ["cam02"])[:, 0]
+    assert [folders.which(frame) for frame in frames] == [(2, 0), (2, 1), (2, 1)]  # the nearest in time
+
+
+def test_black_videos_are_refused_by_both(scene: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    folders.write_video(scene / "cam03.mp4", [np.zeros((folders.HEIGHT, folders.WIDTH, 3), np.uint8)] * 3)
+    for command in (["reconstruct", "scene", "--out", "out"], ["capture", "check", "scene"]):
+        assert main(command) == 1
+        assert "Error: scene: what camera cam03 shows is all black. Choose frames" in capsys.readouterr().err
+    assert not Path("out/work/run.json").exists()
+
+
+def test_check_takes_what_reconstruction_takes(scene: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    remove_cameras(scene, 3)
+    assert main(["capture", "check", "scene"]) == 1
+    assert "only 2 cameras are left to train on" in capsys.readouterr().err
+    assert main(["capture", "check", "scene", "--hold-out", "none"]) == 0
+    assert "show too little in common to check their poses" in capsys.readouterr().out
 
 
 ASKED = {

@@ -4,7 +4,8 @@ import cv2
 import numpy as np
 import pytest
 
-from splatreel.recon.poses import MOVED, PLENTY, Findings, Verdict, check_poses
+from splatreel.recon.findings import Findings
+from splatreel.recon.poses import MOVED, PLENTY, Verdict, check_poses
 from splatreel.scene.camera import Camera
 from tests.recon.corner import WIDTH, arc, pictures
 
@@ -64,6 +65,31 @@ def test_a_camera_that_shows_something_else_is_a_stranger() -> None:
     images[4] = TRUTH[4, ::-1, ::-1]
     found = check_poses(CAMERAS, moments(images))
     assert found == Findings({}, [4], [])
+
+
+def beside(camera: Camera, degrees: float) -> Camera:
+    """As if it stood elsewhere around the scene, five units before the others."""
+    motion, about = np.eye(4), np.eye(4)
+    motion[:3, :3] = cv2.Rodrigues(np.radians(degrees) * np.array([0.0, 1, 0]))[0]
+    about[2, 3] = 5
+    return replace(camera, viewmat=about @ motion @ np.linalg.inv(about) @ camera.viewmat)
+
+
+def test_a_camera_that_stands_alone_is_kept_and_said_to_be_unchecked() -> None:
+    """It shows the other side, on which there is nothing that its neighbours show: no evidence that it is anywhere else."""
+    images = TRUTH.copy()
+    images[8] = TRUTH[8, ::-1, ::-1]
+    for degrees in (90, 130, 180):
+        found = check_poses([*CAMERAS[:8], beside(CAMERAS[8], degrees)], moments(images))
+        assert found == Findings({}, [], [], [8])
+
+
+def test_three_cameras_with_too_little_in_common_are_not_said_to_misfit() -> None:
+    images = np.stack([TRUTH[0], TRUTH[4, ::-1, ::-1], np.roll(TRUTH[8], (61, 90), (0, 1))])
+    apart = [CAMERAS[0], beside(CAMERAS[4], 60), beside(CAMERAS[8], -60)]
+    assert check_poses(apart, moments(images)) == Findings({}, [], [], [0, 1, 2])
+    # The same where they stand side by side, and two of three videos are others': too few places to judge by.
+    assert check_poses([CAMERAS[0], CAMERAS[4], CAMERAS[8]], moments(images)) == Findings({}, [], [], [0, 1, 2])
 
 
 def test_nobody_can_tell_where_every_third_is_wrong() -> None:

@@ -6,9 +6,12 @@ import numpy as np
 import pytest
 import torch
 
+from splatreel.capture.poses import inverted
 from splatreel.config import Config, GroupConfig
+from splatreel.errors import ReconstructionError
 from splatreel.progress import Silent
 from splatreel.recon import checkpoint
+from splatreel.recon.findings import Findings
 from splatreel.recon.rig import Rig
 from tests.recon.captures import WallCapture
 from tests.recon.corner import arc, pictures
@@ -120,6 +123,22 @@ def test_a_camera_that_is_touched_later_is_put_right_from_the_next_group_on(tmp_
     rig.place(frames, tmp_path / "next", notes)
     assert notes.lines[1] == "cam1 no longer shows what its neighbours do: check its video"
     assert len(rig.cameras) == 9
+
+
+def test_poses_the_other_way_round_are_refused(tmp_path: Path) -> None:
+    with pytest.raises(
+        ReconstructionError, match=r"scene/extri.yml: the poses .* would if they were camera to world\."
+    ):
+        Rig(inverted(CORNER), CONFIG, CPU).gather(PICTURES, tmp_path, Notes(), "scene/extri.yml")
+    assert not list(tmp_path.iterdir())
+
+
+def test_a_user_is_told_of_poses_that_nobody_can_check(tmp_path: Path) -> None:
+    notes = Notes()
+    assert len(Rig(CORNER, CONFIG, CPU).gather(np.full_like(PICTURES, 90), tmp_path, notes)[0]) == 9
+    assert notes.lines == ["the cameras show too little in common to check their poses: taken as they are said to be"]
+    (line,) = Findings({}, [], [], [1]).doubts(["a", "b", "c"])
+    assert line == "b: too little in common with the other cameras to check the pose, taken as it is said to be"
 
 
 def test_where_too_many_are_wrong_the_user_is_told_and_nothing_changes(tmp_path: Path) -> None:

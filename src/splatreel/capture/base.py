@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 
 from splatreel import threads
+from splatreel.capture.poses import check_poses
 from splatreel.capture.sound import Track
 from splatreel.errors import CaptureError
 from splatreel.scene.camera import Camera
@@ -75,7 +76,7 @@ class Capture(ABC):
     cameras: every camera, resized to the output size. held_out: names of those kept for evaluation. frames: how many time steps
     there are after the frame range is applied; fps: time steps a second. points: [P, 3] float32 and point_colors: [P, 3] float32
     0..1, sparse points of the first frame where the capture has them. near: a near bound in world units, where the format brings
-    one that can be trusted.
+    one that can be trusted. origin: the file or folder that the poses are from. doubts: what is odd about them, in sentences.
     """
 
     def __init__(
@@ -89,8 +90,10 @@ class Capture(ABC):
         points: np.ndarray | None = None,
         point_colors: np.ndarray | None = None,
         near: float | None = None,
+        origin: Path | None = None,
     ) -> None:
         self.path = Path(path)
+        self.origin = self.path if origin is None else origin
         self.name = self.path.resolve().name
         self.cameras = cameras
         self.held_out = list(held_out)
@@ -128,6 +131,7 @@ class Capture(ABC):
             raise CaptureError(
                 f"{self.path}: has {self.fps:g} frames a second, expected {SLOWEST:g} to {FASTEST:g}; correct the number in its files."
             )
+        self.doubts = check_poses(self.cameras, self.points, str(self.origin))
         self._check_places()
 
     def _check_places(self) -> None:

@@ -72,6 +72,7 @@ class ColmapCapture(RecordedCapture):
             lenses=lenses,
             points=points,
             point_colors=colors,
+            origin=model,
         )
 
 

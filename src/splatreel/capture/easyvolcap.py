@@ -17,6 +17,7 @@ from splatreel.capture.base import Request
 from splatreel.capture.colmap import import_pycolmap, pictures_by_camera, video_files
 from splatreel.capture.lens import Lens, import_cv2, resized
 from splatreel.capture.pictures import Pictures
+from splatreel.capture.poses import check_rotation
 from splatreel.capture.recorded import RecordedCapture
 from splatreel.capture.sidecar import read_sidecar
 from splatreel.capture.videos import Videos
@@ -59,7 +60,8 @@ class EasyVolcapCapture(RecordedCapture):
             if bent is not None:
                 lenses[name] = bent
         held_out = names[:1] if sidecar.held_out is None else sidecar.held_out
-        super().__init__(path, cameras, source, request, held_out=held_out, lenses=lenses)
+        origin = path / EXTRINSICS
+        super().__init__(path, cameras, source, request, held_out=held_out, lenses=lenses, origin=origin)
 
 
 class _Numbers:
@@ -141,10 +143,7 @@ def _viewmat(extrinsics: _Numbers, name: str) -> np.ndarray:
     matrix = extrinsics.array(name, (3, 3), "Rot")
     if matrix is None:
         matrix = Rotation.from_rotvec(extrinsics.needed(name, (3,), "R")).as_matrix()
-    if np.abs(matrix @ matrix.T - np.eye(3)).max() > 1e-2 or np.linalg.det(matrix) < 0:
-        raise CaptureError(
-            f"{extrinsics.file}: Rot_{name} is {matrix.tolist()}, no rotation. Export the cameras again."
-        )
+    check_rotation(matrix, f"{extrinsics.file}: Rot_{name}")
     viewmat = np.eye(4)
     viewmat[:3, :3] = matrix
     viewmat[:3, 3] = extrinsics.needed(name, (3,), "T")

@@ -15,6 +15,7 @@ import numpy as np
 
 from splatreel.capture.base import Request
 from splatreel.capture.colmap import is_colmap
+from splatreel.capture.poses import check_rotation
 from splatreel.capture.recorded import RecordedCapture
 from splatreel.capture.sidecar import read_sidecar
 from splatreel.capture.video import VideoFile
@@ -56,6 +57,7 @@ class Neu3DVCapture(RecordedCapture):
             request,
             held_out=default,
             near=float(poses[:, 15].min()),
+            origin=path / POSES,
         )
 
 
@@ -86,6 +88,13 @@ def _read_poses(file: Path) -> np.ndarray:
             f"{file}: row {int(bad.argmax())} (counted from 0, as the videos by name) holds NaN or infinity. Estimate the pose "
             f"again, or remove the row and its video."
         )
+    swapped = poses[:, 15] >= poses[:, 16]
+    if swapped.any():
+        row = int(swapped.argmax())
+        raise CaptureError(
+            f"{file}: row {row} (counted from 0, as the videos by name) has the near bound {poses[row, 15]:g} and the far bound "
+            f"{poses[row, 16]:g}, which is not farther. The last two numbers of a row are near and far: exchange them."
+        )
     return poses.astype(np.float64)
 
 
@@ -95,14 +104,12 @@ def _camera(path: Path, video: VideoFile, row: np.ndarray) -> Camera:
     height, width, focal = matrix[:, 4]
     down, right, back, center = matrix[:, :4].T
     rotation = np.stack([right, down, -back])
-    if (
-        min(height, width, focal) <= 0
-        or np.abs(rotation @ rotation.T - np.eye(3)).max() > 1e-2
-        or np.linalg.det(rotation) < 0
-    ):
+    whose = f"{path / POSES}: the row of {video.path.name}"
+    check_rotation(rotation, f"{whose}: its pose (right, down, forward)")
+    if min(height, width, focal) <= 0:
         raise CaptureError(
-            f"{path / POSES}: the row of {video.path.name} is no LLFF pose: its axes are not a rotation, or its height, width "
-            f"and focal length {height:g}, {width:g}, {focal:g} are not positive. Estimate the poses again with LLFF's imgs2poses."
+            f"{whose} is no LLFF pose: its height, width and focal length {height:g}, {width:g}, {focal:g} are not positive. Estimate "
+            f"the poses again with LLFF's imgs2poses."
         )
     if abs(width / height * video.height / video.width - 1) > 0.02:
         raise CaptureError(

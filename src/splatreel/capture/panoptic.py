@@ -13,6 +13,7 @@ import numpy as np
 
 from splatreel.capture.base import Request
 from splatreel.capture.pictures import Pictures
+from splatreel.capture.poses import check_rotation
 from splatreel.capture.recorded import RecordedCapture
 from splatreel.capture.sidecar import Sidecar
 from splatreel.errors import CaptureError
@@ -55,6 +56,7 @@ class PanopticCapture(RecordedCapture):
             Pictures(path, files, Sidecar(), request),
             request,
             held_out=defaults,
+            origin=path / META[0],
         )
 
 
@@ -79,6 +81,9 @@ def _read_meta(file: Path) -> list[_View]:
             raise CaptureError(
                 f"{file}: {key} of camera {names[int(moving.argmax())]} changes over time; only static cameras work."
             )
+    for c, name in enumerate(names):
+        if np.isfinite(w2c[0, c]).all():
+            check_rotation(w2c[0, c, :3, :3], f"{file}: w2c of camera {name}")
     return [
         _View(Camera(name, w2c[0, c], K[0, c], width, height), [row[c] for row in paths])
         for c, name in enumerate(names)

@@ -52,6 +52,7 @@ class RecordedCapture(Capture):
         points: np.ndarray | None = None,
         point_colors: np.ndarray | None = None,
         near: float | None = None,
+        origin: Path | None = None,
     ) -> None:
         self._source, self._lenses = source, lenses or {}
         super().__init__(
@@ -63,6 +64,7 @@ class RecordedCapture(Capture):
             points=points,
             point_colors=point_colors,
             near=near,
+            origin=origin,
         )
 
     def _read_into(self, out: np.ndarray, first: int, cameras: list[str]) -> None:

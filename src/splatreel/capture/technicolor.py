@@ -52,6 +52,7 @@ class TechnicolorCapture(RecordedCapture):
             pictures,
             request,
             held_out=default,
+            origin=path / PARAMETERS,
         )
 
 

@@ -12,13 +12,16 @@ from splatreel.capture.sound import Track
 from splatreel.capture.video import VideoFile
 from splatreel.errors import CaptureError
 
+OUT_OF_STEP = 1.5
+"""Frames that the times of videos' frames may differ by."""
+
 
 class Videos:
     """The videos of a capture, by camera.
 
     They start together, or when the sidecar says: then each frame is the one taken nearest to its time. frames: how many time steps
     all of them have. fps: of the capture.
-    Raises `CaptureError` where their lengths differ and nothing says how they belong together.
+    Raises `CaptureError` where their lengths differ, or the times of their frames, and nothing says how they belong together.
     """
 
     def __init__(self, path: Path, files: dict[str, Path], sidecar: Sidecar, request: Request) -> None:
@@ -39,6 +42,8 @@ class Videos:
                 f"{counts[high]}. If they start together, choose the frames all of them have: --frames 0:{counts[low]}. If they "
                 f"do not, `splatreel capture sync` finds by their sound when each one starts."
             )
+        if not sidecar.starts:
+            self._check_times(path, self.frames if request.frames is None else min(request.frames[1], self.frames))
 
     def __getitem__(self, name: str) -> VideoFile:
         return self._files[name]
@@ -53,6 +58,20 @@ class Videos:
             raise CaptureError(f"{path / SIDECAR}: {name} starts at {start:g} s, but its video ends at {last:g} s.")
         wanted = start + np.arange(int((last - start) * self.fps + 0.5) + 1) / self.fps
         return np.searchsorted((video.times[1:] + video.times[:-1]) / 2, wanted)  # the nearest
+
+    def _check_times(self, path: Path, frames: int) -> None:
+        """Frames of one number count as taken together, and so must have been, each as long after its video's first."""
+        names = list(self._files)
+        times = np.stack([self._files[name].times[:frames] for name in names]) if names else np.zeros((0, 0))
+        off = np.abs(times - np.median(times, 0)) * self.fps if times.size else times
+        if off.max(initial=0) > OUT_OF_STEP:
+            video, frame = np.unravel_index(np.argmax(off > OUT_OF_STEP), off.shape)
+            own, others = times[video, frame], np.median(times, 0)[frame]
+            raise CaptureError(
+                f"{self._files[names[video]].path}: frame {frame} is of {own:.3f} s, that of the others of {others:.3f} s: frames "
+                f"are missing, or the rate is another. Choose those before (--frames 0:{frame}), or say in {path / SIDECAR} when each "
+                f"video starts, as `splatreel capture sync` does by their sound: frames are then taken by their times."
+            )
 
     def read_camera(self, out: np.ndarray, first: int, name: str) -> None:
         """Time steps first .. first + len(out) - 1 of a camera into out [count, H, W, 3] uint8."""

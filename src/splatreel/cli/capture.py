@@ -2,38 +2,57 @@
 
 from __future__ import annotations
 
+import importlib.util
 from contextlib import closing
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from tyro.conf import Positional
 
-from splatreel.cli.options import parse_frames
+from splatreel.cli.options import parse_frames, parse_held_out
 from splatreel.cli.output import say
+
+if TYPE_CHECKING:
+    import numpy as np
+
+    from splatreel.capture.base import Capture
 
 CHUNK = 8
 """Frames of all cameras held in memory at a time."""
 
 
-def capture_check(capture: Positional[Path], /, width: int | None = None, frames: str | None = None) -> None:
-    """Read a capture through and say what it holds, before hours are spent on it.
+def capture_check(
+    capture: Positional[Path],
+    /,
+    width: int | None = None,
+    frames: str | None = None,
+    hold_out: str | None = None,
+) -> None:
+    """Read a capture through and say what it holds and whether it can be reconstructed, before hours are spent on it.
 
     Args:
         capture: Folder of the videos or images and their cameras.
         width: Width to read it at, in pixels; its own by default.
         frames: Which frames, as A:B; all by default.
+        hold_out: Names of cameras to keep for evaluation, as `reconstruct` takes them.
     """
+    import numpy as np
+
     from splatreel.capture.opening import open_capture
     from splatreel.capture.sound import choose
     from splatreel.progress import console
 
-    source = open_capture(capture, width=width, frames=parse_frames(frames))
+    source = open_capture(capture, width=width, frames=parse_frames(frames), held_out=parse_held_out(hold_out))
     progress = console()
     try:
         progress.stage("reading", source.frames)
         names = [camera.name for camera in source.cameras]
+        middle, moments = source.frames // 2 // CHUNK * CHUNK, []
         for first in range(0, source.frames, CHUNK):
             count = min(CHUNK, source.frames - first)
-            source.read(first, count, names)
+            read = source.read(first, count, names)
+            if first in (0, middle):
+                moments.append(read[[0, -1]] if middle == 0 else read[[0]])
             progress.update(first + count)
         seconds = source.frames / source.fps
         sound = choose("auto", source.tracks(), seconds, source.first_frame / source.fps, capture)
@@ -46,6 +65,27 @@ def capture_check(capture: Positional[Path], /, width: int | None = None, frames
     say(f"  {len(names)} cameras, held out: {held_out}; {points}")
     say(f"  {source.frames} frames at {source.fps:g} a second, {source.width} x {source.height} pixels")
     say(f"  sound: {sound or 'none'}")
+    _check(source, names, np.concatenate(moments))
+
+
+def _check(source: Capture, names: list[str], frames: np.ndarray) -> None:
+    """What reconstruction asks of a capture, and what it will say of the cameras. frames: two moments of the named cameras."""
+    from splatreel.recon.requirements import check_capture, check_pictures
+
+    check_capture(source)
+    check_pictures(source, names, frames)
+    said = list(source.doubts)
+    if importlib.util.find_spec("cv2") is None:
+        said.append("poses are not compared with the pictures: that needs pip install 'splatreel[recon]'")
+    else:
+        from splatreel.recon.poses import check_poses
+
+        training = [camera.name for camera in source.training_cameras]
+        found = check_poses(source.training_cameras, frames[:, [names.index(name) for name in training]])
+        found.refuse(str(source.origin))
+        said += [*found.repairs(training), *found.doubts(training)]
+    for sentence in said:
+        say(f"  {sentence}")
 
 
 def capture_calibrate(capture: Positional[Path], /) -> None:

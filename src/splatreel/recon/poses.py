@@ -9,14 +9,16 @@ in common with them wherever it stands, which is no evidence.
 from __future__ import annotations
 
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 
 import cv2
 import numpy as np
 
 from splatreel import threads
 from splatreel.recon.features import detect, epipolar_lines, match, off_line
+from splatreel.recon.findings import Findings, Mended
 from splatreel.recon.planesweep import project, unproject
+from splatreel.recon.readings import misread
 from splatreel.recon.triangulate import intersect, neighbour_pairs, reprojection_errors, separation
 from splatreel.scene.camera import Camera, focus_point
 
@@ -53,29 +55,6 @@ Pair = tuple[int, int]
 
 
 @dataclass(frozen=True)
-class Mended:
-    """A camera that was put right. pixels: by how much what it shows moves, median of places as far as most cameras look."""
-
-    camera: Camera
-    pixels: float
-
-
-@dataclass(frozen=True)
-class Findings:
-    """What an inspection found, by index of the cameras.
-
-    mended: those that were put right. strangers: those that do not show what their neighbours do. doubtful: all that seem wrong, if
-    they are so many that nobody can tell which are right; the first two are empty then. unchecked: those that show too little of what
-    the others do for anybody to tell.
-    """
-
-    mended: dict[int, Mended]
-    strangers: list[int]
-    doubtful: list[int]
-    unchecked: list[int] = field(default_factory=list)
-
-
-@dataclass(frozen=True)
 class Verdict:
     """camera: where it would show most places where they are; gain: how many times as many; moved: pixels that takes, median.
 
@@ -103,6 +82,7 @@ class _Sight:
         with ThreadPoolExecutor(threads.count()) as pool:
             self.features = [list(pool.map(detect, images)) for images in frames]
         self.matches = {pair: self._match(pair, REACHES[0]) for pair in self.pairs}
+        self._near: dict[Pair, np.ndarray] = {}
 
     def move(self, number: int) -> None:
         """Put a camera where most of what it shows says, ever more closely."""
@@ -111,6 +91,7 @@ class _Sight:
             self.matches |= {pair: self._match(pair, reach) for pair in around}
             self.cameras[number] = self.judge(number).camera
         self.matches |= {pair: self._match(pair, REACHES[0]) for pair in around}
+        self._near = {pair: near for pair, near in self._near.items() if pair not in around}
 
     def _match(self, pair: Pair, reach: float) -> list[np.ndarray]:
         """[M, 2] indices of features of two cameras, at each moment."""
@@ -138,12 +119,15 @@ class _Sight:
 
     def _on_lines(self, pairs: list[Pair]) -> np.ndarray:
         """[M] bool: which matches of pairs of cameras are on their epipolar lines."""
-        off = [np.zeros(0)]
         for a, b in pairs:
+            if (a, b) in self._near:
+                continue
+            off = [np.zeros(0)]
             for seen, found in zip(self.features, self.matches[a, b], strict=True):
                 lines = epipolar_lines(self.cameras[a], self.cameras[b], seen[a].pixels[found[:, 0]])
                 off.append(off_line(lines, seen[b].pixels[found[:, 1]]))
-        return np.abs(np.concatenate(off)) < CLOSE
+            self._near[a, b] = np.abs(np.concatenate(off)) < CLOSE
+        return np.concatenate([np.zeros(0, bool), *(self._near[pair] for pair in pairs)])
 
     def judge(self, number: int) -> Verdict:
         """Where a camera would have to be to show most places where they are that two others agree on."""
@@ -208,15 +192,18 @@ def check_poses(cameras: list[Camera], frames: np.ndarray) -> Findings:
     the others are judged anew.
     """
     sight, mended = _Sight(cameras, frames), set[int]()
+    if meant := misread(cameras, sight.features[0], {pair: found[0] for pair, found in sight.matches.items()}):
+        return Findings({}, [], [], [], meant)
     everybody = range(len(cameras))
     strangers: list[int] = []
     unchecked: list[int] = []
     for _ in everybody:
         verdicts = {c: sight.judge(c) for c in everybody}
-        wrong = [c for c in everybody if verdicts[c].wrong]
+        alone = [c for c in everybody if sight.alone(c)]
+        wrong = [c for c in everybody if verdicts[c].wrong and c not in alone]
         strangers = [c for c in everybody if c not in wrong and sight.stranger(c)]
         judged = [c for c in everybody if verdicts[c].features]
-        unchecked = [c for c in everybody if c not in judged and c not in strangers and sight.alone(c)]
+        unchecked = [c for c in alone if c not in mended]
         suspects = sorted({*mended, *wrong, *strangers})
         if suspects and 3 * len(suspects) >= len(cameras):
             if 2 * len(judged) < len(cameras):

@@ -14,7 +14,8 @@ from splatreel.progress import Progress
 from splatreel.recon import checkpoint
 from splatreel.recon.colors import CameraGains
 from splatreel.recon.delays import Delays
-from splatreel.recon.poses import Findings, check_poses
+from splatreel.recon.findings import Findings
+from splatreel.recon.poses import check_poses
 from splatreel.scene.camera import Camera
 
 POSES, EXPOSURE, DELAYS = "poses.safetensors", "exposure.safetensors", "delays.safetensors"
@@ -45,30 +46,18 @@ class Rig:
     def names(self) -> list[str]:
         return [camera.name for camera in self.cameras]
 
-    def gather(self, frames: np.ndarray, folder: Path, progress: Progress) -> np.ndarray:
+    def gather(self, frames: np.ndarray, folder: Path, progress: Progress, origin: str = "The capture") -> np.ndarray:
         """At the start of a capture: `place`, but cameras that do not show what their neighbours do are left out.
 
-        Returns the frames of those that stay.
+        origin: where the poses come from. Returns the frames of those that stay. Raises `ReconstructionError` for poses that are not
+        world to camera.
         """
         if not self.config.check_poses:
             return frames
         found = self._inspect(frames, progress)
-        for number in found.strangers:
-            what = "shows nothing that its neighbours do from where it is said to be, and is left out"
-            progress.note(f"{self.names[number]} {what}: check its pose and its video")
-        if found.doubtful:
-            names = ", ".join(self.names[number] for number in found.doubtful)
-            progress.note(f"the poses of {names} do not fit each other, too many to be put right: calibrate anew")
-        if found.unchecked:
-            names = ", ".join(self.names[number] for number in found.unchecked)
-            if len(found.unchecked) == len(self.cameras):
-                progress.note(
-                    "the cameras show too little in common to check their poses: taken as they are said to be"
-                )
-            else:
-                progress.note(
-                    f"{names}: too little in common with the other cameras to check the pose, kept as it is said to be"
-                )
+        found.refuse(origin)
+        for doubt in found.doubts(self.names):
+            progress.note(doubt)
         kept = [number for number in range(len(self.cameras)) if number not in found.strangers]
         self._keep(kept)
         checkpoint.save_arrays(folder / POSES, self._packed() | {"kept": np.array(kept)})
@@ -97,9 +86,9 @@ class Rig:
     def _inspect(self, frames: np.ndarray, progress: Progress) -> Findings:
         """Puts right what can be, by two moments of a group."""
         found = check_poses(self.cameras, frames[[0, len(frames) // 2]])
+        for repair in found.repairs(self.names):
+            progress.note(repair)
         for number, mended in found.mended.items():
-            name, pixels = self.names[number], mended.pixels
-            progress.note(f"{name} is not where its pose says, what it shows is off by {pixels:.1f} pixels: put right")
             self.cameras[number] = mended.camera
         return found
 

@@ -49,7 +49,7 @@ from splatreel.recon.publish import (
     save_group,
     save_header,
 )
-from splatreel.recon.requirements import check_capture
+from splatreel.recon.requirements import check_capture, check_pictures
 from splatreel.recon.rig import Rig
 from splatreel.recon.sound import RunSound, hear, save_sound
 from splatreel.recon.spans import Span, spans
@@ -331,7 +331,10 @@ class Reconstruction:
             self.progress.stage("initial points", 1, self.plan.points())
             capture, middle = self.capture, self.spans[0].count // 2
             frames = np.concatenate([capture.read(frame, 1, self.rig.names) for frame in (0, middle)])
-            frames = self.rig.gather(frames, group_folder(self.work, 0), self.progress)
+            check_pictures(capture, self.rig.names, frames)
+            for doubt in capture.doubts:
+                self.progress.note(doubt)
+            frames = self.rig.gather(frames, group_folder(self.work, 0), self.progress, str(capture.origin))
             known = capture.points, capture.point_colors, capture.near
             seeds, layout = lay_out(self.rig.cameras, frames[0], self.config, *known)
             self.progress.update(1, points=len(seeds.points))

@@ -1,0 +1,83 @@
+"""Poses that are none, and such as are of other axes than OpenCV's or go the other way; rigs that are right give no alarm."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from splatreel.capture.poses import check_poses, inverted, turned_about
+from splatreel.capture.synthetic import make_cameras
+from splatreel.errors import CaptureError
+from splatreel.scene.camera import Camera
+from tests.capture import folders
+from tests.recon.corner import arc
+from tests.recon.scenes import ring
+
+POINTS = np.random.default_rng(0).uniform(-0.5, 0.5, (40, 3)).astype(np.float32)
+RIGS = {
+    "built-in": make_cameras(64, 48),
+    "ring": ring(6, width=48, height=32),
+    "folders": folders.cameras(),
+    "arc": arc(5),
+}
+
+
+def changed(cameras: list[Camera], change: np.ndarray) -> list[Camera]:
+    """The second of them by a matrix from the left."""
+    return [replace(c, viewmat=change @ c.viewmat) if i == 1 else c for i, c in enumerate(cameras)]
+
+
+@pytest.mark.parametrize("rig", RIGS)
+def test_rigs_that_are_right_give_no_alarm(rig: str) -> None:
+    assert check_poses(RIGS[rig], None, "poses.txt") == []
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        (
+            np.diag([1.0, 1, -1, 1]),
+            r"poses.txt: camera 'cam01': the 3x3 part of its pose is \[\[.*it mirrors .*determinant is -1",
+        ),
+        (np.diag([2.0, 2, 2, 1]), r"2, 2, 2 long.*Divide its 3x3 part by 2\."),
+        (np.diag([1.0, 1.1, 1, 1]), r"1, 1.1, 1 long.*Export the poses again\."),
+        (np.diag([1.0, 1, 1, 2]), r"the last row of the pose is \[0\.0, 0\.0, 0\.0, 2\.0\]"),
+    ],
+)
+def test_matrices_that_are_no_pose_are_refused(change: np.ndarray, message: str) -> None:
+    with pytest.raises(CaptureError, match=message):
+        check_poses(changed(folders.cameras(), change), None, "poses.txt")
+
+
+@pytest.mark.parametrize("K", [np.zeros((3, 3)), np.diag([-40.0, 40, 1]), [[40, 9, 16], [0, 40, 12], [0, 0, 1]]])
+def test_lenses_that_show_nothing_are_refused(K: np.ndarray) -> None:
+    with pytest.raises(CaptureError, match=r"camera 'cam00': K is .* expected fx, 0, cx"):
+        check_poses([replace(folders.cameras()[0], K=K), *folders.cameras()[1:]], None, "poses.txt")
+
+
+def test_points_must_lie_before_the_cameras() -> None:
+    cameras = RIGS["ring"]
+    assert check_poses(cameras, POINTS, "sparse/0") == []
+    with pytest.raises(CaptureError, match=r"sparse/0: the poses do not fit the capture's points: .* 100% behind it\."):
+        check_poses(turned_about(cameras), POINTS, "sparse/0")
+    away = POINTS + np.array([0, 30.0, 0])  # where no camera looks, as it is said to stand; inverted, they all do
+    told = inverted([replace(c, viewmat=c.viewmat @ translation(-away.mean(0))) for c in cameras])
+    with pytest.raises(CaptureError, match=r"Inverted, they show them: they are camera to world"):
+        check_poses(told, away, "sparse/0")
+
+
+def translation(by: np.ndarray) -> np.ndarray:
+    matrix = np.eye(4)
+    matrix[:3, 3] = by
+    return matrix
+
+
+def test_without_points_there_are_doubts_and_no_refusal() -> None:
+    cameras = RIGS["ring"]
+    (outwards,) = check_poses(turned_about(cameras), None, "poses.txt")
+    assert outwards.startswith(
+        "poses.txt: the cameras look away from each other. That is right where they film outwards"
+    )
+    (other_way,) = check_poses(inverted(ring(9, width=48, height=32)), None, "poses.txt")
+    assert "look past each other" in other_way
+    assert "they may be camera to world" in other_way
