@@ -42,7 +42,7 @@ def test_exposures_go_on_from_group_to_group_and_a_restored_rig_knows_as_much(tm
         frames = CAPTURE.read(first, min(4, 6 - first), NAMES)
         rig.even_out(frames, 3, folder, notes)
         assert np.abs(frames.astype(float) - CAPTURE.read(0, 1, NAMES)[0]).mean() < 1.5
-        rig.delays.load(np.linspace(-0.3, 0.3, len(NAMES)) + first / 100)
+        rig.delays.load(np.linspace(-0.3, 0.3, len(NAMES)) + first / 150)
         rig.keep_delays(folder, notes)
         checkpoint.save_arrays(folder / "keyframe.safetensors", rig.packed_gains())
         other = Rig(CAMERAS, CONFIG, CPU)
@@ -50,8 +50,22 @@ def test_exposures_go_on_from_group_to_group_and_a_restored_rig_knows_as_much(tm
         assert np.array_equal(other.exposure, rig.exposure)
         assert np.array_equal(other.delays.values, rig.delays.values)
         assert torch.equal(other.gains.values, rig.gains.values)
+        assert np.array_equal(np.stack(other.ends), rig.delays.values[None])
     assert "exposures change by up to" in notes.lines[0]
-    assert notes.lines[1] == f"cameras are out of step, {NAMES[0]} is 0.30 frames early: allowed for"
+    late = [line for line in notes.lines if "out of step" in line]
+    assert late[0] == f"cameras are out of step, {NAMES[0]} is 0.30 frames early (give or take 0.00): allowed for"
+    assert late[1] == f"cameras are out of step, {NAMES[-1]} is 0.32 frames late (give or take 0.02): allowed for"
+
+
+def test_delays_that_groups_do_not_agree_on_are_not_told(tmp_path: Path) -> None:
+    rig, notes, rng = Rig(CAMERAS, CONFIG, CPU), Notes(), np.random.default_rng(0)
+    said = []
+    for group in range(4):
+        (folder := tmp_path / str(group)).mkdir()
+        rig.delays.load(rng.normal(0, 0.15, len(NAMES)))
+        rig.keep_delays(folder, notes)
+        said.append(len(notes.lines))
+    assert said[1:] == [said[0]] * 3
 
 
 def test_light_is_taken_out_and_goes_on_from_group_to_group(tmp_path: Path) -> None:

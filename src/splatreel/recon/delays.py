@@ -12,6 +12,10 @@ RATE = 0.03
 """Frames that a delay may go in one step at first; a tenth of it in the end."""
 MOST = 1.5
 """Frames that a camera may be late or early: of what is farther off, tracks are wrong already."""
+LATER = 0.3
+"""Of how far chance carries a delay that the pictures do not tell, the share of the second half of the steps, by their sizes."""
+SURE = 4.0
+"""Times its uncertainty that a delay must be for anybody to hear of it."""
 FADES = (0.8, 0.95)
 """Share that a step keeps of the mean slope and of its mean square before."""
 
@@ -35,6 +39,7 @@ class Delays:
     def restart(self) -> None:
         """Forget the optimiser's momentum: a run continued from a checkpoint goes on as one that was never stopped."""
         self._slopes, self._squares, self._rounds = (np.zeros(len(self.values)) for _ in range(3))
+        self._halfway = self.values.copy()
         self._pending: list[tuple[int, Tensor]] = []
 
     def moment(self, frame: int, camera: int, frames: int) -> float:
@@ -51,6 +56,20 @@ class Delays:
             cameras, slopes = zip(*self._pending, strict=True)
             self._step(np.array(cameras), torch.stack(slopes).double().cpu().numpy(), RATE * 0.1**share)
             self._pending.clear()
+            if share < 0.5:
+                self._halfway = self.values.copy()
+
+    def uncertainty(self, ends: list[np.ndarray]) -> np.ndarray:
+        """[C] frames that each delay may be off: what the pictures do not tell goes where chance carries it, and no two times alike.
+
+        By how far delays still went in the second half of a group's training, and from group to group. ends: [C] delays at the end of
+        each group so far, this one's last.
+        """
+        moved = np.sqrt(np.mean(np.square(self.values - self._halfway))) / LATER
+        changes = np.square(np.diff(np.stack(ends), axis=0))
+        if not len(changes):
+            return np.full(len(self.values), moved)
+        return np.maximum(np.sqrt(changes.mean(0)), max(moved, np.sqrt(changes.mean())))
 
     def _step(self, cameras: np.ndarray, slopes: np.ndarray, rate: float) -> None:
         """Of the cameras that came up, by the mean of their slopes."""

@@ -13,7 +13,7 @@ from splatreel.motion.exposure import even_out, exposures
 from splatreel.progress import Progress
 from splatreel.recon import checkpoint
 from splatreel.recon.colors import CameraGains
-from splatreel.recon.delays import Delays
+from splatreel.recon.delays import SURE, Delays
 from splatreel.recon.findings import Findings
 from splatreel.recon.poses import check_poses
 from splatreel.scene.camera import Camera
@@ -23,13 +23,14 @@ POSES, EXPOSURE, DELAYS = "poses.safetensors", "exposure.safetensors", "delays.s
 CHANGED = 0.02
 """Share by which an exposure or the light changes, from which on a user hears of it."""
 OUT_OF_STEP = 0.1
-"""Frames that a camera is late, from which on a user hears of it."""
+"""Frames that a camera is late, from which on a user hears of it, if the pictures tell so much."""
 
 
 class Rig:
     """The training cameras as they are now.
 
     exposure: [C, 3] logarithms of theirs at the next keyframe, against the capture's first. light: [3] that of the light there.
+    ends: [C] delays at the end of each group so far.
     """
 
     def __init__(self, cameras: list[Camera], config: Config, device: torch.device) -> None:
@@ -41,6 +42,7 @@ class Rig:
         self.gains = CameraGains(count, self.device, config.correct_colors)
         self.exposure, self.light = np.zeros((count, 3), np.float32), np.zeros(3, np.float32)
         self.delays = Delays(count, config.group.delays)
+        self.ends: list[np.ndarray] = []
 
     @property
     def names(self) -> list[str]:
@@ -127,11 +129,14 @@ class Rig:
         if not self.delays.enabled:
             return
         checkpoint.save_arrays(folder / DELAYS, {"delays": self.delays.values})
-        worst = int(np.abs(self.delays.values).argmax())
-        late = float(self.delays.values[worst])
-        if abs(late) > OUT_OF_STEP:
-            how = "late" if late > 0 else "early"
-            progress.note(f"cameras are out of step, {self.names[worst]} is {abs(late):.2f} frames {how}: allowed for")
+        self.ends.append(self.delays.values.copy())
+        late, off = np.abs(self.delays.values), self.delays.uncertainty(self.ends)
+        told = late > np.maximum(SURE * off, OUT_OF_STEP)
+        if told.any():
+            worst = int(np.where(told, late, 0).argmax())
+            how = "late" if self.delays.values[worst] > 0 else "early"
+            much = f"{late[worst]:.2f} frames {how} (give or take {off[worst]:.2f})"
+            progress.note(f"cameras are out of step, {self.names[worst]} is {much}: allowed for")
 
     def restore(self, own: int, folder: Path) -> None:
         """Know what was known after a finished group."""
@@ -142,6 +147,7 @@ class Rig:
             self._expose(checkpoint.load_arrays(exposure), own)
         if (delays := folder / DELAYS).exists():
             self.delays.load(checkpoint.load_arrays(delays)["delays"])
+            self.ends.append(self.delays.values.copy())
 
     def packed_gains(self) -> dict[str, np.ndarray]:
         return {"gains": self.gains.values.cpu().numpy()}
