@@ -39,8 +39,8 @@ def hear(work: Path, capture: Capture, wanted: str, progress: Progress) -> RunSo
     progress.note(f"Sound: {choice}")
     position = None
     if choice.camera is not None:
-        x, y, z = capture.camera(choice.camera).center.astype(np.float32).tolist()
-        position = (x, y, z)
+        x, y, z = capture.camera(choice.camera).center.tolist()
+        position = (round(x, 6), round(y, 6), round(z, 6))
     return RunSound(encode_sound(choice.samples(seconds), choice.channels), position)
 
 
