@@ -14,7 +14,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from splatreel.codec import container
 from splatreel.codec.reader import ReelReader
 from splatreel.codec.verify import verify_reel
 from splatreel.config import Config, GroupConfig, KeyframeConfig, LayeringConfig
@@ -23,6 +22,7 @@ from splatreel.evaluation.undecoded import undecoded_frames
 from splatreel.kernels.image import render_image
 from splatreel.progress import Silent, Span
 from splatreel.recon.sequence import Result, reconstruct
+from splatreel.scene import atomic
 from tests.recon.captures import WallCapture
 
 CONFIG = Config(
@@ -168,7 +168,7 @@ def test_killed_at_any_write_the_run_ends_as_if_it_had_not_been(
         if killed:
             raise KeyboardInterrupt
 
-    monkeypatch.setattr(container.os, "replace", replace_once)
+    monkeypatch.setattr(atomic.os, "replace", replace_once)
     run = tmp_path / "run"
     met = finish_despite(lambda: reconstruct(WallCapture(FRAMES), run, CONFIG), KeyboardInterrupt, run / "reel")
     assert len(met) == 17  # 4 for the run, 11 for the two groups, and the manifest twice more
@@ -183,7 +183,7 @@ def test_a_full_disk_names_the_file_and_costs_nothing(
     really = os.fsync
 
     def fsync(number: int) -> None:
-        name = os.readlink(f"/proc/self/fd/{number}").split("/", 3)[-1]
+        name = re.sub(r"\.[0-9a-f]{16}\.tmp$", "", os.readlink(f"/proc/self/fd/{number}"))
         if name not in full:
             full.append(name)
             raise OSError(errno.ENOSPC, "No space left on device")
@@ -191,7 +191,7 @@ def test_a_full_disk_names_the_file_and_costs_nothing(
 
     if not Path("/proc/self/fd").exists():
         pytest.skip("needs /proc to know which file is written")
-    monkeypatch.setattr(container.os, "fsync", fsync)
+    monkeypatch.setattr(atomic.os, "fsync", fsync)
     met = finish_despite(lambda: reconstruct(WallCapture(FRAMES), tmp_path, CONFIG), SplatreelError, tmp_path / "reel")
     assert len(met) == len(full)
     files = r"/(run\.json|seconds\.json|header\.json|layout\.json|manifest\.json|\w+\.safetensors)"
