@@ -1,6 +1,6 @@
 /** Reels from this machine: a folder or a zip that is dropped on a player, or chosen where there is no reel. */
 import { loadPart } from "./assets";
-import { messageOf } from "./errors";
+import { messageOf, PLAIN, ReelError } from "./errors";
 import type { LocalFiles } from "./local-files";
 import { elementOf } from "./markup";
 import type { Player } from "./player";
@@ -52,11 +52,11 @@ export class Drop {
 
   /** There is no reel where the page looked for one: people may choose theirs. */
   private ask(): void {
-    const { player } = this.host;
-    if (player.manifest || this.host.srcObject) return;
-    const why = messageOf(player.error);
-    this.host.removeAttribute("src");
-    this.question = `${WORDS} (${why})`;
+    const { host } = this;
+    const { error, manifest } = host.player;
+    if (manifest || host.srcObject || !(error instanceof ReelError && error.plain === PLAIN.missing)) return;
+    host.removeAttribute("src");
+    this.question = `There is none beside this page. ${WORDS}`;
     this.settle();
   }
 

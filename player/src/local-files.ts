@@ -1,7 +1,7 @@
 /** A reel's files that need no network: dropped on the page by people, or part of the page itself. */
 import { isIntact } from "./checksum";
 import type { Source, Watcher } from "./download";
-import { ReelError, messageOf } from "./errors";
+import { PLAIN, ReelError, messageOf } from "./errors";
 
 /** Bytes on this machine; deflated: compressed, as files in a zip are. */
 export interface Part {
@@ -54,7 +54,7 @@ export class LocalFiles {
 
 /** All bytes of a file, checked. Throws `ReelError`. */
 export async function readPart({ url, bytes, sha256 }: Source, part: Part, watcher: Watcher): Promise<Uint8Array> {
-  const wrong = (why: string): ReelError => new ReelError(`${url} cannot be read: ${why}.`);
+  const wrong = (why: string, plain = PLAIN.damaged): ReelError => new ReelError(`${url} cannot be read: ${why}.`, { plain });
   const body = new Uint8Array(bytes);
   let filled = 0;
   const reader = streamOf(part).getReader();
@@ -66,7 +66,8 @@ export async function readPart({ url, bytes, sha256 }: Source, part: Part, watch
     filled += value.byteLength;
     watcher.received(value.byteLength);
   }
-  if (filled < bytes) throw wrong(filled === 0 ? "it is not there" : `it ends after ${filled} of ${bytes} bytes`);
+  if (filled === 0) throw wrong("it is not there", PLAIN.missing);
+  if (filled < bytes) throw wrong(`it ends after ${filled} of ${bytes} bytes`);
   if (!(await isIntact(body, sha256))) throw wrong("its checksum is not the manifest's");
   return body;
 }

@@ -128,6 +128,26 @@ def opened(entry: str) -> Callable[[Page], None]:
     return act
 
 
+def ask(page: Page) -> None:
+    """The page asks for a reel, since none lies beside it."""
+    page.locator("splat-reel .drop .choices").wait_for()
+
+
+def path(page: Page) -> None:
+    """A camera path of two views, seen from aside."""
+    begin(page)
+    reel = page.locator("splat-reel")
+    reel.get_by_role("button", name="Settings").click()
+    reel.locator(".menu").get_by_role("button", name="Camera path").click()
+    add = reel.get_by_role("button", name="Add this view")
+    add.click()
+    page.evaluate(f"{PLAYER}.camera.orbit(-0.6, 0.1)")
+    add.click()
+    page.evaluate(f"{PLAYER}.camera.orbit(0.3, 0.2); {PLAYER}.camera.zoom(1.4); {PLAYER}.invalidate()")
+    page.evaluate(f"{REEL}.shadowRoot.activeElement.blur()")
+    page.mouse.move(4, 4)
+
+
 def thumbnail(page: Page) -> None:
     begin(page)
     track = page.locator("splat-reel .seek").bounding_box()
@@ -210,6 +230,8 @@ class Screen:
 PORTRAIT, LANDSCAPE = (360, 640), (640, 360)
 
 
+GIVEN = "?autoplay=0&src=reel/manifest.json"
+
 STATES = {
     "start": Screen(fresh),
     "paused": Screen(begin),
@@ -220,33 +242,36 @@ STATES = {
     "statistics": Screen(statistics),
     "statistics-light": Screen(statistics, scheme="light"),
     "waiting": Screen(wait, no_second_group),
-    "error": Screen(error, no_reel),
-    "error-light": Screen(error, no_reel, scheme="light"),
+    "error": Screen(error, no_reel, query=GIVEN),
+    "error-light": Screen(error, no_reel, query=GIVEN, scheme="light"),
     "live": Screen(begin, live_reel),
     "poster": Screen(nothing, no_group, query=f"?autoplay=0&poster={poster()}"),
     "headset": Screen(begin, headset),
     "narrow": Screen(begin, headset, size=(320, 480)),
     "narrow-menu": Screen(menu, renditions, size=(320, 480)),
     "narrow-help": Screen(press("?"), size=(320, 480)),
-    "narrow-error": Screen(error, no_reel, size=(320, 240)),
-    "error-detail": Screen(detail, no_reel),
+    "narrow-error": Screen(error, no_reel, query=GIVEN, size=(320, 240)),
+    "error-detail": Screen(detail, no_reel, query=GIVEN),
     "stopped": Screen(stop, gone_second_group),
     "hint": Screen(hint),
     "thumbnail": Screen(thumbnail, described),
     "about": Screen(opened("About this reel"), described),
     "share": Screen(opened("Share"), described, size=(800, 520)),
     "share-light": Screen(opened("Share"), described, size=(800, 520), scheme="light"),
+    "ask": Screen(ask, no_reel, scheme="light"),
+    "path": Screen(path, size=(640, 480)),
+    "phone-path": Screen(path, size=PORTRAIT, scheme="light", touch=True),
     "phone": Screen(begin, live_reel, size=PORTRAIT, touch=True),
     "phone-menu": Screen(menu, described, size=PORTRAIT, touch=True),
     "phone-help": Screen(press("?"), size=PORTRAIT, touch=True),
     "phone-share": Screen(opened("Share"), size=PORTRAIT, scheme="light", touch=True),
-    "phone-error": Screen(error, no_reel, size=PORTRAIT, touch=True),
+    "phone-error": Screen(error, no_reel, query=GIVEN, size=PORTRAIT, touch=True),
     "landscape": Screen(begin, headset, size=LANDSCAPE, touch=True),
     "landscape-menu": Screen(menu, renditions, size=LANDSCAPE, scheme="light", touch=True),
     "forced": Screen(begin, live_reel, forced=True),
     "forced-menu": Screen(menu, renditions, size=(480, 560), forced=True),
     "forced-share": Screen(opened("Share"), size=(800, 520), scheme="light", forced=True),
-    "forced-error": Screen(detail, no_reel, forced=True),
+    "forced-error": Screen(detail, no_reel, query=GIVEN, forced=True),
 }
 
 

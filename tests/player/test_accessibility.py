@@ -34,8 +34,8 @@ def assert_accessible(page: Page, state: str) -> None:
         assert page.evaluate(RUN) == [], f"{state}, {scheme}"
 
 
-def go(page: Page, server: Server) -> None:
-    page.goto(server.url + "?autoplay=0")
+def go(page: Page, server: Server, query: str = screens.GIVEN) -> None:
+    page.goto(server.url + query)
     page.wait_for_function("document.querySelector('splat-reel')?.player")
 
 
@@ -62,6 +62,15 @@ def test_in_use(wide: Page, server: Server):
         wide.keyboard.press("Escape")
     screens.thumbnail(wide)
     assert_accessible(wide, "thumbnail")
+    screens.path(wide)
+    assert_accessible(wide, "camera path")
+
+
+def test_without_a_reel(wide: Page, server: Server):
+    screens.no_reel(wide)
+    go(wide, server, "?autoplay=0")
+    screens.ask(wide)
+    assert_accessible(wide, "ask")
 
 
 @pytest.mark.parametrize(
