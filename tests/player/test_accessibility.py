@@ -50,6 +50,7 @@ def test_in_use(wide: Page, server: Server):
     screens.begin(wide)
     wide.keyboard.press("i")
     assert_accessible(wide, "statistics")
+    wide.keyboard.press("Shift")  # the controls have gone to sleep
     wide.locator("splat-reel").get_by_role("button", name="Settings").click()
     assert_accessible(wide, "menu")
     wide.keyboard.press("Escape")
