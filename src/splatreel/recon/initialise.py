@@ -14,6 +14,7 @@ from scipy.spatial import KDTree
 
 from splatreel.errors import ReconstructionError
 from splatreel.recon import planesweep
+from splatreel.recon.frusta import focused
 from splatreel.recon.planesweep import DepthMap, inside, project, seen_depths, unproject
 from splatreel.recon.triangulate import triangulate
 from splatreel.scene.camera import Camera, focus_point
@@ -89,7 +90,9 @@ def initial_points(
     ranges = depth_ranges(cameras, sparse, near)
     maps: list[DepthMap] = []
     if len(cameras) > 1:
-        maps = planesweep.sweep(cameras, images, ranges, width=SWEEP_WIDTH, planes=SWEEP_PLANES)
+        width = min(SWEEP_WIDTH, images.shape[2])
+        ranges, planes = focused(cameras, ranges, width, SWEEP_PLANES)
+        maps = planesweep.sweep(cameras, images, ranges, width=width, planes=planes)
         source += "+swept"
     needed = min(2, len(cameras) - 1)
     surfaces = [_seen_surface(m, needed, r) for m, r in zip(maps, ranges[: len(maps)], strict=True)]

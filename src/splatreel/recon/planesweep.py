@@ -38,12 +38,12 @@ class DepthMap:
 
 
 def sweep(
-    cameras: list[Camera], images: np.ndarray, ranges: np.ndarray, *, width: int = 320, planes: int = 96
+    cameras: list[Camera], images: np.ndarray, ranges: np.ndarray, *, width: int = 320, planes: int | np.ndarray = 96
 ) -> list[DepthMap]:
     """One depth map a camera.
 
-    images: [C, H, W, 3] uint8. ranges: [C, 2] nearest and farthest depth of every camera, world units. The maps are made at
-    `width` pixels, or the images' own width if that is smaller.
+    images: [C, H, W, 3] uint8. ranges: [C, 2] nearest and farthest depth of every camera, world units. planes: how many, of all or
+    each camera [C]. The maps are made at `width` pixels, or the images' own width if that is smaller.
     """
     width = min(width, images.shape[2])
     height = max(round(images.shape[1] * width / images.shape[2]), 1)
@@ -51,10 +51,11 @@ def sweep(
     small = [cv2.resize(image, (width, height), interpolation=cv2.INTER_AREA) for image in images]
     grays = [cv2.cvtColor(image, cv2.COLOR_RGB2GRAY).astype(np.float32) / 255 for image in small]
     nearest = nearest_cameras(cameras, NEIGHBOURS)
-    steps = (1 / ranges[:, 0] - 1 / ranges[:, 1]) / (planes - 1)
+    counts = np.broadcast_to(planes, len(cameras))
+    steps = (1 / ranges[:, 0] - 1 / ranges[:, 1]) / (counts - 1)
 
     def depth_of(i: int) -> np.ndarray:
-        levels = 1 / ranges[i, 1] + steps[i] * np.arange(planes)
+        levels = 1 / ranges[i, 1] + steps[i] * np.arange(counts[i])
         others = [(small_cameras[j], grays[j]) for j in nearest[i]]
         cost = _cost_volume(small_cameras[i], grays[i], others, 1 / levels)
         best = _best_levels(_aggregate(cost, grays[i]))
@@ -115,7 +116,7 @@ def _cost_volume(
     deviation = np.sqrt(np.maximum(square - mean * mean, 0) + NOISE**2)
     volume = np.empty((len(depths), *gray.shape), np.float32)
     scores = np.empty((len(others), 4, *gray.shape), np.float32)
-    homographies = [_plane_homographies(camera, other, depths) for other, _ in others]
+    homographies = [plane_homographies(camera, other, depths) for other, _ in others]
     corners = np.array([[0, 0, 1], [size[0], 0, 1], [0, size[1], 1], [size[0], size[1], 1]], np.float64)
     for d in range(len(depths)):
         for k, (_, image) in enumerate(others):
@@ -132,7 +133,7 @@ def _cost_volume(
     return np.ascontiguousarray(volume.transpose(1, 2, 0))
 
 
-def _plane_homographies(camera: Camera, other: Camera, depths: np.ndarray) -> np.ndarray:
+def plane_homographies(camera: Camera, other: Camera, depths: np.ndarray) -> np.ndarray:
     """[D, 3, 3]: pixels of `camera` (integer centres, as OpenCV counts) to those of `other` by way of the planes z = depth."""
     relative = other.viewmat.astype(np.float64) @ np.linalg.inv(camera.viewmat.astype(np.float64))
     shift = np.array([[1, 0, -0.5], [0, 1, -0.5], [0, 0, 1]])
