@@ -10,7 +10,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeGuard
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -144,7 +144,7 @@ def _parse_keyframe(entry: dict[str, Any], index: int, before: float) -> Keyfram
     return Keyframe(float(at), float(time), viewmat)
 
 
-def _is_number(value: object, low: float, high: float) -> bool:
+def _is_number(value: object, low: float, high: float) -> TypeGuard[float]:
     return isinstance(value, int | float) and not isinstance(value, bool) and low <= value <= high
 
 
