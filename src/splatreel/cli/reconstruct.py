@@ -48,7 +48,7 @@ def reconstruct(
         scale: Size of the images to train on, as a share of their own, instead of the width.
         frames: Which frames, as A:B (B is left out); all by default.
         hold_out: Names of cameras to keep for evaluation, as NAME,NAME; none: all are trained on; what the format says by default.
-        sound: A camera's name; a file of sound or video that begins with the capture; auto: the camera loudest without distortion; none.
+        sound: A camera's name; a file of sound or video that begins with the capture; auto: the camera loudest undistorted; none.
         quality: How long to train.
         device: Where to train; auto takes a CUDA GPU if there is one.
         codec: How points are coded; what the quality says by default.
