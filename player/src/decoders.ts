@@ -3,6 +3,7 @@ import { startWorker } from "./assets";
 import type { DecodedFile } from "./decode";
 import type { DecodeReply, DecodeRequest } from "./decode-worker";
 import type { Source } from "./download";
+import { PLAIN } from "./errors";
 import { Meter } from "./meter";
 import { failureOf } from "./worker";
 
@@ -104,7 +105,7 @@ export class Decoders {
         finish(() => receiver.done(data.file));
       }
     };
-    worker.onerror = (event) => finish(() => receiver.failed(`${source.url} cannot be decoded (${failureOf(event)}).`));
+    worker.onerror = (event) => finish(() => receiver.failed(`${source.url} cannot be decoded (${failureOf(event)}).`, PLAIN.player));
     tell(worker, { id: job.id, source });
   }
 

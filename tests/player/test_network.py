@@ -26,7 +26,7 @@ def test_a_missing_reel_says_so_and_can_be_tried_again(page: Page, server: Serve
     page.goto(server.url)
     alert = page.locator("splat-reel").get_by_role("alert")
     alert.wait_for()
-    assert "manifest.json cannot be downloaded: it answered 404" in alert.inner_text()
+    assert "manifest.json cannot be downloaded: it answered 404" in str(alert.text_content())
     page.unroute("**/reel/manifest.json")
     alert.get_by_role("button", name="Try again").click()
     page.wait_for_function(f"{PLAYER}.canPlay")
@@ -48,7 +48,7 @@ def test_a_bad_manifest_is_explained(page: Page, server: Server, change: dict, m
     page.goto(server.url)
     alert = page.locator("splat-reel").get_by_role("alert")
     alert.wait_for()
-    assert message in alert.inner_text()
+    assert message in str(alert.text_content())
 
 
 def test_a_damaged_group_is_named_and_recovers(page: Page, server: Server):
@@ -58,7 +58,7 @@ def test_a_damaged_group_is_named_and_recovers(page: Page, server: Server):
     page.goto(server.url)
     alert = page.locator("splat-reel").get_by_role("alert")
     alert.wait_for()
-    assert "0001.safetensors" in alert.inner_text()
+    assert "0001.safetensors" in str(alert.text_content())
     page.unroute("**/groups/0001.safetensors")
     alert.get_by_role("button", name="Try again").click()
     page.wait_for_function(f"{PLAYER}.canPlay && {PLAYER}.currentTime > 0.25 && !{PLAYER}.waiting")
@@ -106,7 +106,7 @@ def test_a_host_that_forbids_reading_is_named(page: Page, server: Server):
         alert = page.locator("splat-reel").get_by_role("alert")
         alert.wait_for()
         other.shutdown()
-    assert "Access-Control-Allow-Origin" in alert.inner_text()
+    assert "Access-Control-Allow-Origin" in str(alert.text_content())
 
 
 @pytest.mark.parametrize("fault", ["cut off", "one byte changed"])
@@ -202,7 +202,7 @@ def test_a_live_reel_is_joined_at_its_edge_and_followed(page: Page, server: Serv
     page.wait_for_function("document.querySelector('splat-reel')?.player?.notice?.startsWith('Live')")
     states.pop(0)
     wait_for_picture(page)
-    page.locator("splat-reel .live").wait_for()
+    page.locator("splat-reel .live:not([hidden])").wait_for(state="attached")
     assert page.evaluate(f"{PLAYER}.duration") == pytest.approx(frames / whole["fps"])
     page.wait_for_function(f"{PLAYER}.currentTime === {PLAYER}.duration && !{PLAYER}.paused")
     states.pop(0)
