@@ -5,6 +5,7 @@ export const PLAIN = {
   missing: "There is no reel at this address, or a part of it is missing.",
   network: "The reel cannot be downloaded. Check the network, and try again.",
   newer: "The reel was made for a newer player.",
+  other: "What is at this address is no reel.",
   player: "The player failed. Its files may be missing, or this page may not let it run.",
   refused: "The site that has the reel does not let this page show it.",
 };

@@ -90,7 +90,7 @@ function parseText(text: string, url: string): Manifest {
   try {
     value = JSON.parse(text);
   } catch {
-    throw new ReelError(`${url} is not a reel's manifest: it is not JSON.`, { plain: PLAIN.missing });
+    throw new ReelError(`${url} is not a reel's manifest: it is not JSON.`, { plain: PLAIN.other });
   }
   return parseManifest(value, url);
 }
@@ -98,7 +98,7 @@ function parseText(text: string, url: string): Manifest {
 /** Check a manifest's fields; unknown ones are ignored, an unknown version is an error. */
 export function parseManifest(value: unknown, url: string): Manifest {
   const json = record(value, "the manifest");
-  if (json.format !== "splatreel") throw new ReelError(`${url} is not a reel: its format is ${JSON.stringify(json.format)}.`, { plain: PLAIN.missing });
+  if (json.format !== "splatreel") throw new ReelError(`${url} is not a reel: its format is ${JSON.stringify(json.format)}.`, { plain: PLAIN.other });
   if (json.version !== 1) {
     throw new ReelError(`${url} is a reel of version ${JSON.stringify(json.version)}; this player knows version 1.`, { plain: PLAIN.newer });
   }

@@ -23,7 +23,7 @@ GROUP = "groups/0001.safetensors"
 def test_a_missing_reel_says_so_and_can_be_tried_again(page: Page, server: Server):
     page.expected_problems = ("404",)
     page.route("**/reel/manifest.json", lambda route: route.fulfill(status=404, body="not here"))
-    page.goto(server.url)
+    page.goto(server.url + "?src=reel/manifest.json")
     alert = page.locator("splat-reel").get_by_role("alert")
     alert.wait_for()
     assert "manifest.json cannot be downloaded: it answered 404" in str(alert.text_content())
@@ -143,7 +143,7 @@ def test_a_stalled_transfer_waits_says_so_and_goes_on_at_the_right_time(page: Pa
         route.continue_()
     page.unroute(f"**/{GROUP}")
     page.wait_for_function(f"!{PLAYER}.waiting && {PLAYER}.currentTime > {stopped}")
-    assert page.locator("splat-reel .panel").is_hidden()
+    assert page.locator("splat-reel .center .panel").is_hidden()
 
 
 def test_offline_and_back(page: Page, server: Server):
@@ -166,9 +166,8 @@ def test_offline_and_back(page: Page, server: Server):
 def test_a_seek_gives_up_what_is_no_longer_needed(page: Page, server: Server):
     held: list[Route] = []
     page.route("**/groups/0000.safetensors", lambda route: held.append(route))
-    page.goto(server.url + "?autoplay=0&loop=0")
-    page.wait_for_function(f"document.querySelector('splat-reel')?.player?.manifest && {PLAYER}.waiting")
-    page.wait_for_timeout(200)
+    with page.expect_request("**/groups/0000.safetensors"):
+        page.goto(server.url + "?autoplay=0&loop=0")
     page.evaluate(f"{PLAYER}.currentTime = 0.39")
     wait_for_picture(page)
     assert page.evaluate(f"{PLAYER}.currentTime") == pytest.approx(0.39)

@@ -69,7 +69,7 @@ def test_short_reels_show_tenths(page: Page, server: Server):
 def test_a_missing_reel_is_said_plainly_and_its_address_is_a_detail(page: Page, server: Server):
     page.expected_problems = ("404",)
     page.route("**/reel/manifest.json", lambda route: route.fulfill(status=404, body="not here"))
-    page.goto(server.url)
+    page.goto(server.url + "?src=reel/manifest.json")
     panel = page.locator("splat-reel").get_by_role("alert")
     panel.wait_for()
     words = panel.inner_text()
@@ -89,3 +89,12 @@ def test_a_failure_amid_playing_is_called_that(page: Page, server: Server):
     panel.wait_for()
     assert panel.get_by_role("heading").inner_text() == "Playback stopped"
     assert "a part of it is missing" in panel.inner_text()
+
+
+def test_a_damaged_reel_beside_the_page_is_an_error_and_not_an_invitation(page: Page, server: Server):
+    page.route("**/reel/manifest.json", lambda route: route.fulfill(json={"format": "splatreel", "version": 1}))
+    page.goto(server.url)
+    panel = page.locator("splat-reel").get_by_role("alert")
+    panel.wait_for()
+    assert "damaged" in panel.inner_text()
+    assert page.locator("splat-reel .drop").is_hidden()
