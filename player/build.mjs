@@ -32,7 +32,6 @@ const common = {
 await rm(out, { recursive: true, force: true });
 await mkdir(out, { recursive: true });
 await build({ ...common, entryPoints: { player: "src/main.ts" }, format: "esm", outdir: out });
-await build({ ...common, entryPoints: { early: "src/early.ts" }, format: "esm", external: ["./player.js"], outdir: out });
 // Loaded when they are asked for; each is whole, so that it can lie anywhere, also in a page.
 await build({ ...common, entryPoints: { "open-files": "src/open-files.ts", "path-panel": "src/path-panel.ts", share: "src/share.ts" }, format: "esm", outdir: out });
 await build({
@@ -45,9 +44,17 @@ await build({
   format: "iife",
   outdir: out,
 });
-await copyFile(join(here, "src/index.html"), join(out, "index.html"));
+await writeFile(join(out, "index.html"), await page());
 for (const [name, source] of Object.entries(decoders)) await copyFile(join(packages, source), join(out, name));
 await writeFile(join(out, "THIRD_PARTY.txt"), await notices());
+
+/** The bundled page. What it does before the player is there stands in it: a file of its own would cost a round trip. */
+async function page() {
+  const options = { ...common, entryPoints: ["src/early.ts"], format: "esm", external: ["./player.js"], write: false };
+  const early = (await build(options)).outputFiles[0].text.trim();
+  const html = await readFile(join(here, "src/index.html"), "utf8");
+  return html.replace("<script data-early></script>", () => `<script type="module" data-early>${early}</script>`);
+}
 
 async function notices() {
   const licence = (name) => readFile(join(packages, name, "LICENSE"), "utf8");

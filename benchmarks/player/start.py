@@ -28,11 +28,13 @@ const finish = () => {
   canvas.getContext('webgl2').readPixels(0, 0, 1, 1, 6408, 5121, new Uint8Array(4));
 };
 const reel = () => document.querySelector('splat-reel');
+const posters = () => [...document.querySelectorAll('main > img'), ...(reel()?.shadowRoot?.querySelectorAll('img.poster') ?? [])];
 let before = 0;
 const look = () => {
   const player = reel()?.player;
   const pictures = player?.stage?.pictures ?? 0;
   if (player?.manifest) mark('manifest');
+  if (posters().some((image) => image.complete && image.naturalWidth > 0 && image.checkVisibility())) mark('poster');
   if (player?.stream?.layersReady) mark('layer');
   if (player?.stream?.held.length) mark('group');
   if (pictures > before && !window.marks.whole) {

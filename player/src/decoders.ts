@@ -49,8 +49,8 @@ export class Decoders {
   private nextId = 0;
 
   /** One worker starts at once, while the manifest is on its way; the other when two files are wanted. */
-  constructor() {
-    this.idle.push(this.hire());
+  constructor(worker?: Worker | null) {
+    this.idle.push(this.hire(worker ?? startWorker("decode-worker.js")));
   }
 
   get free(): boolean {
@@ -130,8 +130,7 @@ export class Decoders {
     for (const worker of this.workers) worker.terminate();
   }
 
-  private hire(): Worker {
-    const worker = startWorker("decode-worker.js");
+  private hire(worker = startWorker("decode-worker.js")): Worker {
     this.workers.push(worker);
     return worker;
   }

@@ -1,5 +1,5 @@
-/** Of the bundled page, before the player is here: asks for the manifest, and shows the reel's poster. */
-import type { Stage } from "./page";
+/** Within the bundled page, before the player is here: asks for the manifest, and shows the reel's poster. */
+import type { Early, Stage } from "./page";
 
 /** Later than this, milliseconds after people came, the line is slow: the player waits until the poster is here. */
 const SLOW = 150;
@@ -15,9 +15,14 @@ const url = new URL(parameters.get("src") ?? stage.dataset.src ?? "reel/manifest
 // Where it fails, the player asks again and says what is wrong.
 const text = fetch(url, { cache: "no-cache", priority: "high", signal: AbortSignal.timeout(STALL) }).then((answer) => (answer.ok ? answer.text() : null)).catch(() => null);
 const image = document.createElement("img");
-stage.early = { url, text, image };
+const early: Early = { url, text, image, worker: null };
+stage.early = early;
 
-const begin = (): void => void import("./player.js");
+function begin(): void {
+  early.worker = new Worker(new URL("./decode-worker.js", import.meta.url));
+  void import("./player.js");
+}
+
 const poster = show().catch(() => undefined);
 if (performance.now() < SLOW) begin();
 else void Promise.race([poster, new Promise((resolve) => setTimeout(resolve, PATIENCE))]).then(begin);

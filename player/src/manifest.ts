@@ -74,7 +74,7 @@ export interface Manifest {
 }
 
 /** Download and check a manifest. Throws `ReelError` with the url in its message. */
-export async function loadManifest(url: string, watcher: Watcher, signal: AbortSignal, early: Promise<string | null> | null = null): Promise<Manifest> {
+export async function loadManifest(url: string, watcher: Watcher, signal: AbortSignal, early?: Promise<string | null>): Promise<Manifest> {
   const text = (await early) ?? (await downloadText(url, watcher, signal));
   return parseText(text, new URL(url, location.href).href);
 }

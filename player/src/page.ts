@@ -1,11 +1,12 @@
 /** The bundled page: opens the reel that ?src= names, by default the one beside it, in the whole window. */
 import styles from "./page.css";
 
-/** What `early` has asked for: the text of the manifest at an address, null if that failed, and the poster. */
+/** What `early` has asked for: the text of the manifest at an address, null if that failed; the poster; the first worker. */
 export interface Early {
   url: string;
   text: Promise<string | null>;
   image: HTMLImageElement;
+  worker: Worker | null;
 }
 
 /** The element of the page that asks for it; a page that embeds the player has none. */

@@ -140,21 +140,24 @@ export class Player extends EventTarget {
     try {
       if (this.surface.released) await this.surface.acquire();
       if (turn !== this.turn) return void (!this.awake && this.surface.release());
-      session = this.session = new Session(this.canvas, this.sessionEvents());
+      const early = this.takeEarly();
+      session = this.session = new Session(this.canvas, this.sessionEvents(), early?.worker);
       if (session.stage.software) this.resolution.hesitate();
       // What is still known of a reel that was put to rest is as good as anew; a live one has grown.
-      const manifest = this.manifest && !this.live ? this.manifest : await session.find(this.source, this.takeEarly());
+      const manifest = this.manifest && !this.live ? this.manifest : await session.find(this.source, early?.text);
       if (!session.closed) this.open(session, manifest);
     } catch (error) {
       if (turn === this.turn && !session?.closed) this.fail(error);
     }
   }
 
-  /** The text of the manifest, if the page asked for it; once. */
-  private takeEarly(): Promise<string | null> | null {
+  /** What the page asked for, if this is for it; once. */
+  private takeEarly(): Early | null {
     const { early, source } = this;
     this.early = null;
-    return early?.url === source ? early.text : null;
+    if (early?.url === source) return early;
+    early?.worker?.terminate();
+    return null;
   }
 
   private open(session: Session, manifest: Manifest): void {

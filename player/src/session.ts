@@ -30,18 +30,18 @@ export class Session {
 
   private readonly life = new AbortController();
 
-  /** Workers start and shaders compile at once, while the manifest is on its way. Throws `ReelError` where there is no WebGL 2. */
-  constructor(canvas: HTMLCanvasElement, private readonly events: SessionEvents) {
+  /** Workers start and shaders compile at once, while the manifest is on its way. worker: one that decodes, already started. Throws `ReelError` where there is no WebGL 2. */
+  constructor(canvas: HTMLCanvasElement, private readonly events: SessionEvents, worker?: Worker | null) {
     this.stage = new Stage(canvas, (error) => events.failed(error));
-    this.decoders = new Decoders();
+    this.decoders = new Decoders(worker);
   }
 
   get closed(): boolean {
     return this.life.signal.aborted;
   }
 
-  /** A reel's manifest; of a live one, once it has a group. early: its text, already asked for; null: not, or in vain. */
-  async find(source: string | LocalFiles, early: Promise<string | null> | null = null): Promise<Manifest> {
+  /** A reel's manifest; of a live one, once it has a group. early: its text, already asked for; null: in vain. */
+  async find(source: string | LocalFiles, early?: Promise<string | null>): Promise<Manifest> {
     const { signal } = this.life;
     if (typeof source !== "string") return readManifest(source);
     if (source === EMBEDDED) return readManifest(embeddedReel());

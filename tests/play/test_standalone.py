@@ -68,7 +68,7 @@ def test_the_page_holds_the_reel_and_what_plays_it(reel: Path, tmp_path: Path) -
     text = page.read_text(encoding="utf-8")
     assert "<!--" not in text
     assert 'data-src="embedded:"' in text
-    assert "early.js" not in text
+    assert "data-early" not in text
 
 
 def test_one_rendition_is_taken_and_a_live_reel_is_as_it_is_now(tmp_path: Path) -> None:

@@ -1,5 +1,7 @@
 """The player from another origin, such as a CDN, and under the strict policies that docs/player.md gives."""
 
+import base64
+import hashlib
 import re
 import time
 from pathlib import Path
@@ -26,6 +28,13 @@ def policies() -> list[str]:
     found = re.findall(r"^ +Content-Security-Policy: (.+)$", DOCS.read_text(), re.M)
     assert len(found) == 2
     return found
+
+
+def test_the_docs_name_the_script_of_the_bundled_page():
+    script = re.search(r"<script type=\"module\" data-early>(.*?)</script>", (STATIC / "index.html").read_text(), re.S)
+    assert script
+    digest = base64.b64encode(hashlib.sha256(script[1].encode()).digest()).decode()
+    assert f"'sha256-{digest}'" in policies()[0], f"docs/player.md: the policy must name 'sha256-{digest}'"
 
 
 def violations(page: Page) -> list[str]:

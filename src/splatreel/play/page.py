@@ -29,4 +29,6 @@ def introduced(page: str, said: Presentation, address: str | None = None) -> str
         kind = "property" if name.startswith("og:") else "name"
         if value:
             lines.append(f'<meta {kind}="{name}" content="{escape(value)}" />')
+    if address and said.poster:  # on its way before the page knows the manifest
+        lines.append(f'<link rel="preload" as="image" href="reel/{said.poster.asset.uri}" fetchpriority="high" />')
     return page.replace(TITLE, "\n    ".join(lines), 1)

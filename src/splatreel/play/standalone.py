@@ -15,11 +15,11 @@ from splatreel.errors import ReelError
 from splatreel.play.page import introduced
 from splatreel.play.server import STATIC
 
-LOADER = '<script type="module" src="early.js"></script>'
+LOADER = re.compile(r'<script type="module" data-early>.*?</script>', re.S)
 PAGE = "<main data-splatreel-page>"
 """What stands in the player's own page."""
-ELSEWHERE = ("player", "early", "hevc", "draco")
-"""How the names begin of scripts that are no files in the page: the player itself, its loader, what the paper's codec needs."""
+ELSEWHERE = ("player", "hevc", "draco")
+"""How the names begin of scripts that are no files in the page: the player itself, what the paper's codec needs."""
 
 
 def write_standalone(path: Path, location: str | Path, rendition: str | None = None) -> int:
@@ -39,10 +39,10 @@ def write_standalone(path: Path, location: str | Path, rendition: str | None = N
     parts += [_file("player", script.name, script.read_bytes()) for script in scripts]
     player = (STATIC / "player.js").read_text(encoding="utf-8")
     parts.append(f'<script type="module">{_inert_code(player)}</script>')
-    for own, new in ((LOADER, "\n".join(parts)), (PAGE, PAGE.replace(">", ' data-src="embedded:">'))):
-        if own not in page:
-            raise ReelError(f"{STATIC / 'index.html'}: does not hold {own}. Build the player again.")
-        page = page.replace(own, new, 1)
+    loader = LOADER.search(page)
+    if loader is None or PAGE not in page:
+        raise ReelError(f"{STATIC / 'index.html'}: has no loader, or not {PAGE}. Build the player again.")
+    page = page.replace(loader[0], "\n".join(parts), 1).replace(PAGE, PAGE.replace(">", ' data-src="embedded:">'), 1)
     data = introduced(page, manifest.presentation).encode()
     write_atomically(path, data)
     return len(data)

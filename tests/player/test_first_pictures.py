@@ -1,0 +1,155 @@
+"""What shows while a reel is on its way: the poster, the layers, how much is still to come; never a black canvas."""
+
+import hashlib
+import io
+import json
+
+import numpy as np
+import pytest
+from PIL import Image
+from playwright.sync_api import Browser, Page, Route
+
+from splatreel.play.server import Server
+from tests.golden import GOLDEN
+from tests.player.pages import PLAYER, open_player, wait_for_picture
+
+pytestmark = pytest.mark.browser
+
+RED = (200, 30, 40)
+POSTER = "document.querySelector('splat-reel').shadowRoot.querySelector('img.poster')"
+
+
+def jpeg(color: tuple[int, int, int]) -> bytes:
+    out = io.BytesIO()
+    Image.new("RGB", (32, 24), color).save(out, "JPEG", quality=95)
+    return out.getvalue()
+
+
+@pytest.fixture
+def postered(page: Page) -> Page:
+    """Its reel has a red poster."""
+    data = jpeg(RED)
+    poster = {
+        "uri": "poster.jpg",
+        "bytes": len(data),
+        "sha256": hashlib.sha256(data).hexdigest(),
+        "width": 32,
+        "height": 24,
+    }
+    manifest = json.loads((GOLDEN / "manifest.json").read_text()) | {"poster": poster}
+    page.route("**/reel/manifest.json", lambda route: route.fulfill(json=manifest))
+    page.route("**/reel/poster.jpg", lambda route: route.fulfill(body=data, content_type="image/jpeg"))
+    return page
+
+
+def center(page: Page) -> np.ndarray:
+    """Colour in the middle of the window, a little above the wheel that turns there."""
+    picture = np.asarray(Image.open(io.BytesIO(page.screenshot())).convert("RGB"), int)
+    return picture[picture.shape[0] // 4, picture.shape[1] // 2]
+
+
+def wait_for_color(page: Page, color: tuple[int, int, int]) -> None:
+    for _ in range(60):
+        if np.abs(center(page) - color).max() < 12:
+            return
+        page.wait_for_timeout(50)
+    raise AssertionError(center(page))
+
+
+def test_the_page_shows_the_poster_before_the_player_is_there(postered: Page, server: Server):
+    page = postered
+    held: list[Route] = []
+    page.route("**/player.js", lambda route: held.append(route))
+    page.goto(server.url + "?autoplay=0")
+    wait_for_color(page, RED)
+    while not held:
+        page.wait_for_timeout(20)
+    page.unroute("**/player.js")
+    layers: list[Route] = []
+    page.route("**/layers/*", lambda route: layers.append(route))
+    for route in held:
+        route.continue_()
+    page.wait_for_function(f"document.querySelector('splat-reel')?.player && {PLAYER}.manifest")
+    wait_for_color(page, RED)
+    assert page.evaluate("document.querySelectorAll('main > img').length") == 0, "the element shows it now"
+    page.unroute("**/layers/*")
+    for route in layers:
+        route.continue_()
+    wait_for_picture(page)
+    assert page.evaluate(f"{POSTER}.hidden")
+
+
+def test_the_posters_place_is_taken_by_what_rests_before_a_group_is_there(postered: Page, server: Server):
+    page = postered
+    page.route("**/groups/*", lambda route: None)  # never answered
+    page.goto(server.url)
+    page.wait_for_function(f"document.querySelector('splat-reel')?.player && {PLAYER}.playback.pictured")
+    assert page.evaluate(f"[{POSTER}.hidden, {PLAYER}.canPlay, {PLAYER}.playback.layersFill]") == [True, False, True]
+
+
+def test_the_poster_of_the_page_goes_before_the_reels(postered: Page, server: Server):
+    page = postered
+    blue = jpeg((20, 40, 210))
+    page.route("**/mine.jpg", lambda route: route.fulfill(body=blue, content_type="image/jpeg"))
+    page.route("**/layers/*", lambda route: None)
+    page.goto(server.url + "?poster=mine.jpg")
+    wait_for_color(page, (20, 40, 210))
+    page.wait_for_function(f"document.querySelector('splat-reel')?.player && {PLAYER}.manifest")
+    page.wait_for_timeout(100)
+    wait_for_color(page, (20, 40, 210))
+
+
+def test_layers_have_the_line_before_groups_and_a_percentage_is_told(page: Page, server: Server):
+    asked: list[str] = []
+    held: list[Route] = []
+
+    def hold(route: Route) -> None:
+        asked.append(route.request.url.split("/reel/")[1])
+        held.append(route)
+
+    page.route("**/layers/*", hold)
+    page.route("**/groups/*", hold)
+    page.goto(server.url + "?autoplay=0")
+    page.wait_for_function(f"document.querySelector('splat-reel')?.player && {PLAYER}.manifest")
+    page.wait_for_timeout(500)
+    assert asked == ["layers/0000.safetensors"]
+    assert page.evaluate(f"{PLAYER}.progress") == 0
+    held.pop().continue_()
+    while len(asked) < 2:
+        page.wait_for_timeout(20)
+    assert asked[1] == "groups/0000.safetensors"
+    manifest = json.loads((GOLDEN / "manifest.json").read_text())
+    layer, group = (manifest[kind][0]["bytes"] for kind in ("layers", "groups"))
+    page.wait_for_function(f"Math.abs({PLAYER}.progress - {layer / (layer + group)}) < 1e-6")
+    assert page.locator("splat-reel .wait").text_content() == f"Loading {100 * layer // (layer + group)} %"
+    held.pop().continue_()
+    page.unroute("**/groups/*")
+    page.unroute("**/layers/*")
+    wait_for_picture(page)
+    assert page.evaluate(f"{PLAYER}.progress") == 1
+
+
+@pytest.mark.parametrize(("scheme", "ground"), [("light", (241, 241, 243)), ("dark", (11, 11, 12))])
+def test_the_ground_of_the_page_shows_before_the_first_picture(browser: Browser, server: Server, scheme, ground):
+    page = browser.new_page(viewport={"width": 320, "height": 240}, color_scheme=scheme)
+    page.route("**/layers/*", lambda route: None)
+    page.goto(server.url)
+    page.wait_for_function(f"document.querySelector('splat-reel')?.player && {PLAYER}.manifest")
+    page.wait_for_timeout(200)
+    assert center(page).tolist() == list(ground)
+    page.close()
+
+
+def test_workers_start_when_they_are_wanted(page: Page, server: Server):
+    page.add_init_script(
+        "window.started = []; window.Worker = class extends Worker { constructor(url) { super(url); started.push(String(url)); } };"
+    )
+    page.route("**/layers/*", lambda route: None)
+    page.goto(server.url)
+    page.wait_for_function(f"document.querySelector('splat-reel')?.player && {PLAYER}.manifest")
+    page.wait_for_timeout(200)
+    names = sorted(url.split("/")[-1] for url in page.evaluate("started"))
+    assert names == ["decode-worker.js", "sort-worker.js"]
+    page.unroute("**/layers/*")
+    open_player(page, server)
+    assert page.evaluate("started.length") <= 3
