@@ -77,7 +77,7 @@ export class Headset {
       if (eyes.length === 0) return;
       // Of so short a lens that it leaves nothing out that an eye sees.
       const head = { ...room.view(pose.transform.inverse.matrix, pose.views[0].projectionMatrix, 1, 1, camera.near), ...WIDE };
-      player.present(now, head, eyes);
+      player.playback.present(now, head, eyes);
     };
     session.requestAnimationFrame(draw);
     return new Headset(session);

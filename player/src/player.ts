@@ -9,11 +9,10 @@ import type { Early } from "./page";
 import { Playback } from "./playback";
 import type { CameraState, Pose, Start } from "./pose";
 import { reachable } from "./reach";
-import type { Eye, View } from "./renderer";
+import type { View } from "./renderer";
 import { Resolution } from "./resolution";
 import { Session, type SessionEvents } from "./session";
 import { takeShot } from "./shot";
-import type { Scene } from "./sort-worker";
 import { Soundtrack } from "./soundtrack";
 import type { Picture, Stage } from "./stage";
 import { measure, type Stats } from "./stats";
@@ -378,16 +377,6 @@ export class Player extends EventTarget {
     const width = Math.round(this.canvas.clientWidth * ratio);
     const height = Math.round(this.canvas.clientHeight * ratio);
     return this.camera && width > 0 && height > 0 ? this.camera.view(width, height) : null;
-  }
-
-  /** What should show now. */
-  get scene(): Scene {
-    return this.playback.scene;
-  }
-
-  /** A frame of a headset: what it sees, sorted as the head looks. */
-  present(now: number, head: View, eyes: Eye[]): void {
-    this.playback.present(now, head, eyes);
   }
 
   /** Resolves when a whole picture has been shown; rejects on an error. */

@@ -11,7 +11,7 @@ export async function saveScreenshot(player: Player): Promise<void> {
   player.held = true;
   try {
     const view = camera.view(size(canvas.clientWidth), size(canvas.clientHeight));
-    const { width, height, data } = await stage.snapshot(player.scene, player.clock.moment.weight, view);
+    const { width, height, data } = await stage.snapshot(player.playback.scene, player.clock.moment.weight, view);
     save(await encode(new ImageData(new Uint8ClampedArray(data.buffer as ArrayBuffer, data.byteOffset, data.byteLength), width, height)), nameOf(manifest.presentation.title, seconds));
   } finally {
     player.held = false;

@@ -19,7 +19,7 @@ export async function takeShot(player: Player, seconds: number, { K, viewmat }: 
   player.held = true;
   try {
     const view: View = { viewmat, fx: K[0], fy: K[4], cx: K[2], cy: K[5], width, height, near: manifest.near };
-    return await stage.snapshot(player.scene, player.clock.moment.weight, view);
+    return await stage.snapshot(player.playback.scene, player.clock.moment.weight, view);
   } finally {
     player.held = false;
     player.invalidate();

@@ -213,8 +213,9 @@ def test_groups_that_memory_does_not_hold_are_dropped_and_fetched_again(page: Pa
     manifest = json.loads((GOLDEN / "manifest.json").read_text())
     first, second = manifest["groups"]
     step = second["first_frame"]
-    # Claims of their size are all that the player knows before it has them.
-    claims = {"points": 3_000_000}
+    # Claims of their size are all that the player knows before it has them. Three of these fit into what a small phone has.
+    page.add_init_script("Object.defineProperty(Navigator.prototype, 'deviceMemory', { get: () => 1 })")
+    claims = {"points": 70_000}
     groups = [(second if i % 2 else first) | claims | {"first_frame": i * step} for i in range(6)]
     manifest |= {"groups": groups, "frames": 5 * step + first["frames"]}
     page.route("**/reel/manifest.json", lambda route: route.fulfill(json=manifest))
@@ -226,7 +227,7 @@ def test_groups_that_memory_does_not_hold_are_dropped_and_fetched_again(page: Pa
     middle = 0.5 * step / manifest["fps"]
     for group in (0, 2, 5, 1, 3, 0):
         page.evaluate(f"{PLAYER}.currentTime = {middle + group * step / manifest['fps']}")
-        ahead = min(group + 1, 5)  # though not even two fit
+        ahead = min(group + 1, 5)
         settled = f"!{PLAYER}.seeking && !{PLAYER}.waiting && {PLAYER}.stream.held.includes({ahead})"
         page.wait_for_function(settled)
         held = page.evaluate(f"{PLAYER}.stream.held")
@@ -261,5 +262,5 @@ def test_a_slow_network_shows_that_it_waits_and_loses_no_time(page: Page, server
         page.wait_for_function(f"{PLAYER}.ended")
         assert page.locator("splat-reel .wait").is_hidden()
         # A busy machine hands over late and then all at once; without the brake it would be hundreds of megabits.
-        assert 0.2e6 < page.evaluate(f"{PLAYER}.stats.throughput") < 2e7
+        assert 0.05e6 < page.evaluate(f"{PLAYER}.stats.throughput") < 2e7
         slow.shutdown()
