@@ -5,7 +5,7 @@ import { Session } from "node:inspector";
 import { createRequire } from "node:module";
 import { join } from "node:path";
 
-const MOST_BYTES = 3e9;
+const MOST_BYTES = 6e8;
 /** Executions for which coverage is asked once, which takes longer than one of them. */
 const BATCH = 32;
 const [bundle, corpus, seconds] = process.argv.slice(2);
@@ -50,7 +50,7 @@ async function execute(program) {
   untold++;
   if (Date.now() - told < 500) return;
   told = Date.now();
-  if (process.memoryUsage().rss > MOST_BYTES) throw new Error("the process takes more than 3 GB");
+  if (process.memoryUsage().rss > MOST_BYTES) throw new Error("the process takes more than 600 MB");
   tell();
 }
 

@@ -1,5 +1,5 @@
 // Fuzzes the player's reader, guided by V8's block coverage: node fuzz/run.mjs CORPUS SECONDS, in player/.
-// Programs that reach new blocks stay in CORPUS, and one that breaks a rule of reader.ts, takes 60 s or 3 GB is kept there as
+// Programs that reach new blocks stay in CORPUS, and one that breaks a rule of reader.ts, takes 60 s or 600 MB is kept there as
 // crash-N, with why in crash-N.txt; node fuzz/run.mjs CORPUS/crash-N repeats it.
 import { build } from "esbuild";
 import { spawn } from "node:child_process";

@@ -1,3 +1,4 @@
+import os
 import struct
 from pathlib import Path
 
@@ -113,3 +114,10 @@ def test_pictures_are_as_they_are_shown(tmp_path: Path, turns: int, matrix: tupl
     assert (video.height, video.width) == shown.shape[:2]
     found = read(video, 1, 1, video.width, video.height)[0]
     assert np.abs(found.astype(int) - shown).mean() < 3
+
+
+@pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="pipes")
+def test_a_pipe_is_not_waited_for(tmp_path: Path) -> None:
+    os.mkfifo(tmp_path / "cam00.mp4")
+    with pytest.raises(CaptureError, match=r"cam00\.mp4: is no file"):
+        VideoFile(tmp_path / "cam00.mp4")

@@ -160,6 +160,11 @@ def test_a_full_disk(error: Exception) -> None:
     assert text.endswith("then run\n  splatreel reconstruct 'my capture' --out o")
 
 
+def caused(error: Exception, cause: Exception) -> Exception:
+    error.__context__ = cause
+    return error
+
+
 @pytest.mark.parametrize(
     "error",
     [
@@ -167,6 +172,10 @@ def test_a_full_disk(error: Exception) -> None:
         RuntimeError("[enforce fail] DefaultCPUAllocator: can't allocate memory: you tried 8 bytes"),
         ImportError("libtorch_cpu.so: failed to map segment from shared object"),
         OSError(errno.ENOMEM, "Cannot allocate memory"),
+        caused(
+            OSError("Could not find/load shared object file"),
+            OSError("it.so: failed to map segment from shared object"),
+        ),
     ],
 )
 def test_no_memory(error: Exception) -> None:

@@ -62,7 +62,7 @@ def main() -> None:
     instrument()
     limits = [
         "-timeout=60",
-        "-rss_limit_mb=3000",
+        "-rss_limit_mb=800",
         "-max_len=200",
         "-len_control=20",
         f"-artifact_prefix={folder}{os.sep}",

@@ -35,6 +35,8 @@ class VideoFile:
         self._decoder: Iterator[av.VideoFrame] | None = None
         self._next = 0
         self._lock = Lock()
+        if path.exists() and not path.is_file():  # a pipe is waited for
+            raise CaptureError(f"{path}: is no file. Take it out of the capture.")
         with self._guard(), av.open(str(path)) as container:
             if not container.streams.video:
                 raise CaptureError(

@@ -10,6 +10,7 @@ from tyro.conf import Positional
 from tyro.extras import SubcommandApp
 
 from splatreel.cli.options import parse_frames, parse_held_out, parse_names, parse_numbers, reel_folder
+from splatreel.cli.output import say
 from splatreel.cli.reconstruct import Device, configure
 from splatreel.config import Quality
 from splatreel.errors import UsageError
@@ -96,10 +97,11 @@ def codec(
         source.close()
     if out is not None:
         from splatreel.evaluation.chart import rate_chart
+        from splatreel.evaluation.report import write_text
 
-        (out / "codec.md").write_text(text, encoding="utf-8")
-        (out / "codec.svg").write_text(rate_chart(curves(rows), f"{run.name}: held-out cameras"), encoding="utf-8")
-    print("\n".join(json_format.dumps(dataclasses.asdict(row)) for row in rows) if json else text)
+        write_text(out / "codec.md", text)
+        write_text(out / "codec.svg", rate_chart(curves(rows), f"{run.name}: held-out cameras"))
+    say("\n".join(json_format.dumps(dataclasses.asdict(row)) for row in rows) if json else text)
 
 
 def oracle(
@@ -160,7 +162,7 @@ def oracle(
     finally:
         progress.close()
         source.close()
-    print(result.to_markdown(), end="")
+    say(result.to_markdown(), end="")
 
 
 def reconstruct(
@@ -225,11 +227,11 @@ def show(rows: list[dict[str, float | int | str]], json: bool) -> None:
     """Print measurements, one a line."""
     for row in rows:
         if json:
-            print(json_format.dumps(row))
+            say(json_format.dumps(row))
         else:
             rest = ", ".join(f"{name} {value:,}" for name, value in row.items() if name not in ("what", "ms"))
             time = f"{row['ms']:>10,.1f} ms" if "ms" in row else " " * 13
-            print(f"{row['what']:<16} {time}   {rest}")
+            say(f"{row['what']:<16} {time}   {rest}")
 
 
 def build() -> SubcommandApp:

@@ -118,4 +118,6 @@ def _is_out_of_memory(error: BaseException) -> bool:
         return True
     signs = ("can't allocate memory", "not enough memory", "CUDA out of memory", "annot allocate memory")
     signs += ("failed to map segment", "can't start new thread")
-    return isinstance(error, RuntimeError | ImportError) and any(sign in str(error) for sign in signs)
+    if isinstance(error, RuntimeError | ImportError | OSError) and any(sign in str(error) for sign in signs):
+        return True
+    return error.__context__ is not None and _is_out_of_memory(error.__context__)

@@ -55,7 +55,7 @@ def check(points: int, frames: int, sections: Mapping[str, Coded], size: int, mo
         what = f"{frames} frames of {points}" if frames else f"{points}"
         raise ReelError(
             f"claims {what} points in {size} bytes: decoding it would take {_megabytes(needed)} MB of memory, more than the "
-            f"{_megabytes(limit)} MB that are allowed. If you trust it, allow more: --max-memory {_megabytes(needed)}."
+            f"{_megabytes(limit)} MB that are allowed. If you trust it, allow more: `most`, or --max-memory {_megabytes(needed)}."
         )
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 from collections import Counter
 from dataclasses import dataclass
 from pathlib import Path
@@ -67,7 +68,7 @@ def _section_bytes(reel: ReelReader, entries: tuple[FileEntry, ...]) -> dict[str
     sizes: Counter[str] = Counter()
     for entry in entries:
         try:
-            _, sections = unpack_file(reel.read_file(entry))
+            _, sections = unpack_file(reel.read_file(entry), most=sys.maxsize)  # nothing is decoded
         except ReelError as error:
             raise ReelError(f"{entry.uri}: {error}") from error
         for name, section in sections.items():
