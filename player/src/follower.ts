@@ -3,7 +3,7 @@
 /** Seconds in which a difference is made up for. */
 const SMOOTHING = 0.2;
 /** A difference of more seconds is not made up for but skipped. */
-export const JUMP = 0.1;
+const JUMP = 0.04;
 /** Sound that tells no new time for so many seconds has stopped: pictures wait. */
 const STOPPED = 0.25;
 /** After so many seconds without a new time the pictures go on without it. */

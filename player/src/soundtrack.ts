@@ -1,6 +1,6 @@
 /** The sound of the reel that is open. While it is heard it is the clock that pictures follow; else they go by the clock on the wall. */
 import type { Clock } from "./clock";
-import { Follower, JUMP } from "./follower";
+import { Follower } from "./follower";
 import { messageOf } from "./errors";
 import type { Manifest } from "./manifest";
 import { segmentAt, SoundSource } from "./sound-source";
@@ -10,6 +10,8 @@ import { SpatialSound } from "./spatial";
 const AHEAD = 10;
 /** In the last seconds of the sound pictures no longer wait for it: its end is never told exactly. */
 const TAIL = 0.1;
+/** Sound that stands no more seconds from the pictures goes on from there: they go to it. */
+const NEAR = 0.1;
 /** Seconds from when a picture is begun to when it is seen, about: it is drawn, and then waits for the display. */
 const SHOWN_AFTER = 0.016;
 /** Sound that is stretched to another rate is heard so many of its seconds before a browser says so (measured in Chromium). */
@@ -169,7 +171,7 @@ export class Soundtrack {
   }
 
   private begin(audio: HTMLAudioElement, seconds: number, latency: number): void {
-    if (this.moved || Math.abs(audio.currentTime - latency - seconds) > JUMP) audio.currentTime = seconds;
+    if (this.moved || Math.abs(audio.currentTime - latency - seconds) > NEAR) audio.currentTime = seconds;
     this.moved = false;
     this.follower.restart();
     if (audio.paused) this.start(audio);
