@@ -21,7 +21,8 @@ from run import STATIC, chromium
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 sys.path.insert(0, str(Path(__file__).resolve().parents[2]))
 from tests.flashes import CLICKS, GOLDEN
-from tests.player.sync import PLAYER, Sync, listen, measured
+from tests.player.pages import PLAYER, wait_for_picture
+from tests.player.sync import Sync, listen, measured
 
 from record import record
 
@@ -62,7 +63,7 @@ def run(page: Page, url: str, line: Line, seconds: float) -> Sync:
     """Play the golden reel with sound in a loop; every two to four seconds somebody seeks or changes the rate."""
     line.held = re.compile(r"groups/0002")
     page.goto(url + "index.html?autoplay=0")
-    page.wait_for_function(f"{PLAYER}?.canPlay")
+    wait_for_picture(page)
     page.locator("splat-reel .start").click()
     listen(page)
     page.wait_for_function(f"{PLAYER}.waiting")

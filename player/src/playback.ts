@@ -7,6 +7,8 @@ import type { Stage } from "./stage";
 
 /** Longest step of the clock: after a background tab, playback goes on where it was. */
 const LONGEST_STEP = 0.25;
+/** A picture is seen about as long after it is begun as from one to the next; it is drawn for that later time, by no more than so many seconds. */
+const LONGEST_LEAD = 0.033;
 /** Ticks after which the stream may think again although nothing happens: what failed has rested, the network may be better. */
 const HEARTBEAT = 30;
 
@@ -155,11 +157,11 @@ export class Playback {
   /** now, step: seconds. */
   private advance(now: number, step: number): void {
     const { player } = this;
-    const { clock, soundtrack } = player;
+    const { clock, soundtrack, resolution } = player;
     const wanted = !player.paused && !player.error;
     const running = wanted && this.ready && !this.stalled && !this.seeking;
     if (wanted) soundtrack.want(clock, running);
-    const passed = soundtrack.pass(clock, running, now, step);
+    const passed = soundtrack.pass(clock, running, now, step, Math.min(resolution.interval / 1000, LONGEST_LEAD));
     this.waitForSound(running && soundtrack.late(clock));
     const before = clock.seconds;
     if (!running || passed === 0) return;

@@ -12,8 +12,6 @@ const AHEAD = 10;
 const TAIL = 0.1;
 /** Sound that stands no more seconds from the pictures goes on from there: they go to it. */
 const NEAR = 0.1;
-/** Seconds from when a picture is begun to when it is seen, about: it is drawn, and then waits for the display. */
-const SHOWN_AFTER = 0.016;
 /** Sound that is stretched to another rate is heard so many of its seconds before a browser says so (measured in Chromium). */
 const STRETCHED_BEFORE = 0.02;
 /** Slowest rate at which browsers play sound. */
@@ -149,9 +147,9 @@ export class Soundtrack {
 
   /**
    * Seconds on the wall that the clock goes on by. running: pictures could go on; now, passed: seconds on the wall, the latter
-   * since the last call.
+   * since the last call; shown: seconds from then to when the picture is seen.
    */
-  pass(clock: Clock, running: boolean, now: number, passed: number): number {
+  pass(clock: Clock, running: boolean, now: number, passed: number, shown: number): number {
     const { seconds, rate } = clock;
     const { audio, source } = this;
     if (!running || !audio || !source || !this.heard(rate) || this.late(clock)) {
@@ -163,7 +161,7 @@ export class Soundtrack {
       if (!this.within(seconds)) this.moved = true;
       return passed;
     }
-    const latency = (this.spatial.latency - SHOWN_AFTER) * rate - (rate === 1 ? 0 : STRETCHED_BEFORE);
+    const latency = (this.spatial.latency - shown) * rate - (rate === 1 ? 0 : STRETCHED_BEFORE);
     if (this.follower.recovered) this.moved = true;
     if (audio.playbackRate !== rate) audio.playbackRate = rate;
     if (this.moved || audio.paused) this.begin(audio, seconds, latency);

@@ -7,7 +7,6 @@ from itertools import pairwise
 
 from playwright.sync_api import Page
 
-PLAYER = "document.querySelector('splat-reel').player"
 LISTEN = """
 async () => {
   const element = document.querySelector('splat-reel');

@@ -67,9 +67,9 @@ def test_pictures_follow_the_sound_over_a_loop_a_seek_and_another_rate(page: Pag
     page.wait_for_function("window.heard.length >= 8", timeout=20_000)
     page.wait_for_timeout(150)
     found = measured(page, CLICKS)
-    assert len(found.clock) >= 7, found
-    # A busy machine draws single pictures late.
-    assert abs(statistics.median(found.pictures)) < 40, found
+    assert len(found.clock) >= 5, found
+    interval = page.evaluate(f"{PLAYER}.resolution.interval")  # on a busy machine it is long
+    assert abs(statistics.median(found.pictures)) < 40 + max(interval - 17, 0), (found, interval)
     assert statistics.median(map(abs, found.clock)) < 25, found
 
 
@@ -190,6 +190,15 @@ def test_sound_ends_with_the_pictures(page: Page, server: Server):
     assert page.evaluate(f"{AUDIO}.currentTime") == pytest.approx(4, abs=0.15)
     page.locator("splat-reel canvas").press("k")
     page.wait_for_function(f"{PLAYER}.currentTime > 0.1 && {PLAYER}.currentTime < 2 && {HEARD} && {APART} < 0.1")
+
+
+def test_sound_pauses_where_nobody_sees_the_pictures(page: Page, server: Server):
+    open_player(page, server)
+    play(page)
+    page.evaluate(f"{REEL}.style.marginTop = '1000vh'")
+    page.wait_for_function(f"{AUDIO}.paused && !{PLAYER}.paused")
+    page.evaluate(f"{REEL}.style.marginTop = ''")
+    page.wait_for_function(f"{HEARD} && {PLAYER}.playback.moving && {APART} < 0.1")
 
 
 def test_sound_comes_from_its_place(page: Page, server: Server):
