@@ -36,7 +36,7 @@ def check_pictures(capture: Capture, names: list[str], frames: np.ndarray) -> No
         ("white", (frames >= WHITE).all((0, 2, 3, 4))),
     ):
         if blank.any():
-            which = [name for name, flat in zip(names, blank, strict=True) if flat]
+            which = [name for name, flat in zip(names, np.atleast_1d(blank), strict=True) if flat]
             some = "every camera" if len(which) == len(names) else f"camera {', '.join(which)}"
             raise ReconstructionError(
                 f"{capture.path}: what {some} shows is all {color}. Choose frames in which there is a picture (--frames A:B), or leave "
