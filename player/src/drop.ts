@@ -6,7 +6,7 @@ import { elementOf } from "./markup";
 import type { Player } from "./player";
 
 const WORDS = "Drop its folder here, or a zip of it.";
-const MARKUP = `<div class="drop" hidden><div class="sheet panel">
+const MARKUP = `<div class="drop" hidden><div class="sheet choice">
   <h2>Open a reel</h2>
   <p role="status">${WORDS}</p>
   <div class="choices">

@@ -84,7 +84,7 @@ def test_the_page_asks_for_a_reel_where_it_has_none_and_plays_the_folder_that_is
     page.goto(server.url + "?autoplay=0")
     sheet = page.locator("splat-reel .drop")
     sheet.get_by_role("button", name="Open a zip").wait_for()
-    assert page.locator("splat-reel .ui .panel").is_hidden()
+    assert page.locator("splat-reel .panel").is_hidden()
     sheet.locator("input.folder").set_input_files(GOLDEN)
     wait_for_picture(page)
     assert sheet.is_hidden()
@@ -94,5 +94,5 @@ def test_the_page_asks_for_a_reel_where_it_has_none_and_plays_the_folder_that_is
 def test_a_link_to_a_reel_that_is_missing_asks_for_none(page: Page, server: Server):
     page.expected_problems = ("404",)
     page.goto(server.url + "?src=none/manifest.json")
-    page.locator("splat-reel .ui .panel").wait_for()
+    page.locator("splat-reel .panel").wait_for()
     assert page.locator("splat-reel .drop").is_hidden()
