@@ -9,6 +9,10 @@ export interface Part {
   deflated: boolean;
 }
 
+/** Bytes of the longest manifest, and of the longest picture, that are read: what is packed may claim to be little. */
+const LONGEST_MANIFEST = 16 << 20;
+const LONGEST_PICTURE = 64 << 20;
+
 export class LocalFiles {
   private readonly addresses = new Map<string, Promise<string>>();
 
@@ -30,7 +34,7 @@ export class LocalFiles {
     const part = this.find("manifest.json");
     if (!part) throw new ReelError(`${this.name} is not a reel: it has no manifest.json.`, { plain: `${this.name} is not a reel: it has no manifest.json.` });
     try {
-      return await new Response(streamOf(part)).text();
+      return await (await unpacked(part, LONGEST_MANIFEST)).text();
     } catch (error) {
       throw new ReelError(`The manifest.json of ${this.name} cannot be read: ${messageOf(error)}.`, { cause: error });
     }
@@ -40,7 +44,7 @@ export class LocalFiles {
   address(uri: string): Promise<string> {
     const known = this.addresses.get(uri);
     if (known) return known;
-    const made = new Response(streamOf(this.part(uri))).blob().then((blob) => URL.createObjectURL(blob));
+    const made = unpacked(this.part(uri), LONGEST_PICTURE).then((blob) => URL.createObjectURL(blob));
     this.addresses.set(uri, made);
     return made;
   }
@@ -70,6 +74,19 @@ export async function readPart({ url, bytes, sha256 }: Source, part: Part, watch
   if (filled < bytes) throw wrong(`it ends after ${filled} of ${bytes} bytes`);
   if (!(await isIntact(body, sha256))) throw wrong("its checksum is not the manifest's");
   return body;
+}
+
+/** All of it, if it is not longer than this many bytes. */
+async function unpacked(part: Part, most: number): Promise<Blob> {
+  const chunks: Uint8Array<ArrayBuffer>[] = [];
+  const reader = streamOf(part).getReader();
+  for (let length = 0; ; ) {
+    const { done, value } = await reader.read();
+    if (done) return new Blob(chunks);
+    length += value.byteLength;
+    if (length > most) throw new ReelError(`it is longer than ${most} bytes`);
+    chunks.push(value);
+  }
 }
 
 /** Its bytes as they are inflated. */

@@ -49,4 +49,6 @@ test("what inflates to far more than the manifest says is given up early", async
   const source = { url: "file:///x/a.bin", bytes: 1000, sha256: null, part: { blob: new Blob([bomb as BlobPart]), deflated: true } };
   await assert.rejects(download(source, { ...quiet, received: (count) => (received += count) }, new AbortController().signal), /more than the 1000 bytes/);
   assert.ok(received <= 1000);
+  const packed = new LocalFiles("x", () => ({ blob: new Blob([bomb as BlobPart]), deflated: true }));
+  await assert.rejects(packed.manifest(), { name: "ReelError", message: /longer than 16777216 bytes/ });
 });
