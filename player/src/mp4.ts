@@ -21,15 +21,15 @@ interface Box {
   offset: number;
 }
 
-/** Tracks in file order. Throws `ReelError` when boxes are missing or point outside the file. */
-export function parseMp4(file: Uint8Array): Track[] {
+/** Tracks in file order, of at most so many samples: a small file may claim billions of empty ones. Throws `ReelError` when boxes are missing or point outside the file. */
+export function parseMp4(file: Uint8Array, most: number): Track[] {
   const view = new DataView(file.buffer, file.byteOffset, file.byteLength);
   try {
     const top = boxes(view, 0, view.byteLength);
     const moov = find(top, "moov");
     const children = boxes(view, moov.start, moov.end);
-    const tracks = children.filter((box) => box.type === "trak").map((box) => parseTrack(file, view, box));
-    for (const moof of top.filter((box) => box.type === "moof")) addFragment(file, view, moof, tracks);
+    const tracks = children.filter((box) => box.type === "trak").map((box) => parseTrack(file, view, box, most));
+    for (const moof of top.filter((box) => box.type === "moof")) addFragment(file, view, moof, tracks, most);
     return tracks;
   } catch (error) {
     if (error instanceof RangeError) throw new ReelError("The offset video of a group is cut off.");
@@ -64,7 +64,7 @@ function descend(view: DataView, box: Box, ...path: string[]): Box {
   return path.reduce((inner, type) => find(boxes(view, inner.start, inner.end), type), box);
 }
 
-function parseTrack(file: Uint8Array, view: DataView, trak: Box): Track {
+function parseTrack(file: Uint8Array, view: DataView, trak: Box, most: number): Track {
   const tkhd = descend(view, trak, "tkhd");
   const hdlr = descend(view, trak, "mdia", "hdlr");
   const stbl = descend(view, trak, "mdia", "minf", "stbl");
@@ -82,17 +82,18 @@ function parseTrack(file: Uint8Array, view: DataView, trak: Box): Track {
     width: view.getUint16(entry.start + 24),
     height: view.getUint16(entry.start + 26),
     hvcC: file.slice(hvcC.start, hvcC.end),
-    samples: tableSamples(file, view, stbl),
+    samples: tableSamples(file, view, stbl, most),
   };
 }
 
 /** Samples of a progressive file, from the sample tables (none for a fragmented one). */
-function tableSamples(file: Uint8Array, view: DataView, stbl: Box): Uint8Array[] {
+function tableSamples(file: Uint8Array, view: DataView, stbl: Box, most: number): Uint8Array[] {
   const tables = boxes(view, stbl.start, stbl.end);
   const stsz = find(tables, "stsz").start;
   const fixed = view.getUint32(stsz + 4);
   const count = view.getUint32(stsz + 8);
   if (count === 0) return [];
+  checkSamples(count, most);
   const long = tables.find((box) => box.type === "co64");
   const chunks = (long ?? find(tables, "stco")).start;
   const chunkCount = view.getUint32(chunks + 4);
@@ -116,7 +117,7 @@ function tableSamples(file: Uint8Array, view: DataView, stbl: Box): Uint8Array[]
 }
 
 /** Append the samples of one movie fragment. */
-function addFragment(file: Uint8Array, view: DataView, moof: Box, tracks: Track[]): void {
+function addFragment(file: Uint8Array, view: DataView, moof: Box, tracks: Track[], most: number): void {
   for (const traf of boxes(view, moof.start, moof.end).filter((box) => box.type === "traf")) {
     const inner = boxes(view, traf.start, traf.end);
     const tfhd = find(inner, "tfhd").start;
@@ -127,13 +128,14 @@ function addFragment(file: Uint8Array, view: DataView, moof: Box, tracks: Track[
     const base = flags & 1 ? view.getUint32(at) * 2 ** 32 + view.getUint32(at + 4) : moof.offset;
     at += (flags & 1 ? 8 : 0) + (flags & 2 ? 4 : 0) + (flags & 8 ? 4 : 0);
     const defaultSize = flags & 16 ? view.getUint32(at) : 0;
-    for (const trun of inner.filter((box) => box.type === "trun")) addRun(file, view, trun.start, base, defaultSize, track);
+    for (const trun of inner.filter((box) => box.type === "trun")) addRun(file, view, trun.start, base, defaultSize, track, most);
   }
 }
 
-function addRun(file: Uint8Array, view: DataView, trun: number, base: number, defaultSize: number, track: Track): void {
+function addRun(file: Uint8Array, view: DataView, trun: number, base: number, defaultSize: number, track: Track, most: number): void {
   const flags = view.getUint32(trun) & 0xffffff;
   const count = view.getUint32(trun + 4);
+  checkSamples(track.samples.length + count, most);
   let at = trun + 8;
   let data = base + (flags & 1 ? view.getInt32(at) : 0);
   at += (flags & 1 ? 4 : 0) + (flags & 4 ? 4 : 0);
@@ -144,6 +146,10 @@ function addRun(file: Uint8Array, view: DataView, trun: number, base: number, de
     track.samples.push(cut(file, data, size));
     data += size;
   }
+}
+
+function checkSamples(count: number, most: number): void {
+  if (count > most) throw new ReelError(`The offset video of a group claims ${count} pictures, and has ${most} frames.`);
 }
 
 function cut(file: Uint8Array, start: number, size: number): Uint8Array {

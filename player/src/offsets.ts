@@ -42,7 +42,7 @@ export async function decodeOffsets(bytes: Uint8Array, section: Section, file: C
   if (!fits || frames * count > MAX_VALUES) throw new ReelError(`its maps of ${width} x ${height} pixels do not fit ${frames} frames of ${count} points`);
   const dx = rangeOf(section, "dx", 3, 65535);
   const dq = rangeOf(section, "dq", 4, 255);
-  const tracks = parseMp4(bytes);
+  const tracks = parseMp4(bytes, frames);
   [3, 3, 4].forEach((channels, i) => {
     if (tracks[i]?.width !== channels * width || tracks[i].height !== height) throw new ReelError("its offset maps have the wrong size");
   });

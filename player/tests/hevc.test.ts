@@ -10,7 +10,7 @@ const bytes = new Uint8Array(readFileSync("../tests/data/golden/groups/0000.safe
 const video = parseContainer(bytes, "golden").tensors.offsets.bytes;
 
 test("finds the three tracks and what decoders want to know about them", () => {
-  const tracks = parseMp4(video);
+  const tracks = parseMp4(video, 100);
   assert.deepEqual(tracks.map((track) => track.name), ["hi", "lo", "rot"]);
   assert.deepEqual(tracks.map((track) => track.samples.length), [8, 8, 8]);
   for (const track of tracks) {
@@ -22,7 +22,7 @@ test("finds the three tracks and what decoders want to know about them", () => {
 });
 
 test("a video that is cut off is refused", () => {
-  for (const size of [0, 40, 1000, video.length - 1]) assert.throws(() => parseMp4(video.slice(0, size)), { name: "ReelError" });
+  for (const size of [0, 40, 1000, video.length - 1]) assert.throws(() => parseMp4(video.slice(0, size), 100), { name: "ReelError" });
 });
 
 test("a file that is cut off is refused and named", () => {

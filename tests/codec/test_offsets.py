@@ -128,7 +128,7 @@ def test_nan_is_refused():
         ({"width": 1 << 40}, 2, 300, "width"),
         ({"width": 48}, 2, 300, "expected 2 pictures of"),
         ({}, 3, 300, "holds 2 pictures, expected 3"),
-        ({}, 1, 300, "picture 1"),
+        ({}, 1, 300, "claims 2 samples, at most 1"),
         ({}, 2, 100_000, "do not fit"),
         ({}, 1 << 30, 300, "more than"),
         ({"fold": None}, 2, 300, "fold"),

@@ -145,7 +145,7 @@ def test_attributes_as_pictures():
         ("sh_rest", {"codec": "float32"}, "section 'sh_rest' has degree"),
         ("sh_rest", {"codec": "float32", "degree": 1}, "section 'sh_rest' holds"),
         ("scales", {"codec": "picture"}, "section 'scales' has width"),
-        ("scales", {"codec": "picture", "width": 64, "height": 64}, "section 'scales' is not a video"),
+        ("scales", {"codec": "picture", "width": 64, "height": 64}, "section 'scales' is not made of whole MP4 boxes"),
     ],
 )
 def test_lies_about_the_codec(name, change, message):

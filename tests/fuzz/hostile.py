@@ -52,6 +52,7 @@ LIES: dict[str, tuple[str, Callable[[Draft], object]]] = {
     "group-millions-of-flags": ("group-h265", lambda d: _millions_of_flags(d)),
     "group-thousands-of-still-frames": ("group-predictive", lambda d: _still(d, 30_000, 350)),
     "group-thousands-of-pictures": ("group-h265", lambda d: d.own.update(frames=9_000)),
+    "group-millions-of-samples": ("group-h265", lambda d: d.sections.update(offsets=_samples(d.sections["offsets"]))),
     "layer-equal-points": ("layer-predictive", lambda d: _still(d, 800_000, 0)),
     "layer-draco-many-numbers": ("layer-h265", lambda d: d.sections.update(means=_numbers(d.sections["means"]))),
 }
@@ -117,6 +118,14 @@ def _still(draft: Draft, points: int, frames: int) -> None:
         made.own,
         made.sections | {"places": b"", "filler": bytes(max(points // 8, points * frames >> 8))},
     )
+
+
+def _samples(video: bytes) -> bytes:
+    """The tables of a video's first track claim twenty million samples of one byte."""
+    out, count = bytearray(video), 20_000_000
+    for name, at, words in ((b"stts", 8, (count, 512)), (b"stsc", 8, (1, count, 1)), (b"stsz", 4, (1, count))):
+        struct.pack_into(f">{len(words)}I", out, video.index(name) + 4 + at, *words)
+    return bytes(out)
 
 
 def _numbers(cloud: bytes) -> bytes:

@@ -8,6 +8,7 @@ import av
 import numpy as np
 from av.error import FFmpegError
 
+from splatreel.codec.boxes import check_samples
 from splatreel.errors import MissingDependencyError, ReelError
 
 _X265 = (
@@ -49,6 +50,7 @@ def decode_tracks(data: bytes, count: int, frames: int, sizes: list[tuple[int, i
 
     Raises `ReelError` if data is anything else.
     """
+    check_samples(data, frames)
     return [_decode_track(data, track, count, frames, *sizes[track]) for track in range(count)]
 
 

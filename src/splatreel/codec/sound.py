@@ -12,6 +12,7 @@ import av
 import numpy as np
 from av.error import FFmpegError
 
+from splatreel.codec.boxes import check_samples
 from splatreel.codec.container import write_atomically
 from splatreel.codec.fragments import PACKET, RATE, initialisation, segment
 from splatreel.codec.manifest import parse_manifest
@@ -91,8 +92,10 @@ def decode_sound(init: bytes, segments: list[bytes], channels: int) -> Iterator[
 
     Raises `ReelError` if they are anything else than sound of so many channels.
     """
+    data = init + b"".join(segments)
+    check_samples(data, len(data))
     try:
-        with av.open(io.BytesIO(init + b"".join(segments)), "r", format="mov") as container:
+        with av.open(io.BytesIO(data), "r", format="mov") as container:
             if len(container.streams) != 1 or not container.streams.audio:
                 raise ReelError("is not one track of sound.")
             stream = container.streams.audio[0]

@@ -1,0 +1,62 @@
+"""The boxes of an MP4 file, looked through before FFmpeg is: it makes room for as many samples as a table claims, 24 bytes each."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+from splatreel.errors import ReelError
+
+_PARENTS = {"moov", "trak", "mdia", "minf", "stbl", "edts", "mvex", "moof", "traf"}
+_TABLES = {"stsz", "stz2", "stts", "ctts", "trun"}
+"""Boxes that say how many samples there are."""
+_KNOWN = {
+    *("ftyp", "styp", "free", "mdat", "sidx", "mvhd", "udta", "tkhd", "elst", "mdhd", "hdlr", "vmhd", "smhd", "dinf", "stsd", "stss"),
+    *("stsc", "stco", "co64", "sgpd", "sbgp", "sdtp", "mehd", "trex", "mfhd", "tfhd", "tfdt"),
+}  # fmt: skip
+_HIDDEN = [name.encode() for name in sorted(_PARENTS | _TABLES | {"cmov"})]
+
+
+def check_samples(data: bytes, most: int) -> None:
+    """Raise `ReelError` for what is not made of the boxes that a reel's files have, or claims more than `most` samples in a track."""
+    in_fragments = 0
+    for name, begin, end in _boxes(memoryview(data), 0, len(data)):
+        if name in _TABLES:
+            claimed = _samples(name, data[begin:end])
+            in_fragments += claimed if name == "trun" else 0
+            if max(claimed, in_fragments) > most:
+                raise ReelError(f"claims {max(claimed, in_fragments)} samples, at most {most} were expected.")
+
+
+def _boxes(data: memoryview, begin: int, end: int) -> Iterator[tuple[str, int, int]]:
+    """Name and where the body is of every box that holds no others."""
+    while begin < end:
+        size, body = int.from_bytes(data[begin : begin + 4], "big"), begin + 8
+        name = bytes(data[begin + 4 : body]).decode("latin-1")
+        if size == 1:
+            size, body = int.from_bytes(data[body : body + 8], "big"), body + 8
+        if size < body - begin or begin + size > end:
+            raise ReelError("is not made of whole MP4 boxes.")
+        if name in _PARENTS:
+            yield from _boxes(data, body, begin + size)
+        elif name in _TABLES:
+            yield name, body, begin + size
+        elif name not in _KNOWN or (name != "mdat" and _hides(bytes(data[body : begin + size]))):
+            raise ReelError(f"holds an MP4 box {name!r} that is none of a reel.")
+        begin += size
+
+
+def _hides(body: bytes) -> bool:
+    """Whether boxes stand where they have no place: FFmpeg finds them in some of these."""
+    return any(name in body for name in _HIDDEN)
+
+
+def _samples(name: str, body: bytes) -> int:
+    """How many a table claims."""
+    if name in ("stsz", "stz2"):
+        return int.from_bytes(body[8:12], "big")
+    count = int.from_bytes(body[4:8], "big")
+    if name == "trun":
+        return count
+    if 8 + 8 * count > len(body):
+        raise ReelError(f"has a table {name!r} that is cut off.")
+    return sum(int.from_bytes(body[at : at + 4], "big") for at in range(8, 8 + 8 * count, 8))
