@@ -6,6 +6,8 @@ const MOST = 12;
 export interface Holder {
   /** Nobody misses anything if it gives its device back now: its picture stays, and nothing moves in it. */
   readonly idle: boolean;
+  /** Somebody waits for what it does now. */
+  readonly needed: boolean;
   /** Take a device. */
   wake(): void;
   /** Give it back. */
@@ -25,7 +27,8 @@ export class Devices {
     const at = this.holding.indexOf(holder);
     if (at >= 0) return void this.holding.push(...this.holding.splice(at, 1)); // used last
     this.forget(holder);
-    if (now && this.holding.length >= this.most) this.evict(this.victim() ?? this.holding[0]);
+    const victim = now && this.holding.length >= this.most ? (this.victim() ?? this.holding.find(({ needed }) => !needed)) : null;
+    if (victim) this.evict(victim);
     if (now) this.waiting.unshift(holder);
     else this.waiting.push(holder);
     this.review();

@@ -56,10 +56,10 @@ export class Playback {
 
   /** Draw the picture that shows once more, at once; false where there is none. */
   redraw(): boolean {
-    const { stage, view } = this.player;
-    if (!stage || stage.lost || !this.pictured || !view) return false;
+    const { stage } = this.player;
+    if (!stage?.view || stage.lost || !this.pictured) return false;
     stage.redraw();
-    stage.draw(null, view);
+    stage.draw(null, stage.view);
     return true;
   }
 

@@ -25,7 +25,11 @@ export class Presence implements Holder {
 
   get idle(): boolean {
     const { playback, paused, error } = this.player;
-    return this.asked === 0 && (error !== null || (playback.ready && (paused || !this.seen)));
+    return !this.needed && (error !== null || (playback.ready && (paused || !this.seen)));
+  }
+
+  get needed(): boolean {
+    return this.asked > 0;
   }
 
   wake(): void {
@@ -69,13 +73,14 @@ export class Presence implements Holder {
     } finally {
       this.asked--;
       this.settle();
+      devices.review();
     }
   }
 
   /** Let the player be as is right where the element is. */
   settle(): void {
     this.player.shown = this.connected && (this.seen || this.asked > 0);
-    if (this.wanted) devices.claim(this);
+    if (this.wanted) devices.claim(this, this.needed);
     else devices.leave(this);
   }
 

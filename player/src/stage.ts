@@ -30,6 +30,8 @@ export class Stage {
   private drawnFrame = 0;
   private sortedFor: View | null = null;
   private unsorted = true;
+  /** The order has not been drawn yet. */
+  private fresh = false;
   private dirty = false;
   private closed = false;
   private sorting: Scene | null = null;
@@ -123,6 +125,7 @@ export class Stage {
     this.renderer.setOrder(reply.order, reply.count);
     this.sorter.recycle(reply.order);
     this.scene = scene;
+    this.fresh = true;
     this.sortedFor = view;
     this.dirty = true;
     return true;
@@ -141,7 +144,10 @@ export class Stage {
     const { groups, overlap } = manifest;
     const { group } = scene.current;
     // A moment that the order is not for waits for its own; until then the last one stays.
+    const ordered = groups[group].firstFrame + scene.current.frame;
     if (frame !== null && isOrderedFor(scene, frame, manifest)) this.drawnFrame = frame;
+    else if (frame !== null && frame < ordered && this.fresh) this.drawnFrame = ordered; // time runs backwards: one behind
+    this.fresh = false;
     const moment = momentOf(groups, overlap, this.drawnFrame, group);
     const previous = scene.previous && { group: scene.previous.group, frame: clampFrame(groups[scene.previous.group], this.drawnFrame) };
     paint({ ...scene, current: moment.current, previous }, previous ? moment.weight : 1);

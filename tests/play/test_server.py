@@ -52,7 +52,7 @@ def test_serves_the_player_and_the_reel(server: Server):
     page, body = request(server, "/")
     assert page.status == 200
     assert page.headers["Content-Type"] == "text/html; charset=utf-8"
-    assert b"early.js" in body
+    assert b"player.js" in body
     manifest, body = request(server, "/reel/manifest.json?x=1")
     assert json.loads(body) == {"format": "splatreel"}
     assert manifest.headers["Access-Control-Allow-Origin"] == "*"

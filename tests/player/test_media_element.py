@@ -204,3 +204,31 @@ def test_a_live_reel_that_goes_round_fades_into_its_last_group(embed: Page):
     page.evaluate("r.playbackRate = 0.5; r.play()")
     page.wait_for_function("rounds >= 3")
     assert page.evaluate("faults") == []
+
+
+def test_time_that_runs_backwards_is_drawn(embed: Page):
+    """A camera path may do so: the order is then always that of a later frame."""
+    page = embed
+    opened(page)
+    page.evaluate("r.currentTime = 0.39")
+    page.wait_for_function("!r.seeking")
+    drawn = page.evaluate("""() => new Promise((resolve) => {
+      const { stage, playback } = r.player;
+      const { renderer } = stage;
+      const draw = renderer.draw.bind(renderer);
+      const drawn = [];
+      renderer.draw = (scene, weight, view) => {
+        drawn.push(6 * scene.current.group + scene.current.frame);
+        draw(scene, weight, view);
+      };
+      let time = 0.39;
+      const step = () => {
+        time -= 0.005;
+        playback.scrub(time);
+        if (time > 0.05) requestAnimationFrame(step);
+        else resolve(drawn);
+      };
+      step();
+    })""")
+    assert len({round(frame, 2) for frame in drawn}) > 8
+    assert drawn[-1] < 4
