@@ -3,7 +3,7 @@ import { readFileSync } from "node:fs";
 import { join } from "node:path";
 import { test } from "node:test";
 import { deflateRawSync } from "node:zlib";
-import { openFiles } from "../src/open-files";
+import { openDropped, openFiles } from "../src/open-files";
 import { filesOfZip } from "../src/zip";
 
 interface Packed { name: string; bytes: Buffer; method?: number; flags?: number }
@@ -93,4 +93,26 @@ test("what is no reel is called by what it is", async () => {
     [[], /There is no file/],
   ];
   for (const [files, message] of cases) await assert.rejects(openFiles(files), { name: "ReelError", message });
+});
+
+/** A folder as browsers give it: few entries at a time, until there are none. */
+function folder(name: string, inside: object): FileSystemEntry {
+  const entries = Object.entries(inside).map(([key, value]) =>
+    typeof value === "string" ? { name: key, isFile: true, isDirectory: false, file: (resolve: (file: File) => void) => resolve(file(text(value), key)) } : folder(key, value as object),
+  );
+  const createReader = () => {
+    const left = [...entries];
+    return { readEntries: (resolve: (some: unknown[]) => void) => resolve(left.splice(0, 2)) };
+  };
+  return { name, isFile: false, isDirectory: true, createReader } as unknown as FileSystemEntry;
+}
+
+test("the reel in a folder that is dropped is found, also within another", async () => {
+  const files = { "a.txt": "a", "b.txt": "b", "c.txt": "c", reel: { "manifest.json": "{}", groups: { "0000.safetensors": "group" } } };
+  const reel = await openDropped({ entries: [folder("out", files)], files: [] });
+  assert.equal(reel.name, "out");
+  assert.equal(await reel.manifest(), "{}");
+  assert.equal(await reel.part("groups/0000.safetensors").blob.text(), "group");
+  assert.equal(reel.part("a.txt").blob.size, 0);
+  await assert.rejects(openDropped({ entries: [folder("empty", { "a.txt": "a" })], files: [] }), { message: /empty holds no manifest\.json/ });
 });

@@ -70,6 +70,9 @@ def test_page_player_and_reel_on_three_origins(page: Page, tmp_path: Path, reel:
             wait_for_picture(page)
             page.evaluate(f"{PLAYER}.currentTime = 0.3")
             wait(page, f"!{PLAYER}.seeking && !{PLAYER}.waiting")
+            page.locator("splat-reel").get_by_role("button", name="Settings").click()
+            page.locator("splat-reel").get_by_role("button", name="Camera path").click()
+            page.locator("splat-reel .path-panel").wait_for()  # a module that is loaded when it is asked for
     assert forbidden == []
 
 
