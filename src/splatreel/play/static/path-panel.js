@@ -15,7 +15,7 @@ function v(e){return e instanceof Error?e.message:String(e)}var u=e=>`<svg viewB
 .path-panel .add, .path-panel .play { background: var(--text); color: var(--ground); font-weight: 600; }
 .path-panel .add:hover, .path-panel .play:hover { background: var(--text); opacity: 0.86; }
 .path-panel > * { flex: none; }
-.path-panel ol { flex: 0 1 auto; display: grid; gap: 2px; min-height: min(100px, 30cqh); margin: 0; padding: 0; overflow: auto; list-style: none; }
+.path-panel ol { flex: 0 1 auto; display: grid; align-content: start; gap: 2px; min-height: min(100px, 30cqh); margin: 0; padding: 0; overflow: auto; list-style: none; }
 .path-panel ol:empty { display: none; }
 .path-panel li { display: flex; align-items: center; gap: 4px; }
 .path-panel .go { flex: 1; justify-content: flex-start; font-variant-numeric: tabular-nums; }
@@ -24,7 +24,7 @@ function v(e){return e instanceof Error?e.message:String(e)}var u=e=>`<svg viewB
 .path-panel [type="number"] { width: 60px; height: 32px; padding: 0 6px; border: 1px solid var(--line); border-radius: 8px; background: none; color: var(--text); font: inherit; text-align: end; }
 .path-panel [type="number"]:disabled { border-color: transparent; color: var(--muted); }
 @media (pointer: coarse) { .path-panel button, .path-panel [type="number"] { height: 44px; } .path-panel .close, .path-panel .remove { width: 44px; } }
-@container (max-width: 520px) { .path-panel { top: auto; right: 12px; bottom: 92px; max-height: 42cqh; } }
+@container (max-width: 520px) { .path-panel { top: auto; right: 12px; bottom: 92px; max-height: 54cqh; } }
 `;var J=`<section class="sheet path-panel" aria-label="Camera path">
   <header><h2>Camera path</h2><button type="button" class="close" aria-label="Close the camera path">${k}</button></header>
   <div class="row">
