@@ -176,6 +176,18 @@ def test_killed_at_any_write_the_run_ends_as_if_it_had_not_been(
     assert [file for file in run.rglob("*") if ".tmp" in file.name] == []
 
 
+@pytest.mark.parametrize("uri", ["groups/0000.safetensors", "layers/0000.safetensors"])
+def test_files_of_the_reel_that_were_damaged_are_written_again(whole: Result, copy: Path, uri: str) -> None:
+    """As long as before, and other bytes: what a bad disk makes of a file."""
+    file = copy / "reel" / uri
+    data = bytearray(file.read_bytes())
+    data[len(data) // 2] ^= 1
+    file.write_bytes(data)
+    reconstruct(WallCapture(FRAMES), copy, CONFIG)
+    verify_reel(copy / "reel")
+    assert content(copy / "reel") == content(whole.reel)
+
+
 def test_a_full_disk_names_the_file_and_costs_nothing(
     whole: Result, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
