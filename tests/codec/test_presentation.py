@@ -16,6 +16,7 @@ from splatreel.codec.presentation import (
     Sound,
     SoundSegment,
     Thumbnails,
+    check_text,
 )
 from splatreel.codec.reader import ReelReader
 from splatreel.codec.verify import verify_reel
@@ -134,3 +135,9 @@ def test_a_writer_that_goes_on_keeps_it_and_one_that_begins_anew_does_not(tmp_pa
     assert new_writer(tmp_path, resume=True).manifest.presentation.poster is not None
     assert new_writer(tmp_path).manifest.presentation == EMPTY
     assert not (tmp_path / "poster.jpg").exists()
+
+
+def test_half_a_character_is_not_written():
+    """What a terminal of another encoding hands over, and no reader takes."""
+    with pytest.raises(ReelError, match="a title that holds half a character"):
+        check_text("title", "caf\udce9")

@@ -113,9 +113,10 @@ def _write_film(source: Timeline, first: int, end: int, out: Path, width: int | 
 
     start = source.manifest.camera
     if width is not None:
-        if not 16 <= width <= WIDEST or not 16 <= round(start.height * width / start.width) <= WIDEST:
-            raise UsageError(f"--width {width}: films are 16 to {WIDEST} pixels wide and high.")
-        start = start.resized(width, round(start.height * width / start.width))
+        start = start.resized(max(width, 1), max(round(start.height * width / start.width), 1))
+    if not (16 <= start.width <= WIDEST and 16 <= start.height <= WIDEST):
+        asked = f"--width {width}" if width is not None else f"{start.width} x {start.height} pixels"
+        raise UsageError(f"{asked}: films are 16 to {WIDEST} pixels wide and high. Choose another --width.")
     if path is None:
         shots = film_through(start, source.manifest.cameras, end - first, source.fps, first)
     else:

@@ -30,7 +30,9 @@ class Words:
             try:
                 check_text(name, value)
             except ReelError as error:
-                raise UsageError(
-                    f"--{name}: {len(value)} characters, at most {MAX_TEXT[name]} are possible. Shorten it."
-                ) from error
+                wrong = f"{len(value)} characters, at most {MAX_TEXT[name]} are possible. Shorten it."
+                wrong = (
+                    wrong if len(value) > MAX_TEXT[name] else "is no text in this terminal's encoding. Write it anew."
+                )
+                raise UsageError(f"--{name}: {wrong}") from error
         return found

@@ -155,7 +155,9 @@ def parse_presentation(document: dict[str, Any]) -> Presentation:
 
 
 def check_text(name: str, text: str) -> str:
-    """A title, author, description or licence as it may be written. Raises `ReelError` for one that is too long."""
+    """A title, author, description or licence as it may be written. Raises `ReelError` for one that is too long, or no Unicode."""
+    if any("\ud800" <= character <= "\udfff" for character in text):
+        raise ReelError(f"has a {name} that holds half a character.")
     if len(text) > MAX_TEXT[name]:
         raise ReelError(f"has a {name} of {len(text)} characters, at most {MAX_TEXT[name]} are read.")
     return text
