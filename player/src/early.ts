@@ -1,9 +1,9 @@
 /** Within the bundled page, before the player is here: asks for the manifest, and shows the reel's poster. */
 import type { Early, Stage } from "./page";
 
-/** Later than this, milliseconds after people came, the line is slow: the player waits until the poster is here. */
+/** Later than this, milliseconds after people came, the line is slow: the poster goes first. */
 const SLOW = 150;
-/** But no longer than this. */
+/** The player waits no longer than this for what says whether there is one. */
 const PATIENCE = 2500;
 /** A manifest that takes longer than this has stalled. */
 const STALL = 8000;
@@ -18,14 +18,26 @@ const image = document.createElement("img");
 const early: Early = { url, text, image, worker: null };
 stage.early = early;
 
-function begin(): void {
-  early.worker = new Worker(new URL("./decode-worker.js", import.meta.url));
+/** The player, unless it is asked for already. */
+function play(): void {
   void import("./player.js");
 }
 
+/** And its first worker, unless the player has started one. */
+function begin(): void {
+  play();
+  if (!customElements.get("splat-reel")) early.worker ??= new Worker(new URL("./decode-worker.js", import.meta.url));
+}
+
+const asked = performance.now();
 const poster = show().catch(() => undefined);
-if (performance.now() < SLOW) begin();
-else void Promise.race([poster, new Promise((resolve) => setTimeout(resolve, PATIENCE))]).then(begin);
+if (asked < SLOW) begin();
+else {
+  // The poster is some 20 KB: what the player is asked for a little later comes when most of it is there.
+  void text.then(() => setTimeout(play, (performance.now() - asked) / 2));
+  void poster.then(begin);
+  setTimeout(play, PATIENCE);
+}
 
 /** Resolves when the poster is there, or there is none. */
 async function show(): Promise<void> {
