@@ -80,7 +80,9 @@ def wait(page: Page) -> None:
     wait_for_picture(page)
     page.evaluate(f"{PLAYER}.resolution.quality = 'full'; {PLAYER}.invalidate(); {PLAYER}.currentTime = 0.3")
     page.wait_for_function(f"{PLAYER}.waiting")
-    page.wait_for_timeout(1800)  # until it is explained
+    page.evaluate(f"Object.defineProperty({PLAYER}, 'progress', {{value: 0.42}})")
+    page.evaluate(f"{PLAYER}.dispatchEvent(new Event('progress'))")
+    page.locator("splat-reel .wait.long").wait_for()  # it is explained
 
 
 def error(page: Page) -> None:
@@ -178,8 +180,9 @@ def no_second_group(page: Page) -> None:
     page.route("**/groups/0001.safetensors", lambda route: None)
 
 
-def no_group(page: Page) -> None:
-    page.route("**/groups/*", lambda route: None)
+def no_files(page: Page) -> None:
+    for files in ("groups", "layers"):
+        page.route(f"**/{files}/*", lambda route: None)
 
 
 def no_reel(page: Page) -> None:
@@ -236,8 +239,8 @@ STATES = {
     "start": Screen(fresh),
     "paused": Screen(begin),
     "playing": Screen(play),
-    "menu": Screen(menu, renditions, size=(480, 480)),
-    "menu-light": Screen(menu, size=(480, 440), scheme="light"),
+    "menu": Screen(menu, renditions, size=(480, 520)),
+    "menu-light": Screen(menu, size=(480, 520), scheme="light"),
     "help": Screen(press("?"), size=(900, 520)),
     "statistics": Screen(statistics),
     "statistics-light": Screen(statistics, scheme="light"),
@@ -245,7 +248,7 @@ STATES = {
     "error": Screen(error, no_reel, query=GIVEN),
     "error-light": Screen(error, no_reel, query=GIVEN, scheme="light"),
     "live": Screen(begin, live_reel),
-    "poster": Screen(nothing, no_group, query=f"?autoplay=0&poster={poster()}"),
+    "poster": Screen(nothing, no_files, query=f"?autoplay=0&poster={poster()}"),
     "headset": Screen(begin, headset),
     "narrow": Screen(begin, headset, size=(320, 480)),
     "narrow-menu": Screen(menu, renditions, size=(320, 480)),
