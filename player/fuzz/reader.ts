@@ -164,7 +164,7 @@ function editValue(owner: Json, key: string, program: Program): void {
 /** Bytes changed, inserted, left out or cut off, one edit; none if the program is at its end. */
 function damaged(data: Buffer, program: Program, always = false): Buffer {
   if (!always && !program.left) return data;
-  const kind = program.byte() % 5;
+  const kind = program.byte() % 6;
   const at = program.below(data.length + 1);
   const [head, tail] = [data.subarray(0, at), data.subarray(at)];
   if (kind === 0) return Buffer.concat([head, Buffer.of((tail[0] ?? 0) ^ (program.byte() || 1)), tail.subarray(1)]);
@@ -172,6 +172,6 @@ function damaged(data: Buffer, program: Program, always = false): Buffer {
   if (kind === 2) return Buffer.concat([head, tail.subarray(1 + program.byte())]);
   if (kind === 3) return Buffer.concat([head, Buffer.alloc(1 + program.byte(), program.byte()), tail]);
   const word = Buffer.alloc(4);
-  word.writeUInt32LE(Number(VALUES[program.below(9)]) >>> 0);
+  word[kind === 4 ? "writeUInt32LE" : "writeUInt32BE"](Number(VALUES[program.below(9)]) >>> 0);
   return Buffer.concat([head, word, tail.subarray(4)]);
 }

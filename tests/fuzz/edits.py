@@ -92,6 +92,11 @@ def run(data: bytes) -> tuple[str, bytes]:
             if program.left:
                 edit_json(document, program)
         return name, damaged(json.dumps(document).encode(), program)
+    if name == "sound":
+        data = files()[name]
+        for _ in range(MAX_EDITS):
+            data = damaged(data, program)
+        return name, data
     draft = Draft.of(files()[name])
     for _ in range(MAX_EDITS):
         if program.left:
@@ -110,7 +115,7 @@ def edit(draft: Draft, program: Program) -> None:
         with contextlib.suppress(zlib.error):
             draft.sections[name] = zlib.compress(damaged(zlib.decompress(draft.sections[name]), program, always=True))
     elif kind == 6:
-        names = sorted(set(files()) - {"manifest"})
+        names = sorted(set(files()) - {"manifest", "sound"})
         other = Draft.of(files()[names[program.below(len(names))]])
         taken = sorted(other.sections)[program.below(len(other.sections))]
         draft.sections[taken] = other.sections[taken]
@@ -147,7 +152,7 @@ def damaged(data: bytes, program: Program, always: bool = False) -> bytes:
     """Bytes changed, inserted, left out or cut off, one edit; none if the program is at its end."""
     if not (always or program.left):
         return data
-    kind = program.number() % 5
+    kind = program.number() % 6
     at = program.below(len(data) + 1)
     if kind == 0:
         return data[:at] + bytes([(data[at] if at < len(data) else 0) ^ (program.number() or 1)]) + data[at + 1 :]
@@ -157,4 +162,4 @@ def damaged(data: bytes, program: Program, always: bool = False) -> bytes:
         return data[:at] + data[at + 1 + program.number() :]
     if kind == 3:
         return data[:at] + bytes([program.number()]) * (1 + program.number()) + data[at:]
-    return data[:at] + struct.pack("<I", VALUES[program.below(12)] & 0xFFFFFFFF) + data[at + 4 :]
+    return data[:at] + struct.pack("<I" if kind == 4 else ">I", VALUES[program.below(12)] & 0xFFFFFFFF) + data[at + 4 :]

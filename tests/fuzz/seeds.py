@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from splatreel.codec.group_file import encode_group, encode_layer
+from splatreel.codec.sound import encode_sound
 from splatreel.config import EncodeConfig
 from splatreel.scene.group import Group
 from tests.codec.reels import points, write_reel
@@ -30,7 +31,7 @@ POINTS, FRAMES = 12, 3
 
 @cache
 def files() -> dict[str, bytes]:
-    """`layer-NAME` and `group-NAME` of every configuration, and the `manifest` of a reel."""
+    """`layer-NAME` and `group-NAME` of every configuration, the `manifest` of a reel, and its `sound`."""
     found = {}
     for name, config in CONFIGURATIONS.items():
         found[f"layer-{name}"], _ = encode_layer(0, 0, points(POINTS, degree=2), config, weights(POINTS))
@@ -45,4 +46,6 @@ def files() -> dict[str, bytes]:
             found[f"group-{name}-shaded"], _ = encode_group(shaded, config, weights(POINTS))
     with tempfile.TemporaryDirectory() as folder:
         found["manifest"] = (write_reel(Path(folder) / "reel") / "manifest.json").read_bytes()
+    sound = encode_sound([np.sin(np.arange(4800, dtype=np.float32))[:, None]], 1)
+    found["sound"] = sound.init + sound.segments[0]
     return found
