@@ -7,7 +7,7 @@ import pytest
 from splatreel.recon.findings import Findings
 from splatreel.recon.poses import MOVED, PLENTY, Verdict, check_poses
 from splatreel.scene.camera import Camera
-from tests.recon.corner import WIDTH, arc, pictures
+from tests.recon.corner import HEIGHT, WIDTH, arc, pictures, texture
 
 CAMERAS = arc(9)
 TRUTH = pictures(CAMERAS)
@@ -85,11 +85,18 @@ def test_a_camera_that_stands_alone_is_kept_and_said_to_be_unchecked() -> None:
 
 
 def test_three_cameras_with_too_little_in_common_are_not_said_to_misfit() -> None:
-    images = np.stack([TRUTH[0], TRUTH[4, ::-1, ::-1], np.roll(TRUTH[8], (61, 90), (0, 1))])
+    images = np.stack([TRUTH[0], *(texture(seed)[:HEIGHT, :WIDTH].astype(np.uint8) for seed in (8, 9))])
     apart = [CAMERAS[0], beside(CAMERAS[4], 60), beside(CAMERAS[8], -60)]
     assert check_poses(apart, moments(images)) == Findings({}, [], [], [0, 1, 2])
     # The same where they stand side by side, and two of three videos are others': too few places to judge by.
     assert check_poses([CAMERAS[0], CAMERAS[4], CAMERAS[8]], moments(images)) == Findings({}, [], [], [0, 1, 2])
+
+
+def test_pictures_that_show_the_same_but_not_where_they_should_are_said_to_misfit() -> None:
+    """Their calibration is wrong: they are said to stand far from each other, and have wide lenses."""
+    scale = np.array([[0.6, 1, 1], [1, 0.6, 1], [1, 1, 1]])
+    wrong = [beside(replace(c, K=c.K * scale), 70.0 * number) for number, c in enumerate(CAMERAS[:5])]
+    assert check_poses(wrong, moments(TRUTH[:5])) == Findings({}, [], [0, 1, 2, 3, 4])
 
 
 def test_nobody_can_tell_where_every_third_is_wrong() -> None:

@@ -161,4 +161,4 @@ def test_where_too_many_are_wrong_the_user_is_told_and_nothing_changes(tmp_path:
     assert np.array_equal(rig.gather(PICTURES, tmp_path, notes), PICTURES)
     assert all(np.array_equal(now.viewmat, before.viewmat) for now, before in zip(rig.cameras, said, strict=True))
     (line,) = notes.lines
-    assert re.match("the poses of .*cam1.*cam4.*cam7.* do not fit each other, too many to be put right", line)
+    assert re.match("the poses or lenses of .*cam1.*cam4.*cam7.* do not fit each other, too many to be put right", line)

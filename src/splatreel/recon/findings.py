@@ -52,7 +52,9 @@ class Findings:
         said = [f"{names[number]} {wrong}" for number in self.strangers]
         if self.doubtful:
             doubtful = ", ".join(names[number] for number in self.doubtful)
-            said.append(f"the poses of {doubtful} do not fit each other, too many to be put right: calibrate anew")
+            said.append(
+                f"the poses or lenses of {doubtful} do not fit each other, too many to be put right: calibrate anew"
+            )
         if len(self.unchecked) == len(names):
             said.append("the cameras show too little in common to check their poses: taken as they are said to be")
         elif self.unchecked:

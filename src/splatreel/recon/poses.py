@@ -18,7 +18,7 @@ from splatreel import threads
 from splatreel.recon.features import detect, epipolar_lines, match, off_line
 from splatreel.recon.findings import Findings, Mended
 from splatreel.recon.planesweep import project, unproject
-from splatreel.recon.readings import misread
+from splatreel.recon.readings import misread, related
 from splatreel.recon.triangulate import intersect, neighbour_pairs, reprojection_errors, separation
 from splatreel.scene.camera import Camera, focus_point
 
@@ -205,10 +205,13 @@ def check_poses(cameras: list[Camera], frames: np.ndarray) -> Findings:
         judged = [c for c in everybody if verdicts[c].features]
         unchecked = [c for c in alone if c not in mended]
         suspects = sorted({*mended, *wrong, *strangers})
-        if suspects and 3 * len(suspects) >= len(cameras):
-            if 2 * len(judged) < len(cameras):
-                return Findings({}, [], [], sorted({*suspects, *unchecked}))
+        many = bool(suspects) and 3 * len(suspects) >= len(cameras)
+        if many and 2 * len(judged) >= len(cameras):
             return Findings({}, [], suspects)
+        if many or 2 * len(unchecked) > len(cameras):
+            lost = sorted({*suspects, *unchecked})
+            misfit = related(sight.features[0], neighbour_pairs(cameras, 1))
+            return Findings({}, [], lost) if misfit else Findings({}, [], [], lost)
         if not wrong:
             break
         worst = max(wrong, key=lambda c: verdicts[c].gain)

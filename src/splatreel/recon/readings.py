@@ -1,13 +1,15 @@
 """What a capture's poses may have been meant as, where they do not fit its pictures (beyond the paper).
 
 Files hold camera to world where world to camera is asked for, or axes of OpenGL's. By themselves such matrices are as good as any; but
-features of neighbouring cameras then lie on no epipolar lines, or behind the cameras.
+features of neighbouring cameras then lie on no epipolar lines, or behind the cameras. Pictures that show the same, but not where poses
+and lenses say, tell from those that show too little of what the others do.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
 
+import cv2
 import numpy as np
 
 from splatreel.capture.poses import inverted, turned_about
@@ -21,6 +23,9 @@ FITS = 0.2
 """Share of the matches of nearest cameras that fit, from which on poses are taken as they are said to be."""
 CLEARLY, FEWEST = 3.0, 60
 """Times as many matches that fit, against chance and against the poses as they are said to be; and how many of them, at least."""
+SIMILAR, TOLERANCE, RELATED = 0.8, 1.0, 16
+"""The second best match must be so much farther off, pixels off a line of whatever geometry, and how many matches then tell that two
+pictures show the same: one in eight of those have as many that do not."""
 Matches = dict[tuple[int, int], np.ndarray]
 """[M, 2] indices of features, by pairs of cameras."""
 
@@ -47,6 +52,28 @@ def misread(cameras: list[Camera], features: list[Features], matches: Matches) -
             best, share, count = name, found, many
     chance = CLOSE / (REACH * cameras[0].width)
     return best if count >= FEWEST and share > CLEARLY * max(said, chance / 2) and share > 1.5 * chance else None
+
+
+def related(features: list[Features], pairs: list[tuple[int, int]]) -> bool:
+    """Whether most pairs of pictures show the same things from somewhere, whatever is said of their cameras."""
+    return 2 * sum(_show_the_same(features[i], features[j]) for i, j in pairs) > len(pairs)
+
+
+def _show_the_same(a: Features, b: Features) -> bool:
+    """Whether mutual best matches fit some epipolar geometry."""
+    if min(len(a.pixels), len(b.pixels)) < RELATED:
+        return False
+    similarity = a.descriptors @ b.descriptors.T
+    rows, best = np.arange(len(similarity)), similarity.argmax(1)
+    mutual, first = similarity.argmax(0)[best] == rows, similarity[rows, best]
+    similarity[rows, best] = -1
+    apart, next_apart = (np.sqrt(np.maximum(2 - 2 * alike, 0)) for alike in (first, similarity.max(1)))
+    found = mutual & (apart < SIMILAR * next_apart)
+    if found.sum() < RELATED:
+        return False
+    here, there = a.pixels[found], b.pixels[best[found]]
+    fits = cv2.findFundamentalMat(here, there, cv2.USAC_MAGSAC, TOLERANCE, 0.999, 2000)[1]
+    return fits is not None and int(fits.sum()) >= RELATED
 
 
 def match_nearest(cameras: list[Camera], features: list[Features]) -> Matches:
