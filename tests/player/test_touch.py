@@ -10,7 +10,6 @@ pytestmark = pytest.mark.browser
 
 REEL = "document.querySelector('splat-reel')"
 IDLE = f"{REEL}.classList.contains('idle')"
-NONE = "rgba(0, 0, 0, 0)"
 THUMB = 44
 """CSS pixels of a side that a finger hits."""
 
@@ -89,7 +88,5 @@ def test_no_hover_sticks_to_what_was_tapped(phone: Page, server: Server):
     reset = phone.locator("splat-reel .reset")
     reset.tap()
     phone.wait_for_timeout(300)
-    assert reset.evaluate("(button) => [button.matches(':hover'), getComputedStyle(button).backgroundColor]") == [
-        True,
-        NONE,
-    ]
+    assert reset.evaluate("(button) => button.matches(':hover')") is True
+    assert reset.evaluate("(button) => getComputedStyle(button).backgroundColor").endswith(", 0)")  # nothing to see
