@@ -54,12 +54,13 @@ export class Playback {
     [this.stalled, this.late, this.ready, this.pictured, this.moving] = [true, false, false, false, false];
   }
 
-  /** Draw the picture that shows once more, at once; false where there is none. */
+  /** Draw the picture that shows once more, at once and in full; false where there is none. */
   redraw(): boolean {
-    const { stage } = this.player;
+    const { stage, resolution } = this.player;
     if (!stage?.view || stage.lost || !this.pictured) return false;
+    resolution.settle();
     stage.redraw();
-    stage.draw(null, stage.view);
+    stage.draw(null, this.player.view ?? stage.view);
     return true;
   }
 

@@ -31,9 +31,9 @@ export class Poster {
   /** Keep what the canvas shows. */
   keep(): void {
     const { canvas } = this.player;
+    if (!this.player.playback.redraw()) return;
     const still = document.createElement("canvas");
     [still.width, still.height, still.className] = [canvas.width, canvas.height, "poster still"];
-    if (!this.player.playback.redraw()) return;
     still.getContext("2d")!.drawImage(canvas, 0, 0);
     this.hide();
     this.blank(true);

@@ -49,6 +49,11 @@ export class Resolution {
     this.scale = COARSEST;
   }
 
+  /** Nothing moves from now on: the next picture is one in full. */
+  settle(): void {
+    this.resting = true;
+  }
+
   /** Something changes: pictures follow each other again. */
   move(): void {
     this.resting = false;
