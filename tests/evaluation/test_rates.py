@@ -23,6 +23,11 @@ def run(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return scenes.write_run(tmp_path_factory.mktemp("rates") / "run")
 
 
+def test_what_the_run_was_trained_on_is_not_taken_for_held_out(run: Path) -> None:
+    with pytest.raises(UsageError, match=r"was trained on cam01, cam02, which cannot be held out of it any more"):
+        sweep_of(run, scenes.capture(run, held_out=["cam01", "cam02"]), 2)
+
+
 def test_rows_are_measured_from_real_reels_and_only_once(
     run: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
