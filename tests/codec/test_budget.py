@@ -96,9 +96,7 @@ def test_ordinary_files_are_far_from_the_bound(coarseness: float) -> None:
 
 def test_whoever_trusts_a_file_allows_more() -> None:
     data, _ = encode_layer(0, 0, points(20), EncodeConfig())
-    with pytest.raises(
-        ReelError, match=r"it: claims 20 points in \d+ bytes.* more than the 1 MB .* --max-memory 1\.$"
-    ):
+    with pytest.raises(ReelError, match=r"it: claims 20 points in \d+ bytes.* more than the 1 MB .* --max-memory 1\.$"):
         decode_layer(data, "it", most=1000)
     assert len(decode_layer(data, "it", most=FLOOR)[1]) == 20
 
