@@ -2,33 +2,40 @@
 
 import http.client
 import json
+import re
+import shutil
 import socket
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from html.parser import HTMLParser
 from pathlib import Path
+from types import SimpleNamespace
 from urllib.parse import urlsplit
 
 import pytest
 
 from splatreel.errors import ReelError, UsageError
+from splatreel.play.page import STATIC
 from splatreel.play.presenter import Presenter
-from splatreel.play.server import STATIC, Server, serve
-from tests.codec.reels import new_writer, write_reel
+from splatreel.play.server import Server, serve
+from tests.codec.reels import edit_manifest, new_writer, write_reel
+from tests.golden import GOLDEN
 
+DOCS = Path(__file__).parents[2] / "docs" / "player.md"
 DATA = bytes(range(256)) * 8
 
 
 @pytest.fixture
 def reel(tmp_path: Path) -> Path:
     path = tmp_path / "reel"
-    (path / "groups").mkdir(parents=True)
-    (path / "manifest.json").write_text('{"format": "splatreel"}')
+    shutil.copytree(GOLDEN, path)
     (path / "groups" / "0000.safetensors").write_bytes(DATA)
     (path / "groups" / ".hidden.json").write_text("{}")
-    (path / "notes.py").write_text("secret")
+    for stray in ("notes.py", "notes.json", "groups/0099.safetensors"):
+        (path / stray).write_text("secret")
     (tmp_path / "secret.json").write_text("secret")
-    (path / "link.json").symlink_to(tmp_path / "secret.json")
+    (path / "groups" / "0001.safetensors").unlink()
+    (path / "groups" / "0001.safetensors").symlink_to(tmp_path / "secret.json")
     return path
 
 
@@ -54,8 +61,8 @@ def test_serves_the_player_and_the_reel(server: Server):
     assert page.headers["Content-Type"] == "text/html; charset=utf-8"
     assert b"player.js" in body
     manifest, body = request(server, "/reel/manifest.json?x=1")
-    assert json.loads(body) == {"format": "splatreel"}
-    assert manifest.headers["Access-Control-Allow-Origin"] == "*"
+    assert json.loads(body) == json.loads((GOLDEN / "manifest.json").read_text())
+    assert manifest.headers["X-Content-Type-Options"] == "nosniff"
     assert request(server, "/reel/groups/0000.safetensors")[1] == DATA
 
 
@@ -104,7 +111,7 @@ def test_ranges_that_make_no_sense_give_the_whole(server: Server, header: str):
 def test_head_and_not_modified(server: Server):
     response, body = request(server, "/reel/manifest.json", "HEAD")
     assert (response.status, body) == (200, b"")
-    assert response.headers["Content-Length"] == "23"
+    assert response.headers["Content-Length"] == str((GOLDEN / "manifest.json").stat().st_size)
     again, body = request(server, "/reel/manifest.json", If_None_Match=response.headers["ETag"])
     assert (again.status, body) == (304, b"")
     since, _ = request(server, "/reel/manifest.json", If_Modified_Since=response.headers["Last-Modified"])
@@ -124,8 +131,10 @@ def test_head_and_not_modified(server: Server):
         "/reel/groups/../../secret.json",
         "/reel//etc/passwd",
         "/reel/..\\secret.json",
-        "/reel/link.json",
+        "/reel/groups/0001.safetensors",  # a link that leaves the reel
         "/reel/notes.py",
+        "/reel/notes.json",
+        "/reel/groups/0099.safetensors",
         "/reel/groups/.hidden.json",
         "/reel/manifest.json/",
         "/reel/manifest.json%00.html",
@@ -133,6 +142,8 @@ def test_head_and_not_modified(server: Server):
         "/server.py",
         "/../server.py",
         "/" + "a" * 5000 + ".json",
+        "/reel/" + "a" * 5000 + ".json",
+        "http://127.0.0.1/reel/manifest.json",
         "/none.html",
     ],
 )
@@ -142,15 +153,88 @@ def test_refuses_everything_else(server: Server, path: str):
     assert b"secret" not in body
 
 
-@pytest.mark.parametrize("method", ["POST", "PUT", "DELETE"])
+@pytest.mark.parametrize("method", ["POST", "PUT", "DELETE", "OPTIONS", "TRACE", "MADE-UP"])
 def test_is_read_only(server: Server, method: str):
-    assert request(server, "/reel/manifest.json", method)[0].status == 501
+    response, _ = request(server, "/reel/manifest.json", method)
+    assert response.status == 405
+    assert response.headers["Allow"] == "GET, HEAD"
 
 
-def test_preflight(server: Server):
-    response, _ = request(server, "/reel/manifest.json", "OPTIONS", Origin="http://elsewhere")
-    assert response.status == 204
-    assert "Range" in response.headers["Access-Control-Allow-Headers"]
+@pytest.mark.parametrize("said", [{"Content_Length": "5"}, {"Transfer_Encoding": "chunked"}])
+@pytest.mark.parametrize(("method", "status"), [("GET", 413), ("POST", 405)])
+def test_bodies_are_refused_unread(server: Server, method: str, status: int, said: dict[str, str]):
+    response, _ = request(server, "/reel/manifest.json", method, **said)
+    assert (response.status, response.headers["Connection"]) == (status, "close")
+
+
+def preflight(server: Server) -> http.client.HTTPResponse:
+    asked = {"Access_Control_Request_Method": "GET", "Access_Control_Request_Headers": "range"}
+    return request(server, "/reel/manifest.json", "OPTIONS", Origin="http://elsewhere", **asked)[0]
+
+
+def test_other_sites_may_not_read(server: Server):
+    response, _ = request(server, "/reel/manifest.json", Origin="http://elsewhere")
+    assert response.status == 200
+    assert "Access-Control-Allow-Origin" not in response.headers
+    assert response.headers["Cross-Origin-Resource-Policy"] == "same-origin"
+    assert preflight(server).status == 405
+
+
+def test_with_cors_other_sites_may_read(reel: Path):
+    with serve(reel, port=0, cors=True) as server:
+        response, _ = request(server, "/reel/manifest.json", Origin="http://elsewhere")
+        asked = preflight(server)
+        assert request(server, "/none", Origin="http://elsewhere")[0].headers["Access-Control-Allow-Origin"] == "*"
+    assert response.headers["Access-Control-Allow-Origin"] == "*"
+    assert response.headers["Cross-Origin-Resource-Policy"] == "cross-origin"
+    assert "ETag" in response.headers["Access-Control-Expose-Headers"]
+    assert asked.status == 200
+    assert "Range" in asked.headers["Access-Control-Allow-Headers"]
+
+
+def test_files_of_a_reel_run_nothing(reel: Path):
+    """Its manifest may call a page a picture."""
+    (reel / "page.html").write_text("<script>alert(1)</script>")
+    poster = {"uri": "page.html", "bytes": 25, "sha256": "0" * 64, "width": 1, "height": 1}
+    edit_manifest(reel, lambda document: document.update(poster=poster))
+    with serve(reel, port=0) as server:
+        response, _ = request(server, "/reel/page.html")
+    assert response.headers["Content-Type"] == "application/octet-stream"
+    assert response.headers["Content-Security-Policy"] == "default-src 'none'"
+
+
+def test_the_page_has_the_policy_of_the_docs(server: Server):
+    documented = re.findall(r"^ +Content-Security-Policy: (.+)$", DOCS.read_text(encoding="utf-8"), re.M)[0]
+    response, _ = request(server, "/")
+    assert response.headers["Referrer-Policy"] == "no-referrer"
+    sent = dict(line.split(" ", 1) for line in response.headers["Content-Security-Policy"].split("; "))
+    for line in documented.split("; "):
+        name, *sources = line.split(" ")
+        assert "unsafe-inline" not in sent[name]
+        hashed = [source for source in sources if not source.startswith("'sha256-")]
+        assert set(hashed) <= set(sent[name].split(" ")), name
+
+
+def test_a_live_reel_shows_what_it_grows_by(reel: Path):
+    whole = (reel / "manifest.json").read_text()
+    with serve(reel, port=0) as server:
+        assert request(server, "/reel/groups/0000.safetensors")[0].status == 200
+        (reel / "next.json").write_text("{")
+        (reel / "next.json").replace(reel / "manifest.json")
+        assert request(server, "/reel/groups/0000.safetensors")[0].status == 404, "a damaged manifest names nothing"
+        assert request(server, "/reel/manifest.json")[1] == b"{"
+        (reel / "next.json").write_text(whole)
+        (reel / "next.json").replace(reel / "manifest.json")
+        assert request(server, "/reel/groups/0000.safetensors")[0].status == 200
+
+
+def test_a_file_that_became_shorter_cuts_the_connection(server: Server, reel: Path, monkeypatch: pytest.MonkeyPatch):
+    """The promised length cannot be kept."""
+    monkeypatch.setattr(
+        "splatreel.play.site.os.fstat", lambda _: SimpleNamespace(st_mtime_ns=1, st_mtime=1, st_size=9999)
+    )
+    with pytest.raises((http.client.IncompleteRead, ConnectionError)):
+        request(server, "/reel/groups/0000.safetensors")
 
 
 def test_many_at_once_and_one_that_stalls(server: Server):
@@ -233,12 +317,12 @@ def test_the_page_says_what_the_reel_says(tmp_path: Path):
         assert (image.headers["Content-Type"], data[:2]) == ("image/jpeg", b"\xff\xd8")
         assert request(server, "/", "HEAD")[0].headers["Content-Length"] == str(len(body))
         assert request(server, "/index.html", If_None_Match=answer.headers["ETag"])[0].status == 304
-        secure = Head(request(server, "/", Host="reels.example:8443", X_Forwarded_Proto="https")[1])
-        assert secure.tags["og:image"] == "https://reels.example:8443/reel/poster.jpg"
-        assert "og:image" not in Head(request(server, "/", Host='a"><script>')[1]).tags
         assert Head(request(server, "/?src=other/manifest.json")[1]).title == plain.title, "it is another reel"
         edit_reel_live(reel, "Other")
         assert Head(request(server, "/", If_None_Match=answer.headers["ETag"])[1]).title == "Other"
+    with serve(reel, port=0, allow_hosts=["reels.example"]) as server:
+        secure = Head(request(server, "/", Host="reels.example:8443", X_Forwarded_Proto="https")[1])
+        assert secure.tags["og:image"] == "https://reels.example:8443/reel/poster.jpg"
 
 
 def edit_reel_live(reel: Path, title: str) -> None:
@@ -246,6 +330,7 @@ def edit_reel_live(reel: Path, title: str) -> None:
     writer.present(replace(writer.manifest.presentation, title=title))
 
 
-def test_a_reel_that_says_nothing_has_the_plain_title(server: Server):
+def test_a_reel_that_says_nothing_has_the_plain_title(server: Server, reel: Path):
     """Its manifest is damaged, even: the player says so, not the server."""
+    (reel / "manifest.json").write_text('{"format": "splatreel"}')
     assert Head(request(server, "/")[1]).title == "Splatreel"

@@ -288,6 +288,7 @@ def take(browser: Browser, url: str, screen: Screen) -> np.ndarray:
         forced_colors="active" if screen.forced else "none",
         has_touch=screen.touch,
         is_mobile=screen.touch,
+        bypass_csp=True,  # it forbids the `eval` by which this waits
     )
     screen.before(page)
     page.goto(url + screen.query)

@@ -92,7 +92,7 @@ def test_layers_show_before_the_first_group(page: Page, server: Server):
 
 def test_a_reel_elsewhere_opens_by_src(page: Page, server: Server, tmp_path: Path):
     shutil.copytree(GOLDEN, tmp_path / "other")
-    with serve(tmp_path / "other", port=0) as other:
+    with serve(tmp_path / "other", port=0, cors=True) as other:
         open_player(page, server, f"?autoplay=0&src={other.url}reel/manifest.json")
         assert page.evaluate(f"{PLAYER}.manifest.url").startswith(other.url)
 

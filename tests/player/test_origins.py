@@ -9,7 +9,8 @@ from pathlib import Path
 import pytest
 from playwright.sync_api import Page
 
-from splatreel.play.server import STATIC
+from splatreel.play.page import STATIC
+from splatreel.play.server import serve
 from tests.flashes import GOLDEN as SOUND
 from tests.golden import GOLDEN, PREDICTIVE
 from tests.player.hosts import host
@@ -21,6 +22,11 @@ DOCS = Path(__file__).parents[2] / "docs" / "player.md"
 CORS = {"Access-Control-Allow-Origin": "*"}
 PAGE = """<!doctype html><link rel="icon" href="data:," /><script type="module" src="{player}player.js"></script>
 <splat-reel src="{reel}manifest.json" controls></splat-reel>"""
+
+
+@pytest.fixture
+def bypass_csp() -> bool:
+    return False
 
 
 def policies() -> list[str]:
@@ -87,6 +93,21 @@ def test_a_strict_policy_on_one_origin(page: Page, tmp_path: Path, reel: Path):
         wait_for_picture(page)
         page.locator("splat-reel").get_by_role("button", name="Settings").click()
         page.goto(f"{site}player/index.html?src=../reel/manifest.json")
+        wait_for_picture(page)
+    assert forbidden == []
+
+
+@pytest.mark.parametrize("reel", [SOUND, PREDICTIVE], ids=["h265", "predictive"])
+def test_the_server_s_own_policy(page: Page, reel: Path):
+    """The page as `serve` sends it, of its own reel and of one on another host."""
+    with serve(reel, port=0) as server, serve(GOLDEN, port=0, cors=True) as other:
+        forbidden = violations(page)
+        page.goto(f"{server.url}?autoplay=0")
+        wait_for_picture(page)
+        if reel is SOUND:
+            page.locator("splat-reel .start").click()
+            wait(page, f"{PLAYER}.soundtrack.audio?.currentTime > 0.1 && {PLAYER}.currentTime > 0.1")
+        page.goto(f"{server.url}?src={other.url}reel/manifest.json")
         wait_for_picture(page)
     assert forbidden == []
 

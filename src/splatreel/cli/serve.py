@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Literal
 
 from tyro.conf import Positional
 
-from splatreel.cli.options import megabytes, reel_folder
+from splatreel.cli.options import megabytes, parse_names, reel_folder
 from splatreel.cli.output import say
 
 if TYPE_CHECKING:
@@ -16,17 +16,27 @@ if TYPE_CHECKING:
     from splatreel.play.viewer import Viewer
 
 
-def serve(reel: Positional[Path], /, host: str = "127.0.0.1", port: int = 8080) -> None:
+def serve(
+    reel: Positional[Path],
+    /,
+    host: str = "127.0.0.1",
+    port: int = 8080,
+    cors: bool = False,
+    allow_host: str | None = None,
+) -> None:
     """Serve a reel and its web player until Ctrl-C.
 
     Args:
         reel: Folder of the reel, or of the reconstruction that holds it.
         host: Address to listen on; 0.0.0.0 lets other machines in.
         port: Port to listen on; 0 takes any that is free.
+        cors: Let pages of other sites read the reel.
+        allow_host: Further names that it may be reached by, such as a proxy's, with commas between them.
     """
     from splatreel.play.server import Server
 
-    run(Server(reel_folder(reel), host, port), browser=False)
+    allowed = parse_names(allow_host, "--allow-host") or ()
+    run(Server(reel_folder(reel), host, port, cors, allowed), browser=False)
 
 
 def view(

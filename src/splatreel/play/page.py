@@ -3,9 +3,12 @@
 from __future__ import annotations
 
 from html import escape
+from pathlib import Path
 
 from splatreel.codec.presentation import Presentation
 
+STATIC = Path(__file__).parent / "static"
+"""The built web player."""
 TITLE = "<title>Splatreel</title>"
 """What stands in the player's own page."""
 

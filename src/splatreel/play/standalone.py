@@ -12,8 +12,7 @@ from splatreel.codec.manifest import FileEntry
 from splatreel.codec.presentation import Asset
 from splatreel.codec.reader import ReelReader
 from splatreel.errors import ReelError
-from splatreel.play.page import introduced
-from splatreel.play.server import STATIC
+from splatreel.play.page import STATIC, introduced
 
 LOADER = re.compile(r'<script type="module" data-early>.*?</script>', re.S)
 PAGE = "<main data-splatreel-page>"

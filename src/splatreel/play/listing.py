@@ -1,0 +1,59 @@
+"""Which files of a reel's folder are served: the manifest and what it names, and no others that lie there."""
+
+from __future__ import annotations
+
+import threading
+from pathlib import Path
+
+from splatreel.codec.manifest import MAX_BYTES, parse_manifest
+from splatreel.codec.presentation import EMPTY, Presentation
+from splatreel.errors import ReelError
+
+MANIFEST = "manifest.json"
+
+
+class Listing:
+    """The manifest of a reel as it is now: it is read again when the file changes, as that of a live reel does. For any thread."""
+
+    def __init__(self, reel: Path) -> None:
+        self._reel = reel.resolve()
+        self._lock = threading.Lock()
+        self._seen: tuple[int, int, int] | None = None
+        self._names = frozenset({MANIFEST})
+        self._presentation = EMPTY
+        self._modified = 0.0
+
+    def find(self, name: str) -> Path | None:
+        """The file of this path within the reel, links resolved; None where there is none, or the manifest does not name it."""
+        with self._lock:
+            self._refresh()
+            if name not in self._names:
+                return None
+        try:
+            path = (self._reel / name).resolve()
+            return path if path.is_relative_to(self._reel) and path.is_file() else None
+        except (OSError, RuntimeError):  # a loop of links
+            return None
+
+    def presentation(self) -> tuple[Presentation, float]:
+        """What the reel says of itself, and when its manifest was written, seconds since 1970."""
+        with self._lock:
+            self._refresh()
+            return self._presentation, self._modified
+
+    def _refresh(self) -> None:
+        """A manifest that cannot be read names nothing: the player, which gets it, says what is wrong."""
+        file = self._reel / MANIFEST
+        try:
+            status = file.stat()
+            seen = status.st_mtime_ns, status.st_size, status.st_ino
+            if seen == self._seen:
+                return
+            self._names, self._presentation, self._modified = frozenset({MANIFEST}), EMPTY, status.st_mtime
+            self._seen = seen
+            if file.is_file() and status.st_size <= MAX_BYTES:
+                manifest = parse_manifest(file.read_bytes(), MANIFEST)
+                files = (entry.uri for entry in (*manifest.files, *manifest.assets))
+                self._names, self._presentation = frozenset({MANIFEST, *files}), manifest.presentation
+        except (OSError, ReelError):
+            return
