@@ -204,6 +204,8 @@ class Config:
     """Per-camera colour gain, learned on the training cameras around a mean of one; cameras never seen get none."""
     check_poses: bool = False
     """Cameras that were touched after their calibration are put right, and those that show something else left out."""
+    check_coverage: bool = False
+    """What new views are like is tried with a camera left out, before anything is trained; where they do not hold, the reel says so."""
     even_exposure: bool = False
     """What a camera's exposure does over time, and the light of the whole scene, is taken out of the pictures before anything looks at
     them. The light comes back when the reel is played."""
@@ -250,6 +252,7 @@ def preset(quality: Quality) -> Config:
             average_share=0.1,
         ),
         check_poses=True,
+        check_coverage=True,
         even_exposure=True,
         antialias=True,
         background=True,

@@ -21,7 +21,7 @@ def scene(tmp_path: Path) -> Path:
 def test_names_are_matched_without_their_extension(scene: Path) -> None:
     capture = open_capture(scene)
     assert [c.name for c in capture.cameras] == [f"view/cam{c:02d}" for c in range(4)]
-    assert capture.held_out == ["view/cam00"]
+    assert capture.held_out == ["view/cam01"]
     assert (capture.frames, capture.width, capture.height) == (1, 32, 24)
     assert folders.which(capture.read(0, 1, ["view/cam02"])[0, 0]) == (2, 0)
 

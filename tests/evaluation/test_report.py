@@ -59,7 +59,7 @@ def report(**changes: object) -> Report:
 def test_report_json_has_the_promised_fields_and_is_read_back(tmp_path: Path) -> None:
     report().write(tmp_path)
     values = json.loads((tmp_path / "report.json").read_text())
-    assert set(values) == FIELDS | {"cameras", "per_frame", "trained_on", "held_out"}
+    assert set(values) == FIELDS | {"cameras", "per_frame", "trained_on", "held_out", "coverage"}
     assert values["lpips"] is None
     assert Report.read(tmp_path / "report.json") == report()
     assert sorted(p.name for p in tmp_path.iterdir()) == ["report.json", "report.md"]
@@ -70,7 +70,7 @@ def test_markdown_states_the_numbers() -> None:
     assert "31.50 dB (31.60 as the mean of channels)" in text
     assert "31.52 dB" in text
     assert "2.5 MB, 1.25 MB a second" in text
-    assert "| cam00 | 31.50 | 0.9500 |  |" in text
+    assert "| cam00 | 31.50 | 0.9500 |  |  |" in text
     assert "off by 0.80 grey levels, 0.84 where groups meet" in text
     assert "0.80 grey levels |" in report(flicker_borders=None).to_markdown()
     assert "Flicker | not measured" in report(flicker=None).to_markdown()

@@ -67,3 +67,12 @@ def test_the_floor_is_below_the_scene_and_the_cameras() -> None:
 def test_cameras_that_look_outward_have_no_limits() -> None:
     outward = [look_at(c.center * 0.1, target=tuple(c.center)) for c in arc(40)]
     assert limits(outward, BALL, laid_out(outward)) is None
+
+
+def test_a_trial_that_failed_lowers_the_angle_and_none_raises_it() -> None:
+    cameras = arc(16, height=0.1)
+    lowered, left = (limits(cameras, BALL, laid_out(cameras), most) for most in (7.5, 40.0))
+    assert lowered is not None
+    assert left is not None
+    assert lowered.angle == 7.5
+    assert left == limits(cameras, BALL, laid_out(cameras))

@@ -25,7 +25,7 @@ from splatreel.capture.recorded import RecordedCapture
 from splatreel.capture.sidecar import read_sidecar
 from splatreel.capture.videos import Videos
 from splatreel.errors import CaptureError, MissingDependencyError
-from splatreel.scene.camera import Camera
+from splatreel.scene.camera import Camera, middle_camera
 
 MODELS = ("sparse/0", "sparse", "colmap/sparse/0", ".")
 VIDEO_SUFFIXES = (".mp4", ".mov", ".m4v", ".mkv", ".webm", ".avi", ".mts")
@@ -37,7 +37,7 @@ def is_colmap(path: Path) -> bool:
 
 
 class ColmapCapture(RecordedCapture):
-    """A COLMAP model with its videos or images; the first camera by name is held out unless the request or its note says otherwise.
+    """A COLMAP model with its videos or images; a middle camera is held out unless the request or its note says otherwise.
 
     A camera is named by its image without the extension, or by its folder where that has other pictures of it. `scale` counts from the
     size that most of the model's images have, whichever folder of images is there; the smallest images that are large enough are
@@ -63,12 +63,16 @@ class ColmapCapture(RecordedCapture):
         first, _ = request.range(source.frames, path)
         points, colors = _points(reconstruction) if first == 0 else (None, None)  # of what the model was made from
         lenses: dict[str, Lens] = {}
+        cameras = [
+            _camera(model, name, image, width, height, lenses) for name, image in zip(names, images, strict=True)
+        ]
+        middle = names[middle_camera(cameras)]
         super().__init__(
             path,
-            [_camera(model, name, image, width, height, lenses) for name, image in zip(names, images, strict=True)],
+            cameras,
             source,
             request,
-            held_out=names[:1] if sidecar.held_out is None else sidecar.held_out,
+            held_out=[middle] if sidecar.held_out is None else sidecar.held_out,
             lenses=lenses,
             points=points,
             point_colors=colors,

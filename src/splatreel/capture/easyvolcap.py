@@ -22,6 +22,7 @@ from splatreel.capture.recorded import RecordedCapture
 from splatreel.capture.sidecar import read_sidecar
 from splatreel.capture.videos import Videos
 from splatreel.errors import CaptureError
+from splatreel.scene.camera import middle_camera
 
 PURPOSE = "Reading EasyVolcap's cameras"
 INTRINSICS, EXTRINSICS = "intri.yml", "extri.yml"
@@ -32,7 +33,7 @@ def is_easyvolcap(path: Path) -> bool:
 
 
 class EasyVolcapCapture(RecordedCapture):
-    """An EasyVolcap folder; the first camera is held out unless the request or `splatreel.json` says otherwise."""
+    """An EasyVolcap folder; a middle camera is held out unless the request or `splatreel.json` says otherwise."""
 
     def __init__(self, path: Path, request: Request) -> None:
         intrinsics, extrinsics = _Numbers(path / INTRINSICS), _Numbers(path / EXTRINSICS)
@@ -59,7 +60,7 @@ class EasyVolcapCapture(RecordedCapture):
             cameras.append(camera)
             if bent is not None:
                 lenses[name] = bent
-        held_out = names[:1] if sidecar.held_out is None else sidecar.held_out
+        held_out = [names[middle_camera(cameras)]] if sidecar.held_out is None else sidecar.held_out
         origin = path / EXTRINSICS
         super().__init__(path, cameras, source, request, held_out=held_out, lenses=lenses, origin=origin)
 

@@ -16,6 +16,7 @@ if TYPE_CHECKING:
     import numpy as np
 
     from splatreel.capture.base import Capture
+    from splatreel.scene.camera import Camera
 
 CHUNK = 8
 """Frames of all cameras held in memory at a time."""
@@ -27,6 +28,7 @@ def capture_check(
     width: int | None = None,
     frames: str | None = None,
     hold_out: str | None = None,
+    quick: bool = False,
 ) -> None:
     """Read a capture through and say what it holds and whether it can be reconstructed, before hours are spent on it.
 
@@ -35,6 +37,7 @@ def capture_check(
         width: Width to read it at, in pixels; its own by default.
         frames: Which frames, as A:B; all by default.
         hold_out: Names of cameras to keep for evaluation, as `reconstruct` takes them.
+        quick: Leave out the trial of what new views will be like, which takes some seconds.
     """
     import numpy as np
 
@@ -65,10 +68,10 @@ def capture_check(
     say(f"  {len(names)} cameras, held out: {held_out}; {points}")
     say(f"  {source.frames} frames at {source.fps:g} a second, {source.width} x {source.height} pixels")
     say(f"  sound: {sound or 'none'}")
-    _check(source, names, np.concatenate(moments))
+    _check(source, names, np.concatenate(moments), quick)
 
 
-def _check(source: Capture, names: list[str], frames: np.ndarray) -> None:
+def _check(source: Capture, names: list[str], frames: np.ndarray, quick: bool) -> None:
     """What reconstruction asks of a capture, and what it will say of the cameras. frames: two moments of the named cameras."""
     from splatreel.config import GroupConfig
     from splatreel.recon.memory import check_memory
@@ -85,11 +88,29 @@ def _check(source: Capture, names: list[str], frames: np.ndarray) -> None:
         from splatreel.recon.poses import check_poses
 
         training = [camera.name for camera in source.training_cameras]
-        found = check_poses(source.training_cameras, frames[:, [names.index(name) for name in training]])
+        shown = frames[:, [names.index(name) for name in training]]
+        found = check_poses(source.training_cameras, shown)
         found.refuse(str(source.origin))
         said += [*found.repairs(training), *found.doubts(training)]
+        kept = [number for number in range(len(training)) if number not in found.strangers]
+        cameras = [found.mended[n].camera if n in found.mended else source.training_cameras[n] for n in kept]
+        said += _cover(source, cameras, shown[0, kept], quick)
     for sentence in said:
         say(f"  {sentence}")
+
+
+def _cover(source: Capture, cameras: list[Camera], images: np.ndarray, quick: bool) -> list[str]:
+    """What to expect of new views. images: [C, H, W, 3] uint8, the first frame of the cameras."""
+    if importlib.util.find_spec("torch") is None:
+        return ["new views are not tried: that needs pip install 'splatreel[recon]'"]
+    from splatreel.progress import console
+    from splatreel.recon.coverage import cover
+    from splatreel.recon.device import pick_device
+
+    device = None if quick else pick_device("auto")
+    with closing(console()) as progress:
+        known = {"points": source.points, "point_colors": source.point_colors, "near": source.near}
+        return cover(cameras, images, **known, device=device, progress=progress).sentences()
 
 
 def capture_calibrate(capture: Positional[Path], /) -> None:

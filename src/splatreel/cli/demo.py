@@ -52,6 +52,7 @@ def demo(
     from splatreel.play.presenter import Presenter
     from splatreel.progress import console
     from splatreel.recon import sequence
+    from splatreel.recon.coverage import load_coverage
 
     progress = console()
     try:
@@ -72,6 +73,7 @@ def demo(
         result = sequence.reconstruct(
             capture, out, config, device=device, progress=progress, present=Presenter(otherwise=WORDS)
         )
+        known = load_coverage(result.work)
         report = evaluate(
             result.reel,
             capture,
@@ -80,6 +82,7 @@ def demo(
             seconds={"capture": filming, **result.seconds},
             device=result.device,
             progress=progress,
+            coverage=known.sentences() if known else (),
         )
     finally:
         progress.close()

@@ -47,12 +47,14 @@ def evaluate(
     from splatreel.evaluation.evaluate import reel_width
     from splatreel.evaluation.undecoded import undecoded_frames
     from splatreel.progress import console
+    from splatreel.recon.coverage import load_coverage
 
     reel = reel_folder(reel)
     if width is None and scale is None:
         width = reel_width(reel)
     work = reel.parent / "work"
     undecoded = undecoded_frames(work, reel) if work.is_dir() else None
+    known = load_coverage(work)
     source = open_capture(capture, width=width, scale=scale, frames=span)
     progress = console()
     try:
@@ -65,6 +67,7 @@ def evaluate(
             undecoded=undecoded,
             progress=progress,
             most=most,
+            coverage=known.sentences() if known else (),
         )
     finally:
         progress.close()

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from pathlib import Path
 
 import numpy as np
@@ -22,7 +22,7 @@ from splatreel.evaluation.pictures import comparison, write_png
 from splatreel.evaluation.report import Quality, Report
 from splatreel.play.timeline import Timeline
 from splatreel.progress import Progress, Silent
-from splatreel.scene.camera import Camera
+from splatreel.scene.camera import Camera, angles_apart
 from splatreel.scene.gaussians import Gaussians
 
 CHUNK = 8
@@ -42,13 +42,14 @@ def evaluate(
     device: str = "cpu",
     progress: Progress | None = None,
     most: int | None = None,
+    coverage: Sequence[str] = (),
 ) -> Report:
     """Render the decoded reel from held-out cameras and measure it; `out` gets report.json, report.md and pictures.
 
     rendition: of the reel, the best by default. cameras: names, see `choose_cameras` for the default. undecoded: frame
     -> the Gaussians before encoding,
     for psnr_undecoded. frames: which, all that both have by default. seconds: wall time of earlier stages, and device, where
-    they ran: both only go into the report. most: bytes of memory that a file may take, see `ReelReader`.
+    they ran: both only go into the report, as does coverage, sentences on the cameras. most: bytes of memory that a file may take, see `ReelReader`.
     The picture of each camera, truth | render | error, is of the middle frame.
     Raises `UsageError` for cameras or frames that do not fit, and what reading the reel and the capture raises.
     """
@@ -77,7 +78,8 @@ def evaluate(
                 write_png(out / "pictures" / f"{view.name.replace('/', '_')}.png", comparison(truth, image))
         progress.update(done, psnr=float(np.mean([q.psnr for q in scores.values()])))
     spent = {**(seconds or {}), "evaluate": round(time.monotonic() - started, 3)}
-    report = summarise(reader, reel_info(reel, rendition), scores, before, flicker, views[0], spent, device)
+    report = summarise(reader, reel_info(reel, rendition), scores, before, flicker, views, spent, device)
+    report = replace(report, coverage=list(coverage))
     if out is not None:
         report.write(out)
     return report
@@ -101,7 +103,7 @@ def summarise(
     scores: dict[tuple[int, str], Quality],
     before: list[float],
     flicker: Flicker,
-    view: Camera,
+    views: Sequence[Camera],
     seconds: dict[str, float],
     device: str,
 ) -> Report:
@@ -109,6 +111,7 @@ def summarise(
     frames = sorted({frame for frame, _ in scores})
     names = list(dict.fromkeys(name for _, name in scores))
     trained_on = [camera.name for camera in reader.manifest.cameras]
+    degrees = degrees_from(reader.manifest, views)
     alive = [int(reader.group(g).alive.sum()) for g in range(len(reader.manifest.groups))]
     return Report(
         **asdict(Quality.mean(list(scores.values()))),
@@ -124,13 +127,24 @@ def summarise(
         peak_memory_bytes=peak_memory_bytes(),
         device=device,
         frames=len(frames),
-        width=view.width,
-        height=view.height,
-        cameras=[{"name": n} | asdict(Quality.mean([scores[f, n] for f in frames])) for n in names],
+        width=views[0].width,
+        height=views[0].height,
+        cameras=[
+            {"name": n} | asdict(Quality.mean([scores[f, n] for f in frames])) | {"degrees": degrees[n]} for n in names
+        ],
         trained_on=trained_on,
         held_out=[name for name in names if name not in trained_on],
         per_frame=[{"frame": f} | asdict(Quality.mean([scores[f, n] for n in names])) for f in frames],
     )
+
+
+def degrees_from(manifest: Manifest, views: Sequence[Camera]) -> dict[str, float | None]:
+    """By view the angle to the nearest camera that the reel was trained on, seen from where they look; None where that is nowhere."""
+    limits, trained = manifest.presentation.limits, list(manifest.cameras)
+    if limits is None or not trained:
+        return {view.name: None for view in views}
+    angles = [angles_apart([view, *trained], np.array(limits.focus))[0, 1:].min() for view in views]
+    return {view.name: round(float(angle), 2) for view, angle in zip(views, angles, strict=True)}
 
 
 def read_frames(capture: Capture, frames: list[int], names: list[str]):

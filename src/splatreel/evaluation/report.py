@@ -41,7 +41,9 @@ class Report:
     layers, which are loaded once. seconds: wall time of each stage. points_static, points_dynamic: mean of a group.
     peak_memory_bytes: of the process. cameras: [{name, psnr, psnr_per_channel, ssim, lpips}]; per_frame: the same with
     `frame` for the name. trained_on: names of the cameras that the reel was made from; held_out: of those that were evaluated and are
-    none of these; it is empty where training views were evaluated, which tell nothing of new views.
+    none of these; it is empty where training views were evaluated, which tell nothing of new views. Each of cameras has `degrees`, the
+    angle to the nearest one that was trained on, seen from the middle of the scene; None where the cameras do not stand around one.
+    coverage: sentences on what the cameras that were trained on allow.
     """
 
     psnr: float
@@ -66,6 +68,7 @@ class Report:
     per_frame: list[dict] = field(default_factory=list)
     trained_on: list[str] = field(default_factory=list)
     held_out: list[str] = field(default_factory=list)
+    coverage: list[str] = field(default_factory=list)
 
     def to_json(self) -> str:
         return json.dumps(dataclasses.asdict(self), indent=1, allow_nan=False)
@@ -91,10 +94,18 @@ class Report:
         ]
         lines = ["# Evaluation", "", self._views(), "", "| | |", "|---|---|"]
         lines += [f"| {name} | {value} |" for name, value in rows]
-        lines += ["", "| camera | PSNR dB | SSIM | LPIPS |", "|---|---|---|---|"]
+        if self.coverage:
+            lines += ["", "What the cameras that it was trained on allow:", ""]
+            lines += [f"- {sentence}" for sentence in self.coverage]
+        lines += [
+            "",
+            "| camera | PSNR dB | SSIM | LPIPS | degrees from the nearest trained on |",
+            "|---|---|---|---|---|",
+        ]
         for camera in self.cameras:
             lpips = "" if camera["lpips"] is None else f"{camera['lpips']:.4f}"
-            lines.append(f"| {camera['name']} | {camera['psnr']:.2f} | {camera['ssim']:.4f} | {lpips} |")
+            degrees = "" if camera.get("degrees") is None else f"{camera['degrees']:.1f}"
+            lines.append(f"| {camera['name']} | {camera['psnr']:.2f} | {camera['ssim']:.4f} | {lpips} | {degrees} |")
         return "\n".join(lines) + "\n"
 
     def _views(self) -> str:

@@ -25,12 +25,13 @@ FEW = 100
 """Points that tell of no floor."""
 
 
-def limits(cameras: Sequence[Camera], points: np.ndarray, layout: Layout) -> Limits | None:
+def limits(cameras: Sequence[Camera], points: np.ndarray, layout: Layout, most: float | None = None) -> Limits | None:
     """Of a rig around something, which the focus of `layout` is the middle of; None for cameras that look away from it.
 
     Between neighbouring cameras views hold, and about as far beyond the outer ones: the angle is that which takes nine of ten steps
     of the shortest way through all cameras. points: [P, 3], initial points; the floor is below nearly all of them that are around
-    the focus, and below every camera.
+    the focus, and below every camera. most: degrees that the angle is at most, where a trial has shown that views do not hold
+    (`recon/trial.py`).
     """
     focus, up = np.array(layout.clearance.focus), np.array(layout.up)
     centers = np.stack([camera.center for camera in cameras]).astype(np.float64)
@@ -42,9 +43,10 @@ def limits(cameras: Sequence[Camera], points: np.ndarray, layout: Layout) -> Lim
     ahead = np.stack([camera.viewmat[2, :3] for camera in cameras])
     if np.mean((ahead * -directions).sum(1) > LOOKING) < MOST:
         return None
+    angle = _angle(directions)
     return Limits(
         focus=layout.clearance.focus,
-        angle=_angle(directions),
+        angle=angle if most is None else min(angle, most),
         distance=(round(NEAREST * float(distances.min()), 6), round(FARTHEST * float(distances.max()), 6)),
         floor=_floor(points, centers @ up, focus, up, 2 * distances.max()),
     )

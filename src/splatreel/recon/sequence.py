@@ -22,15 +22,16 @@ from splatreel.motion.steady import steady
 from splatreel.progress import Progress, Silent
 from splatreel.recon import checkpoint
 from splatreel.recon.claim import Claim
+from splatreel.recon.coverage import Coverage, cover, load_coverage, save_coverage
 from splatreel.recon.device import check_room, pick_device
 from splatreel.recon.drawing import View
 from splatreel.recon.following import Start, follow
 from splatreel.recon.group import GroupFrames, GroupTrainer
+from splatreel.recon.header import header_of
 from splatreel.recon.importance import weigh
 from splatreel.recon.keyframe import KeyframeTrainer
 from splatreel.recon.layering import Layers, convertible, crowding, label_points, separate
 from splatreel.recon.layout import Layout
-from splatreel.recon.limits import limits
 from splatreel.recon.lit import Lit
 from splatreel.recon.memory import check_memory
 from splatreel.recon.momentum import Momentum
@@ -336,31 +337,30 @@ class Reconstruction:
                 self.progress.note(doubt)
             frames = self.rig.gather(frames, group_folder(self.work, 0), self.progress, str(capture.origin))
             known = capture.points, capture.point_colors, capture.near
+            coverage = self._cover(frames[0]) if self.config.check_coverage else None
+            self.progress.stage("initial points", 1, self.plan.points())
             seeds, layout = lay_out(self.rig.cameras, frames[0], self.config, *known)
             self.progress.update(1, points=len(seeds.points))
         self.claim.keep()
+        if coverage is not None:
+            save_coverage(self.work, coverage)
         checkpoint.save_arrays(self.work / "points.safetensors", {"points": seeds.points, "colors": seeds.colors})
         checkpoint.save_json(path, layout.to_dict())
         return layout
 
+    def _cover(self, images: np.ndarray) -> Coverage:
+        """What to expect of new views, told before it is trained. images: [C, H, W, 3] uint8, of the first frame."""
+        capture = self.capture
+        known = {"points": capture.points, "point_colors": capture.point_colors, "near": capture.near}
+        found = cover(self.rig.cameras, images, **known, device=self.device, progress=self.progress)
+        for sentence in found.sentences():
+            self.progress.note(sentence)
+        return found
+
     def _open_reel(self, layout: Layout) -> ReelWriter:
-        header = {
-            "fps": self.capture.fps,
-            "group_length": self.config.group.length,
-            "overlap": self.config.group.overlap,
-            "sh_degree": self.config.keyframe.sh_degree,
-            "bounds": layout.bounds,
-            "up": layout.up,
-            "near": layout.near,
-            "clearance": layout.clearance,
-            "background": layout.background,
-            "antialias": self.config.antialias,
-            "camera": self.rig.cameras[len(self.rig.cameras) // 2],
-            "cameras": self.rig.cameras,
-            "limits": limits(
-                self.rig.cameras, checkpoint.load_arrays(self.work / "points.safetensors")["points"], layout
-            ),
-        }
+        points = checkpoint.load_arrays(self.work / "points.safetensors")["points"]
+        coverage = load_coverage(self.work)
+        header = header_of(self.rig.cameras, self.capture.fps, self.config, layout, points, coverage)
         save_header(self.work, header)
         save_sound(self.work, self.sound)
         return open_writer(self.work, self.reel, self.config.encode, resume=True)

@@ -61,3 +61,22 @@ def focus_point(cameras: list[Camera]) -> np.ndarray:
     A = projectors.sum(0) + ridge * np.eye(3)
     b = np.einsum("nij,nj->i", projectors, centers) + ridge * centers.mean(0)
     return np.linalg.solve(A, b)
+
+
+def angles_apart(cameras: list[Camera], focus: np.ndarray) -> np.ndarray:
+    """[C, C] degrees between the directions in which cameras stand, seen from focus [3]; inf for each and itself."""
+    away = np.stack([camera.center for camera in cameras]).astype(np.float64) - focus
+    away /= np.maximum(np.linalg.norm(away, axis=1, keepdims=True), 1e-12)
+    angles = np.degrees(np.arccos(np.clip(away @ away.T, -1, 1)))
+    np.fill_diagonal(angles, np.inf)
+    return angles
+
+
+def middle_camera(cameras: list[Camera], focus: np.ndarray | None = None) -> int:
+    """The index of the camera that the others stand around: the least sum of angles to them, seen from where cameras look.
+
+    focus: [3], where that is, if it is known better than by `focus_point`. Of a ring it is the first.
+    """
+    angles = angles_apart(cameras, focus_point(cameras) if focus is None else focus)
+    np.fill_diagonal(angles, 0)
+    return int(angles.sum(1).round(3).argmin())
