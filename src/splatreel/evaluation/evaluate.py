@@ -47,9 +47,9 @@ def evaluate(
     """Render the decoded reel from held-out cameras and measure it; `out` gets report.json, report.md and pictures.
 
     rendition: of the reel, the best by default. cameras: names, see `choose_cameras` for the default. undecoded: frame
-    -> the Gaussians before encoding,
-    for psnr_undecoded. frames: which, all that both have by default. seconds: wall time of earlier stages, and device, where
-    they ran: both only go into the report, as does coverage, sentences on the cameras. most: bytes of memory that a file may take, see `ReelReader`.
+    -> the Gaussians before encoding, for psnr_undecoded. frames: which, all that both have by default. seconds: wall time of earlier
+    stages, device: where they ran, coverage: sentences on the cameras; these only go into the report. most: bytes of memory that a file
+    may take, see `ReelReader`.
     The picture of each camera, truth | render | error, is of the middle frame.
     Raises `UsageError` for cameras or frames that do not fit, and what reading the reel and the capture raises.
     """

@@ -59,7 +59,8 @@ class Coverage:
         said = [
             f"cameras are {min(self.angles):.0f} to {max(self.angles):.0f} degrees from the nearest other one, seen from the middle "
             f"of the scene ({self.names[far]} is the farthest)",
-            f"{self.points:,} points are seen by three cameras or more; a camera sees {min(self.shared):,} to {max(self.shared):,} of them",
+            f"{self.points:,} points are seen by three cameras or more, and each camera sees {min(self.shared):,} to "
+            f"{max(self.shared):,} of them",
         ]
         if few:
             listed = ", ".join(f"{self.names[c]} ({self.shared[c]})" for c in few[:NAMED])
