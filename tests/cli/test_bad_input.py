@@ -189,6 +189,7 @@ ASKED = {
     "--width 1000000": ["scene", "1000000 pixels wide"],
     f"--frames 0:{'9' * 5000}": ["--frames '0:999", "is no range of frames"],
     "--scale nan": ["scene", "nan", "positive"],
+    "--scale 1e9": ["scene", "more than 16384 pixels"],
     "--width 16 --scale 0.5": ["scene", "give one of them"],
     "--hold-out cam00,cam01,cam02": ["scene: only 2 cameras", "cam00, cam01, cam02", "at least 3", "Hold out fewer"],
     "--hold-out cam77": ["scene", "no camera 'cam77'", "cam00, cam01"],

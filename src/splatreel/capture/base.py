@@ -53,6 +53,10 @@ class Request:
         if not 0 < scale < math.inf:
             raise CaptureError(f"{path}: cannot be resized by {scale}; width and scale must be positive numbers.")
         out = round(width * scale), round(height * scale)
+        if max(out) > WIDEST:
+            raise CaptureError(
+                f"{path}: {width}x{height} cannot be resized to {out[0]}x{out[1]}, more than {WIDEST} pixels; ask for less."
+            )
         if min(out) < 1:
             raise CaptureError(
                 f"{path}: {width}x{height} cannot be resized to {out[0]}x{out[1]}; ask for a larger size."
