@@ -3,9 +3,12 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from PIL import Image
 
 from splatreel.capture.calibrate import calibrate
 from splatreel.capture.opening import open_capture
+from splatreel.capture.sidecar import Sidecar, read_sidecar, write_failure
+from splatreel.capture.stills import check_stills
 from splatreel.capture.synthetic import make_capture
 from splatreel.errors import CaptureError
 from splatreel.progress import Silent
@@ -15,7 +18,7 @@ from tests.capture import folders
 @pytest.fixture(scope="module")
 def room(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The videos of the toy room."""
-    return make_capture(tmp_path_factory.mktemp("film") / "room", frames=1)
+    return make_capture(tmp_path_factory.mktemp("film") / "room", frames=2)
 
 
 def test_cameras_stand_where_they_stood(room: Path, tmp_path: Path) -> None:
@@ -30,7 +33,8 @@ def test_cameras_stand_where_they_stood(room: Path, tmp_path: Path) -> None:
     assert found.error < 1
     assert not list(videos.glob(".calibrate*"))
     capture = open_capture(videos)
-    assert (capture.frames, capture.width, capture.height) == (1, known.width, known.height)
+    assert found.moments == 2
+    assert (capture.frames, capture.width, capture.height) == (2, known.width, known.height)
     here, there = (np.stack([camera.center for camera in c.cameras]) for c in (capture, known))
     assert np.linalg.norm(fitted(here, there) - there, axis=1).max() < 0.05 * np.ptp(there, axis=0).max()
     with pytest.raises(CaptureError, match="is calibrated already"):
@@ -49,9 +53,61 @@ def test_videos_that_show_nothing_are_refused(tmp_path: Path) -> None:
     pytest.importorskip("pycolmap")
     for c in range(3):
         folders.write_video(tmp_path / f"phone{c}.mp4", [folders.frame(c, 0, 128, 96)])
-    with pytest.raises(CaptureError, match="only 0 of 3 cameras"):
+    with pytest.raises(CaptureError, match=r"the calibration failed.*only 0 of 3 cameras"):
         calibrate(tmp_path, Silent())
-    assert sorted(file.name for file in tmp_path.iterdir()) == ["phone0.mp4", "phone1.mp4", "phone2.mp4"]
+    assert sorted(f.name for f in tmp_path.iterdir()) == ["phone0.mp4", "phone1.mp4", "phone2.mp4", "splatreel.json"]
+    with pytest.raises(
+        CaptureError, match=r"has no cameras, since their calibration failed: only 0 of 3.*--also PHOTOS"
+    ):
+        open_capture(tmp_path)
+    for c in range(3):
+        (tmp_path / f"phone{c}.mp4").rename(tmp_path / f"cam{c}.mp4")
+    with pytest.raises(CaptureError, match="calibration failed"):  # and not that poses_bounds.npy is missing
+        open_capture(tmp_path)
+
+
+def test_photographs_connect_cameras_that_are_far_apart(room: Path, tmp_path: Path) -> None:
+    pytest.importorskip("pycolmap")
+    known, films, photos = open_capture(room, held_out=[]), tmp_path / "films", tmp_path / "photos"
+    films.mkdir()
+    photos.mkdir()
+    apart = ["cam00", "cam06", "cam13"]
+    for camera in known.cameras:
+        if camera.name in apart:
+            shutil.copy(room / f"{camera.name}.mp4", films)
+        else:
+            Image.fromarray(known.read(0, 1, [camera.name])[0, 0]).save(photos / f"{camera.name}.jpg", quality=95)
+    found = calibrate(films, Silent(), photos)
+    assert (sorted(found.placed), found.lost) == (apart, [])
+    capture = open_capture(films, held_out=[])
+    assert [camera.name for camera in capture.cameras] == apart, "photographs are not cameras"
+    assert capture.points is not None
+    here = np.stack([camera.center for camera in capture.cameras])
+    there = np.stack([known.camera(name).center for name in apart])
+    assert np.linalg.norm(fitted(here, there) - there, axis=1).max() < 0.05 * np.ptp(there, axis=0).max()
+    for camera in capture.cameras:
+        assert camera.K[0, 0] == pytest.approx(known.camera(camera.name).K[0, 0], rel=0.1)
+
+
+def test_photographs_that_are_none_are_refused(room: Path, tmp_path: Path) -> None:
+    with pytest.raises(CaptureError, match="is not a folder"):
+        check_stills(tmp_path / "nowhere")
+    with pytest.raises(CaptureError, match="holds no photographs"):
+        check_stills(tmp_path)
+    (tmp_path / "a.jpg").write_bytes(b"no picture")
+    with pytest.raises(CaptureError, match=r"a\.jpg"):
+        check_stills(tmp_path)
+
+
+def test_a_success_takes_back_that_calibration_failed(tmp_path: Path) -> None:
+    (tmp_path / "splatreel.json").write_text('{"fps": 25}')
+    write_failure(tmp_path, "too far apart")
+    assert read_sidecar(tmp_path) == Sidecar(fps=25, failure="too far apart")
+    write_failure(tmp_path, None)
+    assert read_sidecar(tmp_path) == Sidecar(fps=25)
+    (tmp_path / "splatreel.json").unlink()
+    write_failure(tmp_path, None)
+    assert not (tmp_path / "splatreel.json").exists()
 
 
 def test_too_few_videos_are_refused(tmp_path: Path) -> None:

@@ -1,4 +1,9 @@
-"""Where the cameras of a folder of videos stand, and what their lenses do: a COLMAP model of one moment, by pycolmap."""
+"""Where the cameras of a folder of videos stand, and what their lenses do: COLMAP models of some moments, by pycolmap.
+
+Moments are solved each on its own, and what they do not agree on is not believed: with too little in common, COLMAP returns
+numbers all the same. Photographs of a camera that is walked from one view to the next connect cameras that are far apart; they
+are solved with every moment, and are not in the result.
+"""
 
 from __future__ import annotations
 
@@ -10,12 +15,13 @@ from types import ModuleType
 from typing import Any
 
 import numpy as np
-from PIL import Image
 
+from splatreel.capture.agreement import FIELD, Placed, Rig, trusted
 from splatreel.capture.base import MIN_CAMERAS, Request
 from splatreel.capture.colmap import import_pycolmap, is_colmap, video_files
 from splatreel.capture.neu3dv import POSES
-from splatreel.capture.sidecar import read_sidecar
+from splatreel.capture.sidecar import read_sidecar, write_failure
+from splatreel.capture.stills import STILLS, check_stills, write_picture, write_stills
 from splatreel.capture.videos import Videos
 from splatreel.errors import CaptureError
 from splatreel.progress import Progress
@@ -24,16 +30,19 @@ from splatreel.scene.atomic import scratch
 MODEL = Path("sparse/0")
 FEW = 100
 """Points that a camera sees, below which its place and lens are doubtful."""
+MOMENTS = 3
+"""At which the cameras are placed, spread over the videos."""
 
 
 @dataclass(frozen=True)
 class Calibration:
-    """placed: by camera how many points it sees. lost: cameras that could not be placed. error: mean distance in pixels of points
-    from where the model says."""
+    """placed: by camera how many points it sees. lost: cameras that could not be placed, or not twice alike. error: mean distance in
+    pixels of points from where the model says. moments: how many were solved."""
 
     placed: dict[str, int]
     lost: list[str]
     error: float
+    moments: int
 
     @property
     def doubtful(self) -> list[str]:
@@ -41,11 +50,12 @@ class Calibration:
         return [name for name, points in self.placed.items() if points < FEW]
 
 
-def calibrate(path: Path, progress: Progress) -> Calibration:
-    """Write the COLMAP model `sparse/0` of a folder of videos, one a camera, from the first frame of each.
+def calibrate(path: Path, progress: Progress, also: Path | None = None) -> Calibration:
+    """Write the COLMAP model `sparse/0` of a folder of videos, one a camera, from frames spread over them.
 
-    Cameras whose picture has too little in common with the others' are not in it. Raises `CaptureError` where the folder is
-    calibrated already, where there are too few videos, or where fewer than three cameras could be placed.
+    also: a folder of photographs that connect the cameras' views. Cameras whose pictures have too little in common with the others', or
+    on which moments do not agree, are not in the model. Raises `CaptureError` where the folder is calibrated already, where there are
+    too few videos, or where fewer than three cameras could be placed reliably, which is noted in the folder's `splatreel.json`.
     """
     if is_colmap(path) or (path / POSES).exists():
         raise CaptureError(f"{path}: is calibrated already. Delete {MODEL.parent} or {POSES} to calibrate it anew.")
@@ -53,55 +63,134 @@ def calibrate(path: Path, progress: Progress) -> Calibration:
     if len(files) < MIN_CAMERAS:
         found = ", ".join(file.name for file in files.values()) or "none"
         raise CaptureError(f"{path}: {len(files)} videos ({found}), at least {MIN_CAMERAS} are needed. Add the others.")
+    stills = check_stills(also) if also is not None else []
     colmap = import_pycolmap()
-    with scratch(path, "calibrate") as folder:
-        pictures = folder / "images"
-        progress.stage("first frames", len(files))
-        _write_pictures(path, files, pictures, progress)
-        model = _solve(colmap, folder, len(files), progress)
-        images = sorted(model.images.values(), key=lambda image: image.name) if model else []
-        placed = {Path(image.name).stem: int(image.num_points3D) for image in images}
-        if len(placed) < MIN_CAMERAS:
-            raise CaptureError(
-                f"{path}: only {len(placed)} of {len(files)} cameras ({', '.join(placed) or 'none'}) show enough in common to "
-                f"tell where they stand. Film with neighbouring cameras that see the same things, and with more texture "
-                f"around what moves."
-            )
-        _put(model, folder / "model", path / MODEL)
-    lost = sorted(set(files) - set(placed))
-    return Calibration(placed, lost, float(model.compute_mean_reprojection_error()))
-
-
-def _write_pictures(path: Path, files: dict[str, Path], folder: Path, progress: Progress) -> None:
-    """The first frame of each video as a PNG of its own size."""
-    folder.mkdir()
-    videos = Videos(path, files, read_sidecar(path), Request(frames=(0, 1)))
-    try:
-        for count, name in enumerate(files, 1):
-            picture = np.empty((1, videos[name].height, videos[name].width, 3), np.uint8)
-            videos.read_camera(picture, 0, name)
-            Image.fromarray(picture[0]).save(folder / f"{name}.png", compress_level=1)
-            progress.update(count)
-    finally:
-        videos.close()
-
-
-def _solve(colmap: ModuleType, folder: Path, count: int, progress: Progress) -> Any:
-    """The model that holds the most of the cameras, each with a lens of its own; None if there is none."""
-    database, pictures = folder / "features.db", folder / "images"
     colmap.logging.minloglevel = colmap.logging.Level.ERROR.value
-    progress.stage("features", 1)
-    colmap.extract_features(database, pictures, camera_mode=colmap.CameraMode.PER_IMAGE)
-    progress.update(1)
-    progress.stage(f"matches of {count * (count - 1) // 2} pairs", 1)
-    matching = colmap.FeatureMatchingOptions()
-    matching.guided_matching = True  # once two cameras are known roughly, their lines tell where to look for more
-    colmap.match_exhaustive(database, matching_options=matching)
-    progress.update(1)
-    progress.stage("poses", 1)
-    models = colmap.incremental_mapping(database, pictures, folder)
-    progress.update(1)
-    return max(models.values(), key=lambda model: (len(model.images), len(model.points3D)), default=None)
+    with scratch(path, "calibrate") as folder:
+        videos = Videos(path, files, read_sidecar(path), Request(frames=(0, 1)))
+        try:
+            models = _Solver(colmap, folder, stills, progress).solve(videos, list(files))
+        finally:
+            videos.close()
+        rigs = [_rig(model) for model in models]
+        best, kept = trusted(rigs, FEW) if rigs else (0, set[str]())
+        sure = [name for name in kept if rigs[best][name].points >= FEW]
+        if len(sure) < MIN_CAMERAS or 2 * len(kept) < len(rigs[best]):
+            why = _why(list(files), rigs, kept, len(sure))
+            write_failure(path, why)
+            raise CaptureError(f"{path}: the calibration failed, and nothing was kept of it: {why}")
+        model = _only(models[best], kept)
+        _put(model, folder / "model", path / MODEL)
+    write_failure(path, None)
+    placed = {name: rigs[best][name].points for name in sorted(kept)}
+    return Calibration(placed, sorted(set(files) - kept), float(model.compute_mean_reprojection_error()), len(models))
+
+
+class _Solver:
+    """Places the cameras at one moment after the other, in a folder of its own."""
+
+    def __init__(self, colmap: ModuleType, folder: Path, stills: list[Path], progress: Progress) -> None:
+        self.colmap, self.folder, self.progress = colmap, folder, progress
+        self.pictures, self.known = folder / "images", folder / "stills.db"
+        self.pictures.mkdir()
+        self.stills = write_stills(stills, self.pictures, progress) if stills else []
+
+    def solve(self, videos: Videos, names: list[str]) -> list[Any]:
+        """The models of the moments that have one."""
+        colmap, progress = self.colmap, self.progress
+        if self.stills:
+            progress.stage(f"comparing {len(self.stills)} photographs", 1)
+            colmap.extract_features(
+                self.known, self.pictures, image_names=self.stills, camera_mode=colmap.CameraMode.PER_FOLDER
+            )
+            colmap.match_exhaustive(self.known, matching_options=self._matching())
+            progress.update(1)
+        frames = np.unique(np.linspace(0, videos.frames - 1, MOMENTS).round().astype(int)).tolist()
+        progress.stage(f"placing {len(names)} cameras at {len(frames)} moments", 4 * len(frames))
+        models = []
+        for moment, frame in enumerate(frames):
+            model = self._moment(videos, names, moment, frame)
+            if model is not None:
+                models.append(model)
+        return models
+
+    def _moment(self, videos: Videos, names: list[str], moment: int, frame: int) -> Any:
+        """The model that holds the most of the cameras, each with a lens of its own; None if there is none."""
+        colmap, database = self.colmap, self.folder / f"moment{moment}.db"
+        images = []
+        for name in names:
+            picture = np.empty((1, videos[name].height, videos[name].width, 3), np.uint8)
+            videos.read_camera(picture, frame, name)
+            write_picture(self.pictures / f"{name}.png", picture[0])
+            images.append(f"{name}.png")
+        self.progress.update(4 * moment + 1)
+        if self.known.exists():
+            shutil.copy(self.known, database)
+        colmap.extract_features(database, self.pictures, image_names=images, camera_mode=colmap.CameraMode.PER_IMAGE)
+        self.progress.update(4 * moment + 2)
+        colmap.match_exhaustive(database, matching_options=self._matching())
+        self.progress.update(4 * moment + 3)
+        options = colmap.IncrementalPipelineOptions()
+        options.random_seed = moment + 1  # what hangs on chance is to differ from moment to moment
+        out = self.folder / f"models{moment}"
+        out.mkdir()
+        models = colmap.incremental_mapping(database, self.pictures, out, options=options)
+        self.progress.update(4 * moment + 4)
+        found = [model for model in models.values() if _rig(model)]
+        return max(found, key=lambda model: (len(_rig(model)), len(model.points3D)), default=None)
+
+    def _matching(self) -> Any:
+        matching = self.colmap.FeatureMatchingOptions()
+        matching.guided_matching = True  # once two cameras are known roughly, their lines tell where to look for more
+        return matching
+
+
+def _rig(model: Any) -> Rig:
+    """The cameras that a model places, photographs left out."""
+    rig = {}
+    for number in model.reg_image_ids():
+        image = model.image(number)
+        if image.name.startswith(STILLS):
+            continue
+        matrix, lens = np.asarray(image.cam_from_world().matrix()), image.camera
+        focal = float(lens.calibration_matrix()[0, 0]) / max(lens.width, lens.height)
+        center = -matrix[:, :3].T @ matrix[:, 3]
+        rig[Path(image.name).stem] = Placed(matrix[:, :3], center, focal, int(image.num_points3D))
+    return rig
+
+
+def _why(names: list[str], rigs: list[Rig], kept: set[str], sure: int) -> str:
+    """What is wrong with models that cannot be trusted, and what to do."""
+    most = max(rigs, key=len, default={})
+    odd = {name: placed for rig in rigs for name, placed in rig.items() if not placed.possible}
+    if len(most) < MIN_CAMERAS:
+        placed = f"only {len(most)} of {len(names)} cameras ({', '.join(sorted(most)) or 'none'}) show enough in common to tell"
+        why = f"{placed} where they stand"
+    elif odd:
+        name = min(odd)
+        lens = f"a lens that shows {odd[name].field:.3g} degrees, and no lens shows less than {FIELD[0]:g} or more than {FIELD[1]:g}"
+        why = f"{name} would have {lens}"
+    elif len(kept) >= MIN_CAMERAS > sure:
+        why = f"only {sure} of {len(names)} cameras see {FEW} points or more, too few to be sure of any"
+    elif len(rigs) > 1:
+        why = f"at different moments of the videos the cameras come out elsewhere; {len(kept)} of {len(names)} agree"
+    else:
+        why = f"only {len(kept)} of {len(names)} cameras see enough to be sure of them, {FEW} points"
+    return (
+        f"{why}. The cameras are too far apart, or see too little texture. Take some twenty photographs on a walk from each "
+        f"camera's view to the next, each of which shows much of what the one before does, and give their folder: splatreel "
+        f"capture calibrate --also PHOTOS; or film with cameras closer together."
+    )
+
+
+def _only(model: Any, kept: set[str]) -> Any:
+    """The model with nothing but the cameras that are kept."""
+    for number in list(model.reg_image_ids()):
+        image = model.image(number)
+        if image.name.startswith(STILLS) or Path(image.name).stem not in kept:
+            model.deregister_frame(image.frame_id)
+    model.tear_down()
+    return model
 
 
 def _put(model: Any, made: Path, place: Path) -> None:

@@ -17,7 +17,7 @@ from splatreel.capture.base import Request
 from splatreel.capture.colmap import is_colmap
 from splatreel.capture.poses import check_rotation
 from splatreel.capture.recorded import RecordedCapture
-from splatreel.capture.sidecar import read_sidecar
+from splatreel.capture.sidecar import failed, read_sidecar
 from splatreel.capture.video import VideoFile
 from splatreel.capture.videos import Videos
 from splatreel.errors import CaptureError
@@ -64,6 +64,8 @@ class Neu3DVCapture(RecordedCapture):
 def _read_poses(file: Path) -> np.ndarray:
     """poses_bounds.npy as [C, 17] float64, checked."""
     if not file.is_file():
+        if (failure := failed(file.parent)) is not None:
+            raise failure
         raise CaptureError(
             f"{file}: is missing. A Neu3DV folder needs it beside its videos; LLFF's imgs2poses makes one, and so, as a COLMAP "
             f"model, does `splatreel capture calibrate {file.parent}`."

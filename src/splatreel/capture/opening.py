@@ -11,6 +11,7 @@ from splatreel.capture.colmap import ColmapCapture, is_colmap
 from splatreel.capture.easyvolcap import EasyVolcapCapture, is_easyvolcap
 from splatreel.capture.neu3dv import Neu3DVCapture, is_neu3dv
 from splatreel.capture.panoptic import PanopticCapture, is_panoptic
+from splatreel.capture.sidecar import failed
 from splatreel.capture.technicolor import TechnicolorCapture, is_technicolor
 from splatreel.errors import CaptureError
 
@@ -51,6 +52,8 @@ def open_capture(
         if fits(folder):
             check_files(folder)
             return reader(folder, request)
+    if folder.is_dir() and (failure := failed(folder)) is not None:
+        raise failure
     state = "holds none of these" if folder.is_dir() else "is not a folder; one of these was looked for"
     raise CaptureError(f"{folder}: {state}:\n{LOOKED_FOR}")
 

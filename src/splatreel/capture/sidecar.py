@@ -18,11 +18,12 @@ SIDECAR = "splatreel.json"
 @dataclass(frozen=True)
 class Sidecar:
     """held_out: names of cameras kept for evaluation. fps: frames a second. starts: by camera, the second of its own video at which
-    all of them start; a camera that is not named starts with its video."""
+    all of them start; a camera that is not named starts with its video. failure: why `capture calibrate` failed, if it did."""
 
     held_out: list[str] | None = None
     fps: float | None = None
     starts: dict[str, float] = field(default_factory=dict)
+    failure: str | None = None
 
 
 def read_sidecar(folder: Path) -> Sidecar:
@@ -37,15 +38,38 @@ def read_sidecar(folder: Path) -> Sidecar:
             raise ValueError(f"fps is {fps!r:.100}, expected a positive number")
         if not isinstance(starts, dict) or not all(_is_number(s) and s >= 0 for s in starts.values()):
             raise ValueError(f"starts is {starts!r:.100}, expected seconds of 0 or more by camera")
-        return Sidecar(held_out, fps, starts)
+        failure = content.get("calibration_failed")
+        if failure is not None and not isinstance(failure, str):
+            raise ValueError(f"calibration_failed is {failure!r:.100}, expected a sentence")
+        return Sidecar(held_out, fps, starts, failure)
 
 
 def write_starts(folder: Path, starts: dict[str, float]) -> None:
     """Note when each video starts; what else the note says stays. Raises `CaptureError` for a note that is no JSON object."""
+    _change(folder, {"starts": starts})
+
+
+def write_failure(folder: Path, why: str | None) -> None:
+    """Note why calibration failed, or with None that it has not; what else the note says stays. Raises as `write_starts` does."""
+    if why is not None or read_sidecar(folder).failure is not None:
+        _change(folder, {"calibration_failed": why})
+
+
+def failed(folder: Path) -> CaptureError | None:
+    """What to say of videos that have no cameras because `capture calibrate` failed; None where it did not."""
+    why = read_sidecar(folder).failure
+    return None if why is None else CaptureError(f"{folder}: has no cameras, since their calibration failed: {why}")
+
+
+def _change(folder: Path, changes: dict[str, Any]) -> None:
+    """None removes what was noted, and nothing that is noted the file."""
     file = folder / SIDECAR
     with _naming(file):
-        content = _content(file)
-    write_bytes(file, (json.dumps(content | {"starts": starts}, indent=1) + "\n").encode())
+        content = {name: value for name, value in (_content(file) | changes).items() if value is not None}
+        if not content:
+            file.unlink(missing_ok=True)
+            return
+    write_bytes(file, (json.dumps(content, indent=1, ensure_ascii=False) + "\n").encode())
 
 
 @contextmanager

@@ -113,22 +113,25 @@ def _cover(source: Capture, cameras: list[Camera], images: np.ndarray, quick: bo
         return cover(cameras, images, **known, device=device, progress=progress).sentences()
 
 
-def capture_calibrate(capture: Positional[Path], /) -> None:
-    """Find out where the cameras of a folder of videos stand and what their lenses do, from the first frames, by COLMAP.
+def capture_calibrate(capture: Positional[Path], /, also: Path | None = None) -> None:
+    """Find out where the cameras of a folder of videos stand and what their lenses do, from some of their frames, by COLMAP.
 
-    Writes the model sparse/0 into the folder. Where the videos do not start together, run `capture sync` before.
+    Writes the model sparse/0 into the folder, unless the frames do not agree. Where the videos do not start together, run
+    `capture sync` before.
 
     Args:
         capture: Folder of the videos, one a camera.
+        also: Folder of photographs, of a camera that is walked from each camera's view to the next: they connect cameras far apart.
     """
     from splatreel.capture.calibrate import MODEL, calibrate
     from splatreel.progress import console
 
     with closing(console()) as progress:
-        found = calibrate(capture, progress)
-    say(f"{capture / MODEL}: {len(found.placed)} cameras, points are off by {found.error:.2f} pixels")
+        found = calibrate(capture, progress, also)
+    agreed = f", placed alike at {found.moments} moments" if found.moments > 1 else ""
+    say(f"{capture / MODEL}: {len(found.placed)} cameras{agreed}; points are off by {found.error:.2f} pixels")
     if found.lost:
-        say(f"  left out, for they show too little of what the others do: {', '.join(found.lost)}")
+        say(f"  left out, for they show too little of what the others do to be sure of them: {', '.join(found.lost)}")
     if found.doubtful:
         say(f"  doubtful, for they see few points: {', '.join(f'{n} ({found.placed[n]})' for n in found.doubtful)}")
 

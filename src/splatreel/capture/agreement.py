@@ -1,0 +1,94 @@
+"""Whether calibrations of one rig at several moments agree on where its cameras stand and what their lenses do.
+
+Each is known up to a motion and a scale. A calibration that has too little to go by is not a little off: it is another one each time.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+FIELD = 5.0, 170.0
+"""Degrees that a lens shows, along the longer side: beyond are no lenses of video cameras."""
+TURNED, MOVED, ZOOMED = 2.0, 0.1, 0.1
+"""How far calibrations may differ: degrees, shares of the cameras' distance from each other, shares of the focal length."""
+FEWEST = 3
+"""Cameras that two calibrations must share to be compared."""
+
+
+@dataclass(frozen=True)
+class Placed:
+    """One camera of a calibration.
+
+    rotation: [3, 3] world to camera. center: [3]. focal: in lengths of the longer side. points: how many it sees.
+    """
+
+    rotation: np.ndarray
+    center: np.ndarray
+    focal: float
+    points: int
+
+    @property
+    def field(self) -> float:
+        """Degrees that it shows along the longer side."""
+        return float(np.degrees(2 * np.arctan(0.5 / self.focal))) if self.focal > 0 else 180.0
+
+    @property
+    def possible(self) -> bool:
+        """Whether a lens can be so."""
+        return FIELD[0] <= self.field <= FIELD[1]
+
+
+Rig = dict[str, Placed]
+
+
+def agreeing(one: Rig, other: Rig) -> set[str]:
+    """The cameras on which two calibrations agree."""
+    names = sorted(set(one) & set(other))
+    if len(names) < FEWEST:
+        return set()
+    rotations, theirs = (np.stack([rig[name].rotation for name in names]) for rig in (one, other))
+    turns = np.swapaxes(rotations, 1, 2) @ theirs  # each camera's idea of how the worlds are turned
+    off = np.stack([_degrees(rotations @ turn, theirs) for turn in turns])
+    best = int(np.median(off, 1).argmin())
+    turn, turned = turns[best], off[best]
+    here, there = (np.stack([rig[name].center for name in names]) for rig in (one, other))
+    there = there @ turn.T
+    gaps, their_gaps = _gaps(here), _gaps(there)
+    scale = float(np.median(gaps) / max(np.median(their_gaps), 1e-12))
+    moved = here - scale * there
+    moved = np.linalg.norm(moved - np.median(moved, 0), axis=1) / max(float(np.median(gaps)), 1e-12)
+    zoomed = np.array([abs(np.log(one[name].focal / other[name].focal)) for name in names])
+    fits = (turned < TURNED) & (moved < MOVED) & (zoomed < ZOOMED)
+    return {name for name, fit in zip(names, fits, strict=True) if fit}
+
+
+def trusted(rigs: list[Rig], few: int) -> tuple[int, set[str]]:
+    """Which calibration is the best, and its cameras that can be trusted: with possible lenses, and where another one says, too.
+
+    Of a single moment there is nothing to compare with: cameras must see `few` points then.
+    """
+    found: list[set[str]] = []
+    for number, rig in enumerate(rigs):
+        possible = {name for name, placed in rig.items() if placed.possible}
+        others = [other for n, other in enumerate(rigs) if n != number]
+        if others:
+            kept = possible & set().union(*(agreeing(rig, other) for other in others))
+        else:
+            kept = {name for name in possible if rig[name].points >= few}
+        found.append(kept)
+    best = max(range(len(rigs)), key=lambda n: (len(found[n]), sum(rigs[n][name].points for name in found[n])))
+    return best, found[best]
+
+
+def _degrees(a: np.ndarray, b: np.ndarray) -> np.ndarray:
+    """Between rotations [N, 3, 3]."""
+    trace = np.einsum("nij,nij->n", a, b)
+    return np.degrees(np.arccos(np.clip((trace - 1) / 2, -1, 1)))
+
+
+def _gaps(centers: np.ndarray) -> np.ndarray:
+    """Distances of all pairs of places [N, 3]."""
+    i, j = np.triu_indices(len(centers), 1)
+    return np.linalg.norm(centers[i] - centers[j], axis=1)

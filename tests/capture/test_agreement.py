@@ -1,0 +1,71 @@
+"""Calibrations that are right, and such as COLMAP returns of next to nothing."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from splatreel.capture.agreement import Placed, Rig, agreeing, trusted
+
+RNG = np.random.default_rng(0)
+
+
+def rig(count: int = 6, points: int = 300) -> Rig:
+    rotations = Rotation.from_rotvec(RNG.normal(0, 0.5, (count, 3))).as_matrix()
+    return {f"cam{n}": Placed(rotations[n], RNG.normal(0, 2, 3), 0.9, points) for n in range(count)}
+
+
+def elsewhere(cameras: Rig) -> Rig:
+    """The same rig in a world that is turned, larger and moved."""
+    turn = Rotation.from_rotvec([0.3, 1.2, -0.5]).as_matrix()
+    return {
+        name: replace(placed, rotation=placed.rotation @ turn, center=3 * turn.T @ placed.center + [1, 2, 3])
+        for name, placed in cameras.items()
+    }
+
+
+def turned(placed: Placed, degrees: float) -> Placed:
+    return replace(placed, rotation=Rotation.from_rotvec([0, np.radians(degrees), 0]).as_matrix() @ placed.rotation)
+
+
+def test_the_world_that_a_calibration_is_in_does_not_matter() -> None:
+    one = rig()
+    assert agreeing(one, elsewhere(one)) == set(one)
+    assert agreeing(one, {name: placed for name, placed in elsewhere(one).items() if name in ("cam0", "cam1")}) == set()
+
+
+@pytest.mark.parametrize(
+    "wrong",
+    [
+        lambda placed: turned(placed, 17),
+        lambda placed: replace(placed, center=placed.center + np.array([0, 4, 0])),
+        lambda placed: replace(placed, focal=1.5 * placed.focal),
+    ],
+)
+def test_a_camera_that_comes_out_elsewhere_is_not_believed(wrong) -> None:
+    one = rig()
+    other = elsewhere(one)
+    other["cam2"] = wrong(other["cam2"])
+    assert agreeing(one, other) == set(one) - {"cam2"}
+    assert trusted([one, other], 100)[1] == set(one) - {"cam2"}
+    assert trusted([one, other, elsewhere(one)], 100)[1] == set(one), "two of three agree"
+
+
+def test_moments_that_do_not_agree_are_believed_in_nothing() -> None:
+    assert trusted([rig(), rig(), rig()], 100)[1] == set()
+
+
+def test_lenses_that_cannot_be_are_not_believed() -> None:
+    one = rig()
+    one["cam1"] = replace(one["cam1"], focal=5_963_173 / 1920)
+    one["cam2"] = replace(one["cam2"], focal=0.01)
+    assert not one["cam1"].possible
+    assert trusted([one, elsewhere(one)], 100)[1] == set(one) - {"cam1", "cam2"}
+    assert replace(one["cam0"], focal=16_041 / 2048).possible, "a lens of the Technicolor kind"
+
+
+def test_a_single_moment_is_believed_where_cameras_see_enough() -> None:
+    one = rig()
+    one["cam3"] = replace(one["cam3"], points=12)
+    assert trusted([one], 100) == (0, set(one) - {"cam3"})
