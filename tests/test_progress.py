@@ -1,4 +1,5 @@
 import io
+import time
 
 import pytest
 
@@ -16,17 +17,17 @@ class Clock:
 def test_lines_come_at_the_start_now_and_then_and_at_the_end() -> None:
     clock, stream = Clock(), io.StringIO()
     lines = Lines(stream, interval=10, clock=clock)
-    lines.stage("keyframe", 100)
+    lines.stage("building", 100)
     for done in range(1, 101):
         clock.now += 0.25
         lines.update(done, psnr=28.5, points=12_000)
     lines.update(100, points=12_000)
     lines.note("written")
     assert stream.getvalue().splitlines() == [
-        "keyframe: 100 steps",
-        "keyframe: 40/100, psnr 28.5, points 12,000, 15 s left",
-        "keyframe: 80/100, psnr 28.5, points 12,000, 5.0 s left",
-        "keyframe: 100/100, psnr 28.5, points 12,000, took 25 s",
+        "building ...",
+        "building: 40 %, 28.5 dB, 12,000 points, 15 s left",
+        "building: 80 %, 28.5 dB, 12,000 points, 5.0 s left",
+        "building: done in 25 s, 28.5 dB, 12,000 points",
         "written",
     ]
 
@@ -49,7 +50,7 @@ def test_a_stage_without_steps_is_no_division_by_zero() -> None:
     lines = Lines(stream, clock=Clock())
     lines.stage("nothing", 0)
     lines.update(0)
-    assert stream.getvalue().splitlines()[-1] == "nothing: 0/0, took 0.0 s"
+    assert stream.getvalue().splitlines()[-1] == "nothing: done in 0.0 s"
 
 
 def test_a_terminal_gets_bars() -> None:
@@ -65,8 +66,43 @@ def test_a_terminal_gets_bars() -> None:
     display.note("a [note]")
     display.close()
     assert "a [note]" in stream.getvalue()
-    assert "10/10" in stream.getvalue()
+    assert "100 %" in stream.getvalue()
     assert isinstance(console(io.StringIO()), Lines)
+
+
+def test_work_that_reports_nothing_is_said_to_go_on() -> None:
+    clock, stream = Clock(), io.StringIO()
+    lines = Lines(stream, interval=5, clock=clock)
+    lines.stage("finding surfaces", 4)
+    lines.update(1)
+    lines.beat()
+    assert stream.getvalue().splitlines() == ["finding surfaces ..."], "it has just begun"
+    clock.now += 6
+    lines.beat()
+    lines.beat()
+    lines.update(4)
+    clock.now += 20
+    lines.beat()
+    lines.close()
+    clock.now += 20
+    lines.beat()
+    assert stream.getvalue().splitlines()[1:] == [
+        "finding surfaces: 25 %, at work for 6.0 s",
+        "finding surfaces: done in 6.0 s",
+        "finding surfaces: done, and what follows from it is at work for 26 s",
+    ]
+
+
+def test_nobody_has_to_ask_for_it() -> None:
+    stream = io.StringIO()
+    lines = Lines(stream, interval=0.02)
+    lines.stage("finding surfaces", 1)
+    for _ in range(500):
+        if "at work for" in stream.getvalue():
+            break
+        time.sleep(0.01)
+    lines.close()
+    assert "finding surfaces: 0 %, at work for" in stream.getvalue()
 
 
 def test_silence(capsys: pytest.CaptureFixture[str]) -> None:
@@ -86,4 +122,6 @@ def test_seconds_read_well(seconds: float, text: str) -> None:
 
 
 def test_numbers_read_well() -> None:
-    assert format_numbers({"points": 40_000, "psnr": 29.1267}) == "points 40,000, psnr 29.13"
+    assert format_numbers({"points": 40_000, "psnr": 29.1267}) == "40,000 points, 29.1 dB"
+    assert format_numbers({"moving": 3100, "appeared": 5305}) == "3,100 points move, 5,305 of them appear on the way"
+    assert format_numbers({"rate": 2.5}) == "rate 2.5"

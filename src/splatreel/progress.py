@@ -3,12 +3,23 @@
 from __future__ import annotations
 
 import sys
+import threading
 import time
 import unicodedata
 from collections.abc import Callable
 from typing import Any, Protocol, TextIO
 
 Span = tuple[float, float]
+PHRASES = {
+    "psnr": "{:.1f} dB",
+    "loss": "training error {:.3f}",
+    "points": "{:,} points",
+    "moving": "{:,} points move",
+    "resting": "{:,} points rest",
+    "lit": "{:,} of these change in brightness",
+    "appeared": "{:,} of them appear on the way",
+}
+"""How a number is told, by its name."""
 
 
 def printable(text: str) -> str:
@@ -77,6 +88,11 @@ class Estimate:
         """Share of the stage that is done, 0..1."""
         return min(self.done / self.total, 1.0) if self.total > 0 else 0.0
 
+    @property
+    def of(self) -> str:
+        """What the seconds are left of, in words: nothing for a stage."""
+        return "" if self.span is None else " in all"
+
     def seconds_left(self) -> float | None:
         """None as long as there is nothing to judge by."""
         if self.span is not None and self._job_start is not None:
@@ -87,10 +103,13 @@ class Estimate:
 
 
 class Lines:
-    """For a log file or a pipe: a line when a stage starts, about every `interval` seconds, and when it ends."""
+    """For a log file or a pipe: a line when a stage starts, about every `interval` seconds, and when it ends.
+
+    Work that reports nothing for so long is said to go on: a step may take minutes, and a user wonders after seconds. Use `close`.
+    """
 
     def __init__(
-        self, stream: TextIO | None = None, interval: float = 10.0, clock: Callable[[], float] = time.monotonic
+        self, stream: TextIO | None = None, interval: float = 5.0, clock: Callable[[], float] = time.monotonic
     ) -> None:
         self._stream = stream or sys.stderr
         self._interval = interval
@@ -98,49 +117,80 @@ class Lines:
         self._estimate = Estimate(clock)
         self._name, self._ended = "", False
         self._last = clock()
+        self._lock, self._closed = threading.RLock(), threading.Event()
+        self._watch: threading.Thread | None = None
 
     def stage(self, name: str, total: int, span: Span | None = None) -> None:
-        self._name, self._ended = name, False
-        self._estimate.stage(total, span)
-        self._last = self._clock()
-        self._print(f"{name}: {total} steps")
+        with self._lock:
+            self._name, self._ended = name, False
+            self._estimate.stage(total, span)
+            self._last = self._clock()
+            self._print(f"{name} ...")
+        if self._watch is None:
+            self._watch = threading.Thread(target=self._keep_saying, daemon=True)
+            self._watch.start()
 
     def update(self, done: int, **numbers: float) -> None:
-        finished = done >= self._estimate.total
-        if finished and self._ended:
-            return
-        self._estimate.done, self._ended = done, finished
-        if not finished and self._clock() - self._last < self._interval:
-            return
-        self._last = self._clock()
-        parts = [f"{self._name}: {done}/{self._estimate.total}", format_numbers(numbers)]
-        left = self._estimate.seconds_left()
-        if finished:
-            parts.append(f"took {format_seconds(self._estimate.stage_seconds)}")
-        if left is not None and left >= 0.5:
-            parts.append(f"{format_seconds(left)} left")
-        self._print(", ".join(p for p in parts if p))
+        with self._lock:
+            finished = done >= self._estimate.total
+            if finished and self._ended:
+                return
+            self._estimate.done, self._ended = done, finished
+            if not finished and self._clock() - self._last < self._interval:
+                return
+            self._last = self._clock()
+            state = f"done in {format_seconds(self._estimate.stage_seconds)}" if finished else self._percent()
+            parts = [f"{self._name}: {state}", format_numbers(numbers)]
+            left = self._estimate.seconds_left()
+            if left is not None and left >= 0.5:
+                parts.append(f"{format_seconds(left)} left{self._estimate.of}")
+            self._print(", ".join(p for p in parts if p))
 
     def note(self, text: str) -> None:
-        self._print(text)
+        with self._lock:
+            self._last = self._clock()
+            self._print(text)
 
     def close(self) -> None:
-        self._stream.flush()
+        self._closed.set()
+        with self._lock:
+            self._stream.flush()
+
+    def beat(self) -> None:
+        """Say that work goes on, if nothing was said for `interval` seconds."""
+        with self._lock:
+            if self._closed.is_set() or self._clock() - self._last < self._interval:
+                return
+            self._last = self._clock()
+            since = format_seconds(self._estimate.stage_seconds)
+            state = "done, and what follows from it is at work" if self._ended else f"{self._percent()}, at work"
+            self._print(f"{self._name}: {state} for {since}")
+
+    def _percent(self) -> str:
+        return f"{100 * self._estimate.share:.0f} %"
+
+    def _keep_saying(self) -> None:
+        while not self._closed.wait(self._interval / 4):
+            try:
+                self.beat()
+            except (OSError, ValueError):  # nobody reads any more
+                return
 
     def _print(self, text: str) -> None:
         print(printable(text), file=self._stream, flush=True)
 
 
 class Terminal:
-    """For a terminal: one live bar a stage, which stays on the screen when the stage is done."""
+    """For a terminal: one live bar a stage, which stays on the screen when the stage is done; it moves while work reports nothing."""
 
     def __init__(self, stream: TextIO | None = None) -> None:
         from rich.console import Console
-        from rich.progress import BarColumn, TextColumn
+        from rich.progress import BarColumn, SpinnerColumn, TextColumn, TimeElapsedColumn
         from rich.progress import Progress as Bars
 
-        columns: list[Any] = [TextColumn("{task.description:<28}"), BarColumn(bar_width=24)]
-        columns += [TextColumn("{task.completed:.0f}/{task.total:.0f}"), TextColumn("{task.fields[text]}")]
+        columns: list[Any] = [SpinnerColumn(finished_text=" "), TextColumn("{task.description:<44}", markup=False)]
+        columns += [BarColumn(bar_width=16), TextColumn("{task.percentage:>3.0f} %"), TimeElapsedColumn()]
+        columns += [TextColumn("{task.fields[text]}", markup=False)]
         self._bars = Bars(*columns, console=Console(file=stream or sys.stderr))
         self._task: Any = None
         self._estimate = Estimate()
@@ -154,9 +204,7 @@ class Terminal:
     def update(self, done: int, **numbers: float) -> None:
         self._estimate.done = done
         left = self._estimate.seconds_left()
-        time_text = "" if left is None or left < 0.5 else f"{format_seconds(left)} left"
-        if done >= self._estimate.total:
-            time_text = format_seconds(self._estimate.stage_seconds)
+        time_text = "" if left is None or left < 0.5 else f"{format_seconds(left)} left{self._estimate.of}"
         text = "  ".join(p for p in (format_numbers(numbers), time_text) if p)
         self._bars.update(self._task, completed=done, text=text)
 
@@ -186,5 +234,6 @@ def format_seconds(seconds: float) -> str:
 
 
 def format_numbers(numbers: dict[str, float]) -> str:
-    """Such as `psnr 29.13, points 40,000`."""
-    return ", ".join(f"{k} {v:,}" if isinstance(v, int) else f"{k} {v:.4g}" for k, v in numbers.items())
+    """Such as `29.1 dB, 40,000 points`."""
+    other = {name: "{:,} " + name if isinstance(value, int) else name + " {:.4g}" for name, value in numbers.items()}
+    return ", ".join(PHRASES.get(name, other[name]).format(value) for name, value in numbers.items())

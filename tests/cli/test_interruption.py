@@ -54,8 +54,8 @@ def start(capture: Path, out: Path, title: str) -> subprocess.Popen[str]:
 def test_signals_stop_the_command_and_the_same_command_goes_on(capture: Path, tmp_path: Path) -> None:
     out = tmp_path / "out"
     stops = [
-        ("group 2/2 keyframe", signal.SIGINT, 130, 1),
-        ("group 2/2 motion", signal.SIGKILL, -signal.SIGKILL, 1),
+        ("group 2/2: refining what moves", signal.SIGINT, 130, 1),
+        ("group 2/2: learning how it moves", signal.SIGKILL, -signal.SIGKILL, 1),
     ]
     for line, number, code, published in stops:
         process = start(capture, out, "A wall")
@@ -72,7 +72,7 @@ def test_signals_stop_the_command_and_the_same_command_goes_on(capture: Path, tm
     process = start(capture, out, "Another wall")  # which is no other run
     output, errors = process.communicate(timeout=60)
     assert process.returncode == 0, errors
-    assert "keyframe" not in errors  # both were kept
+    assert "at its first frame" not in errors  # both were kept
     assert f"splatreel serve {out / 'reel'}" in output
     assert verify_reel(out / "reel").groups == 2
     said = ReelReader(out / "reel").manifest.presentation

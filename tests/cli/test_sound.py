@@ -40,7 +40,7 @@ def test_what_has_no_sound_is_refused_at_once(
     assert main(["reconstruct", ".", "--out", str(tmp_path / "out"), "--sound", wanted]) == 1
     error = capsys.readouterr().err
     assert said in error
-    assert "keyframe" not in error
+    assert "group 1" not in error
 
 
 def test_a_film_of_some_frames_has_their_sound(tmp_path: Path) -> None:

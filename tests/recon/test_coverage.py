@@ -7,14 +7,26 @@ import numpy as np
 import pytest
 import torch
 
+from splatreel.codec.reader import ReelReader
+from splatreel.config import Config, KeyframeConfig
 from splatreel.errors import ReconstructionError
 from splatreel.progress import Silent
-from splatreel.recon import trial
+from splatreel.recon import sequence, trial
 from splatreel.recon.coverage import Coverage, cover, load_coverage, save_coverage
 from splatreel.recon.trial import Trial
 from splatreel.scene.camera import Camera
 from tests.recon import corner
+from tests.recon.captures import WallCapture
 from tests.recon.scenes import look_at
+
+
+class Notes(Silent):
+    def __init__(self) -> None:
+        self.lines: list[str] = []
+
+    def note(self, text: str) -> None:
+        self.lines.append(text)
+
 
 CPU = torch.device("cpu")
 
@@ -84,3 +96,21 @@ def test_what_was_found_is_kept_whole(tmp_path: Path) -> None:
     (tmp_path / "coverage.json").write_text('{"names": []}')
     with pytest.raises(ReconstructionError, match="is damaged"):
         load_coverage(tmp_path)
+
+
+def test_a_reel_holds_people_closer_where_the_trial_failed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    names = [camera.name for camera in WallCapture(1).cameras]
+    failed = Coverage(names, [20.0] * 4, [0] * 4, 0, Trial(names[1], 14.0, 11.2, 13.0, 9.5))
+    monkeypatch.setattr(sequence, "cover", lambda *_, **__: failed)
+    keyframe = KeyframeConfig(first_iterations=20, densify_every=5, sh_degree=1)
+    angles = []
+    for tried in (True, False):
+        out, heard = tmp_path / str(tried), Notes()
+        config = Config(keyframe=keyframe, check_coverage=tried)
+        result = sequence.reconstruct(WallCapture(1), out, config, device="cpu", progress=heard)
+        limits = ReelReader(result.reel).manifest.presentation.limits
+        assert limits is not None
+        angles.append(limits.angle)
+        assert any("more than 7 degrees" in line for line in heard.lines) == tried
+        assert (out / "work" / "coverage.json").exists() == tried
+    assert angles[0] == 7 < angles[1]

@@ -93,7 +93,7 @@ def test_progress_knows_the_whole_job(tmp_path: Path) -> None:
     trace = Trace()
     reconstruct(WallCapture(FRAMES), tmp_path, CONFIG, progress=trace)
     shares = [span for _, _, span in trace.stages if span is not None]
-    assert len(shares) == len(trace.stages) == 7
+    assert len(shares) == len(trace.stages) == 12
     assert shares[0][0] == 0
     assert shares[-1][1] == pytest.approx(1)
     assert all(a[1] == pytest.approx(b[0]) for a, b in pairwise(shares))

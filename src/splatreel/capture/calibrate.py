@@ -65,7 +65,7 @@ def calibrate(path: Path, progress: Progress, also: Path | None = None) -> Calib
         raise CaptureError(f"{path}: {len(files)} videos ({found}), at least {MIN_CAMERAS} are needed. Add the others.")
     stills = check_stills(also) if also is not None else []
     colmap = import_pycolmap()
-    colmap.logging.minloglevel = colmap.logging.Level.ERROR.value
+    colmap.logging.minloglevel = colmap.logging.Level.FATAL.value
     with scratch(path, "calibrate") as folder:
         videos = Videos(path, files, read_sidecar(path), Request(frames=(0, 1)))
         try:

@@ -40,7 +40,7 @@ def synchronise(path: Path, progress: Progress) -> dict[str, float]:
     files = video_files(path)
     if len(files) < 2:
         raise CaptureError(f"{path}: {len(files)} videos; there is nothing to bring together.")
-    progress.stage("sound", len(files))
+    progress.stage("reading the sound of the videos", len(files))
     sounds = {}
     for count, (name, file) in enumerate(files.items(), 1):
         sounds[name] = listen(file)
@@ -57,7 +57,7 @@ def align(path: Path, sounds: dict[str, np.ndarray], progress: Progress) -> dict
     length = 1 << (2 * max(map(len, sounds.values())) - 1).bit_length()
     phases = {name: _phases(sound, length) for name, sound in sounds.items()}
     pairs = list(combinations(sounds, 2))
-    progress.stage("alignment", len(pairs))
+    progress.stage("comparing their sound in pairs", len(pairs))
     found: dict[tuple[str, str], Agreement] = {}
     for count, (a, b) in enumerate(pairs, 1):
         found[a, b] = agreement = _compare(phases[a], phases[b], length)

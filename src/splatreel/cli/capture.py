@@ -48,7 +48,7 @@ def capture_check(
     source = open_capture(capture, width=width, frames=parse_frames(frames), held_out=parse_held_out(hold_out))
     progress = console()
     try:
-        progress.stage("reading", source.frames)
+        progress.stage("reading every frame", source.frames)
         names = [camera.name for camera in source.cameras]
         middle, moments = source.frames // 2 // CHUNK * CHUNK, []
         for first in range(0, source.frames, CHUNK):
@@ -63,8 +63,9 @@ def capture_check(
         progress.close()
         source.close()
     held_out = ", ".join(source.held_out) or "none"
-    points = "no points" if source.points is None else f"{len(source.points):,} points"
-    say(f"{capture}: {type(source).__name__}, every frame can be read")
+    points = "no points of its own" if source.points is None else f"{len(source.points):,} points of its own"
+    layout = type(source).__name__.removesuffix("Capture")
+    say(f"{capture}: of the layout {layout}, every frame can be read")
     say(f"  {len(names)} cameras, held out: {held_out}; {points}")
     say(f"  {source.frames} frames at {source.fps:g} a second, {source.width} x {source.height} pixels")
     say(f"  sound: {sound or 'none'}")

@@ -57,7 +57,7 @@ def demo(
     progress = console()
     try:
         start = time.monotonic()
-        progress.stage("capture", 100)
+        progress.stage("filming the built-in scene", 100)
         folder = make_capture(
             out / "capture",
             width=width,

@@ -123,7 +123,7 @@ def _write_film(source: Timeline, first: int, end: int, out: Path, width: int | 
         shots = film_of(read_path(path), start, source.fps)
     progress = console()
     try:
-        progress.stage("film", len(shots))
+        progress.stage("drawing the film", len(shots))
         write_film(out, source, shots, progress.update)
     finally:
         progress.close()

@@ -64,7 +64,7 @@ def evaluate(
     scores: dict[tuple[int, str], Quality] = {}
     before: list[float] = []
     flicker = Flicker(border_frames(reader.manifest))
-    progress.stage("evaluate", len(chosen))
+    progress.stage(f"comparing with {', '.join(view.name for view in views)}", len(chosen))
     for done, (frame, truths) in enumerate(read_frames(capture, chosen, [v.name for v in views]), 1):
         gaussians = timeline.at(frame / reader.fps)
         raw = undecoded(frame) if undecoded is not None else None

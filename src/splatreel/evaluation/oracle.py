@@ -70,7 +70,10 @@ def oracle(
         gallery = Gallery(views, truths, masks, lpips)
         if frame in todo:
             done = todo.index(frame)
-            title, span = f"frame {frame}, {done + 1}/{len(todo)}", (done / len(todo), (done + 1) / len(todo))
+            title, span = (
+                f"frame {frame} on its own ({done + 1} of {len(todo)})",
+                (done / len(todo), (done + 1) / len(todo)),
+            )
             progress.stage(title, config.keyframe.first_iterations, span)
             ledger.add(reconstruct_frame(capture, frame, config, gallery, chosen, progress))
         if timeline is not None:

@@ -10,6 +10,8 @@ from pathlib import Path
 from splatreel.errors import UsageError
 from splatreel.scene.atomic import replacing
 
+SCALE = "PSNR tells how close pictures are to the camera's: 20 dB is poor, 30 dB good, 40 dB hardly to be told apart."
+
 
 @dataclass(frozen=True)
 class Quality:
@@ -92,7 +94,7 @@ class Report:
             ("Peak memory", "unknown" if self.peak_memory_bytes is None else megabytes(self.peak_memory_bytes)),
             ("Device", self.device),
         ]
-        lines = ["# Evaluation", "", self._views(), "", "| | |", "|---|---|"]
+        lines = ["# Evaluation", "", self._views(), "", SCALE, "", "| | |", "|---|---|"]
         lines += [f"| {name} | {value} |" for name, value in rows]
         if self.coverage:
             lines += ["", "What the cameras that it was trained on allow:", ""]

@@ -91,8 +91,9 @@ class Coverage:
     @staticmethod
     def from_dict(value: dict[str, Any]) -> Coverage:
         """Raises TypeError for what is none."""
-        trial = value.get("trial")
-        return Coverage(**value | {"trial": None if trial is None else Trial(**trial)})
+        plain = dict(value)
+        trial = plain.pop("trial", None)
+        return Coverage(**plain, trial=None if trial is None else Trial(**trial))
 
 
 def cover(

@@ -75,7 +75,7 @@ def follow(
     for frame in range(1, len(frames)):
         tracker.forth(trails, frame - 1)
         if frame % STEP == 0:
-            progress.update(frame, dynamic=sum(len(trail.points) for trail in trails))
+            progress.update(frame, moving=sum(len(trail.points) for trail in trails))
             faulty = watch.faults(trails, frame)
             newcomers, leap = watch.appeared(trails, frame, faulty)
             room -= len(newcomers)

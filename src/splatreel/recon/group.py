@@ -129,7 +129,7 @@ class GroupTrainer:
 
     def train(self, progress: Progress) -> GroupResult:
         if len(self.points) == 0:
-            progress.note("Nothing moves in this group: it holds static points only.")
+            progress.note("nothing moves in this group: it has no points of its own")
             return self.result()
         layering = self.config.layering
         culls = {round(at * self.iterations) for at in FAINT_AT} if self.config.group.faint_share else set()
@@ -149,8 +149,8 @@ class GroupTrainer:
                 self._watch()
             if (iteration + 1) % SHOW_EVERY == 0 or share == 1:
                 self.points.check()
-                progress.update(iteration + 1, loss=float(loss), dynamic=len(self.points))
-        progress.note(f"training views {self.psnr():.2f} dB, {len(self.points):,} dynamic points")
+                progress.update(iteration + 1, loss=float(loss), moving=len(self.points))
+        progress.note(f"the pictures that this group was trained on come out with {self.psnr():.1f} dB")
         return self.result()
 
     def _step(self, iteration: int) -> Tensor:

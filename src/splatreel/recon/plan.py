@@ -49,6 +49,16 @@ class Plan:
     def motion(self, group: int) -> Span:
         return self._span(f"motion {group}")
 
+    def layered(self, group: int) -> Span:
+        """When layering is over: writing takes no time to speak of beside it."""
+        _, end = self.layering(group)
+        return end, end
+
+    def moved(self, group: int) -> Span:
+        """When motion is."""
+        _, end = self.motion(group)
+        return end, end
+
     def _span(self, stage: str) -> Span:
         """The part of the whole job a stage is: where it starts and ends, 0..1."""
         total, begin = sum(self._costs.values()), 0.0

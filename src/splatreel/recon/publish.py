@@ -236,7 +236,7 @@ def encode(
     def write(coarseness: float) -> float:
         writer = open_writer(work, reel, dataclasses.replace(config, coarseness=coarseness), resume=False)
         publisher = Publisher(writer, work, device, shows)
-        progress.stage("encode", count)
+        progress.stage("writing the groups", count)
         publisher.publish_all(count, progress.update)
         manifest = writer.manifest
         size = sum(file.bytes for file in (*manifest.layers, *manifest.groups))

@@ -163,7 +163,7 @@ class Reconstruction:
         self.rig.delays.restart()
         with self._timed("group"):
             iterations = self.config.group.iterations_per_frame * span.count
-            self.progress.stage(self._title(span, "motion"), iterations, self.plan.motion(span.index))
+            self.progress.stage(self._title(span, "learning how it moves"), iterations, self.plan.motion(span.index))
             data = GroupFrames(self._on_device(frames), self._views(layout), layout.near, layout.unit)
             trainer = GroupTrainer(
                 data,
@@ -177,15 +177,17 @@ class Reconstruction:
                 self.rig.delays,
             )
             result = trainer.train(self.progress)
-            self.progress.update(iterations, dynamic=len(result.dynamic))
+            self.progress.update(iterations, moving=len(result.dynamic))
         result.dynamic.check_finite(f"Group {span.index}")
         self.rig.keep_delays(self._folder(span), self.progress)
         group = Group(span.index, span.first, result.dynamic, result.dx, result.dq, result.alive, result.shade, light)
         with self._timed("encode"):
+            self.progress.stage(self._title(span, "writing it for players"), 1, self.plan.moved(span.index))
             shown = importance(writer, scene.static, group, self.device)[0]
             save_group(self.work, group, shown)  # before it is published: what is in the reel is never trained again
             writer.add_group(group, shown)
             self.present(writer, span.index)
+            self.progress.update(1)
         return self._hand_over(span, scene.static, group)
 
     def _keyframe(self, span: Span, scene: Scene, frames: np.ndarray, layout: Layout) -> Gaussians:
@@ -200,7 +202,8 @@ class Reconstruction:
             iterations = config.first_iterations if first else config.refine_iterations
             if not first and len(scene.dynamic) == 0:
                 return scene.dynamic
-            self.progress.stage(self._title(span, "keyframe"), iterations, self.plan.keyframe(span.index))
+            what = "building the scene at its first frame" if first else "refining what moves at its first frame"
+            self.progress.stage(self._title(span, what), iterations, self.plan.keyframe(span.index))
             self.rig.gains.restart()
             images = steady(frames) if config.steady else frames[0]
             trainer = self._keyframe_trainer(scene, layout, first)
@@ -240,7 +243,9 @@ class Reconstruction:
     def _layer(self, span: Span, scene: Scene, frames: np.ndarray, layout: Layout) -> Layers:
         """(b): label all living points by their motion in this group."""
         with self._timed("layering"):
-            self.progress.stage(self._title(span, "layering"), 1, self.plan.layering(span.index))
+            self.progress.stage(
+                self._title(span, "telling what moves from what rests"), 1, self.plan.layering(span.index)
+            )
             everything = Gaussians.concatenate([scene.dynamic, scene.static[scene.alive]])
             moves = label_points(everything, self.rig.cameras, frames, layout.near, self.config.layering, self.device)
             if span.index:
@@ -251,7 +256,8 @@ class Reconstruction:
                 light[:, ~moves] = changes_of_light(still, self.rig.cameras, frames, layout.near, self.device)
             layers = separate(scene.static, scene.alive, scene.dynamic, moves, light)
             static = len(layers.settled) + int(layers.alive.sum())
-            self.progress.update(1, dynamic=len(layers.dynamic), lit=len(layers.lit), static=static)
+            lit = {"lit": len(layers.lit)} if len(layers.lit) else {}
+            self.progress.update(1, moving=len(layers.dynamic), resting=static, **lit)
         return layers
 
     def _settle(self, span: Span, scene: Scene, layers: Layers, writer: ReelWriter) -> Scene:
@@ -259,12 +265,14 @@ class Reconstruction:
         if len(layers.settled) == 0:
             return replace(scene, alive=layers.alive, dynamic=layers.dynamic)
         with self._timed("encode"):
+            self.progress.stage(self._title(span, "writing what rests"), 1, self.plan.layered(span.index))
             seen = Gaussians.concatenate(
                 [layers.settled, layers.dynamic, layers.lit.points, scene.static[layers.alive]]
             )
             near, antialias = writer.manifest.near, self.config.antialias
             shows = weigh([seen], self.rig.cameras, near, self.device, antialias)[: len(layers.settled)]
             decoded, order = writer.add_layer(span.index, span.first, layers.settled, shows)
+            self.progress.update(1, points=len(decoded))
         raw = layers.settled[order]
         arrays = checkpoint.pack(raw, "raw_") | checkpoint.pack(decoded, "decoded_") | {"importance": shows[order]}
         checkpoint.save_arrays(self._folder(span) / "layer.safetensors", arrays)
@@ -277,7 +285,7 @@ class Reconstruction:
         if not self.config.group.track or span.count < 2:
             return Start(Gaussians.concatenate([scene.dynamic, lit.points]))
         with self._timed("tracking"):
-            self.progress.stage(self._title(span, "tracking"), span.count, self.plan.tracking(span.index))
+            self.progress.stage(self._title(span, "following what moves"), span.count, self.plan.tracking(span.index))
             gains = self.rig.packed_gains()["gains"]
             static, flow = scene.static[scene.alive], make_flow(self.config.layering.flow)
             motion = scene.momentum and scene.momentum.at(scene.dynamic.means, layout.unit)
@@ -295,7 +303,7 @@ class Reconstruction:
                 self.progress,
             )
             new = len(start.dynamic) - len(scene.dynamic) - len(lit)
-            self.progress.update(span.count, dynamic=len(start.dynamic), new=new)
+            self.progress.update(span.count, moving=len(start.dynamic), appeared=new)
         return start
 
     def _convertible(self, scene: Scene, frames: np.ndarray, layout: Layout) -> np.ndarray:
@@ -329,7 +337,7 @@ class Reconstruction:
             self.rig.stand(group_folder(self.work, 0))
             return Layout.from_dict(checkpoint.load_json(path))
         with self._timed("points"):
-            self.progress.stage("initial points", 1, self.plan.points())
+            self.progress.stage("reading the first frame, checking the cameras", 1, (0.0, 0.0))
             capture, middle = self.capture, self.spans[0].count // 2
             frames = np.concatenate([capture.read(frame, 1, self.rig.names) for frame in (0, middle)])
             check_pictures(capture, self.rig.names, frames)
@@ -337,8 +345,9 @@ class Reconstruction:
                 self.progress.note(doubt)
             frames = self.rig.gather(frames, group_folder(self.work, 0), self.progress, str(capture.origin))
             known = capture.points, capture.point_colors, capture.near
+            self.progress.update(1)
             coverage = self._cover(frames[0]) if self.config.check_coverage else None
-            self.progress.stage("initial points", 1, self.plan.points())
+            self.progress.stage("finding where the scene's surfaces are", 1, self.plan.points())
             seeds, layout = lay_out(self.rig.cameras, frames[0], self.config, *known)
             self.progress.update(1, points=len(seeds.points))
         self.claim.keep()
@@ -377,7 +386,7 @@ class Reconstruction:
         return group_folder(self.work, span.index)
 
     def _title(self, span: Span, what: str) -> str:
-        return f"group {span.index + 1}/{len(self.spans)} {what}"
+        return f"group {span.index + 1}/{len(self.spans)}: {what}"
 
     def _load_seconds(self) -> dict[str, float]:
         path = self.work / "seconds.json"

@@ -103,4 +103,4 @@ def train_frame(
     progress.update(iterations, points=len(trainer.points))
     if trainer.static is None and (psnr := trainer.psnr(stage)) < POOR:
         why = "the cameras do not agree on what they see. Are their poses, lenses and clocks right?"
-        progress.note(f"training views {psnr:.1f} dB only: {why}")
+        progress.note(f"the pictures that were trained on come out with {psnr:.1f} dB only: {why}")
