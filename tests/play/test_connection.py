@@ -131,3 +131,14 @@ def test_attacks_take_little_memory_and_delay_nobody(tmp_path: Path):
                     stack.enter_context(peer)
                 assert min(victim.ask() for _ in range(3)) < 1, attack.__name__
             assert victim.peak() - before < 100e6, attack.__name__
+
+
+def test_closing_waits_for_nobody(tmp_path: Path):
+    server = serve(large_reel(tmp_path), port=0)
+    with ExitStack() as stack:
+        for sent in (b"", HEAD, GET, GET_LARGE):
+            stack.enter_context(dial(server)).sendall(sent)
+        time.sleep(0.2)
+        begun = time.monotonic()
+        server.close()
+    assert time.monotonic() - begun < 2

@@ -12,6 +12,7 @@ from email.utils import formatdate, parsedate_to_datetime
 from pathlib import Path
 from typing import BinaryIO, NamedTuple
 
+from anyio import CapacityLimiter, to_thread
 from starlette.concurrency import run_in_threadpool
 from starlette.middleware.cors import CORSMiddleware
 from starlette.requests import Request
@@ -35,6 +36,8 @@ _REEL_POLICY = "default-src 'none'"
 _READ = ("GET", "HEAD")
 _CHUNK = 1 << 16
 """Bytes that are held for each reader."""
+_READERS = 4
+"""Threads that read files for answers under way, so that new requests do not queue behind many of these."""
 
 
 class Content(NamedTuple):
@@ -60,6 +63,7 @@ class Site:
             "Referrer-Policy": "no-referrer",
             "Cross-Origin-Resource-Policy": "cross-origin" if cors else "same-origin",
         }
+        self._reading = CapacityLimiter(_READERS)
         self._app: ASGIApp = self._respond
         if cors:
             shown = ("Content-Length", "Content-Range", "Accept-Ranges", "ETag")
@@ -143,14 +147,15 @@ class Site:
         if request.method == "HEAD":
             content.file.close()
             return Response(None, 206 if span else 200, headers)
-        return _FileResponse(content.file, start, end, 206 if span else 200, headers)
+        chunks = _chunks(content.file, start, end, self._reading)
+        return _FileResponse(content.file, chunks, 206 if span else 200, headers)
 
 
 class _FileResponse(StreamingResponse):
-    """Bytes start to end of an open file, which it closes."""
+    """Part of an open file, which it closes."""
 
-    def __init__(self, file: BinaryIO, start: int, end: int, status: int, headers: dict[str, str]) -> None:
-        super().__init__(_chunks(file, start, end), status, headers)
+    def __init__(self, file: BinaryIO, chunks: AsyncIterator[bytes], status: int, headers: dict[str, str]) -> None:
+        super().__init__(chunks, status, headers)
         self._file = file
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
@@ -158,11 +163,11 @@ class _FileResponse(StreamingResponse):
             await super().__call__(scope, receive, send)
 
 
-async def _chunks(file: BinaryIO, start: int, end: int) -> AsyncIterator[bytes]:
-    """Ends early where the file became shorter; the connection is then cut, since the promised length cannot be kept."""
+async def _chunks(file: BinaryIO, start: int, end: int, reading: CapacityLimiter) -> AsyncIterator[bytes]:
+    """Bytes start to end, fewer where the file became shorter: uvicorn then cuts the connection, which had been promised more."""
     file.seek(start)
     left = end - start
-    while left > 0 and (chunk := await run_in_threadpool(file.read, min(_CHUNK, left))):
+    while left > 0 and (chunk := await to_thread.run_sync(file.read, min(_CHUNK, left), limiter=reading)):
         left -= len(chunk)
         yield chunk
 
