@@ -1,10 +1,11 @@
 """The web server under attack: what others hold open, send too much of, or do not read takes little memory and delays nobody."""
 
+import http.client
 import os
 import socket
 import time
 from collections.abc import Iterator
-from contextlib import ExitStack
+from contextlib import ExitStack, suppress
 from pathlib import Path
 from urllib.parse import urlsplit
 
@@ -97,10 +98,26 @@ def test_who_reads_slowly_gets_all(tmp_path: Path, monkeypatch: pytest.MonkeyPat
     assert size > LARGE
 
 
-def test_requests_one_after_the_other_in_one_go_are_all_answered(server: Server):
+@pytest.mark.parametrize("count", [2, 3, 20_000])
+def test_of_many_requests_in_one_go_two_are_answered(server: Server, count: int):
+    """Then the connection ends; those who send them so must be ready to send the others again."""
     with dial(server) as peer:
-        peer.sendall(GET * 20 + HEAD + b"Connection: close\r\n\r\n")
-        assert received(peer).count(b"HTTP/1.1 200") == 21
+        with suppress(ConnectionError):
+            peer.sendall(GET * count)
+        answers = received(peer).count(b"HTTP/1.1 200")
+    assert answers == 2 or (count > 3 and answers < 2), "what is unread when a connection ends takes answers with it"
+
+
+def test_many_requests_one_after_the_other_are_all_answered_on_one_connection(server: Server):
+    address = urlsplit(server.url)
+    asking = http.client.HTTPConnection(address.netloc, timeout=10)
+    asking.connect()
+    first = asking.sock
+    for _ in range(50):
+        asking.request("GET", "/reel/manifest.json")
+        assert asking.getresponse().read() == (GOLDEN / "manifest.json").read_bytes()
+    assert asking.sock is first
+    asking.close()
 
 
 def test_there_is_room_for_who_comes_last(server: Server):

@@ -66,12 +66,16 @@ class Connection(H11Protocol):
                 self._go_on()
 
     def on_response_complete(self) -> None:
+        """A request that came before this answer was complete is answered as well, and then the connection ends: thousands in
+        one go would delay others, and browsers send none so."""
         self._ahead = 0
         super().on_response_complete()
-        if self.flow.write_paused or self.transport.is_closing():
+        if self.busy:
+            self.cycle.keep_alive = False
+            if not self.flow.write_paused:
+                self._go_on()
+        elif self.flow.write_paused or self.transport.is_closing():
             self._wait(STALL_SECONDS)
-        elif self.busy:
-            self._go_on()
         else:
             self._begun = bool(self.conn.trailing_data[0])
             self._wait(REQUEST_SECONDS if self._begun else IDLE_SECONDS)
