@@ -4,7 +4,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 from PIL import Image
+from scipy.spatial.transform import Rotation
 
+from splatreel.capture.agreement import Placed
 from splatreel.capture.calibrate import calibrate
 from splatreel.capture.opening import open_capture
 from splatreel.capture.sidecar import Sidecar, read_sidecar, write_failure
@@ -114,3 +116,35 @@ def test_too_few_videos_are_refused(tmp_path: Path) -> None:
     folders.write_video(tmp_path / "phone.mp4", [folders.frame(0, 0)])
     with pytest.raises(CaptureError, match=r"1 videos \(phone\.mp4\), at least 3"):
         calibrate(tmp_path, Silent())
+
+
+def placed(seed: int, focal: float = 1.0, points: int = 40) -> dict[str, Placed]:
+    rng = np.random.default_rng(seed)
+    turns = Rotation.from_rotvec(rng.normal(0, 0.3, (3, 3))).as_matrix()
+    return {f"phone{c}": Placed(turns[c], rng.normal(0, 1, 3), focal, points) for c in range(3)}
+
+
+@pytest.mark.parametrize(
+    ("moments", "said"),
+    [
+        (
+            [placed(0), placed(1), placed(2)],
+            "at different moments of the videos the cameras come out elsewhere; 0 of 3 agree",
+        ),
+        ([placed(0, 5_963_173 / 1920)] * 3, "phone0 would have a lens that shows 0.0184 degrees"),
+        ([placed(0)] * 3, "only 0 of 3 cameras see 100 points or more"),
+        ([placed(0)], "only 0 of 3 cameras see enough to be sure of them, 100 points"),
+    ],
+)
+def test_what_colmap_returns_of_next_to_nothing_is_refused(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, moments: list[dict[str, Placed]], said: str
+) -> None:
+    pytest.importorskip("pycolmap")
+    for c in range(3):
+        folders.write_video(tmp_path / f"phone{c}.mp4", [folders.frame(c, 0)])
+    monkeypatch.setattr("splatreel.capture.calibrate._Solver.solve", lambda *_: moments)
+    monkeypatch.setattr("splatreel.capture.calibrate._rig", lambda model: model)
+    with pytest.raises(CaptureError, match=said):
+        calibrate(tmp_path, Silent())
+    assert not (tmp_path / "sparse").exists()
+    assert said in str(read_sidecar(tmp_path).failure)
