@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from splatreel.capture.base import Capture, Request
+from splatreel.capture.base import WIDEST, Capture, Request
 from splatreel.errors import CaptureError
 from splatreel.scene.camera import Camera
 from tests.capture import folders
@@ -78,6 +78,10 @@ def test_a_width_keeps_the_aspect_ratio(width: int, height: int, wanted: int) ->
     request = Request(width=wanted)
     if round(height * wanted / width) < 1:
         with pytest.raises(CaptureError, match="larger size"):
+            request.size(width, height, Path("a"))
+        return
+    if round(height * wanted / width) > WIDEST:
+        with pytest.raises(CaptureError, match="ask for less"):
             request.size(width, height, Path("a"))
         return
     out = request.size(width, height, Path("a"))
