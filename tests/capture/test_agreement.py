@@ -41,6 +41,7 @@ def test_the_world_that_a_calibration_is_in_does_not_matter() -> None:
         lambda placed: turned(placed, 17),
         lambda placed: replace(placed, center=placed.center + np.array([0, 4, 0])),
         lambda placed: replace(placed, focal=1.5 * placed.focal),
+        lambda placed: replace(placed, focal=-placed.focal),
     ],
 )
 def test_a_camera_that_comes_out_elsewhere_is_not_believed(wrong) -> None:
@@ -50,6 +51,11 @@ def test_a_camera_that_comes_out_elsewhere_is_not_believed(wrong) -> None:
     assert agreeing(one, other) == set(one) - {"cam2"}
     assert trusted([one, other], 100)[1] == set(one) - {"cam2"}
     assert trusted([one, other, elsewhere(one)], 100)[1] == set(one), "two of three agree"
+    moments = [
+        {n: replace(p, points=30 if n == "cam2" else 300) for n, p in m.items()} for m in (one, other, elsewhere(one))
+    ]
+    assert trusted(moments, 100)[1] == set(one) - {"cam2"}, "a camera that sees little must agree with all"
+    assert trusted([moments[0], moments[2]], 100)[1] == set(one)
 
 
 def test_moments_that_do_not_agree_are_believed_in_nothing() -> None:
@@ -59,8 +65,9 @@ def test_moments_that_do_not_agree_are_believed_in_nothing() -> None:
 def test_lenses_that_cannot_be_are_not_believed() -> None:
     one = rig()
     one["cam1"] = replace(one["cam1"], focal=5_963_173 / 1920)
-    one["cam2"] = replace(one["cam2"], focal=0.01)
+    one["cam2"] = replace(one["cam2"], focal=-0.9)
     assert not one["cam1"].possible
+    assert not replace(one["cam2"], focal=0.01).possible
     assert trusted([one, elsewhere(one)], 100)[1] == set(one) - {"cam1", "cam2"}
     assert replace(one["cam0"], focal=16_041 / 2048).possible, "a lens of the Technicolor kind"
 

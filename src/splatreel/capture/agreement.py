@@ -59,7 +59,8 @@ def agreeing(one: Rig, other: Rig) -> set[str]:
     scale = float(np.median(gaps) / max(np.median(their_gaps), 1e-12))
     moved = here - scale * there
     moved = np.linalg.norm(moved - np.median(moved, 0), axis=1) / max(float(np.median(gaps)), 1e-12)
-    zoomed = np.array([abs(np.log(one[name].focal / other[name].focal)) for name in names])
+    focals, their_focals = (np.array([rig[name].focal for name in names]) for rig in (one, other))
+    zoomed = np.abs(focals - their_focals) / np.maximum(np.abs(their_focals), 1e-12)
     fits = (turned < TURNED) & (moved < MOVED) & (zoomed < ZOOMED)
     return {name for name, fit in zip(names, fits, strict=True) if fit}
 
@@ -67,19 +68,23 @@ def agreeing(one: Rig, other: Rig) -> set[str]:
 def trusted(rigs: list[Rig], few: int) -> tuple[int, set[str]]:
     """Which calibration is the best, and its cameras that can be trusted: with possible lenses, and where another one says, too.
 
-    Of a single moment there is nothing to compare with: cameras must see `few` points then.
+    A camera that sees fewer than `few` points must come out alike in all of them: what little it sees may be taken wrongly twice. Of a
+    single moment there is nothing to compare with: every camera must see as many then.
     """
     found: list[set[str]] = []
     for number, rig in enumerate(rigs):
-        possible = {name for name, placed in rig.items() if placed.possible}
-        others = [other for n, other in enumerate(rigs) if n != number]
-        if others:
-            kept = possible & set().union(*(agreeing(rig, other) for other in others))
-        else:
-            kept = {name for name in possible if rig[name].points >= few}
-        found.append(kept)
+        alike = [agreeing(rig, other) for n, other in enumerate(rigs) if n != number]
+        found.append({name for name, placed in rig.items() if _believed(name, placed, alike, few)})
     best = max(range(len(rigs)), key=lambda n: (len(found[n]), sum(rigs[n][name].points for name in found[n])))
     return best, found[best]
+
+
+def _believed(name: str, placed: Placed, alike: list[set[str]], few: int) -> bool:
+    """alike: the cameras that come out alike, by other calibrations."""
+    agreed = [name in names for names in alike]
+    if placed.points < few:
+        return placed.possible and len(agreed) > 0 and all(agreed)
+    return placed.possible and (not agreed or any(agreed))
 
 
 def _degrees(a: np.ndarray, b: np.ndarray) -> np.ndarray:
