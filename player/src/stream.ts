@@ -173,7 +173,9 @@ export class Stream {
       if (item.kind === "group" && !this.makeRoom(item, queue) && !urgent) return;
       this.load(item, item.kind === "group" ? this.renditionFor(item.index) : "");
     }
-    if (!late) this.improve(queue);
+    if (late) return;
+    this.makeRoom(null, queue); // what was on screen while another time was sought
+    this.improve(queue);
   }
 
   /** Note what shows now and is not here. */
@@ -231,15 +233,15 @@ export class Stream {
     return result;
   }
 
-  /** Drop groups that nobody needs, those longest ago first, until one more fits; false if it does not. */
-  private makeRoom(item: Wanted, queue: Wanted[]): boolean {
+  /** Drop groups that nobody needs, those longest ago first, until what is here fits, and `item` with it; false if it does not. */
+  private makeRoom(item: Wanted | null, queue: Wanted[]): boolean {
     const { groups } = this.manifest;
     const sum = (indices: number[]): number => indices.reduce((total, index) => total + this.costOf(index), 0);
     const wanted = queue.filter(({ kind }) => kind === "group").map(({ index }) => index);
     // What is wanted may be more than the budget: the queue says when.
     const budget = Math.max(this.budget, sum(wanted));
     const coming = queue.filter(({ key }) => this.coming.has(key)).map(({ index }) => index);
-    let total = sum([...this.groups.keys(), ...coming, item.index]);
+    let total = sum([...this.groups.keys(), ...coming, ...(item ? [item.index] : [])]);
     const { current } = this.demand;
     const behind = (index: number): number => (current - index + groups.length) % groups.length;
     const victims = this.held.filter((index) => !wanted.includes(index) && !this.isOnScreen(index)).sort((a, b) => behind(a) - behind(b));
