@@ -26,9 +26,9 @@ def test_the_named_options_exist(capsys: pytest.CaptureFixture[str]) -> None:
     for line in lines:
         options = [word for word in shlex.split(line) if word.startswith("--")]
         if options:
-            verb = line.split()[1]
+            verb = [word for word in line.split()[1:3] if word.isalpha() and word.islower()]
             with pytest.raises(SystemExit):
-                build().cli(prog="splatreel", args=[verb, "--help"])
+                build().cli(prog="splatreel", args=[*verb, "--help"])
             known = capsys.readouterr().out
             assert [option for option in options if option not in known] == []
             checked += len(options)
