@@ -45,6 +45,18 @@ def test_the_time_left_is_that_of_the_whole_job_when_the_spans_are_known() -> No
     assert estimate.seconds_left() == pytest.approx(40)
 
 
+def test_what_is_no_part_of_the_job_tells_nothing_of_the_time_left() -> None:
+    clock = Clock()
+    estimate = Estimate(clock)
+    estimate.stage(1, (0.0, 0.1))
+    clock.now += 2
+    estimate.done = 1
+    estimate.stage(1, None)  # a check that takes long, once
+    clock.now += 100
+    estimate.stage(10, (0.1, 1.0))
+    assert estimate.seconds_left() == pytest.approx(18)
+
+
 def test_a_stage_without_steps_is_no_division_by_zero() -> None:
     stream = io.StringIO()
     lines = Lines(stream, clock=Clock())

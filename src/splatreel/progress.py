@@ -67,17 +67,19 @@ class Estimate:
 
     def __init__(self, clock: Callable[[], float] = time.monotonic) -> None:
         self._clock = clock
-        self._job_start: tuple[float, float] | None = None  # when, and which share of the job was already done
-        self._begin_stage(0, None)
-
-    def _begin_stage(self, total: int, span: Span | None) -> None:
-        self.total, self.done, self.span = total, 0, span
-        self._stage_start = self._clock()
+        self._first: float | None = None  # share of the job that was done before it began here
+        self._job_seconds = 0.0  # of the stages before this one that are parts of the job
+        self.total, self.done = 0, 0
+        self.span: Span | None = None
+        self._stage_start = clock()
 
     def stage(self, total: int, span: Span | None) -> None:
-        self._begin_stage(total, span)
-        if span is not None and self._job_start is None:
-            self._job_start = (self._stage_start, span[0])
+        if self.span is not None:
+            self._job_seconds += self.stage_seconds
+        self.total, self.done, self.span = total, 0, span
+        self._stage_start = self._clock()
+        if span is not None and self._first is None:
+            self._first = span[0]
 
     @property
     def stage_seconds(self) -> float:
@@ -95,10 +97,10 @@ class Estimate:
 
     def seconds_left(self) -> float | None:
         """None as long as there is nothing to judge by."""
-        if self.span is not None and self._job_start is not None:
-            began, first = self._job_start
+        if self.span is not None and self._first is not None:
             now = self.span[0] + self.share * (self.span[1] - self.span[0])
-            return (self._clock() - began) * (1 - now) / (now - first) if now > first else None
+            done = now - self._first
+            return (self._job_seconds + self.stage_seconds) * (1 - now) / done if done > 0 else None
         return self.stage_seconds * (1 - self.share) / self.share if self.share > 0 else None
 
 
