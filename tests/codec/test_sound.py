@@ -3,13 +3,15 @@
 import dataclasses
 import json
 from itertools import pairwise
+from pathlib import Path
 
 import numpy as np
 import pytest
 
 from splatreel.codec.fragments import RATE
+from splatreel.codec.presentation import Vec3
 from splatreel.codec.reader import ReelReader
-from splatreel.codec.sound import add_sound, decode_sound, encode_sound, write_sound
+from splatreel.codec.sound import EncodedSound, decode_sound, encode_sound, write_sound
 from splatreel.codec.verify import verify_reel
 from splatreel.errors import ReelError
 from tests import flashes
@@ -62,20 +64,25 @@ def test_no_sound_is_an_error() -> None:
         encode_sound([], 1)
 
 
+def give_sound(reel: Path, sound: EncodedSound | None, position: Vec3 | None = None) -> None:
+    """To a finished reel, instead of what it has."""
+    writer = new_writer(reel, resume=True)
+    write_sound(writer, sound, position)
+    writer.finish()
+
+
 def test_a_reel_gets_sound_and_loses_it(tmp_path) -> None:
     reel = write_reel(tmp_path)
     before = (reel / "manifest.json").read_bytes()
-    add_sound(reel, encode_sound([flashes.clicks()], 1), (1, 2, 3))
+    give_sound(reel, encode_sound([flashes.clicks()], 1), (1, 2, 3))
     sound = ReelReader(reel).manifest.presentation.sound
     assert sound.position == (1, 2, 3)
     assert [s.start for s in sound.segments] == [0, 2]
     assert verify_reel(reel).strangers == []
-    add_sound(reel, encode_sound([flashes.clicks((0.2,), 1.0, 2)], 2))
+    give_sound(reel, encode_sound([flashes.clicks((0.2,), 1.0, 2)], 2))
     assert ReelReader(reel).manifest.presentation.sound.channels == 2
     assert verify_reel(reel).strangers == [], "the second segment of the first sound is gone"
-    writer = new_writer(reel, resume=True)
-    write_sound(writer, None)
-    writer.finish()
+    give_sound(reel, None)
     assert (reel / "manifest.json").read_bytes() == before, "no sound, no bytes"
     assert not list((reel / "sound").glob("*"))
 
@@ -101,7 +108,7 @@ def test_a_live_reel_has_it_from_the_first_group_on(tmp_path) -> None:
 
 def test_damage_is_found(tmp_path) -> None:
     reel = write_reel(tmp_path)
-    add_sound(reel, encode_sound([flashes.clicks()], 1))
+    give_sound(reel, encode_sound([flashes.clicks()], 1))
     file = reel / "sound" / "0001.m4s"
     whole = file.read_bytes()
     file.write_bytes(whole[:-1] + b"\0")
@@ -124,7 +131,7 @@ def test_damage_is_found(tmp_path) -> None:
 )
 def test_a_manifest_that_says_something_else_is_found(tmp_path, change, said) -> None:
     reel = write_reel(tmp_path)
-    add_sound(reel, encode_sound([flashes.clicks()], 1))
+    give_sound(reel, encode_sound([flashes.clicks()], 1))
 
     def forge(document):
         segments = [a | b for a, b in zip(document["sound"]["segments"], change.get("segments", [{}, {}]), strict=True)]
@@ -145,7 +152,7 @@ def test_what_is_no_sound_is_refused(data) -> None:
 def test_files_of_points_are_never_deleted_for_sound(tmp_path) -> None:
     """A manifest may name anything as sound; taking that away must not take away a group."""
     reel = write_reel(tmp_path)
-    add_sound(reel, encode_sound([flashes.clicks()], 1))
+    give_sound(reel, encode_sound([flashes.clicks()], 1))
 
     def forge(document):
         group = document["groups"][1]
@@ -153,12 +160,10 @@ def test_files_of_points_are_never_deleted_for_sound(tmp_path) -> None:
         document["sound"]["init"]["uri"] = "manifest.json"
 
     edit_manifest(reel, forge)
-    add_sound(reel, encode_sound([flashes.clicks((0.1,), 0.5)], 1))
+    give_sound(reel, encode_sound([flashes.clicks((0.1,), 0.5)], 1))
     assert verify_reel(reel).groups == 2
     edit_manifest(reel, lambda d: d["sound"]["init"].update({k: d["layers"][0][k] for k in ("uri", "bytes", "sha256")}))
-    writer = new_writer(reel, resume=True)
-    write_sound(writer, None)
-    writer.finish()
+    give_sound(reel, None)
     assert verify_reel(reel).groups == 2
 
 
@@ -183,7 +188,7 @@ def test_damaged_sound_is_an_error_or_sound(tmp_path) -> None:
 def test_a_segment_cut_short_is_found(tmp_path) -> None:
     reel = write_reel(tmp_path)
     sound = encode_sound([flashes.clicks()], 1)
-    add_sound(reel, dataclasses.replace(sound, segments=(sound.segments[0], sound.segments[1][:5000])))
+    give_sound(reel, dataclasses.replace(sound, segments=(sound.segments[0], sound.segments[1][:5000])))
     with pytest.raises(ReelError, match=r"0001\.m4s"):
         verify_reel(reel)
 

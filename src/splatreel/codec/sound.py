@@ -13,9 +13,7 @@ import numpy as np
 from av.error import FFmpegError
 
 from splatreel.codec.boxes import check_samples
-from splatreel.codec.container import write_atomically
 from splatreel.codec.fragments import PACKET, RATE, initialisation, segment
-from splatreel.codec.manifest import parse_manifest
 from splatreel.codec.presentation import Asset, Sound, SoundSegment, Vec3
 from splatreel.codec.writer import ReelWriter
 from splatreel.errors import MissingDependencyError, ReelError
@@ -121,37 +119,11 @@ def check_size(segment: SoundSegment) -> None:
         )
 
 
-def add_sound(reel: str | Path, sound: EncodedSound, position: Vec3 | None = None) -> None:
-    """Give a reel on disk this sound, instead of any that it has. position: where it comes from, world units; None: from everywhere.
-
-    Raises `ReelError` if there is no reel, or it cannot be written.
-    """
-    folder = Path(reel)
-    file = folder / "manifest.json"
-    try:
-        manifest = parse_manifest(file.read_bytes(), str(file))
-    except OSError as error:
-        raise ReelError(f"{file}: cannot be read ({error.strerror}). Is this a reel?") from error
-
-    def publish(what: Sound | None) -> None:
-        shown = replace(manifest, presentation=replace(manifest.presentation, sound=what))
-        write_atomically(file, shown.to_json().encode())
-
-    described = describe(sound, position)
-    if manifest.presentation.sound not in (None, described):
-        publish(None)  # files that change must not be named while they do
-    for uri, data in files(sound).items():
-        write_atomically(folder / uri, data)
-    publish(described)
-    before = manifest.presentation.sound
-    kept = {"manifest.json", *files(sound), *(file.uri for file in manifest.files)}
-    for asset in before.assets if before else ():
-        if asset.uri not in kept:
-            (folder / asset.uri).unlink(missing_ok=True)
-
-
 def write_sound(writer: ReelWriter, sound: EncodedSound | None, position: Vec3 | None = None) -> None:
-    """Give a reel that is being written this sound, or none; before its first group, so that it has it from then on."""
+    """Give a reel that is being written this sound, or none; before its first group, so that it has it from then on.
+
+    position: where it comes from, world units; None: from everywhere.
+    """
     described = sound and describe(sound, position)
     before = writer.manifest.presentation
     if before.sound == described and (sound is None or _are_there(writer.path, files(sound))):

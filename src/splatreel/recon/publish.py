@@ -232,8 +232,10 @@ def encode(
         raise ReconstructionError(f"{work}: holds no finished group. Run splatreel reconstruct first.")
     shows: Shows = {}
     device = pick_device("auto")
+    writer: ReelWriter | None = None
 
     def write(coarseness: float) -> float:
+        nonlocal writer
         writer = open_writer(work, reel, dataclasses.replace(config, coarseness=coarseness), resume=False)
         publisher = Publisher(writer, work, device, shows)
         progress.stage("writing the groups", count)
@@ -242,12 +244,11 @@ def encode(
         size = sum(file.bytes for file in (*manifest.layers, *manifest.groups))
         return 8e-6 * size / (manifest.frames / manifest.fps)
 
-    coarseness = config.coarseness
     if mbps is None:
-        write(coarseness)
+        write(config.coarseness)
     else:
-        coarseness = meet_rate(write, mbps)
-    writer = open_writer(work, reel, dataclasses.replace(config, coarseness=coarseness), resume=True)
+        meet_rate(write, mbps)
+    assert writer is not None
     present(writer, None)
     writer.finish()
     return reel
