@@ -8,6 +8,8 @@ from pathlib import Path
 
 import numpy as np
 
+from splatreel.codec.presentation import Vec3
+from splatreel.codec.sound import EncodedSound, write_sound
 from splatreel.codec.writer import ReelWriter
 from splatreel.config import EncodeConfig
 from splatreel.scene.group import Group
@@ -57,6 +59,13 @@ def write_reel(path: Path, groups: int = 2) -> Path:
         writer.add_group(new_group(index, 15, static))
     writer.finish()
     return path
+
+
+def give_sound(reel: Path, sound: EncodedSound | None, position: Vec3 | None = None) -> None:
+    """To a finished reel of `write_reel`, instead of what it has."""
+    writer = new_writer(reel, resume=True)
+    write_sound(writer, sound, position)
+    writer.finish()
 
 
 def edit_manifest(path: Path, change) -> None:

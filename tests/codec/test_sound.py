@@ -3,19 +3,17 @@
 import dataclasses
 import json
 from itertools import pairwise
-from pathlib import Path
 
 import numpy as np
 import pytest
 
 from splatreel.codec.fragments import RATE
-from splatreel.codec.presentation import Vec3
 from splatreel.codec.reader import ReelReader
-from splatreel.codec.sound import EncodedSound, decode_sound, encode_sound, write_sound
+from splatreel.codec.sound import decode_sound, encode_sound, write_sound
 from splatreel.codec.verify import verify_reel
 from splatreel.errors import ReelError
 from tests import flashes
-from tests.codec.reels import edit_manifest, new_group, new_writer, points, write_reel
+from tests.codec.reels import edit_manifest, give_sound, new_group, new_writer, points, write_reel
 
 TIMES = (0.5, 1.2345, 1.99, 2.1, 3.3, 3.99, 5.55)
 MILLISECOND = 1e-3
@@ -62,13 +60,6 @@ def test_the_same_samples_give_the_same_bytes_however_they_are_cut() -> None:
 def test_no_sound_is_an_error() -> None:
     with pytest.raises(ReelError, match="no sound"):
         encode_sound([], 1)
-
-
-def give_sound(reel: Path, sound: EncodedSound | None, position: Vec3 | None = None) -> None:
-    """To a finished reel, instead of what it has."""
-    writer = new_writer(reel, resume=True)
-    write_sound(writer, sound, position)
-    writer.finish()
 
 
 def test_a_reel_gets_sound_and_loses_it(tmp_path) -> None:

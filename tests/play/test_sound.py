@@ -6,12 +6,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from splatreel.codec.sound import add_sound, encode_sound
+from splatreel.codec.sound import encode_sound
 from splatreel.errors import ReelError
 from splatreel.play.server import serve
 from splatreel.play.timeline import open_reel
 from tests import flashes, golden
-from tests.codec.reels import edit_manifest, write_reel
+from tests.codec.reels import edit_manifest, give_sound, write_reel
 
 RATE = 48000
 
@@ -33,7 +33,7 @@ def _brightness(reel, seconds: float) -> float:
 def test_samples_do_not_depend_on_where_one_starts(tmp_path: Path) -> None:
     noise = np.random.default_rng(0).normal(0, 0.1, (6 * RATE, 2)).astype(np.float32)
     reel = write_reel(tmp_path)
-    add_sound(reel, encode_sound([noise], 2), (1, 2, 3))
+    give_sound(reel, encode_sound([noise], 2), (1, 2, 3))
     sound = open_reel(reel).sound
     assert (sound.rate, sound.channels, sound.position, sound.duration) == (RATE, 2, (1, 2, 3), 6)
     whole = sound.samples(0, 6)
