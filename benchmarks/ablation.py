@@ -24,7 +24,7 @@ from splatreel.evaluation.oracle import Gallery, held_out_views
 from splatreel.evaluation.yardstick import Score
 from splatreel.play.timeline import open_reel
 from splatreel.progress import console
-from splatreel.recon.sequence import Result, reconstruct
+from splatreel.recon.pipeline import Result, reconstruct
 
 PARTS: dict[str, dict[str, Any]] = {
     "all": {},

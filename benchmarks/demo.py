@@ -10,8 +10,8 @@ from pathlib import Path
 import tyro
 
 from run import run
+from splatreel.capture.builtin.synthetic import make_capture
 from splatreel.capture.opening import open_capture
-from splatreel.capture.synthetic import make_capture
 from splatreel.cli.reconstruct import Deformation
 from splatreel.config import Quality, preset
 

@@ -15,11 +15,11 @@ import tyro
 
 from film import SKIN, Film
 from record import record
-from splatreel.capture import textures as tx
-from splatreel.capture import toyroom as toys
-from splatreel.capture.solids import BOX, ELLIPSOID, Shapes
-from splatreel.capture.synthetic import facing
-from splatreel.capture.toyroom import Builder, turn_y, turn_z
+from splatreel.capture.builtin import textures as tx
+from splatreel.capture.builtin import toyroom as toys
+from splatreel.capture.builtin.solids import BOX, ELLIPSOID, Shapes
+from splatreel.capture.builtin.synthetic import facing
+from splatreel.capture.builtin.toyroom import Builder, turn_y, turn_z
 from splatreel.config import Quality
 from splatreel.scene.camera import Camera
 

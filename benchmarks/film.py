@@ -15,10 +15,10 @@ import numpy as np
 from ball import found
 from run import run
 from splatreel import threads
+from splatreel.capture.builtin.raytracer import Still, trace_frame, trace_still
+from splatreel.capture.builtin.solids import Shapes
+from splatreel.capture.builtin.synthetic import VideoWriter, llff_row
 from splatreel.capture.opening import open_capture
-from splatreel.capture.raytracer import Still, trace_frame, trace_still
-from splatreel.capture.solids import Shapes
-from splatreel.capture.synthetic import VideoWriter, llff_row
 from splatreel.config import Quality, preset
 from splatreel.play.timeline import open_reel
 from splatreel.scene.camera import Camera

@@ -15,11 +15,11 @@ import tyro
 
 import kitchen
 from film import SKIN, Film
-from splatreel.capture import textures as tx
-from splatreel.capture import toyroom as toys
-from splatreel.capture.raytracer import DEPTH, Still
-from splatreel.capture.solids import BOX, CYLINDER, ELLIPSOID, Shapes
-from splatreel.capture.toyroom import Builder, turn_z
+from splatreel.capture.builtin import textures as tx
+from splatreel.capture.builtin import toyroom as toys
+from splatreel.capture.builtin.raytracer import DEPTH, Still
+from splatreel.capture.builtin.solids import BOX, CYLINDER, ELLIPSOID, Shapes
+from splatreel.capture.builtin.toyroom import Builder, turn_z
 from splatreel.config import Quality
 from splatreel.scene.camera import Camera
 

@@ -18,8 +18,8 @@ from splatreel.config import Config, Quality, preset
 from splatreel.evaluation.metrics import psnr
 from splatreel.evaluation.oracle import held_out_views
 from splatreel.kernels.image import render_image
-from splatreel.motion.steady import steady
-from splatreel.recon.still import reconstruct_still
+from splatreel.motion.temporal_mean import steady
+from splatreel.recon.train.single_frame import reconstruct_still
 from splatreel.scene.camera import Camera
 
 

@@ -11,7 +11,7 @@ from PIL import Image
 
 import splatreel
 from record import ROOT
-from splatreel.capture.synthetic import make_cameras
+from splatreel.capture.builtin.synthetic import make_cameras
 
 
 def main(

@@ -11,9 +11,9 @@ from splatreel.cli.main import keep_freed_memory
 from splatreel.codec.info import reel_info
 from splatreel.config import Config
 from splatreel.evaluation.evaluate import evaluate
-from splatreel.evaluation.undecoded import undecoded_frames
+from splatreel.evaluation.uncompressed import undecoded_frames
 from splatreel.progress import console
-from splatreel.recon.sequence import reconstruct
+from splatreel.recon.pipeline import reconstruct
 
 
 def run(

@@ -21,9 +21,9 @@ import yard
 from film import FPS, Film
 from record import record
 from splatreel.capture.base import Capture
+from splatreel.capture.builtin.raytracer import trace_cover, trace_still
+from splatreel.capture.builtin.solids import HALF, POSITION, ROTATION, Shapes
 from splatreel.capture.opening import open_capture
-from splatreel.capture.raytracer import trace_cover, trace_still
-from splatreel.capture.solids import HALF, POSITION, ROTATION, Shapes
 from splatreel.config import preset
 from splatreel.motion.flow import make_flow
 from splatreel.motion.track import Tracker, Trail, identity

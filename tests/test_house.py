@@ -1,6 +1,7 @@
 """The rules of the house that a machine can check: the import ladder, sizes, and imports without side effects."""
 
 import ast
+import graphlib
 import json
 import re
 import subprocess
@@ -84,6 +85,57 @@ def test_imports_only_go_down_the_ladder() -> None:
     assert not faults, "\n".join(faults)
 
 
+ROOMS_OF_RECON = (
+    ("run", "init", "deform"),
+    ("cameras", "layering"),
+    ("train",),
+    ("coverage",),
+    ("encode",),
+    ("pipeline",),
+)
+"""The rooms within `recon`, from the lowest rung up; those of one rung do not import each other."""
+
+
+def imports_within(room: str) -> dict[str, set[str]]:
+    """Of each folder and file in a room, which others of them it imports."""
+    found: dict[str, set[str]] = {}
+    for path in (SOURCE / room).rglob("*.py"):
+        mine = path.relative_to(SOURCE / room).parts[0].removesuffix(".py")
+        others = found.setdefault(mine, set())
+        for name in imported_names(ast.parse(path.read_text(encoding="utf-8"))):
+            parts = name.split(".")
+            if parts[:2] == ["splatreel", room] and parts[2] != mine:
+                others.add(parts[2])
+    return found
+
+
+def test_the_rooms_of_recon_import_only_down() -> None:
+    rungs = {name: rung for rung, names in enumerate(ROOMS_OF_RECON) for name in names}
+    found = imports_within("recon")
+    assert set(found) - {"__init__"} == set(rungs), "each has a rung"
+    up = [f"{a} imports {b}" for a, others in found.items() for b in others if rungs[b] >= rungs[a]]
+    assert not up
+
+
+@pytest.mark.parametrize(
+    "room", ["capture", "cli", "codec", "evaluation", "kernels", "motion", "play", "recon", "scene"]
+)
+def test_no_import_within_a_room_goes_in_a_circle(room: str) -> None:
+    """Neither among its folders and files, nor among all files."""
+    assert sorter_of(imports_within(room)) is not None
+    files = {module_name(path): path for path in (SOURCE / room).rglob("*.py")}
+    graph = {}
+    for module, path in files.items():
+        names = imported_names(ast.parse(path.read_text(encoding="utf-8")))
+        graph[module] = {name if name in files else name.rpartition(".")[0] for name in names} & set(files) - {module}
+    assert sorter_of(graph) is not None
+
+
+def sorter_of(graph: dict[str, set[str]]) -> list[str]:
+    """The nodes, each after those that it imports. Raises `CycleError`."""
+    return list(graphlib.TopologicalSorter(graph).static_order())
+
+
 def test_every_room_has_a_rung() -> None:
     rooms = {room_of(p) for p in SOURCE.rglob("*.py")} - {"__init__"}
     assert rooms <= set(RUNGS)
@@ -116,7 +168,7 @@ def test_functions_fit_a_screen() -> None:
 
 
 def test_room_inits_hold_no_logic() -> None:
-    for path in SOURCE.glob("*/__init__.py"):
+    for path in SOURCE.glob("*/**/__init__.py"):
         body = ast.parse(path.read_text(encoding="utf-8")).body
         assert all(isinstance(n, ast.Expr) and isinstance(n.value, ast.Constant) for n in body), path
     assert not list(SOURCE.rglob("utils.py"))

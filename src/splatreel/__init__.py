@@ -12,7 +12,7 @@ if TYPE_CHECKING:
     from splatreel.evaluation.evaluate import evaluate
     from splatreel.kernels.image import render_image as render
     from splatreel.play.timeline import open_reel
-    from splatreel.recon.sequence import reconstruct
+    from splatreel.recon.pipeline import reconstruct
     from splatreel.scene.camera import Camera
     from splatreel.scene.gaussians import Gaussians
 
@@ -38,7 +38,7 @@ _HOMES = {
     "open_capture": ("splatreel.capture.opening", "open_capture"),
     "open_reel": ("splatreel.play.timeline", "open_reel"),
     "preset": ("splatreel.config", "preset"),
-    "reconstruct": ("splatreel.recon.sequence", "reconstruct"),
+    "reconstruct": ("splatreel.recon.pipeline", "reconstruct"),
     "render": ("splatreel.kernels.image", "render_image"),
 }
 

@@ -7,7 +7,7 @@ from types import ModuleType
 import numpy as np
 import pytest
 
-from splatreel.capture.solids import POSITION
+from splatreel.capture.builtin.solids import POSITION
 
 FOLDER = Path(__file__).parent.parent.parent / "benchmarks"
 

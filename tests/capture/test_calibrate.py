@@ -7,11 +7,11 @@ from PIL import Image
 from scipy.spatial.transform import Rotation
 
 from splatreel.capture.agreement import Placed
+from splatreel.capture.builtin.synthetic import make_capture
 from splatreel.capture.calibrate import calibrate
 from splatreel.capture.opening import open_capture
 from splatreel.capture.sidecar import Sidecar, read_sidecar, write_failure
 from splatreel.capture.stills import check_stills
-from splatreel.capture.synthetic import make_capture
 from splatreel.errors import CaptureError
 from splatreel.progress import Silent
 from tests.capture import folders

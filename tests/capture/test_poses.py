@@ -5,8 +5,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from splatreel.capture.builtin.synthetic import make_cameras
 from splatreel.capture.poses import check_poses, inverted, turned_about
-from splatreel.capture.synthetic import make_cameras
 from splatreel.errors import CaptureError
 from splatreel.scene.camera import Camera
 from tests.capture import folders

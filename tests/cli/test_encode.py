@@ -11,8 +11,8 @@ from splatreel.cli.main import main
 from splatreel.codec.reader import ReelReader
 from splatreel.codec.verify import verify_reel
 from splatreel.config import Config, KeyframeConfig
-from splatreel.recon.claim import hold
-from splatreel.recon.sequence import reconstruct
+from splatreel.recon.pipeline import reconstruct
+from splatreel.recon.run.run_lock import hold
 from tests.recon.captures import WallCapture
 
 

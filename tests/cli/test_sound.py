@@ -5,8 +5,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from splatreel.capture.builtin.synthetic import make_capture
 from splatreel.capture.sound import RATE, read_sound
-from splatreel.capture.synthetic import make_capture
 from splatreel.cli.main import main
 from tests import flashes
 

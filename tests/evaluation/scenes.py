@@ -10,8 +10,8 @@ from splatreel.codec.writer import ReelWriter
 from splatreel.config import EncodeConfig
 from splatreel.evaluation.bench import cloud, front_camera, swinging_group
 from splatreel.kernels.image import render_image
-from splatreel.recon import checkpoint
-from splatreel.recon.publish import group_folder, save_group, save_header
+from splatreel.recon.encode.publisher import group_folder, save_group, save_header
+from splatreel.recon.run import checkpoint
 from splatreel.scene.camera import Camera
 from splatreel.scene.gaussians import Gaussians
 from splatreel.scene.group import Group

@@ -13,8 +13,8 @@ from splatreel.config import Config, EncodeConfig, KeyframeConfig
 from splatreel.errors import UsageError
 from splatreel.evaluation.oracle import oracle
 from splatreel.progress import Silent, Span
-from splatreel.recon.importance import weigh
-from splatreel.recon.still import reconstruct_still
+from splatreel.recon.encode.importance import weigh
+from splatreel.recon.train.single_frame import reconstruct_still
 from splatreel.scene.group import Group
 from tests.recon.captures import WallCapture
 

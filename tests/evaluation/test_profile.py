@@ -8,7 +8,7 @@ from splatreel.capture.base import Capture
 from splatreel.cli.main import main
 from splatreel.errors import CaptureError
 from splatreel.evaluation.profile import profiled, table
-from splatreel.recon import sequence
+from splatreel.recon import pipeline
 from tests.evaluation import scenes
 
 
@@ -48,13 +48,13 @@ def test_reconstruct_profiles_itself(
 ) -> None:
     capture = scenes.capture(tmp_path, ["cam03"])
 
-    def reconstruct(source: Capture, out: Path, *_: object, **__: object) -> sequence.Result:
+    def reconstruct(source: Capture, out: Path, *_: object, **__: object) -> pipeline.Result:
         out.mkdir()
         source.read(0, 2, ["cam00"])
-        return sequence.Result(out / "reel", out / "work", {}, "cpu")
+        return pipeline.Result(out / "reel", out / "work", {}, "cpu")
 
     monkeypatch.setattr(opening, "open_capture", lambda *_, **__: capture)
-    monkeypatch.setattr(sequence, "reconstruct", reconstruct)
+    monkeypatch.setattr(pipeline, "reconstruct", reconstruct)
     for options, expected in (([], False), (["--profile"], True)):
         out = tmp_path / f"out{len(options)}"
         assert main(["reconstruct", "capture", "--out", str(out), *options]) == 0

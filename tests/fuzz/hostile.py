@@ -14,8 +14,8 @@ from typing import Any
 
 import numpy as np
 
-from splatreel.codec import klt
 from splatreel.codec.group_file import encode_group, encode_layer
+from splatreel.codec.predictive import klt
 from splatreel.config import EncodeConfig
 from splatreel.scene.gaussians import Gaussians
 from splatreel.scene.group import Group

@@ -6,7 +6,7 @@ import pytest
 from splatreel.kernels.image import render_image
 from splatreel.motion import light as module
 from splatreel.motion.light import AGREE, LEAST, changes_of_light
-from splatreel.recon.lit import Lit
+from splatreel.recon.layering.relighting import RelitPoints
 from splatreel.scene.gaussians import Gaussians
 from tests.recon.captures import blots
 from tests.recon.scenes import ring
@@ -21,7 +21,7 @@ WELL_INSIDE = (WALL.means[:, :2] > [0.5, -0.5]).all(1) & (WALL.means[:, :2] < [1
 
 def film(light: np.ndarray, *passing: Gaussians, noise: float = 1.0) -> np.ndarray:
     """[T, C, H, W, 3] pictures of the wall in a light [T, N], before it what passes by two tenths a frame."""
-    rng, lit, frames = np.random.default_rng(0), Lit(WALL, light), []
+    rng, lit, frames = np.random.default_rng(0), RelitPoints(WALL, light), []
     for t in range(FRAMES):
         identity = [np.tile([1.0, 0, 0, 0], (len(thing), 1)) for thing in passing]
         there = [thing.moved(np.array([0.2 * t, 0, 0]), q) for thing, q in zip(passing, identity, strict=True)]

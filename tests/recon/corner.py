@@ -3,7 +3,7 @@
 import cv2
 import numpy as np
 
-from splatreel.recon import planesweep
+from splatreel.recon.init import planesweep
 from splatreel.scene.camera import Camera
 
 WIDTH, HEIGHT = 192, 128

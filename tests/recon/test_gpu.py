@@ -11,19 +11,19 @@ import torch
 from splatreel.codec.verify import verify_reel
 from splatreel.config import EncodeConfig
 from splatreel.errors import GaussiansError
-from splatreel.evaluation.undecoded import undecoded_frames
+from splatreel.evaluation.uncompressed import undecoded_frames
 from splatreel.kernels import splat
 from splatreel.kernels.image import render_image
 from splatreel.progress import Silent
-from splatreel.recon import checkpoint
-from splatreel.recon.group import GroupTrainer
-from splatreel.recon.hashgrid import HashGrid
-from splatreel.recon.keyframe import KeyframeTrainer
-from splatreel.recon.points import TrainablePoints, default_rates
-from splatreel.recon.publish import encode
-from splatreel.recon.sequence import Result, reconstruct
+from splatreel.recon.deform.hashgrid import HashGrid
+from splatreel.recon.encode.publisher import encode
+from splatreel.recon.pipeline import Result, reconstruct
+from splatreel.recon.run import checkpoint
+from splatreel.recon.train.group import GroupTrainer
+from splatreel.recon.train.keyframe import KeyframeTrainer
+from splatreel.recon.train.points import TrainablePoints, default_rates
 from tests.recon.captures import WallCapture, blots
-from tests.recon.test_sequence import CONFIG, FRAMES
+from tests.recon.test_pipeline import CONFIG, FRAMES
 from tests.standin.device import WAITS
 from tests.standin.gpu import gpu, without_gsplat
 

@@ -7,11 +7,11 @@ from torch import Tensor
 
 from splatreel.config import Config, GroupConfig
 from splatreel.kernels import splat
-from splatreel.recon.colors import CameraGains
-from splatreel.recon.drawing import View, draw
-from splatreel.recon.following import Start
-from splatreel.recon.group import GroupFrames, GroupTrainer
-from splatreel.recon.trajectory import Trajectory
+from splatreel.recon.cameras.color_gains import CameraGains
+from splatreel.recon.deform.trajectory import Trajectory
+from splatreel.recon.layering.tracking import Start
+from splatreel.recon.train.group import GroupFrames, GroupTrainer
+from splatreel.recon.train.render import View, draw
 from tests.recon.captures import blots
 from tests.recon.scenes import random_gaussians, ring
 

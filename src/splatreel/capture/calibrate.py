@@ -18,8 +18,8 @@ import numpy as np
 
 from splatreel.capture.agreement import FIELD, Placed, Rig, trusted
 from splatreel.capture.base import MIN_CAMERAS, Request
-from splatreel.capture.colmap import import_pycolmap, is_colmap, video_files
-from splatreel.capture.neu3dv import POSES
+from splatreel.capture.readers.colmap import import_pycolmap, is_colmap, video_files
+from splatreel.capture.readers.neu3dv import POSES
 from splatreel.capture.sidecar import read_sidecar, write_failure
 from splatreel.capture.stills import STILLS, check_stills, write_picture, write_stills
 from splatreel.capture.videos import Videos

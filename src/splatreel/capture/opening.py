@@ -7,12 +7,12 @@ from collections.abc import Callable
 from pathlib import Path
 
 from splatreel.capture.base import Capture, Request
-from splatreel.capture.colmap import ColmapCapture, is_colmap
-from splatreel.capture.easyvolcap import EasyVolcapCapture, is_easyvolcap
-from splatreel.capture.neu3dv import Neu3DVCapture, is_neu3dv
-from splatreel.capture.panoptic import PanopticCapture, is_panoptic
+from splatreel.capture.readers.colmap import ColmapCapture, is_colmap
+from splatreel.capture.readers.easyvolcap import EasyVolcapCapture, is_easyvolcap
+from splatreel.capture.readers.neu3dv import Neu3DVCapture, is_neu3dv
+from splatreel.capture.readers.panoptic import PanopticCapture, is_panoptic
+from splatreel.capture.readers.technicolor import TechnicolorCapture, is_technicolor
 from splatreel.capture.sidecar import failed
-from splatreel.capture.technicolor import TechnicolorCapture, is_technicolor
 from splatreel.errors import CaptureError
 
 LOOKED_FOR = """\

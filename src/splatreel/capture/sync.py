@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-from splatreel.capture.colmap import video_files
+from splatreel.capture.readers.colmap import video_files
 from splatreel.capture.sidecar import write_starts
 from splatreel.capture.sound import channels, read_sound
 from splatreel.errors import CaptureError

@@ -209,7 +209,7 @@ def reconstruct(
     from splatreel.evaluation.label import append, label
     from splatreel.evaluation.speed import bench_reconstruct
     from splatreel.progress import console
-    from splatreel.recon.device import pick_device
+    from splatreel.recon.run.device import pick_device
 
     source = open_capture(capture, width=width, scale=scale, frames=span, held_out=held_out)
     made, progress = label(source, pick_device(device).type), console()

@@ -75,8 +75,8 @@ def capture_check(
 def _check(source: Capture, names: list[str], frames: np.ndarray, quick: bool) -> None:
     """What reconstruction asks of a capture, and what it will say of the cameras. frames: two moments of the named cameras."""
     from splatreel.config import GroupConfig
-    from splatreel.recon.memory import check_memory
-    from splatreel.recon.requirements import check_capture, check_pictures
+    from splatreel.recon.run.memory import check_memory
+    from splatreel.recon.run.requirements import check_capture, check_pictures
 
     group = GroupConfig()
     check_capture(source)
@@ -86,7 +86,7 @@ def _check(source: Capture, names: list[str], frames: np.ndarray, quick: bool) -
     if importlib.util.find_spec("cv2") is None:
         said.append("poses are not compared with the pictures: that needs pip install 'splatreel[recon]'")
     else:
-        from splatreel.recon.poses import check_poses
+        from splatreel.recon.cameras.poses import check_poses
 
         training = [camera.name for camera in source.training_cameras]
         shown = frames[:, [names.index(name) for name in training]]
@@ -105,8 +105,8 @@ def _cover(source: Capture, cameras: list[Camera], images: np.ndarray, quick: bo
     if importlib.util.find_spec("torch") is None:
         return ["new views are not tried: that needs pip install 'splatreel[recon]'"]
     from splatreel.progress import console
-    from splatreel.recon.coverage import cover
-    from splatreel.recon.device import pick_device
+    from splatreel.recon.coverage.coverage import cover
+    from splatreel.recon.run.device import pick_device
 
     device = None if quick else pick_device("auto")
     with closing(console()) as progress:

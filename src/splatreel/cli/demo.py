@@ -45,14 +45,14 @@ def demo(
     """
     use_threads(threads)
     config = configure(quality, None, None, seed)
+    from splatreel.capture.builtin.synthetic import make_capture
     from splatreel.capture.opening import open_capture
-    from splatreel.capture.synthetic import make_capture
     from splatreel.evaluation.evaluate import evaluate
-    from splatreel.evaluation.undecoded import undecoded_frames
+    from splatreel.evaluation.uncompressed import undecoded_frames
     from splatreel.play.presenter import Presenter
     from splatreel.progress import console
-    from splatreel.recon import sequence
-    from splatreel.recon.coverage import load_coverage
+    from splatreel.recon import pipeline
+    from splatreel.recon.coverage.coverage import load_coverage
 
     progress = console()
     try:
@@ -70,7 +70,7 @@ def demo(
         progress.update(100)
         filming = round(time.monotonic() - start, 3)
         capture = open_capture(folder)
-        result = sequence.reconstruct(
+        result = pipeline.reconstruct(
             capture, out, config, device=device, progress=progress, present=Presenter(otherwise=WORDS)
         )
         known = load_coverage(result.work)

@@ -53,8 +53,8 @@ def encode(
     from splatreel.codec.info import reel_info
     from splatreel.play.presenter import Presenter
     from splatreel.progress import console
-    from splatreel.recon.claim import hold
-    from splatreel.recon.publish import encode as encode_checkpoints
+    from splatreel.recon.encode.publisher import encode as encode_checkpoints
+    from splatreel.recon.run.run_lock import hold
 
     _check_folder(run, out)
     asked = {"crf": crf, "position_bits": position_bits, "scale_bits": scale_bits, "sh_entries": sh_entries}

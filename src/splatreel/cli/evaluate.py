@@ -45,9 +45,9 @@ def evaluate(
     from splatreel.capture.opening import open_capture
     from splatreel.evaluation.evaluate import evaluate as compare
     from splatreel.evaluation.evaluate import reel_width
-    from splatreel.evaluation.undecoded import undecoded_frames
+    from splatreel.evaluation.uncompressed import undecoded_frames
     from splatreel.progress import console
-    from splatreel.recon.coverage import load_coverage
+    from splatreel.recon.coverage.coverage import load_coverage
 
     reel = reel_folder(reel)
     if width is None and scale is None:

@@ -66,13 +66,13 @@ def reconstruct(
     from splatreel.evaluation.profile import profiled
     from splatreel.play.presenter import Presenter
     from splatreel.progress import console
-    from splatreel.recon import sequence
+    from splatreel.recon import pipeline
 
     source = open_capture(capture, width=width, scale=scale, frames=span, held_out=held_out)
     progress = console()
     try:
         with profiled(out / "profile.md" if profile else None):
-            result = sequence.reconstruct(
+            result = pipeline.reconstruct(
                 source, out, config, sound=sound, device=device, progress=progress, present=Presenter(given)
             )
     finally:

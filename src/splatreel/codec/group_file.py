@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 
-from splatreel.codec import offsets, predictive, quantize
+from splatreel.codec import quantize
 from splatreel.codec.container import FileHeader, pack_file, unpack_file
 from splatreel.codec.light import decode_light, encode_light
+from splatreel.codec.paper import offsets
+from splatreel.codec.predictive import coder
 from splatreel.codec.sections import MAX_POINTS, Section, Sections, decode_gaussians, encode_gaussians
 from splatreel.config import EncodeConfig
 from splatreel.errors import ReelError
@@ -27,10 +29,10 @@ def encode_layer(
 ) -> tuple[bytes, np.ndarray]:
     """The file of the static points born at a group, and order [N]: the input point of each point of the file.
 
-    importance: [N, 3], see `predictive.classes_of`; the paper's codec has no use for that of shape and motion.
+    importance: [N, 3], see `coder.classes_of`; the paper's codec has no use for that of shape and motion.
     """
     if config.codec == "predictive" and len(gaussians):
-        points = predictive.encode_points(gaussians, importance, config, moving=False)
+        points = coder.encode_points(gaussians, importance, config, moving=False)
         sections, order = points.sections, points.order
     else:
         sections, order = encode_gaussians(gaussians, config, weights=_colors(importance))
@@ -40,9 +42,9 @@ def encode_layer(
 def encode_group(group: Group, config: EncodeConfig, importance: np.ndarray | None = None) -> tuple[bytes, np.ndarray]:
     """The file of a group, and order [N]: the input point of each dynamic point of the file. importance: as for `encode_layer`."""
     if config.codec == "predictive" and len(group.dynamic):
-        points = predictive.encode_points(group.dynamic, importance, config)
+        points = coder.encode_points(group.dynamic, importance, config)
         offsets.check(group.dx, group.dq)
-        sections = points.sections | predictive.encode_offsets(group.dx, group.dq, points, config)
+        sections = points.sections | coder.encode_offsets(group.dx, group.dq, points, config)
         order, here = points.order, points.neighbourhood
     else:
         here = None
@@ -51,8 +53,8 @@ def encode_group(group: Group, config: EncodeConfig, importance: np.ndarray | No
             moving = group.dx[:, order], group.dq[:, order], group.dynamic[order]
             sections["offsets"] = Section(*offsets.encode(*moving, config))
     if group.shade is not None and len(order):
-        here = here or predictive.neighbours_in_order(len(order))
-        sections |= predictive.encode_shade(group.shade, order, here, config)
+        here = here or coder.neighbours_in_order(len(order))
+        sections |= coder.encode_shade(group.shade, order, here, config)
     if group.light is not None:
         sections |= encode_light(group.light)
     if len(group.alive):
@@ -62,7 +64,7 @@ def encode_group(group: Group, config: EncodeConfig, importance: np.ndarray | No
 
 
 def _colors(importance: np.ndarray | None) -> np.ndarray | None:
-    return None if importance is None else importance[:, predictive.COLOR]
+    return None if importance is None else importance[:, coder.COLOR]
 
 
 def decode_layer(data: bytes, source: str, most: int | None = None) -> tuple[FileHeader, Gaussians]:
@@ -85,8 +87,8 @@ def decode_group(data: bytes, source: str, most: int | None = None) -> Group:
         dynamic, dx, dq, here = _decode_moving(sections, header)
         shade = None
         if "shade" in sections and header.points:
-            here = here or predictive.neighbours_in_order(header.points)
-            shade = predictive.decode_shade(sections, header.frames, here)
+            here = here or coder.neighbours_in_order(header.points)
+            shade = coder.decode_shade(sections, header.frames, here)
         light = decode_light(sections, header.frames) if "light" in sections else None
         alive = np.zeros(0, bool)
         if "alive" in sections:
@@ -96,16 +98,16 @@ def decode_group(data: bytes, source: str, most: int | None = None) -> Group:
         raise ReelError(f"{source}: {error}") from error
 
 
-def _decode_points(sections: Sections, count: int) -> tuple[Gaussians, predictive.Neighbourhood | None]:
+def _decode_points(sections: Sections, count: int) -> tuple[Gaussians, coder.Neighbourhood | None]:
     """By the codec that the file's positions name; also what the predictive codec needs for the offsets."""
     if "means" not in sections or sections["means"].parameters.get("codec") != "lattice":
         return decode_gaussians(sections, count), None
     if not 1 <= count <= MAX_POINTS:
         raise ReelError(f"claims {count} points, a file holds 1 to {MAX_POINTS}.")
-    return predictive.decode_points(sections, count)
+    return coder.decode_points(sections, count)
 
 
-Moving = tuple[Gaussians, np.ndarray, np.ndarray, predictive.Neighbourhood | None]
+Moving = tuple[Gaussians, np.ndarray, np.ndarray, coder.Neighbourhood | None]
 
 
 def _decode_moving(sections: Sections, header: FileHeader) -> Moving:
@@ -119,7 +121,7 @@ def _decode_moving(sections: Sections, header: FileHeader) -> Moving:
         return dynamic, means - means[0], rotations.multiply(back, quats), None
     dynamic, here = _decode_points(sections, count)
     if here is not None:
-        return dynamic, *predictive.decode_offsets(sections, frames, dynamic.quats, here), here
+        return dynamic, *coder.decode_offsets(sections, frames, dynamic.quats, here), here
     if not count:
         return dynamic, np.zeros((frames, 0, 3), np.float32), np.zeros((frames, 0, 4), np.float32), None
     if "offsets" not in sections:

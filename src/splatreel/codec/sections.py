@@ -6,8 +6,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from splatreel.codec import morton, points, quantize, vector
-from splatreel.codec.attributes import decode_values, encode_values
+from splatreel.codec import morton, quantize
+from splatreel.codec.paper import points, vector
+from splatreel.codec.paper.attributes import decode_values, encode_values
 from splatreel.codec.quantize import Parameters, integer
 from splatreel.config import EncodeConfig
 from splatreel.errors import ReelError

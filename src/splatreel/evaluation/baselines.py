@@ -7,12 +7,12 @@ from pathlib import Path
 import numpy as np
 
 from splatreel.config import EncodeConfig
-from splatreel.recon.publish import UndecodedReel, finished_groups, open_writer
+from splatreel.recon.encode.publisher import UncompressedReel, finished_groups, open_writer
 from splatreel.scene.gaussians import Gaussians
 from splatreel.scene.group import Group
 
 
-def whole_groups(undecoded: UndecodedReel, index: int) -> Group:
+def whole_groups(undecoded: UncompressedReel, index: int) -> Group:
     """A group that carries all points that are seen in it: the static ones are dynamic points that do not move."""
     group, (static, _) = undecoded.group(index), undecoded.static(index)
     resting = static[group.alive]
@@ -30,7 +30,7 @@ def whole_groups(undecoded: UndecodedReel, index: int) -> Group:
 
 def write_unlayered(run: Path, reel: Path, config: EncodeConfig) -> None:
     """A reel without layers, of the checkpoints of a run."""
-    undecoded = UndecodedReel(run / "work", run / "reel")
+    undecoded = UncompressedReel(run / "work", run / "reel")
     writer = open_writer(run / "work", reel, config, resume=False)
     for index in range(finished_groups(run / "work")):
         writer.add_group(whole_groups(undecoded, index))
@@ -39,7 +39,7 @@ def write_unlayered(run: Path, reel: Path, config: EncodeConfig) -> None:
 
 def write_still(run: Path, reel: Path, config: EncodeConfig) -> None:
     """A reel of the first frame: all of its points are static."""
-    group = whole_groups(UndecodedReel(run / "work", run / "reel"), 0)
+    group = whole_groups(UncompressedReel(run / "work", run / "reel"), 0)
     points = group.at(0)
     writer = open_writer(run / "work", reel, config, resume=False)
     writer.add_layer(0, 0, points)
@@ -48,7 +48,7 @@ def write_still(run: Path, reel: Path, config: EncodeConfig) -> None:
     writer.finish()
 
 
-def float32_bytes(undecoded: UndecodedReel, groups: int) -> dict[str, int]:
+def float32_bytes(undecoded: UncompressedReel, groups: int) -> dict[str, int]:
     """Bytes of the arrays as they are, without layers: `points` and `offsets` of every group, `frames`: points at each frame."""
     sizes = {"points": 0, "offsets": 0, "frames": 0}
     for index in range(groups):

@@ -192,7 +192,7 @@ def choose_frames(available: int, frames: Sequence[int] | None) -> list[int]:
 def check_same_capture(manifest: Manifest, capture: Capture, reel: str) -> None:
     """Raise `UsageError` if the reel was made with other cameras than the capture's.
 
-    Fewer than a third may stand elsewhere: training has put them right (`recon/poses.py`).
+    Fewer than a third may stand elsewhere: training has put them right (`recon/cameras/poses.py`).
     """
     known = {camera.name: camera for camera in capture.cameras}
     moved = [

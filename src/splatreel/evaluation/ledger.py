@@ -11,8 +11,8 @@ from splatreel.capture.base import Capture
 from splatreel.config import Config
 from splatreel.errors import UsageError
 from splatreel.evaluation.yardstick import StillFrame
-from splatreel.recon import checkpoint
-from splatreel.recon.claim import differences
+from splatreel.recon.run import checkpoint
+from splatreel.recon.run.run_lock import differences
 
 VERSION = 1
 """Raised when frames of before cannot be compared with new ones."""

@@ -28,10 +28,10 @@ from splatreel.evaluation.yardstick import Score, StillFrame, Yardstick
 from splatreel.kernels.image import render_image
 from splatreel.play.timeline import Timeline, open_reel
 from splatreel.progress import Progress, Silent
-from splatreel.recon.device import pick_device
-from splatreel.recon.importance import weigh
-from splatreel.recon.requirements import check_capture
-from splatreel.recon.still import reconstruct_still
+from splatreel.recon.encode.importance import weigh
+from splatreel.recon.run.device import pick_device
+from splatreel.recon.run.requirements import check_capture
+from splatreel.recon.train.single_frame import reconstruct_still
 from splatreel.scene.camera import Camera
 from splatreel.scene.gaussians import Gaussians
 

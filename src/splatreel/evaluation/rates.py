@@ -20,10 +20,10 @@ from splatreel.errors import UsageError
 from splatreel.evaluation.bd_rate import bd_rate
 from splatreel.evaluation.evaluate import check_same_capture, check_unseen, choose_cameras, choose_frames, read_frames
 from splatreel.evaluation.metrics import psnr
-from splatreel.evaluation.undecoded import undecoded_frames
+from splatreel.evaluation.uncompressed import undecoded_frames
 from splatreel.play.timeline import Timeline
 from splatreel.progress import Progress, Silent
-from splatreel.recon.publish import encode
+from splatreel.recon.encode.publisher import encode
 from splatreel.scene.gaussians import Gaussians
 
 PAPER = EncodeConfig(codec="h265", weigh=False)

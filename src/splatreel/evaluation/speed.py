@@ -18,14 +18,14 @@ from splatreel.evaluation.evaluate import evaluate
 from splatreel.evaluation.memory import peak_memory_bytes
 from splatreel.evaluation.steps import medians, on_one_thread, ratio
 from splatreel.progress import Progress, Silent
-from splatreel.recon import checkpoint
-from splatreel.recon.drawing import View, draw
-from splatreel.recon.following import Start
-from splatreel.recon.group import MEASURE_EVERY, GroupFrames, GroupTrainer
-from splatreel.recon.layout import Layout
-from splatreel.recon.publish import group_folder, load_group, load_static
-from splatreel.recon.rig import Rig
-from splatreel.recon.sequence import Result, reconstruct
+from splatreel.recon.cameras.rig import Rig
+from splatreel.recon.encode.publisher import group_folder, load_group, load_static
+from splatreel.recon.init.layout import Layout
+from splatreel.recon.layering.tracking import Start
+from splatreel.recon.pipeline import Result, reconstruct
+from splatreel.recon.run import checkpoint
+from splatreel.recon.train.group import MEASURE_EVERY, GroupFrames, GroupTrainer
+from splatreel.recon.train.render import View, draw
 
 BATCH = 8
 """Iterations that are timed together: each looks at another camera and frame."""

@@ -10,8 +10,8 @@ import numpy as np
 import torch
 
 from splatreel.kernels import splat
-from splatreel.recon.drawing import Backdrop, View, deformed, draw
-from splatreel.recon.points import TrainablePoints, default_rates
+from splatreel.recon.train.points import TrainablePoints, default_rates
+from splatreel.recon.train.render import StaticCache, View, deformed, draw
 from splatreel.scene.camera import Camera
 from splatreel.scene.gaussians import Gaussians
 
@@ -30,7 +30,7 @@ def step_rows(gaussians: Gaussians, camera: Camera, repeats: int) -> list[Row]:
     view = View.of(camera, torch.device("cpu"))
     leftmost = np.argsort(gaussians.means[:, 0], kind="stable")
     quarter = len(gaussians) // 4
-    still = Backdrop(gaussians[leftmost[quarter:]], [view], NEAR, torch.device("cpu"))
+    still = StaticCache(gaussians[leftmost[quarter:]], [view], NEAR, torch.device("cpu"))
     keyframe, group = _step(gaussians, view), _step(gaussians[leftmost[:quarter]], view, still)
     threads = numba.get_num_threads()
     many, one = medians([keyframe, lambda: on_one_thread(keyframe, threads)], repeats)
@@ -53,7 +53,7 @@ def step_rows(gaussians: Gaussians, camera: Camera, repeats: int) -> list[Row]:
     ]
 
 
-def _step(gaussians: Gaussians, view: View, still: Backdrop | None = None) -> Callable[..., None]:
+def _step(gaussians: Gaussians, view: View, still: StaticCache | None = None) -> Callable[..., None]:
     p = TrainablePoints.from_gaussians(gaussians, default_rates(UNIT), torch.device("cpu"))
     target = torch.zeros((view.height, view.width, 3), dtype=torch.uint8)
 

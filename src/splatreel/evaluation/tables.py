@@ -13,8 +13,8 @@ from splatreel.codec.reader import ReelReader
 from splatreel.config import EncodeConfig
 from splatreel.evaluation.baselines import float32_bytes, write_still, write_unlayered
 from splatreel.evaluation.rates import PRINTED, Row, Sweep
-from splatreel.recon import checkpoint
-from splatreel.recon.publish import UndecodedReel
+from splatreel.recon.encode.publisher import UncompressedReel
+from splatreel.recon.run import checkpoint
 
 FLOATS = replace(PRINTED, position_bits=None, quat_bits=None, opacity_bits=None, scale_bits=None, color_bits=None)
 UNQUANTISED = replace(FLOATS, sh_entries=None, source="raw")
@@ -47,7 +47,7 @@ def paper_tables(sweep: Sweep, first: Sweep) -> str:
     ]
     plain = sweep.measure("table 8: layers, float32", UNQUANTISED)
     v3 = sweep.measure("table 4: V3", V3, lambda reel, c: write_unlayered(sweep.run, reel, c))
-    undecoded = UndecodedReel(sweep.run / "work", sweep.run / "reel")
+    undecoded = UncompressedReel(sweep.run / "work", sweep.run / "reel")
     sizes = float32_bytes(undecoded, len(ReelReader(sweep.run / "reel").manifest.groups))
     parts = [
         _table_4(sweep.before, v3, ten, sizes),

@@ -1,0 +1,217 @@
+"""The built-in capture: the toy room filmed by fourteen cameras, with sound, written as a Neu3DV folder."""
+
+from __future__ import annotations
+
+import json
+import math
+import os
+from collections.abc import Callable, Iterator
+from concurrent.futures import ThreadPoolExecutor
+from fractions import Fraction
+from itertools import count
+from pathlib import Path
+from threading import Event
+from typing import Literal
+
+import av
+import numpy as np
+
+from splatreel import threads
+from splatreel.capture.builtin import toyroom
+from splatreel.capture.builtin.raytracer import trace_cover, trace_frame, trace_still
+from splatreel.capture.builtin.toysound import heard
+from splatreel.capture.sidecar import SIDECAR
+from splatreel.capture.sound import RATE
+from splatreel.errors import CaptureError, UsageError
+from splatreel.scene.atomic import scratch
+from splatreel.scene.camera import Camera
+
+VERSION = 3
+"""Raised when the same arguments make another capture than before."""
+
+NEAR, FAR = 2.0, 9.0
+"""Bounds of the visible content from every camera, world units."""
+TARGET = np.array([0.0, 0.72, -0.25])
+RADIUS = 4.5
+HELD_OUT = {"cam00": (0.0, 15.0), "cam07": (-11.0, 18.0)}
+"""Held-out cameras and their (azimuth, elevation) in degrees: between the rows and columns of the training cameras."""
+AZIMUTHS, ELEVATIONS = (-25.0, -15.0, -5.0, 5.0, 15.0, 25.0), (8.0, 24.0)
+
+
+def make_cameras(width: int = 256, height: int = 192) -> list[Camera]:
+    """Fourteen cameras on a forward-facing arc of 50 by 16 degrees, cam00 to cam13."""
+    training = [(a, e) for a in AZIMUTHS for e in ELEVATIONS]
+    angles = dict(HELD_OUT)
+    free = (f"cam{i:02d}" for i in range(len(training) + len(HELD_OUT)))
+    angles.update(zip((n for n in free if n not in HELD_OUT), training, strict=True))
+    return [_camera(name, *angles[name], width, height) for name in sorted(angles)]
+
+
+def _camera(name: str, azimuth: float, elevation: float, width: int, height: int) -> Camera:
+    a, e = math.radians(azimuth), math.radians(elevation)
+    center = TARGET + RADIUS * np.array([math.sin(a) * math.cos(e), math.sin(e), math.cos(a) * math.cos(e)])
+    return facing(name, center, (TARGET - center) / RADIUS, 1.2 * max(width, height * 4 / 3), width, height)
+
+
+def facing(name: str, center: np.ndarray, forward: np.ndarray, focal: float, width: int, height: int) -> Camera:
+    """An upright camera. center: [3] world; forward: [3], of length 1, where it looks; focal: pixels."""
+    right = np.cross(forward, [0.0, 1.0, 0.0])
+    right /= np.linalg.norm(right)
+    viewmat = np.eye(4)
+    viewmat[:3, :3] = np.stack([right, np.cross(forward, right), forward])
+    viewmat[:3, 3] = -viewmat[:3, :3] @ center
+    K = np.array([[focal, 0, width / 2], [0, focal, height / 2], [0, 0, 1]])
+    return Camera(name, viewmat, K, width, height)
+
+
+def render_truth(
+    camera: Camera,
+    frame: int,
+    what: Literal["color", "motion", "depth"] = "motion",
+    *,
+    fps: float = 30.0,
+    seed: int = 0,
+) -> np.ndarray:
+    """Ground truth of one frame from any camera.
+
+    `color`: uint8 [H, W, 3] sRGB before compression. `motion`: bool [H, W], pixels at least half filled by something that is not
+    at rest at that frame (shadows and reflections do not count). `depth`: float32 [H, W], mean distance along the viewing axis.
+    """
+    still, moving = toyroom.standing(seed), toyroom.moving(frame / fps)
+    seen = trace_still(camera, still, toyroom.LIGHT)
+    if what == "color":
+        return trace_frame(camera, seen, still, moving, toyroom.LIGHT)
+    if what == "depth":
+        return trace_cover(camera, seen, moving, toyroom.in_motion(frame / fps))[1]
+    return trace_cover(camera, seen, moving, toyroom.in_motion(frame / fps))[0] >= 0.5
+
+
+def make_capture(
+    path: str | Path,
+    *,
+    width: int = 256,
+    height: int = 192,
+    frames: int = 60,
+    fps: int = 30,
+    seed: int = 0,
+    progress: Callable[[float], None] | None = None,
+) -> Path:
+    """Film the toy room into a new Neu3DV folder at `path`, the same bytes for the same arguments.
+
+    width, height: pixels, even. seed: varies textures and small things. progress is called with the share done, 0..1.
+    An existing folder that holds this very capture is kept; nothing half written is ever left at `path`.
+    Raises `UsageError` for impossible sizes and `CaptureError` where `path` holds something else.
+    """
+    path = Path(path)
+    if width < 16 or height < 16 or width % 2 or height % 2 or frames < 1 or fps < 1:
+        raise UsageError(
+            f"{width}x{height}, {frames} frames at {fps} fps: width and height must be even and at least 16."
+        )
+    recipe = {"version": VERSION, "width": width, "height": height, "frames": frames, "fps": fps, "seed": seed}
+    if path.exists():
+        if _is_made_by(path, recipe):
+            return path
+        raise CaptureError(
+            f"{path}: exists and is not the built-in capture of {recipe}. Remove it or choose another folder."
+        )
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        with scratch(path.parent, path.name) as temporary:
+            folder = temporary / path.name
+            folder.mkdir()
+            _write(folder, recipe, progress or (lambda share: None))
+            os.replace(folder, path)
+    except OSError as error:
+        raise CaptureError(f"{path}: cannot be written ({error}). Free some space or choose another folder.") from error
+    return path
+
+
+def _is_made_by(path: Path, recipe: dict) -> bool:
+    try:
+        return json.loads((path / SIDECAR).read_text(encoding="utf-8")).get("made_by") == recipe
+    except (OSError, ValueError, AttributeError):
+        return False
+
+
+def _write(folder: Path, recipe: dict, progress: Callable[[float], None]) -> None:
+    """All files of the capture; the cameras are filmed in parallel."""
+    cameras = make_cameras(recipe["width"], recipe["height"])
+    total, done, stop = len(cameras) * recipe["frames"], count(1), Event()
+
+    def film(camera: Camera) -> None:
+        for _ in _film(folder, camera, recipe):
+            progress(next(done) / total)
+            if stop.is_set():
+                return
+
+    with ThreadPoolExecutor(threads.count()) as pool:
+        try:
+            for job in [pool.submit(film, camera) for camera in cameras]:
+                job.result()
+        except BaseException:  # Ctrl-C reaches this thread only
+            stop.set()
+            pool.shutdown(wait=False, cancel_futures=True)
+            raise
+    np.save(folder / "poses_bounds.npy", np.stack([llff_row(c, NEAR, FAR) for c in cameras]))
+    sidecar = {"held_out": list(HELD_OUT), "fps": recipe["fps"], "made_by": recipe}
+    (folder / SIDECAR).write_text(json.dumps(sidecar, indent=2) + "\n", encoding="utf-8")
+
+
+def _film(folder: Path, camera: Camera, recipe: dict) -> Iterator[int]:
+    """Write one camera's video; yields the number of each frame as it is written."""
+    still = toyroom.standing(recipe["seed"])
+    seen = trace_still(camera, still, toyroom.LIGHT)
+    seconds, seed = recipe["frames"] / recipe["fps"], 100 * recipe["seed"] + int(camera.name.removeprefix("cam"))
+    sound = heard(camera.center, seconds, seed)
+    with VideoWriter(folder / f"{camera.name}.mp4", camera, recipe["fps"], sound) as video:
+        for t in range(recipe["frames"]):
+            video.add(trace_frame(camera, seen, still, toyroom.moving(t / recipe["fps"]), toyroom.LIGHT))
+            yield t
+
+
+def llff_row(camera: Camera, near: float, far: float) -> np.ndarray:
+    """[17] float64: the 3x5 matrix of axes (down, right, backwards), centre and (height, width, focal), then near and far."""
+    right, down, forward = camera.viewmat[:3, :3].astype(np.float64)
+    hwf = [camera.height, camera.width, camera.K[0, 0]]
+    matrix = np.stack([down, right, -forward, camera.center, hwf], 1)
+    return np.concatenate([matrix.ravel(), [near, far]])
+
+
+class VideoWriter:
+    """An H.264 file of nearly lossless quality; one thread, so that the bytes do not depend on the machine.
+
+    sound: [samples] float32 at `RATE` a second from the first picture on, kept without loss (ALAC); None: the file is silent.
+    """
+
+    def __init__(self, path: Path, camera: Camera, fps: int, sound: np.ndarray | None = None) -> None:
+        self._container = av.open(str(path), "w", options={"fflags": "+bitexact"})
+        self._stream = self._container.add_stream("libx264", rate=Fraction(fps))
+        self._stream.width, self._stream.height, self._stream.pix_fmt = camera.width, camera.height, "yuv444p"
+        self._stream.codec_context.thread_count = 1
+        options = {"crf": "6", "preset": "medium", "g": str(fps), "flags": "+bitexact"}
+        self._stream.codec_context.options = options | {"x264-params": "mbtree=0"}  # with it, bytes differ under load
+        self._sound, self._track = sound, None
+        if sound is not None:
+            self._track = self._container.add_stream("alac", rate=RATE, layout="mono")
+            self._track.codec_context.options = {"flags": "+bitexact"}
+
+    def __enter__(self) -> VideoWriter:
+        return self
+
+    def add(self, image: np.ndarray) -> None:
+        self._container.mux(self._stream.encode(av.VideoFrame.from_ndarray(image, format="rgb24")))
+
+    def __exit__(self, kind: type | None, *_: object) -> None:
+        if kind is None:
+            self._container.mux(self._stream.encode(None))
+            self._add_sound()
+        self._container.close()
+
+    def _add_sound(self) -> None:
+        if self._sound is None or self._track is None:
+            return
+        samples = np.rint(self._sound * 32767).astype(np.int16)
+        frame = av.AudioFrame.from_ndarray(samples[None], "s16p", "mono")
+        frame.sample_rate, frame.pts = RATE, 0
+        self._container.mux(self._track.encode(frame))
+        self._container.mux(self._track.encode(None))

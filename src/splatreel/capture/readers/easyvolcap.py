@@ -1,0 +1,151 @@
+"""EasyVolcap folders, as ENeRF-Outdoor, MobileStage and others come: `intri.yml`, `extri.yml` and a folder of pictures a camera.
+
+The two files are OpenCV's: `names`, and by name `K` [3, 3], `D` or `dist` [5] (k1, k2, p1, p2, k3), `W` and `H` in the one,
+`Rot` [3, 3] or `R` [3], a rotation vector, and `T` [3] of world to camera in the other. Pictures lie in `images/NAME/`, or there is
+`videos/NAME.mp4`.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from splatreel.capture.base import Request
+from splatreel.capture.lens import Lens, import_cv2, resized
+from splatreel.capture.pictures import Pictures
+from splatreel.capture.poses import check_rotation
+from splatreel.capture.readers.colmap import import_pycolmap, pictures_by_camera, video_files
+from splatreel.capture.recorded import RecordedCapture
+from splatreel.capture.sidecar import read_sidecar
+from splatreel.capture.videos import Videos
+from splatreel.errors import CaptureError
+from splatreel.scene.camera import middle_camera
+
+PURPOSE = "Reading EasyVolcap's cameras"
+INTRINSICS, EXTRINSICS = "intri.yml", "extri.yml"
+
+
+def is_easyvolcap(path: Path) -> bool:
+    return (path / INTRINSICS).is_file() and (path / EXTRINSICS).is_file()
+
+
+class EasyVolcapCapture(RecordedCapture):
+    """An EasyVolcap folder; a middle camera is held out unless the request or `splatreel.json` says otherwise."""
+
+    def __init__(self, path: Path, request: Request) -> None:
+        intrinsics, extrinsics = _Numbers(path / INTRINSICS), _Numbers(path / EXTRINSICS)
+        names, sidecar = intrinsics.names(), read_sidecar(path)
+        pictures, videos = pictures_by_camera(path / "images", names), video_files(path)
+        absent = [name for name in names if name not in (pictures or videos)]
+        if absent:
+            raise CaptureError(
+                f"{path}: {len(absent)} of the {len(names)} cameras in {INTRINSICS} have neither pictures in images/NAME/ nor a "
+                f"video videos/NAME.mp4, the first is {absent[0]!r}. Copy them there."
+            )
+        if pictures:
+            source = Pictures(path, pictures, sidecar, request)
+            read = source.size(names[0])
+        else:
+            source = Videos(path, {name: videos[name] for name in names}, sidecar, request)
+            read = source[names[0]].width, source[names[0]].height
+        size = request.size(*read, path)
+        lenses: dict[str, Lens] = {}
+        cameras = []
+        for name in names:
+            lens = _lens(intrinsics, name, read)
+            camera, bent = resized(name, _viewmat(extrinsics, name), lens, *size, f"{path / INTRINSICS}: camera {name}")
+            cameras.append(camera)
+            if bent is not None:
+                lenses[name] = bent
+        held_out = [names[middle_camera(cameras)]] if sidecar.held_out is None else sidecar.held_out
+        origin = path / EXTRINSICS
+        super().__init__(path, cameras, source, request, held_out=held_out, lenses=lenses, origin=origin)
+
+
+class _Numbers:
+    """A file that OpenCV wrote. Raises `CaptureError` for one that it did not."""
+
+    def __init__(self, file: Path) -> None:
+        cv2 = import_cv2(PURPOSE)
+        self.file = file
+        try:
+            self._storage = cv2.FileStorage(str(file), cv2.FILE_STORAGE_READ)
+        except (cv2.error, SystemError) as error:
+            raise CaptureError(f"{file}: is no YAML file of OpenCV's ({error}). Export the cameras again.") from error
+        if not self._storage.isOpened():
+            raise CaptureError(f"{file}: is no YAML file of OpenCV's. Export the cameras again.")
+
+    def names(self) -> list[str]:
+        node = self._storage.getNode("names")
+        found = [node.at(i) for i in range(node.size())] if node.isSeq() else []
+        # Names without quotes are numbers.
+        names = [entry.string() or str(self._whole(entry, "names")) for entry in found]
+        if not names:
+            raise CaptureError(f"{self.file}: lists no cameras under `names`. Export the cameras again.")
+        return names
+
+    def array(self, name: str, shape: tuple[int, ...], *keys: str) -> np.ndarray | None:
+        """The first of KEY_NAME that is there, of that shape; None where none is."""
+        for key in keys:
+            value = self._matrix(f"{key}_{name}")
+            if value is None:
+                continue
+            if value.size != np.prod(shape) or not np.isfinite(value).all():
+                raise CaptureError(
+                    f"{self.file}: {key}_{name} is {value.tolist()}, expected {np.prod(shape)} finite numbers. Export them again."
+                )
+            return value.astype(np.float64).reshape(shape)
+        return None
+
+    def _matrix(self, key: str) -> np.ndarray | None:
+        cv2 = import_cv2(PURPOSE)
+        try:
+            return self._storage.getNode(key).mat()
+        except (cv2.error, SystemError) as error:
+            raise CaptureError(f"{self.file}: {key} is no matrix ({error}). Export the cameras again.") from error
+
+    def needed(self, name: str, shape: tuple[int, ...], *keys: str) -> np.ndarray:
+        value = self.array(name, shape, *keys)
+        if value is None:
+            raise CaptureError(
+                f"{self.file}: has no {keys[0]}_{name}, though camera {name} is listed. Export the cameras again."
+            )
+        return value
+
+    def number(self, key: str, name: str) -> int:
+        """0 where it is not there."""
+        node = self._storage.getNode(f"{key}_{name}")
+        return 0 if node.empty() else max(self._whole(node, f"{key}_{name}"), 0)
+
+    def _whole(self, node: Any, key: str) -> int:
+        if not ((node.isInt() or node.isReal()) and np.isfinite(node.real())):
+            raise CaptureError(f"{self.file}: {key} holds what is no number. Export the cameras again.")
+        return int(node.real())
+
+
+def _lens(intrinsics: _Numbers, name: str, read: tuple[int, int]) -> Any:
+    """A pycolmap.Camera of the size that K is for: what the file says, or else that of the pictures."""
+    K = intrinsics.needed(name, (3, 3), "K")
+    bends = intrinsics.array(name, (5,), "D", "dist")
+    if min(K[0, 0], K[1, 1]) <= 0 or abs(K[0, 1]) > 1e-2 * K[0, 0]:
+        raise CaptureError(
+            f"{intrinsics.file}: K_{name} is {K.tolist()}: focal lengths must be positive and the skew 0. Export the cameras again."
+        )
+    k1, k2, p1, p2, k3 = np.zeros(5) if bends is None else bends
+    width, height = intrinsics.number("W", name) or read[0], intrinsics.number("H", name) or read[1]
+    params = [K[0, 0], K[1, 1], K[0, 2], K[1, 2], k1, k2, p1, p2, k3, 0, 0, 0]
+    return import_pycolmap().Camera(model="FULL_OPENCV", width=width, height=height, params=params)
+
+
+def _viewmat(extrinsics: _Numbers, name: str) -> np.ndarray:
+    matrix = extrinsics.array(name, (3, 3), "Rot")
+    if matrix is None:
+        matrix = Rotation.from_rotvec(extrinsics.needed(name, (3,), "R")).as_matrix()
+    check_rotation(matrix, f"{extrinsics.file}: Rot_{name}")
+    viewmat = np.eye(4)
+    viewmat[:3, :3] = matrix
+    viewmat[:3, 3] = extrinsics.needed(name, (3,), "T")
+    return viewmat

@@ -1,0 +1,124 @@
+"""Neural 3D Video folders: one `camNN.mp4` a camera and `poses_bounds.npy` (LLFF).
+
+A row of poses_bounds is a 3x5 matrix, then near and far. The matrix holds camera-to-world axes in the order (down, right,
+backwards), the camera centre, and (height, width, focal). The principal point is the image centre.
+An optional `splatreel.json` beside the videos says more (`capture/sidecar.py`).
+"""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+from zipfile import BadZipFile
+
+import numpy as np
+
+from splatreel.capture.base import Request
+from splatreel.capture.poses import check_rotation
+from splatreel.capture.readers.colmap import is_colmap
+from splatreel.capture.recorded import RecordedCapture
+from splatreel.capture.sidecar import failed, read_sidecar
+from splatreel.capture.video import VideoFile
+from splatreel.capture.videos import Videos
+from splatreel.errors import CaptureError
+from splatreel.scene.camera import Camera
+
+POSES = "poses_bounds.npy"
+HELD_OUT = re.compile("cam_?0+")
+"""The camera numbered 0: `cam00`, in MeetRoom `cam_0`."""
+
+
+def is_neu3dv(path: Path) -> bool:
+    return (path / POSES).is_file() or (any(path.glob("cam*.mp4")) and not is_colmap(path))
+
+
+class Neu3DVCapture(RecordedCapture):
+    """A Neu3DV folder; the camera numbered 0 is held out unless the request or `splatreel.json` says otherwise."""
+
+    def __init__(self, path: Path, request: Request) -> None:
+        files = sorted(path.glob("cam*.mp4"))
+        poses = _read_poses(path / POSES)
+        if len(files) != len(poses):
+            raise CaptureError(
+                f"{path}: {len(files)} videos (cam*.mp4) but {len(poses)} rows in {POSES}. Rows belong to the videos in the "
+                f"order of their names: add the missing videos, or remove the rows of cameras that are not there."
+            )
+        sidecar, names = read_sidecar(path), [file.stem for file in files]
+        videos = Videos(path, dict(zip(names, files, strict=True)), sidecar, request)
+        cameras = [
+            _camera(path, video, row).resized(*request.size(video.width, video.height, path))
+            for video, row in zip(map(videos.__getitem__, names), poses, strict=True)
+        ]
+        default = sidecar.held_out if sidecar.held_out is not None else [n for n in names if HELD_OUT.fullmatch(n)]
+        super().__init__(
+            path,
+            cameras,
+            videos,
+            request,
+            held_out=default,
+            near=float(poses[:, 15].min()),
+            origin=path / POSES,
+        )
+
+
+def _read_poses(file: Path) -> np.ndarray:
+    """poses_bounds.npy as [C, 17] float64, checked."""
+    if not file.is_file():
+        if (failure := failed(file.parent)) is not None:
+            raise failure
+        raise CaptureError(
+            f"{file}: is missing. A Neu3DV folder needs it beside its videos; LLFF's imgs2poses makes one, and so, as a COLMAP "
+            f"model, does `splatreel capture calibrate {file.parent}`."
+        )
+    try:
+        poses = np.load(file, allow_pickle=False)
+        if not isinstance(poses, np.ndarray):
+            raise ValueError("an archive of several arrays")
+    except (OSError, ValueError, EOFError, SyntaxError, MemoryError, BadZipFile) as error:
+        why = "" if "pickle" in str(error) else f" ({error})"  # numpy advises to run whatever a file says
+        raise CaptureError(
+            f"{file}: is not a NumPy array file, or damaged{why}. Copy it again; LLFF's imgs2poses makes one."
+        ) from error
+    if poses.ndim != 2 or poses.shape[1] != 17 or poses.dtype.kind not in "fiu":
+        raise CaptureError(
+            f"{file}: has shape {poses.shape} of {poses.dtype}, expected [cameras, 17] numbers (LLFF). Make it again with LLFF's "
+            f"imgs2poses: 3x5 pose, near and far in a row."
+        )
+    bad = ~np.isfinite(poses).all(1)
+    if bad.any():
+        raise CaptureError(
+            f"{file}: row {int(bad.argmax())} (counted from 0, as the videos by name) holds NaN or infinity. Estimate the pose "
+            f"again, or remove the row and its video."
+        )
+    swapped = poses[:, 15] >= poses[:, 16]
+    if swapped.any():
+        row = int(swapped.argmax())
+        raise CaptureError(
+            f"{file}: row {row} (counted from 0, as the videos by name) has the near bound {poses[row, 15]:g} and the far bound "
+            f"{poses[row, 16]:g}, which is not farther. The last two numbers of a row are near and far: exchange them."
+        )
+    return poses.astype(np.float64)
+
+
+def _camera(path: Path, video: VideoFile, row: np.ndarray) -> Camera:
+    """One row of poses_bounds as an OpenCV camera of the video's size."""
+    matrix = row[:15].reshape(3, 5)
+    height, width, focal = matrix[:, 4]
+    down, right, back, center = matrix[:, :4].T
+    rotation = np.stack([right, down, -back])
+    whose = f"{path / POSES}: the row of {video.path.name}"
+    check_rotation(rotation, f"{whose}: its pose (right, down, forward)")
+    if min(height, width, focal) <= 0:
+        raise CaptureError(
+            f"{whose} is no LLFF pose: its height, width and focal length {height:g}, {width:g}, {focal:g} are not positive. Estimate "
+            f"the poses again with LLFF's imgs2poses."
+        )
+    if abs(width / height * video.height / video.width - 1) > 0.02:
+        raise CaptureError(
+            f"{video.path}: is {video.width}x{video.height}, but {POSES} is for {width:g}x{height:g}, another aspect ratio."
+        )
+    viewmat = np.eye(4)
+    viewmat[:3, :3] = rotation
+    viewmat[:3, 3] = -rotation @ center
+    K = np.array([[focal, 0, width / 2], [0, focal, height / 2], [0, 0, 1]])
+    return Camera(video.path.stem, viewmat, K, round(width), round(height)).resized(video.width, video.height)

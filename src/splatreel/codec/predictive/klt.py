@@ -1,0 +1,110 @@
+"""The Karhunen-Loeve transform: samples as few numbers in a basis of their own, which is sent along (docs/format.md)."""
+
+from __future__ import annotations
+
+import numpy as np
+from numba import njit
+
+from splatreel.codec.jit import EXACT
+from splatreel.codec.predictive.entropy import Stream, encode, unzigzag, zigzag
+from splatreel.codec.quantize import Parameters, integer
+from splatreel.errors import ReelError
+
+_MAX_SHIFT = 20
+MOST_NUMBERS = 1 << 20
+"""In a basis: one of zeros takes no bytes, however large it claims to be."""
+_BLOCK = 32
+"""Points whose sums are kept at hand before they are written out frame by frame."""
+_SPARE = 8
+"""Rounding the basis costs at most about this fraction of a step."""
+
+
+def analyse(samples: np.ndarray, step: float) -> tuple[np.ndarray, list[int]]:
+    """The basis [D, K] int64 of samples [M, D] and shifts [K]: column k in units of 2^-shifts[k].
+
+    Directions in which the samples spread by less than a twentieth of a step are left out; K is at least 1, K D at most `MOST_NUMBERS`.
+    """
+    spread, basis = np.linalg.eigh(samples.T @ samples / max(len(samples), 1))
+    spread, basis = np.sqrt(np.maximum(spread[::-1], 0)), basis[:, ::-1]
+    count = min(max(int((spread > step / 20).sum()), 1), MOST_NUMBERS // len(spread))
+    shifts = np.clip(np.ceil(np.log2(np.maximum(spread[:count] * _SPARE / step, 1))), 4, _MAX_SHIFT).astype(np.int64)
+    return np.rint(basis[:, :count] * 2.0**shifts).astype(np.int64), shifts.tolist()
+
+
+def coefficients(samples: np.ndarray, basis: np.ndarray, shifts: list[int]) -> np.ndarray:
+    """What samples [M, D] are in the rounded basis, [M, K]."""
+    return samples @ np.linalg.pinv(real(basis, shifts)).T
+
+
+def real(basis: np.ndarray, shifts: list[int]) -> np.ndarray:
+    return basis * 2.0 ** -np.array(shifts)
+
+
+def columns_of(found: np.ndarray) -> np.ndarray:
+    """The order [K C] of the coefficients [N, K, C], as k C + c: large ones first, but those of a channel in the order of the basis.
+
+    What is small in all points then comes last, and few of them have it.
+    """
+    sizes = np.abs(found).mean(0)
+    falling = np.maximum.accumulate(sizes[::-1])[::-1]
+    return np.argsort(-falling.ravel(), kind="stable")
+
+
+def decode_columns(data: bytes, count: int, kinds: int, channels: int) -> np.ndarray:
+    """Which of the channels each of `count` columns is of; at most `kinds`, those of the basis, of each. Raises `ReelError`."""
+    stream = Stream(data, 1)
+    columns = stream.read(count)
+    stream.finish()
+    if (columns < 0).any() or (columns >= channels).any() or np.bincount(columns, minlength=1).max() > kinds:
+        raise ReelError(f"has columns that are not those of {channels} channels of {kinds} each.")
+    return columns
+
+
+def encode_basis(basis: np.ndarray) -> bytes:
+    """Column after column."""
+    return encode(zigzag(basis.T.ravel()), np.zeros(basis.size, np.int64), 1)
+
+
+def decode_basis(data: bytes, parameters: Parameters, name: str, dimensions: int) -> np.ndarray:
+    """The basis [dimensions, K] float64 whose shifts are the parameter `name`. Raises `ReelError`."""
+    shifts = parameters.get(name)
+    if not isinstance(shifts, list) or not 1 <= len(shifts) <= dimensions:
+        raise ReelError(f"has {name} that are not 1 to {dimensions} numbers.")
+    if len(shifts) * dimensions > MOST_NUMBERS:
+        raise ReelError(f"has {name} for a basis of {len(shifts)} x {dimensions} numbers, more than {MOST_NUMBERS}.")
+    shifts = [integer({name: shift}, name, 0, _MAX_SHIFT) for shift in shifts]
+    stream = Stream(data, 1)
+    basis = unzigzag(stream.read(len(shifts) * dimensions))
+    stream.finish()
+    return real(basis.reshape(len(shifts), dimensions).T, shifts)
+
+
+def expand(found: np.ndarray, ends: np.ndarray, basis: np.ndarray, columns: np.ndarray, channels: int) -> np.ndarray:
+    """[D, N, C] float32 of coefficients [N, L], of which a point has the first `ends` [N], in a basis [D, K].
+
+    columns: [L] the channel of each; the first of a channel is of the first vector of the basis, and so on.
+    """
+    result = np.empty((len(basis), len(found), channels), np.float32)
+    vectors = np.array([(columns[:place] == channel).sum() for place, channel in enumerate(columns)], np.int64)
+    _expand(found, ends, np.ascontiguousarray(basis.T), columns.astype(np.int64), vectors, result)
+    return result
+
+
+@njit(**EXACT)
+def _expand(found, ends, basis, columns, vectors, result):
+    dimensions, count, channels = result.shape
+    sums = np.empty((_BLOCK, channels, dimensions))
+    for first in range(0, count, _BLOCK):
+        some = min(_BLOCK, count - first)
+        sums[:] = 0
+        for i in range(some):
+            for column in range(ends[first + i]):
+                value = np.float64(found[first + i, column])
+                if value != 0:
+                    row, total = basis[vectors[column]], sums[i, columns[column]]
+                    for d in range(dimensions):
+                        total[d] += value * row[d]
+        for d in range(dimensions):
+            for i in range(some):
+                for c in range(channels):
+                    result[d, first + i, c] = sums[i, c, d]

@@ -1,0 +1,133 @@
+"""`trajectory`: an explicit temporal basis on shared nodes and per point, our deformation model.
+
+Every offset is a cubic B-spline in time, the sum of two levels: nodes shared by the points around them, which move whole limbs at
+once, and the point itself, for what is left.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from splatreel.kernels import adam, motion, splat
+from splatreel.recon.deform.adam import KnotAdam
+from splatreel.recon.deform.protocol import movable, movable_with
+from splatreel.recon.deform.spline import Spline
+
+DIMENSIONS = 7
+"""dx, and dq less its identity."""
+
+
+class Trajectory:
+    """See `Deformation`. Control values are stored as [knots, rows, 7] in units of `unit`, the typical viewing distance."""
+
+    NODES = 64
+    RATES = (5e-4, 1.5e-4)
+    """Learning rates of the nodes and of the points themselves."""
+    EXTRAPOLATION = 0.8
+
+    def __init__(
+        self,
+        means: Tensor,
+        frames: int,
+        unit: float,
+        seed: int = 0,
+        tracks: Tensor | None = None,
+        rests: Tensor | None = None,
+    ) -> None:
+        device = means.device
+        self.moves = movable(means, rests)
+        self.unit = unit
+        moving = means if rests is None else means[~rests]
+        few = len(moving) <= self.NODES
+        self.nodes = moving[:0] if few else moving[farthest_points(moving, self.NODES, seed)]
+        index, share = skin(means, self.nodes)
+        paths = None if tracks is None else (tracks - means) / unit
+        self.spline = Spline(frames) if paths is None else Spline.along(paths, None if few else index[:, 0])
+        self.knots = self.spline.knots
+        self.reached = 3 if paths is None else self.knots - 1
+        self.skin = index, share * self.moves
+        controls = [torch.zeros(self.knots, n, DIMENSIONS, device=device) for n in (len(self.nodes), len(means))]
+        if paths is not None:  # the points' own level takes the tracks, as the smoothest spline close to them
+            controls[1][..., :3] = self.spline.fit(paths)
+        self.adams = [KnotAdam(level, rate, eps=1e-12) for level, rate in zip(controls, self.RATES, strict=True)]
+        self.moments: list[tuple[int, np.ndarray, Tensor, Tensor]] = []
+
+    @property
+    def controls(self) -> tuple[Tensor, Tensor]:
+        """Of the nodes and of the points themselves, [knots, rows, 7]."""
+        return self.adams[0].values, self.adams[1].values
+
+    def offsets(self, means: Tensor, frame: float) -> tuple[Tensor, Tensor]:
+        """As `Deformation.offsets`; leaves, whose gradients the next step follows."""
+        knot, weights = self.spline.at(frame)
+        dx, dq = motion.offsets(self.controls, knot, weights, self.skin, self.unit)
+        if torch.is_grad_enabled():
+            self.moments.append((knot, weights, dx.requires_grad_(), dq.requires_grad_()))
+        return dx, dq
+
+    def reach(self, frame: float) -> None:
+        needed = self.spline.at(frame)[0] + 3
+        with torch.no_grad():
+            while self.reached < needed:
+                self.reached += 1
+                k = self.reached
+                for controls in self.controls:
+                    controls[k] = controls[k - 1] + self.EXTRAPOLATION * (controls[k - 1] - controls[k - 2])
+
+    def step(self, share: float) -> None:
+        known = []
+        for knot, weights, dx, dq in self.moments:
+            if dx.grad is not None or dq.grad is not None:
+                d_dx, d_dq = (torch.zeros_like(leaf) if leaf.grad is None else leaf.grad for leaf in (dx, dq))
+                nodes, points = motion.offsets_gradient(d_dx, d_dq, self.skin, len(self.nodes), self.unit)
+                known.append((knot, weights, (nodes, points * self.moves)))
+        self.moments.clear()
+        taken = []
+        for level, (knots, rate) in enumerate(zip(self.adams, self.RATES, strict=True)):
+            knots.rate = rate * 0.05**share
+            end = self.reached + 1  # the knots after it have never been seen, and stay zero
+            taken.append(knots.at([(knot, weights, slopes[level]) for knot, weights, slopes in known], end))
+        adam.adam([step for step in taken if step is not None])
+
+    def keep(self, index: Tensor) -> None:
+        self.moments.clear()
+        self.skin = (self.skin[0][index], self.skin[1][index])
+        self.moves = self.moves[index]
+        self.adams[1].rewrite(lambda rows: rows[:, index], lambda rows: rows[:, index])
+
+    def append(self, means: Tensor, parents: Tensor | None) -> None:
+        """Newcomers start with what makes their total offset zero: they were static."""
+        self.moments.clear()
+        index, share = skin(means, self.nodes)
+        moves = movable_with(self.moves, means, parents)
+        self.moves = torch.cat([self.moves, moves])
+        share = share * moves
+        self.skin = torch.cat([self.skin[0], index]), torch.cat([self.skin[1], share])
+        nodes, points = self.controls
+        rows = points[:, parents] if parents is not None else -torch.einsum("nk,tnkd->tnd", share, nodes[:, index])
+        state = torch.zeros_like(rows)
+        self.adams[1].rewrite(lambda t: torch.cat([t, rows], 1), lambda t: torch.cat([t, state], 1))
+
+
+def farthest_points(points: Tensor, count: int, seed: int) -> Tensor:
+    """Indices [count] of points spread evenly: each is the one farthest from those before it."""
+    chosen = torch.empty(count, dtype=torch.int64, device=points.device)
+    distance = torch.full((len(points),), torch.inf, device=points.device)
+    current = seed % len(points)
+    for i in range(count):
+        chosen[i] = current
+        distance = torch.minimum(distance, (points - points[current]).square().sum(1))
+        current = int(distance.argmax())
+    return chosen
+
+
+def skin(points: Tensor, nodes: Tensor) -> tuple[Tensor, Tensor]:
+    """The four nearest nodes of every point, [N, 4], and their weights [N, 4], which sum to one; [N, 0] if there are no nodes."""
+    if len(nodes) == 0:
+        return points.new_zeros(len(points), 0, dtype=torch.int64), points.new_zeros(len(points), 0)
+    index, distance = splat.nearest_neighbours(nodes, min(4, len(nodes)), queries=points)
+    width = distance[:, -1].median().clamp_min(1e-9)
+    weights = torch.exp(-2 * (distance / width) ** 2) + 1e-6
+    return index, weights / weights.sum(1, keepdim=True)

@@ -1,0 +1,79 @@
+"""The sound of a run: chosen and encoded when it begins, kept with the checkpoints for whatever reel is written of them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from splatreel.capture.base import Capture
+from splatreel.capture.sound import choose
+from splatreel.codec.presentation import Vec3
+from splatreel.codec.sound import EncodedSound, encode_sound, write_sound
+from splatreel.codec.writer import ReelWriter
+from splatreel.progress import Progress
+from splatreel.recon.run import checkpoint
+
+
+@dataclass(frozen=True)
+class RunSound:
+    """What is heard, and where it comes from, world units; None: from everywhere."""
+
+    encoded: EncodedSound
+    position: Vec3 | None
+
+
+def hear(work: Path, capture: Capture, wanted: str, progress: Progress) -> RunSound | None:
+    """The sound of a capture's frames, which says what it is; of a run that goes on, that with which it began.
+
+    wanted: auto, none, the name of a camera, or a file. Raises `CaptureError` where that has no sound.
+    """
+    if _file(work).exists():
+        return load_sound(work)
+    seconds = capture.frames / capture.fps
+    choice = choose(wanted, capture.tracks(), seconds, capture.first_frame / capture.fps, capture.path)
+    if choice is None:
+        progress.note("Sound: none" if wanted == "none" else "Sound: none, no video has any")
+        return None
+    progress.note(f"Sound: {choice}")
+    position = None
+    if choice.camera is not None:
+        x, y, z = capture.camera(choice.camera).center.tolist()
+        position = (round(x, 6), round(y, 6), round(z, 6))
+    return RunSound(encode_sound(choice.samples(seconds), choice.channels), position)
+
+
+def save_sound(work: Path, sound: RunSound | None) -> None:
+    """Keep it; nothing for None, and for what is kept already."""
+    if sound is None or _file(work).exists():
+        return
+    encoded = sound.encoded
+    files = {f"segment{index:06d}": data for index, data in enumerate(encoded.segments)} | {"init": encoded.init}
+    arrays: dict[str, np.ndarray] = {name: np.frombuffer(data, np.uint8) for name, data in files.items()}
+    arrays["format"] = np.array([encoded.channels, encoded.samples])
+    arrays["position"] = np.array(sound.position or (), np.float64)
+    checkpoint.save_arrays(_file(work), arrays)
+
+
+def load_sound(work: Path) -> RunSound | None:
+    """What is kept; None where nothing is. Raises `ReconstructionError` for a file that cannot be read."""
+    if not _file(work).exists():
+        return None
+    arrays = checkpoint.load_arrays(_file(work))
+    channels, samples = arrays["format"].tolist()
+    segments = tuple(arrays[name].tobytes() for name in sorted(arrays) if name.startswith("segment"))
+    encoded = EncodedSound(channels, arrays["init"].tobytes(), segments, samples)
+    position = arrays["position"].tolist()
+    return RunSound(encoded, (position[0], position[1], position[2]) if position else None)
+
+
+def publish_sound(work: Path, writer: ReelWriter) -> None:
+    """Give a reel the sound that is kept, before its first group. Where none is, a reel keeps what it has."""
+    sound = load_sound(work)
+    if sound is not None:
+        write_sound(writer, sound.encoded, sound.position)
+
+
+def _file(work: Path) -> Path:
+    return work / "sound.safetensors"

@@ -1,0 +1,239 @@
+"""Dense depth by plane sweep and semi-global matching, for the walls and floors that have no features to triangulate.
+
+For every camera, planes parallel to its image are swept through the scene; each neighbour's image is warped by the plane's
+homography and compared patch by patch (zero-mean normalised cross-correlation, blind to the cameras' different gains). Paths in
+four directions (Hirschmueller 2008, "Stereo processing by semiglobal matching") carry depth into weak texture.
+"""
+
+from __future__ import annotations
+
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+
+import cv2
+import numba
+import numpy as np
+
+from splatreel import threads
+from splatreel.recon.init.triangulate import nearest_cameras
+from splatreel.scene.camera import Camera
+
+NEIGHBOURS = 4
+PATCH = 5
+NOISE = 2.5 / 255
+"""Standard deviation of a patch below which it counts as flat: noise would otherwise correlate by chance."""
+SMALL_STEP, LARGE_STEP = 0.06, 0.5
+"""Costs of a change of depth by one plane, and by more, between neighbouring pixels (P1, P2 of semi-global matching)."""
+AGREEMENT_PLANES = 1.5
+
+
+@dataclass(frozen=True)
+class DepthMap:
+    """depth: [H, W] float32 world units along the camera's axis. agreeing: [H, W] uint8, how many neighbours' maps agree."""
+
+    camera: Camera
+    image: np.ndarray
+    depth: np.ndarray
+    agreeing: np.ndarray
+
+
+def sweep(
+    cameras: list[Camera], images: np.ndarray, ranges: np.ndarray, *, width: int = 320, planes: int | np.ndarray = 96
+) -> list[DepthMap]:
+    """One depth map a camera.
+
+    images: [C, H, W, 3] uint8. ranges: [C, 2] nearest and farthest depth of every camera, world units. planes: how many, of all or
+    each camera [C]. The maps are made at `width` pixels, or the images' own width if that is smaller.
+    """
+    width = min(width, images.shape[2])
+    height = max(round(images.shape[1] * width / images.shape[2]), 1)
+    small_cameras = [c.resized(width, height) for c in cameras]
+    small = [cv2.resize(image, (width, height), interpolation=cv2.INTER_AREA) for image in images]
+    grays = [cv2.cvtColor(image, cv2.COLOR_RGB2GRAY).astype(np.float32) / 255 for image in small]
+    nearest = nearest_cameras(cameras, NEIGHBOURS)
+    counts = np.broadcast_to(planes, len(cameras))
+    steps = (1 / ranges[:, 0] - 1 / ranges[:, 1]) / (counts - 1)
+
+    def depth_of(i: int) -> np.ndarray:
+        levels = 1 / ranges[i, 1] + steps[i] * np.arange(counts[i])
+        others = [(small_cameras[j], grays[j]) for j in nearest[i]]
+        cost = _cost_volume(small_cameras[i], grays[i], others, 1 / levels)
+        best = _best_levels(_aggregate(cost, grays[i]))
+        return (1 / (levels[0] + steps[i] * best)).astype(np.float32)
+
+    with ThreadPoolExecutor(min(threads.count(), 8)) as pool:  # the compiled kernels and OpenCV let go of the GIL
+        depths = list(pool.map(depth_of, range(len(cameras))))
+    agreeing = [
+        sum(_agreement(small_cameras[i], depths[i], steps[i], small_cameras[j], depths[j]) for j in nearest[i])
+        for i in range(len(cameras))
+    ]
+    return [
+        DepthMap(c, image, d, np.asarray(a, np.uint8))
+        for c, image, d, a in zip(small_cameras, small, depths, agreeing, strict=True)
+    ]
+
+
+def unproject(camera: Camera, depth: np.ndarray) -> np.ndarray:
+    """World points [H, W, 3] float64 of a depth map [H, W]."""
+    height, width = depth.shape
+    x = (np.arange(width) + 0.5 - camera.K[0, 2]) / camera.K[0, 0]
+    y = (np.arange(height) + 0.5 - camera.K[1, 2]) / camera.K[1, 1]
+    local = np.stack([np.broadcast_to(x, depth.shape) * depth, y[:, None] * depth, depth], -1)
+    return (local - camera.viewmat[:3, 3]) @ camera.viewmat[:3, :3].astype(np.float64)
+
+
+def project(camera: Camera, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Pixels [..., 2] and depths [...] of world points [..., 3]; pixels are NaN behind the camera."""
+    local = points @ camera.viewmat[:3, :3].T.astype(np.float64) + camera.viewmat[:3, 3]
+    depth = local[..., 2]
+    safe = np.where(depth > 1e-9, depth, np.nan)
+    x = local[..., 0] / safe * camera.K[0, 0] + camera.K[0, 2]
+    y = local[..., 1] / safe * camera.K[1, 1] + camera.K[1, 2]
+    return np.stack([x, y], -1), depth
+
+
+def inside(camera: Camera, pixels: np.ndarray) -> np.ndarray:
+    """Which pixels [..., 2] lie in the camera's image; NaN does not."""
+    x, y = pixels[..., 0], pixels[..., 1]
+    return (x >= 0) & (x < camera.width) & (y >= 0) & (y < camera.height)
+
+
+def seen_depths(cameras: list[Camera], points: np.ndarray) -> list[np.ndarray]:
+    """The depths of the points inside each camera's image."""
+    found = []
+    for camera in cameras:
+        pixels, depth = project(camera, points)
+        found.append(depth[inside(camera, pixels)])
+    return found
+
+
+def _cost_volume(
+    camera: Camera, gray: np.ndarray, others: list[tuple[Camera, np.ndarray]], depths: np.ndarray
+) -> np.ndarray:
+    """Matching costs 0 (alike) .. 1, [H, W, D] float32."""
+    size = (camera.width, camera.height)
+    mean, square = cv2.blur(gray, (PATCH, PATCH)), cv2.blur(gray * gray, (PATCH, PATCH))
+    deviation = np.sqrt(np.maximum(square - mean * mean, 0) + NOISE**2)
+    volume = np.empty((len(depths), *gray.shape), np.float32)
+    scores = np.empty((len(others), 4, *gray.shape), np.float32)
+    homographies = [plane_homographies(camera, other, depths) for other, _ in others]
+    corners = np.array([[0, 0, 1], [size[0], 0, 1], [0, size[1], 1], [size[0], size[1], 1]], np.float64)
+    for d in range(len(depths)):
+        for k, (_, image) in enumerate(others):
+            H = homographies[k][d]
+            if (corners @ H[2]).min() <= 1e-6:  # part of the plane is behind the other camera
+                scores[k, 0] = -1
+                continue
+            flags = cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP
+            warped = cv2.warpPerspective(image, H, size, flags=flags, borderValue=(-1e4,))
+            scores[k, 0] = cv2.blur(warped, (PATCH, PATCH))
+            scores[k, 1] = cv2.blur(warped * warped, (PATCH, PATCH))
+            scores[k, 2] = cv2.blur(warped * gray, (PATCH, PATCH))
+        _correlate(mean, deviation, scores, volume[d])
+    return np.ascontiguousarray(volume.transpose(1, 2, 0))
+
+
+def plane_homographies(camera: Camera, other: Camera, depths: np.ndarray) -> np.ndarray:
+    """[D, 3, 3]: pixels of `camera` (integer centres, as OpenCV counts) to those of `other` by way of the planes z = depth."""
+    relative = other.viewmat.astype(np.float64) @ np.linalg.inv(camera.viewmat.astype(np.float64))
+    shift = np.array([[1, 0, -0.5], [0, 1, -0.5], [0, 0, 1]])
+    tilt = np.zeros((len(depths), 3, 3))
+    tilt[:, :, 2] = relative[:3, 3] / depths[:, None]
+    return (shift @ other.K) @ (relative[:3, :3] + tilt) @ np.linalg.inv(shift @ camera.K.astype(np.float64))
+
+
+@numba.njit(nogil=True, cache=True, fastmath=True)
+def _correlate(mean, deviation, scores, plane):  # pragma: no cover - compiled
+    """Write one plane of costs: the mean of the better half of the neighbours, so that an occluded one does not count."""
+    count = scores.shape[0]
+    half = (count + 1) // 2
+    for y in range(mean.shape[0]):
+        found = np.empty(count, np.float32)
+        for x in range(mean.shape[1]):
+            valid = 0
+            for k in range(count):
+                other = scores[k, 0, y, x]
+                if other < 0:  # outside of the neighbour's image
+                    continue
+                variance = max(scores[k, 1, y, x] - other * other, 0.0) + np.float32(NOISE * NOISE)
+                value = (scores[k, 2, y, x] - mean[y, x] * other) / (deviation[y, x] * np.sqrt(variance))
+                place = valid
+                while place > 0 and found[place - 1] < value:
+                    found[place] = found[place - 1]
+                    place -= 1
+                found[place] = value
+                valid += 1
+            used = min(half, valid)
+            total = np.float32(0)
+            for k in range(used):
+                total += found[k]
+            score = total / used if used > 0 else np.float32(0)
+            plane[y, x] = min(max(np.float32(1) - score, np.float32(0)), np.float32(1))
+
+
+def _aggregate(cost: np.ndarray, gray: np.ndarray) -> np.ndarray:
+    """Sum of the path costs from left, right, top and bottom, [H, W, D]."""
+    total = np.zeros_like(cost)
+    _scan_rows(cost, gray, total)
+    _scan_rows(cost.transpose(1, 0, 2), gray.T, total.transpose(1, 0, 2))
+    return total
+
+
+@numba.njit(nogil=True, cache=True, fastmath=True)
+def _scan_rows(cost, gray, total):  # pragma: no cover - compiled
+    """Add the path costs of both directions along every row. A jump in depth is cheaper where the image has an edge."""
+    height, width, planes = cost.shape
+    for y in range(height):
+        previous = np.empty(planes, np.float32)
+        current = np.empty(planes, np.float32)
+        for direction in range(2):
+            lowest = np.float32(0)
+            for i in range(width):
+                x = i if direction == 0 else width - 1 - i
+                if i == 0:
+                    for d in range(planes):
+                        previous[d] = cost[y, x, d]
+                        total[y, x, d] += previous[d]
+                else:
+                    edge = abs(gray[y, x] - gray[y, x - 1 if direction == 0 else x + 1])
+                    jump = lowest + max(np.float32(LARGE_STEP) / (1 + 30 * edge), np.float32(2 * SMALL_STEP))
+                    for d in range(planes):
+                        best = min(previous[d], jump)
+                        if d > 0:
+                            best = min(best, previous[d - 1] + np.float32(SMALL_STEP))
+                        if d < planes - 1:
+                            best = min(best, previous[d + 1] + np.float32(SMALL_STEP))
+                        current[d] = cost[y, x, d] + best - lowest
+                        total[y, x, d] += current[d]
+                    previous, current = current, previous
+                lowest = previous.min()
+
+
+@numba.njit(nogil=True, cache=True)
+def _best_levels(total):  # pragma: no cover - compiled
+    """The plane of least cost with a parabola's fraction, [H, W] float32."""
+    height, width, planes = total.shape
+    best = np.empty((height, width), np.float32)
+    for y in range(height):
+        for x in range(width):
+            d = np.argmin(total[y, x])
+            fraction = np.float32(0)
+            if 0 < d < planes - 1:
+                low, mid, high = total[y, x, d - 1], total[y, x, d], total[y, x, d + 1]
+                bend = low - 2 * mid + high
+                if bend > 1e-6:
+                    fraction = np.float32(0.5) * (low - high) / bend
+            best[y, x] = d + fraction
+    return best
+
+
+def _agreement(camera: Camera, depth: np.ndarray, step: float, other: Camera, other_depth: np.ndarray) -> np.ndarray:
+    """Where the other camera's map puts a surface within a few planes of this one's, [H, W] bool."""
+    pixels, seen_depth = project(other, unproject(camera, depth))
+    visible = inside(other, pixels)
+    column, row = np.where(visible[..., None], pixels, 0).astype(int).transpose(2, 0, 1)
+    found = np.zeros((*depth.shape, 3))
+    found[visible] = unproject(other, other_depth)[row[visible], column[visible]]
+    own_depth = project(camera, found)[1]
+    error = np.abs(1 / np.maximum(own_depth, 1e-9) - 1 / depth)
+    return visible & (seen_depth > 0) & (error < AGREEMENT_PLANES * step)

@@ -1,0 +1,140 @@
+"""An output folder belongs to one capture and one configuration, and to one process at a time."""
+
+from __future__ import annotations
+
+import json
+import os
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+from splatreel.capture.base import Capture
+from splatreel.config import Config
+from splatreel.errors import ReconstructionError
+from splatreel.recon.run import checkpoint
+from splatreel.scene.atomic import lock, sweep
+
+VERSION = 1
+"""Raised when checkpoints of before can no longer be continued."""
+FINGERPRINT = "fingerprint"
+SHOWN = 3
+"""Differences that a message lists."""
+
+
+class RunLock:
+    """The right to write into an output folder, OUT/work and OUT/reel. Use as a context manager.
+
+    Entering makes the folders, keeps other processes out, and removes files that a killed one left half written. Raises
+    `ReconstructionError` if that cannot be, or the folder holds something else: the run of another capture or
+    configuration, or a reel without the checkpoints it was made from. Nothing is overwritten then.
+    """
+
+    def __init__(self, out: Path, capture: Capture, config: Config, sound: str = "auto") -> None:
+        self.out, self.reel, self.work = out, out / "reel", out / "work"
+        self.record = {"version": VERSION, "capture": capture.describe(), "config": json.loads(config.to_json())}
+        self.record["sound"] = Path(sound).name  # a file may be elsewhere the next time
+        self._lock: int | None = None
+
+    def __enter__(self) -> RunLock:
+        self._lock = self._acquire()
+        try:
+            self._check()
+        except BaseException:
+            self._release()
+            raise
+        for folder in (self.work, self.reel):
+            for leftover in folder.glob("**/.*.tmp"):
+                leftover.unlink(missing_ok=True)
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._release()
+
+    def keep(self) -> None:
+        """Say whose folder this is; called when the first checkpoint is about to be written."""
+        checkpoint.save_json(self.work / "run.json", self.record)
+
+    def _check(self) -> None:
+        path = self.work / "run.json"
+        if path.exists():
+            theirs = checkpoint.load_json(path)
+            # What an earlier version did not know is as if it had been left alone: new settings are off unless a preset says so.
+            known = {"config": json.loads(Config().to_json()), "sound": "auto"}
+            found = differences(_filled(theirs if isinstance(theirs, dict) else {}, known), self.record)
+            if found:
+                more = [f"and {len(found) - SHOWN} more"] if len(found) > SHOWN else []
+                raise ReconstructionError(
+                    f"{path}: this folder holds another reconstruction: {'; '.join([*found[:SHOWN], *more])}. "
+                    "Choose another --out, ask for the same again, or delete the folder to start over."
+                )
+        elif (self.reel / "manifest.json").exists():
+            raise ReconstructionError(
+                f"{self.reel}: holds a reel already, but {self.work} has no checkpoints it could be continued from. "
+                "Choose another --out, or move the reel away."
+            )
+
+    def _acquire(self) -> int:
+        try:
+            self.work.mkdir(parents=True, exist_ok=True)
+            self.reel.mkdir(exist_ok=True)
+            handle = os.open(self.work / ".lock", os.O_RDWR | os.O_CREAT, 0o644)
+        except OSError as error:
+            raise ReconstructionError(
+                f"{error.filename}: cannot be written ({error.strerror}). Choose another --out, or fix what is in the way."
+            ) from error
+        if not lock(handle):
+            os.close(handle)
+            raise ReconstructionError(
+                f"{self.out}: another process is reconstructing into this folder. Wait for it or choose another --out."
+            )
+        return handle
+
+    def _release(self) -> None:
+        if self._lock is not None:
+            os.close(self._lock)
+            self._lock = None
+
+
+@contextmanager
+def hold(reel: Path) -> Iterator[None]:
+    """The right to write a reel that is not that of a run. Entering makes its folder, and removes what a killed process left there.
+
+    Raises `ReconstructionError` where another process is writing it.
+    """
+    reel.mkdir(parents=True, exist_ok=True)
+    handle = os.open(reel, os.O_RDONLY) if os.name == "posix" else None
+    try:
+        if handle is not None and not lock(handle):
+            raise ReconstructionError(
+                f"{reel}: another process is writing this reel. Wait for it or choose another --out."
+            )
+        for folder in (reel, *(place for place in reel.iterdir() if place.is_dir())):
+            sweep(folder)
+        yield
+    finally:
+        if handle is not None:
+            os.close(handle)
+
+
+def _filled(record: dict[str, Any], defaults: dict[str, Any]) -> dict[str, Any]:
+    """A nested record with what it lacks of the defaults."""
+    filled = {**defaults, **record}
+    for name, value in defaults.items():
+        if isinstance(value, dict) and isinstance(record.get(name), dict):
+            filled[name] = _filled(record[name], value)
+    return filled
+
+
+def differences(theirs: dict[str, Any], mine: dict[str, Any], prefix: str = "") -> list[str]:
+    """What two nested records say differently, such as `config.seed is 1 there, 0 now`; the fingerprint only if nothing else."""
+    found = []
+    for name in sorted({*theirs, *mine} - {FINGERPRINT}):
+        a, b = theirs.get(name), mine.get(name)
+        if isinstance(a, dict) and isinstance(b, dict):
+            found += differences(a, b, f"{prefix}{name}.")
+        elif a != b:
+            found.append(f"{prefix}{name} is {json.dumps(a):.60} there, {json.dumps(b):.60} now")
+    if not found and theirs.get(FINGERPRINT) != mine.get(FINGERPRINT):
+        found.append(f"the {prefix.rstrip('.')} has other files or camera poses")
+    return found

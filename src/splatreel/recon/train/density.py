@@ -1,0 +1,69 @@
+"""Adaptive density control of 3DGS: clone and split where the image pulls at a point, prune what is not seen."""
+
+from __future__ import annotations
+
+import math
+
+import torch
+from torch import Tensor
+
+from splatreel.recon.train.points import TrainablePoints
+
+LARGEST = 0.5
+"""Largest scale that a point may have, in typical viewing distances, times as much as it is farther away."""
+
+
+class GradientMeter:
+    """Mean length of the screen-space positional gradient of every point, in normalised device units, over its views."""
+
+    def __init__(self, count: int, device: torch.device) -> None:
+        self.sum = torch.zeros(count, device=device)
+        self.seen = torch.zeros(count, device=device)
+
+    def add(self, grad: Tensor, width: int, height: int, index: Tensor | None = None) -> None:
+        """grad: [M, 2] dL/d(pixels) of all points, or of the points that index [M] names."""
+        length = torch.hypot(grad[:, 0] * (width / 2), grad[:, 1] * (height / 2))
+        if index is None:
+            self.sum += length
+            self.seen += length > 0
+        else:
+            self.sum.index_add_(0, index, length)
+            self.seen.index_add_(0, index, (length > 0).float())
+
+    def mean(self) -> Tensor:
+        return self.sum / self.seen.clamp_min(1)
+
+
+def select_growth(meter: GradientMeter, threshold: float, room: int) -> Tensor:
+    """Mask of the points to densify: gradient above threshold, the strongest first if there is room for few only."""
+    gradient = meter.mean()
+    grow = gradient > threshold
+    if int(grow.sum()) > room:
+        if room <= 0:
+            return torch.zeros_like(grow)
+        cut = torch.topk(gradient, room).values[-1]
+        grow &= gradient >= cut
+    return grow
+
+
+def too_large(scales: Tensor, strides: Tensor, unit: float) -> Tensor:
+    """Mask [N] of points absurdly large for where they are. scales: [N, 3]. strides: [N], see `drawing.strides`, as is unit."""
+    return scales.amax(1) > LARGEST * unit * strides
+
+
+def children(points: TrainablePoints, split: Tensor, generator: torch.Generator) -> dict[str, Tensor]:
+    """Two children for every split point, drawn from the parent's Gaussian, 1.6 times smaller (3DGS section 5.2)."""
+    rows = points.rows(split)
+    twice = {name: torch.cat([value, value]) for name, value in rows.items()}
+    noise = torch.randn(twice["means"].shape, generator=generator).to(twice["means"].device)
+    offset = noise * twice["log_scales"].exp()
+    twice["means"] = twice["means"] + rotate(torch.nn.functional.normalize(twice["quats"], dim=-1), offset)
+    twice["log_scales"] = twice["log_scales"] - math.log(1.6)
+    return twice
+
+
+def rotate(quats: Tensor, vectors: Tensor) -> Tensor:
+    """Vectors [N, 3] rotated by unit quaternions [N, 4]."""
+    w, xyz = quats[:, :1], quats[:, 1:]
+    cross = 2 * torch.linalg.cross(xyz, vectors)
+    return vectors + w * cross + torch.linalg.cross(xyz, cross)

@@ -1,0 +1,151 @@
+"""Trainable Gaussians: leaf tensors, their optimiser, and row surgery that keeps the two together."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from splatreel.kernels import splat
+from splatreel.recon.deform.adam import Adam, step
+from splatreel.scene.gaussians import Gaussians
+
+NAMES = ("means", "quats", "log_scales", "logit_opacities", "sh_base", "sh_rest")
+
+
+class TrainablePoints:
+    """Gaussians as unconstrained leaf tensors, each with its Adam.
+
+    params: means [N, 3], quats [N, 4], log_scales [N, 3], logit_opacities [N], sh_base [N, 1, 3], sh_rest [N, K - 1, 3].
+    Learning rates are per attribute; `means` is in world units.
+    """
+
+    def __init__(self, params: Mapping[str, Tensor], rates: Mapping[str, float]) -> None:
+        self.base_rates = dict(rates)
+        self.adams = {name: Adam(params[name], rates[name], eps=1e-15) for name in NAMES}
+
+    @staticmethod
+    def from_gaussians(gaussians: Gaussians, rates: Mapping[str, float], device: torch.device) -> TrainablePoints:
+        return TrainablePoints(to_params(gaussians, device), rates)
+
+    def __len__(self) -> int:
+        return len(self.means)
+
+    @property
+    def params(self) -> dict[str, Tensor]:
+        return {name: adam.tensor for name, adam in self.adams.items()}
+
+    @property
+    def means(self) -> Tensor:
+        return self.adams["means"].tensor
+
+    @property
+    def quats(self) -> Tensor:
+        return self.adams["quats"].tensor
+
+    @property
+    def scales(self) -> Tensor:
+        return self.adams["log_scales"].tensor.exp()
+
+    @property
+    def opacities(self) -> Tensor:
+        return self.adams["logit_opacities"].tensor.sigmoid()
+
+    @property
+    def sh(self) -> tuple[Tensor, Tensor]:
+        """The colour's constant part [N, 1, 3] and its higher bands [N, K - 1, 3]."""
+        return self.adams["sh_base"].tensor, self.adams["sh_rest"].tensor
+
+    def scale_rates(self, factors: Mapping[str, float], default: float = 1.0) -> None:
+        """Set every learning rate to its base rate times a factor."""
+        for name, adam in self.adams.items():
+            adam.rate = self.base_rates[name] * factors.get(name, default)
+
+    def step(self, strides: Tensor | None = None) -> None:
+        """Follow the gradients. strides: [N, 1], by what the steps of the places are multiplied."""
+        before = None if strides is None else self.means.detach().clone()
+        step(self.adams.values())
+        if before is not None and strides is not None:
+            with torch.no_grad():
+                self.means.copy_(torch.lerp(before, self.means, strides))
+
+    def price_sh(self, price: float) -> None:
+        """Let the higher SH bands cost `price` times the sum of their absolute values, on top of the gradient that they have."""
+        rest = self.adams["sh_rest"].tensor
+        if price and rest.grad is not None:
+            rest.grad.add_(rest.detach().sign(), alpha=price)
+
+    def clear(self) -> None:
+        """Forget the gradients."""
+        for adam in self.adams.values():
+            adam.tensor.grad = None
+
+    def keep(self, index: Tensor) -> None:
+        """Keep the rows that an index or mask selects, in its order, with their optimiser state."""
+        for adam in self.adams.values():
+            adam.rewrite(lambda rows: rows[index], lambda rows: rows[index])
+
+    def append(self, params: Mapping[str, Tensor]) -> None:
+        """Add rows; their optimiser state starts at zero."""
+        for name, adam in self.adams.items():
+            new = params[name].detach()
+            still = torch.zeros_like(new)
+            adam.rewrite(
+                lambda rows, new=new: torch.cat([rows, new]), lambda rows, still=still: torch.cat([rows, still])
+            )
+
+    def rows(self, index: Tensor) -> dict[str, Tensor]:
+        """Copies of the rows that an index or mask selects."""
+        return {name: tensor.detach()[index].clone() for name, tensor in self.params.items()}
+
+    def check(self) -> None:
+        """Raises `GaussiansError` if a value is NaN or infinite. On a GPU nobody else looks, as to look is to wait for it."""
+        splat.check_finite(**self.params)
+
+    def gaussians(self) -> Gaussians:
+        """The points as plain activated arrays."""
+        self.check()
+        return to_gaussians(self.params)
+
+
+def to_params(gaussians: Gaussians, device: torch.device) -> dict[str, Tensor]:
+    """Unconstrained tensors of plain Gaussians."""
+    opacities = np.clip(gaussians.opacities, 1e-4, 1 - 1e-4)
+    arrays = {
+        "means": gaussians.means,
+        "quats": gaussians.quats,
+        "log_scales": np.log(np.maximum(gaussians.scales, 1e-9)),
+        "logit_opacities": np.log(opacities / (1 - opacities)),
+        "sh_base": gaussians.sh[:, :1],
+        "sh_rest": gaussians.sh[:, 1:],
+    }
+    return {name: torch.from_numpy(np.array(value, np.float32)).to(device) for name, value in arrays.items()}
+
+
+def to_gaussians(params: Mapping[str, Tensor]) -> Gaussians:
+    """Plain activated Gaussians of unconstrained tensors."""
+    p = {name: tensor.detach().cpu() for name, tensor in params.items()}
+    return Gaussians(
+        p["means"].numpy(),
+        torch.nn.functional.normalize(p["quats"], dim=-1).numpy(),
+        p["log_scales"].exp().numpy(),
+        p["logit_opacities"].sigmoid().numpy(),
+        torch.cat([p["sh_base"], p["sh_rest"]], 1).numpy(),
+    )
+
+
+def default_rates(unit: float, pace: float = 1.0) -> dict[str, float]:
+    """Learning rates of 3DGS times a pace, positions relative to `unit`, the typical viewing distance in world units.
+
+    The higher SH bands keep theirs: at a faster pace they learn the training cameras by heart.
+    """
+    return {
+        "means": pace * 2.2e-4 * unit,
+        "quats": pace * 2e-3,
+        "log_scales": pace * 7e-3,
+        "logit_opacities": pace * 3e-2,
+        "sh_base": pace * 4e-3,
+        "sh_rest": 2e-4,
+    }

@@ -1,0 +1,233 @@
+"""Drawing the scene while it trains: moving points in front of and behind a frozen backdrop."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import torch
+from torch import Tensor
+
+from splatreel.kernels import splat
+from splatreel.recon.init.layout import Layout
+from splatreel.recon.train.points import NAMES, to_params
+from splatreel.scene.camera import Camera
+from splatreel.scene.gaussians import Gaussians
+
+
+@dataclass(frozen=True)
+class View:
+    """A camera as tensors. viewmat: [4, 4]; K: [3, 3]; center: [3]. antialias: see `splat.antialiased`.
+
+    clear: up to this depth nothing that rests is drawn, world units (`Clearance`). background: [3], 0..1, where nothing is.
+    """
+
+    viewmat: Tensor
+    K: Tensor
+    center: Tensor
+    width: int
+    height: int
+    antialias: bool = False
+    clear: float = 0.0
+    background: Tensor | None = None
+
+    @staticmethod
+    def of(camera: Camera, device: torch.device, antialias: bool = False, layout: Layout | None = None) -> View:
+        arrays = camera.viewmat, camera.K, camera.center
+        viewmat, K, center = (torch.from_numpy(array.copy()).to(device) for array in arrays)
+        plain = View(viewmat, K, center, camera.width, camera.height, antialias)
+        if layout is None:
+            return plain
+        background = torch.tensor(layout.background, device=device) if any(layout.background) else None
+        return replace(plain, clear=layout.clearance.depth(camera), background=background)
+
+    def halved(self) -> View:
+        """The view of pictures that were `halved`."""
+        K = self.K.clone()
+        K[:2] /= 2
+        return replace(self, K=K, width=self.width // 2, height=self.height // 2)
+
+
+@dataclass(frozen=True)
+class Splats:
+    """Points as one view sees them, ready to be rasterized; fields as in `splat.rasterize`."""
+
+    means2d: Tensor
+    conics: Tensor
+    colors: Tensor
+    opacities: Tensor
+    depths: Tensor
+    radii: Tensor
+
+    @property
+    def tensors(self) -> tuple[Tensor, Tensor, Tensor, Tensor, Tensor, Tensor]:
+        return self.means2d, self.conics, self.colors, self.opacities, self.depths, self.radii
+
+    def rows(self, index: Tensor) -> Splats:
+        """Those of an index [M] int64."""
+        return Splats(*[tensor.index_select(0, index) for tensor in self.tensors])
+
+    def before(self, background: Tensor | None) -> Splats:
+        """With colours relative to a background's [3]: blended, they are what a picture differs by, and `draw` adds it again.
+
+        That blends the background behind everything without a look at alpha: sum w c + (1 - sum w) b = sum w (c - b) + b.
+        """
+        return self if background is None else replace(self, colors=self.colors - background)
+
+    @staticmethod
+    def join(a: Splats, b: Splats) -> Splats:
+        return Splats(*[torch.cat(pair) for pair in zip(a.tensors, b.tensors, strict=True)])
+
+
+@dataclass(frozen=True)
+class StaticView:
+    """What one view sees of the backdrop. index: [M] which of its points."""
+
+    splats: Splats
+    index: Tensor
+    still: splat.Still
+
+
+@dataclass(frozen=True)
+class Drawing:
+    """image: [H, W, 3]; alpha: [H, W]. means2d: [M, 2], a tensor of the graph that keeps its gradient (pixels).
+
+    Its first `moving` rows are the moving points in their order; where everything was drawn, the backdrop's points `index` follow.
+    tiles: [ceil(H / 16), ceil(W / 16)] bool, all that was drawn anew and has a gradient; None if everything was.
+    """
+
+    image: Tensor
+    alpha: Tensor
+    means2d: Tensor
+    moving: int
+    index: Tensor | None = None
+    tiles: Tensor | None = None
+
+
+def strides(means: Tensor, views: list[View], unit: float, reach: float) -> Tensor:
+    """[N] distances of points [N, 3] to the nearest view in typical viewing distances `unit`, 1 to `reach`.
+
+    What is far may go as much farther in a step, and be as much larger: it is as many pixels at any distance.
+    """
+    centers = torch.stack([view.center for view in views])
+    return (torch.cdist(means.detach(), centers).amin(1) / unit).clamp(1, reach)
+
+
+def halved(images: Tensor) -> Tensor:
+    """Images [C, H, W, 3] uint8 at half size, averaged over blocks of 2 x 2; an odd row or column is cut off."""
+    small = torch.nn.functional.avg_pool2d(images.permute(0, 3, 1, 2).float(), 2)
+    return small.round().to(torch.uint8).permute(0, 2, 3, 1).contiguous()
+
+
+def splats(
+    means: Tensor,
+    quats: Tensor,
+    scales: Tensor,
+    opacities: Tensor,
+    sh: tuple[Tensor, Tensor],
+    view: View,
+    near: float,
+) -> Splats:
+    """Project points and evaluate their colours for a view. sh: [N, 1, 3] and [N, K - 1, 3]; other shapes as in `Gaussians`."""
+    pinhole = view.viewmat, view.K, view.width, view.height
+    projected = splat.project(means, quats, scales, *pinhole, near, view.antialias)
+    colors = splat.view_colors(means, view.center, *sh)
+    if view.antialias:
+        opacities = splat.antialiased(opacities, projected.conics)
+    seen = Splats(projected.means2d, projected.conics, colors, opacities, projected.depths, projected.radii)
+    return seen.before(view.background)
+
+
+def deformed(
+    params: dict[str, Tensor], offsets: tuple[Tensor, Tensor] | None, shade: Tensor | None, view: View, near: float
+) -> Splats:
+    """Points of one moment for a view. params: unconstrained, as `TrainablePoints` has them; offsets, shade: see `splat.deformed`."""
+    pinhole = view.viewmat, view.K, view.width, view.height
+    points = [params[name] for name in NAMES]
+    seen = Splats(*splat.deformed(points, offsets, shade, pinhole, view.center, near, view.antialias))
+    return seen.before(view.background)
+
+
+class StaticCache:
+    """Static points: frozen, so that each view projects, colours and draws them once and keeps the result."""
+
+    def __init__(self, gaussians: Gaussians, views: list[View], near: float, device: torch.device) -> None:
+        self.views = views
+        self.near = near
+        self.params = to_params(gaussians, device)
+        self.alive = torch.ones(len(gaussians), dtype=torch.bool, device=device)
+        self._scenery: dict[int, StaticView] = {}
+
+    def __len__(self) -> int:
+        return len(self.alive)
+
+    @property
+    def means(self) -> Tensor:
+        return self.params["means"]
+
+    def set_alive(self, alive: Tensor) -> None:
+        """Hide the points that became dynamic. alive: [S] bool."""
+        self.alive = alive.clone()
+        for camera, old in self._scenery.items():
+            keep = torch.nonzero(alive[old.index])[:, 0]
+            if len(keep) < len(old.index):
+                self._scenery[camera] = self._drawn(camera, old.splats.rows(keep), old.index[keep])
+
+    @torch.no_grad()
+    def scenery(self, camera: int) -> StaticView:
+        """The living points that view number `camera` sees."""
+        if camera not in self._scenery:
+            index = torch.nonzero(self.alive)[:, 0]
+            points = activate({name: value[index] for name, value in self.params.items()})
+            view = self.views[camera]
+            projected = splats(*points, view, max(self.near, view.clear))
+            seen = torch.nonzero(projected.radii > 0)[:, 0]
+            self._scenery[camera] = self._drawn(camera, projected.rows(seen), index[seen])
+        return self._scenery[camera]
+
+    def look(self, views: list[View]) -> None:
+        """Be seen by other views from now on."""
+        self.views = views
+        self._scenery.clear()
+
+    @torch.no_grad()
+    def _drawn(self, camera: int, seen: Splats, index: Tensor) -> StaticView:
+        view = self.views[camera]
+        return StaticView(seen, index, splat.freeze(*seen.tensors, view.width, view.height))
+
+
+def activate(params: dict[str, Tensor]) -> tuple[Tensor, Tensor, Tensor, Tensor, tuple[Tensor, Tensor]]:
+    """means, quats, scales, opacities and sh of unconstrained tensors, as `splats` takes them."""
+    sh = params["sh_base"], params["sh_rest"]
+    return params["means"], params["quats"], params["log_scales"].exp(), params["logit_opacities"].sigmoid(), sh
+
+
+def draw(moving: Splats, view: View, scenery: StaticView | None = None, layered: bool = True) -> Drawing:
+    """Rasterize moving points together with a view's scenery.
+
+    layered: draw only the tiles that a moving point touches, and keep the scenery's picture in the others. Picture and gradients of
+    the moving points are the same; scenery gets no gradient.
+    """
+    count = len(moving.means2d)
+    parts = moving if scenery is None or layered else Splats.join(moving, scenery.splats)
+    if parts.means2d.requires_grad:
+        parts.means2d.retain_grad()
+    if scenery is not None and layered:
+        image, alpha, tiles = splat.rasterize_among(*parts.tensors, scenery.still)
+        return Drawing(_on(view.background, image), alpha, parts.means2d, count, tiles=tiles)
+    image, alpha = splat.rasterize(*parts.tensors, view.width, view.height)
+    index = None if scenery is None else scenery.index
+    return Drawing(_on(view.background, image), alpha, parts.means2d, count, index)
+
+
+def _on(background: Tensor | None, image: Tensor) -> Tensor:
+    """What differs from a background, added to it."""
+    return image if background is None else image + background
+
+
+def filled(moving: Splats, view: View, scenery: StaticView) -> Tensor:
+    """[N] how much of a view's picture every moving point fills, in pixels: its blending weights, summed."""
+    marks = torch.zeros_like(moving.colors, requires_grad=True)
+    marked = replace(moving, means2d=moving.means2d.detach().requires_grad_(), colors=marks)
+    draw(marked, replace(view, background=None), scenery).image[..., 0].sum().backward()
+    assert marks.grad is not None
+    return marks.grad[:, 0]

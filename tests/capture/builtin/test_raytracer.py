@@ -1,0 +1,90 @@
+import math
+
+import numpy as np
+import pytest
+
+from splatreel.capture.builtin import raytracer as rt
+from splatreel.capture.builtin import solids as sd
+from splatreel.capture.builtin import toyroom
+from splatreel.capture.builtin.synthetic import make_cameras
+from splatreel.capture.builtin.textures import MIRROR
+from splatreel.scene.camera import Camera
+
+NOTHING = sd.Shapes(np.zeros((0, sd.SOLID_COLUMNS)), np.zeros((0, sd.BODY_COLUMNS)))
+
+
+def solid(
+    kind: int, position: tuple[float, float, float], half: tuple[float, float, float], texture: int = 0
+) -> sd.Shapes:
+    row = np.zeros(sd.SOLID_COLUMNS)
+    row[[sd.KIND, sd.TEXTURE, sd.SCALE, sd.REACH]] = kind, texture, 1, np.linalg.norm(half)
+    row[sd.POSITION : sd.POSITION + 3], row[sd.HALF : sd.HALF + 3] = position, half
+    row[sd.ROTATION : sd.ROTATION + 9], row[sd.COLORS :] = np.eye(3).ravel(), 0.5
+    return sd.Shapes(row[None], np.array([[*position, np.linalg.norm(half), 0, 1, 1]]))
+
+
+def front(size: int = 65) -> Camera:
+    """At z = 4, looking along -z with y up."""
+    viewmat = np.diag([1.0, -1.0, -1.0, 1.0])
+    viewmat[2, 3] = 4
+    return Camera("front", viewmat, [[size, 0, size / 2], [0, size, size / 2], [0, 0, 1]], size, size)
+
+
+def together(a: sd.Shapes, b: sd.Shapes) -> sd.Shapes:
+    moved = b.bodies.copy()
+    moved[:, [sd.FIRST, sd.END]] += len(a.solids)
+    return sd.Shapes(np.concatenate([a.solids, b.solids]), np.concatenate([a.bodies, moved]))
+
+
+@pytest.mark.parametrize(
+    ("kind", "depth", "area"),
+    [
+        (sd.BOX, 4 - 0.5, 1.0 * 0.8 / 3.5**2),  # its front face as seen from 3.5
+        (sd.ELLIPSOID, 4 - 0.5, math.pi * 0.5 * 0.4 / (16 - 0.25)),
+        (sd.CYLINDER, 4 - 0.5, None),
+    ],
+)
+def test_a_solid_has_the_distance_and_the_outline_it_must_have(kind: int, depth: float, area: float | None) -> None:
+    camera = front()
+    seen = rt.trace_still(camera, NOTHING, toyroom.LIGHT)
+    cover, distance = rt.trace_cover(camera, seen, solid(kind, (0, 0, 0), (0.5, 0.4, 0.5)), np.ones(1, bool))
+    assert distance[32, 32] == pytest.approx(depth, abs=2e-3)
+    if area is not None:
+        assert cover.sum() / 65**2 == pytest.approx(area, rel=0.03)
+
+
+def test_what_moves_looks_as_if_it_had_always_been_there() -> None:
+    """A frame that reuses what stands still, and skips what cannot change, equals one traced anew, mirror and shadows included."""
+    camera, light = make_cameras(96, 72)[3], toyroom.LIGHT
+    still, moving = toyroom.standing(0), toyroom.moving(0.7)
+    moving.solids[:, sd.OCCLUSION] = 0  # what moves does not darken the ambient light of what stands
+    everything = together(still, moving)
+    fast = rt.trace_frame(camera, rt.trace_still(camera, still, light), still, moving, light)
+    slow = rt.trace_frame(camera, rt.trace_still(camera, everything, light), everything, NOTHING, light)
+    np.testing.assert_array_equal(fast, slow)
+    assert (slow != rt.trace_frame(camera, rt.trace_still(camera, still, light), still, NOTHING, light)).any(
+        -1
+    ).mean() > 0.1
+
+
+def test_a_mirror_shows_what_stands_before_it() -> None:
+    mirror = solid(sd.BOX, (0, 0, 0), (1, 1, 0.1), MIRROR)
+    mirror.solids[:, sd.COLORS :] = 1.0
+    red = solid(sd.ELLIPSOID, (0, 0, 6), (1, 1, 1))
+    red.solids[:, sd.COLORS :] = [1, 0, 0] * 3
+    image = rt.trace_frame(front(), rt.trace_still(front(), mirror, toyroom.LIGHT), mirror, red, toyroom.LIGHT)
+    inside, outside = image[32, 32].astype(int), image[12, 32].astype(int)
+    assert inside[0] > 100
+    assert inside[1:].max() == 0
+    assert outside.min() > 100  # the sky
+
+
+def test_a_shadow_falls_away_from_the_lamp() -> None:
+    floor, ball = solid(sd.BOX, (0, -0.6, 0), (5, 0.1, 5)), solid(sd.ELLIPSOID, (0, 0, 0), (0.3, 0.3, 0.3))
+    light = np.array([4.0, 4.0, 0.0])
+    seen = rt.trace_still(front(), floor, light)
+    before = rt.trace_frame(front(), seen, floor, NOTHING, light).astype(int)
+    after = rt.trace_frame(front(), seen, floor, ball, light).astype(int)
+    _, columns = np.nonzero((before - after).sum(-1)[39:] > 60)  # below the ball
+    assert len(columns) > 10
+    assert columns.max() < 33  # the lamp is at the right

@@ -1,0 +1,110 @@
+import hashlib
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from splatreel.capture.builtin.synthetic import make_cameras, make_capture, render_truth
+from splatreel.capture.opening import open_capture
+from splatreel.errors import CaptureError, UsageError
+
+SIZE = {"width": 64, "height": 48, "frames": 3}
+
+
+@pytest.fixture(scope="module")
+def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return make_capture(tmp_path_factory.mktemp("synthetic") / "room", **SIZE)
+
+
+def test_it_takes_a_users_path(made: Path) -> None:
+    capture = open_capture(made)
+    assert (len(capture.cameras), capture.frames, capture.fps) == (14, 3, 30.0)
+    assert capture.held_out == ["cam00", "cam07"]
+    assert (capture.width, capture.height) == (64, 48)
+    assert capture.near is not None
+
+
+def test_poses_survive_the_format(made: Path) -> None:
+    for found, meant in zip(open_capture(made).cameras, make_cameras(64, 48), strict=True):
+        np.testing.assert_allclose(found.viewmat, meant.viewmat, atol=1e-5)
+        np.testing.assert_allclose(found.K, meant.K, atol=1e-4)
+
+
+def test_compression_costs_almost_nothing(made: Path) -> None:
+    capture = open_capture(made)
+    for name in ("cam00", "cam13"):
+        read = capture.read(2, 1, [name])[0, 0].astype(float)
+        error = read - render_truth(capture.camera(name), 2, "color")
+        assert 10 * np.log10(255**2 / np.mean(error**2)) > 38  # 44 at the default size
+
+
+def test_the_same_arguments_give_the_same_bytes(made: Path, tmp_path: Path) -> None:
+    again = make_capture(tmp_path / "again", **SIZE)
+
+    def digests(folder: Path) -> dict[str, str]:
+        return {f.name: hashlib.sha256(f.read_bytes()).hexdigest() for f in folder.iterdir()}
+
+    assert digests(again) == digests(made)
+    film = (made / "cam03.mp4").read_bytes()
+    assert b" mbtree=0 " in film, "with x264's macroblock tree, bytes differ now and then under load"
+    assert b" threads=1 " in film
+
+
+def test_made_once_it_is_kept(made: Path) -> None:
+    before = (made / "cam03.mp4").stat().st_mtime_ns
+    assert make_capture(made, **SIZE) == made
+    assert (made / "cam03.mp4").stat().st_mtime_ns == before
+
+
+def test_another_capture_is_not_overwritten(made: Path, tmp_path: Path) -> None:
+    with pytest.raises(CaptureError, match="exists and is not the built-in capture"):
+        make_capture(made, width=96, height=72, frames=3)
+    (tmp_path / "mine.txt").write_text("mine")
+    with pytest.raises(CaptureError, match="Remove it or choose another"):
+        make_capture(tmp_path, **SIZE)
+    assert (tmp_path / "mine.txt").read_text() == "mine"
+
+
+@pytest.mark.parametrize("error", [KeyboardInterrupt, OSError(28, "No space left on device")])
+def test_interrupted_it_leaves_nothing(tmp_path: Path, error: BaseException) -> None:
+    def progress(share: float) -> None:
+        if share > 0.3:
+            raise error
+
+    with pytest.raises((KeyboardInterrupt, CaptureError)):
+        make_capture(tmp_path / "room", **SIZE, progress=progress)
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize(
+    "size", [{"width": 63}, {"height": 47}, {"width": 8}, {"frames": 0}, {"fps": 0}], ids=lambda s: next(iter(s))
+)
+def test_impossible_sizes_are_wrong_use(tmp_path: Path, size: dict[str, int]) -> None:
+    with pytest.raises(UsageError):
+        make_capture(tmp_path / "room", **{**SIZE, **size})
+
+
+def test_the_motion_mask_covers_what_changes_and_little_else() -> None:
+    camera = make_cameras(96, 72)[0]
+    mask = render_truth(camera, 30, "motion")
+    assert mask.dtype == bool
+    assert 0.02 < mask.mean() < 0.2
+    before, after = (render_truth(camera, t, "color").astype(int) for t in (30, 31))
+    changed = np.abs(before - after).max(-1) > 40
+    assert changed[mask].mean() > 3 * changed[~mask].mean()
+
+
+def test_depth_lies_between_the_bounds_and_agrees_with_the_parallax() -> None:
+    camera, other = make_cameras(96, 72)[3], make_cameras(96, 72)[5]
+    depth, seen = (render_truth(c, 0, "depth") for c in (camera, other))
+    assert depth.min() >= 2.0
+    assert depth.max() <= 9.0
+    v, u = np.mgrid[:72, :96] + 0.5
+    rays = np.stack([u, v, np.ones_like(u)], -1) @ np.linalg.inv(camera.K).T
+    world = (rays * depth[..., None] - camera.viewmat[:3, 3]) @ camera.viewmat[:3, :3]
+    there = world @ other.viewmat[:3, :3].T + other.viewmat[:3, 3]
+    pixel = (there @ other.K.T)[..., :2] / there[..., 2:]
+    column, row = np.floor(pixel).astype(int).reshape(-1, 2).T
+    inside = (column >= 0) & (column < 96) & (row >= 0) & (row < 72)
+    gap = np.abs(seen[row[inside], column[inside]] - there[..., 2].reshape(-1)[inside])
+    assert np.median(gap) < 0.02

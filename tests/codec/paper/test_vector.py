@@ -1,0 +1,60 @@
+"""The codebook of the higher SH coefficients."""
+
+import numpy as np
+
+from splatreel.codec.paper import vector
+
+
+def blobs(count=2000, centres=20, seed=0):
+    rng = np.random.default_rng(seed)
+    middle = rng.normal(size=(centres, 45))
+    return (middle[rng.integers(0, centres, count)] + 0.01 * rng.normal(size=(count, 45))).astype(np.float32), middle
+
+
+def test_finds_the_clusters():
+    vectors, _ = blobs()
+    codebook = vector.kmeans(vectors, 60)
+    assert codebook.shape == (60, 45)
+    _, distance = vector.assign(vectors, codebook)
+    assert distance.mean() < 0.02  # against 45 when nothing fits, 0.0045 for the blobs' own centres
+
+
+def test_assign_is_the_nearest():
+    vectors, _ = blobs(300)
+    codebook = vectors[:40] + 0.1
+    nearest, distance = vector.assign(vectors, codebook)
+    exact = ((vectors[:, None] - codebook) ** 2).sum(-1)
+    np.testing.assert_allclose(exact[np.arange(300), nearest], exact.min(1), atol=1e-4)
+    np.testing.assert_allclose(distance, exact.min(1), atol=1e-3)
+
+
+def test_same_seed_same_codebook():
+    vectors, _ = blobs()
+    np.testing.assert_array_equal(vector.kmeans(vectors, 32, seed=3), vector.kmeans(vectors, 32, seed=3))
+
+
+def test_fewer_vectors_than_entries_are_kept():
+    vectors = np.repeat(blobs(5)[0], 3, axis=0)
+    codebook = vector.kmeans(vectors, 1024)
+    assert codebook.shape == (5, 45)
+    nearest, _ = vector.assign(vectors, codebook)
+    np.testing.assert_array_equal(codebook[nearest], vectors)
+
+
+def test_one_entry_is_the_mean():
+    vectors = np.array([[0.0], [1.0], [5.0]], np.float32)
+    np.testing.assert_allclose(vector.kmeans(vectors, 1), [[2.0]])
+
+
+def test_what_weighs_more_is_served_better():
+    """Two clouds and few entries: most of them go to the one that weighs a hundred times as much, whose error falls."""
+    rng = np.random.default_rng(0)
+    vectors = np.concatenate([rng.normal(0, 1, (500, 6)), rng.normal(20, 1, (500, 6))]).astype(np.float32)
+    weights = np.repeat([100.0, 1.0], 500)
+    errors = [vector.assign(vectors[:500], vector.kmeans(vectors, 40, weights=w))[1].mean() for w in (None, weights)]
+    codebook = vector.kmeans(vectors, 40, weights=weights)
+    assert (codebook.mean(1) < 10).sum() > 35
+    assert errors[1] < 0.85 * errors[0]
+    np.testing.assert_allclose(
+        vector.kmeans(np.array([[0.0], [3.0]], np.float32), 1, weights=np.array([2, 1])), [[1.0]]
+    )

@@ -1,0 +1,55 @@
+"""A ball that was found leaps farther than it is large: where to is what all views agree on."""
+
+import numpy as np
+
+from splatreel.motion.appear import faults, find
+from splatreel.motion.large_displacement import leaps
+from splatreel.scene.gaussians import Gaussians
+from tests.motion.test_appear import (
+    BACKGROUND,
+    CAMERAS,
+    CENTER,
+    EMPTY,
+    NEAR,
+    NOTHING,
+    PIXEL,
+    RADIUS,
+    ball,
+    pictures,
+    sure,
+)
+
+MOTION = np.array([0.5, 0.3, -0.2])
+
+
+def moved(motion: np.ndarray) -> np.ndarray:
+    here = ball()
+    return pictures(Gaussians(here.means + motion, here.quats, here.scales, here.opacities, here.sh))
+
+
+def test_a_leap_farther_than_the_ball_is_large_is_found() -> None:
+    here = pictures(ball())
+    wrong = np.stack([faults(EMPTY, image).wrong for image in here])
+    found = find(CAMERAS, here, sure(wrong), BACKGROUND, NEAR, NOTHING)
+    motion = leaps(found.points, found.sizes, CAMERAS, here, moved(MOTION), BACKGROUND, NEAR)
+    on_it = np.linalg.norm(found.points - CENTER, axis=1) < RADIUS + PIXEL
+    assert on_it.sum() > 50
+    np.testing.assert_allclose(np.median(motion[on_it], 0), MOTION, atol=2 * PIXEL)
+
+
+def test_what_rests_and_what_vanishes_do_not_leap() -> None:
+    here = pictures(ball())
+    points = ball().means[::10].astype(np.float32)
+    sizes = np.full(len(points), 0.05, np.float32)
+    empty = np.broadcast_to((EMPTY * 255).astype(np.uint8), here.shape)
+    for there in (here, empty):
+        motion = leaps(points, sizes, CAMERAS, here, np.ascontiguousarray(there), BACKGROUND, NEAR)
+        assert np.abs(motion).max() < PIXEL
+
+
+def test_a_few_points_are_no_thing() -> None:
+    here = pictures(ball())
+    few = ball().means[:4].astype(np.float32)
+    motion = leaps(few, np.full(4, 0.05, np.float32), CAMERAS, here, moved(MOTION), BACKGROUND, NEAR)
+    np.testing.assert_array_equal(motion, 0)
+    assert leaps(few[:0], np.zeros(0, np.float32), CAMERAS, here, here, BACKGROUND, NEAR).shape == (0, 3)

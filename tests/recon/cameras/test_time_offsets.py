@@ -1,0 +1,129 @@
+"""A scene like that of `test_group`, whose cameras take their pictures out of step."""
+
+from typing import Literal
+
+import numpy as np
+import pytest
+import torch
+
+from splatreel.config import Config, GroupConfig, LayeringConfig
+from splatreel.kernels.image import render_image
+from splatreel.progress import Silent
+from splatreel.recon.cameras.color_gains import CameraGains
+from splatreel.recon.cameras.time_offsets import MOST, SURE, TimeOffsets, slope
+from splatreel.recon.deform.trajectory import Trajectory
+from splatreel.recon.layering.tracking import Start
+from splatreel.recon.train.group import GroupFrames, GroupTrainer
+from splatreel.recon.train.render import View
+from splatreel.scene.gaussians import Gaussians
+from tests.recon.captures import blots
+from tests.recon.scenes import ring
+
+CPU = torch.device("cpu")
+CAMERAS = ring(4, width=48, height=32)
+FRAMES, NEAR, UNIT, SPEED = 6, 0.1, 4.0, 0.12
+LATE = np.array([0.4, -0.3, 0.2, -0.3])
+Model = Literal["trajectory", "hashgrid"]
+WALL = blots(400, [-3, -2, 0.9], [3, 2, 1.0], 0.14, 0)
+THING = blots(48, [-0.8, -0.6, -0.4], [0.2, 0.6, 0.2], 0.14, 1)
+
+
+def moved(time: float) -> Gaussians:
+    means = THING.means + np.array([SPEED * time, 0, 0])
+    return Gaussians(means, THING.quats, THING.scales, THING.opacities, THING.sh)
+
+
+def trained(
+    late: np.ndarray, enabled: bool = True, deformation: Model = "trajectory"
+) -> tuple[GroupTrainer, TimeOffsets]:
+    """A group trained from tracks that know of no delays."""
+    pictures = np.empty((FRAMES, len(CAMERAS), 32, 48, 3), np.uint8)
+    for t in range(FRAMES):
+        for c, camera in enumerate(CAMERAS):
+            scene = Gaussians.concatenate([WALL, moved(t + late[c])])
+            pictures[t, c] = (np.clip(render_image(scene, camera, near=NEAR), 0, 1) * 255).round()
+    views = [View.of(camera, CPU) for camera in CAMERAS]
+    tracks = np.stack([moved(t).means for t in range(FRAMES)]).astype(np.float32)
+    group = GroupConfig(length=FRAMES, overlap=0, iterations_per_frame=60, deformation=deformation)
+    config = Config(LayeringConfig(adapt_every=0), group=group)
+    gains, delays = CameraGains(len(CAMERAS), CPU, enabled=False), TimeOffsets(len(CAMERAS), enabled)
+    trainer = GroupTrainer(
+        GroupFrames(torch.from_numpy(pictures), views, NEAR, UNIT),
+        Start(THING, tracks),
+        WALL,
+        np.ones(len(WALL), bool),
+        gains,
+        config,
+        seed=0,
+        delays=delays,
+    )
+    trainer.train(Silent())
+    return trainer, delays
+
+
+def test_delays_are_found_and_pictures_gain_by_it() -> None:
+    trainer, delays = trained(LATE)
+    assert np.abs(delays.values - LATE).max() < 0.15
+    unaware, _ = trained(LATE, enabled=False)
+    assert trainer.psnr() > unaware.psnr() + 1
+
+
+def test_the_hash_grid_learns_them_too() -> None:
+    _, delays = trained(LATE, deformation="hashgrid")
+    assert np.abs(delays.values - LATE).max() < 0.2
+
+
+def test_cameras_in_step_stay_in_step() -> None:
+    _, delays = trained(np.zeros(4))
+    assert np.abs(delays.values).max() < 0.05
+
+
+def told(late: float, curvature: float, seed: int, cameras: int = 8, rounds: int = 130) -> bool:
+    """Whether a rig is said to be out of step by more than a tenth of a frame, whose first camera is late; slopes are noisy."""
+    rng, delays = np.random.default_rng(seed), TimeOffsets(cameras)
+    true = np.zeros(cameras)
+    true[0] = late
+    true -= true.mean()
+    for number in range(rounds):
+        for camera in range(cameras):
+            slope = curvature * (delays.values[camera] - true[camera]) + rng.normal()
+            delays.note(camera, torch.tensor(slope), number / rounds)
+    off = delays.uncertainty([delays.values])
+    return bool((np.abs(delays.values) > np.maximum(SURE * off, 0.1)).any())
+
+
+def test_only_what_the_pictures_tell_is_told() -> None:
+    """Noise alone carries delays as far, a tenth of a frame and more, each time another way."""
+    assert sum(told(0.0, 0.0, seed) for seed in range(40)) <= 4
+    assert sum(told(0.5, 30.0, seed) for seed in range(40)) >= 38
+
+
+def test_they_are_nothing_where_they_are_off() -> None:
+    delays = TimeOffsets(3, enabled=False)
+    assert [delays.moment(frame, 1, 5) for frame in range(5)] == [0, 1, 2, 3, 4]
+
+
+def test_moments_stay_in_the_group_and_the_mean_is_zero() -> None:
+    delays = TimeOffsets(3)
+    for _ in range(400):
+        delays.note(0, torch.tensor(-1.0), 0.0)
+    assert delays.values[0] == pytest.approx(MOST)
+    assert delays.moment(4, 0, 5) == 4
+    assert delays.moment(0, 1, 5) == 0
+    assert delays.moment(2, 0, 5) == pytest.approx(2 + MOST)
+
+
+def test_the_slope_is_that_of_the_loss() -> None:
+    model = Trajectory(torch.from_numpy(THING.means).float(), FRAMES, UNIT)
+    means = torch.from_numpy(THING.means).float()
+    for level in model.controls:
+        level.normal_(0, 0.1, generator=torch.Generator().manual_seed(1))
+
+    def loss(moment: float) -> torch.Tensor:
+        dx, dq = model.offsets(means, moment)
+        return dx.square().sum() + dq.square().sum()
+
+    with torch.no_grad():
+        dx, dq = model.offsets(means, 2.5)
+        expected = float(loss(3.0) - loss(2.0))
+    assert float(slope(model, means, 2.5, FRAMES, 2 * dx, 2 * dq)) == pytest.approx(expected, rel=0.3)

@@ -1,0 +1,36 @@
+"""How much the pictures hang on a point: what is hidden or far outside hardly counts."""
+
+import numpy as np
+import torch
+
+from splatreel.recon.encode.importance import weigh
+from splatreel.recon.encode.publisher import meet_rate
+from splatreel.scene.camera import Camera
+from splatreel.scene.gaussians import Gaussians
+
+
+def test_hidden_and_unseen_points_count_less() -> None:
+    means = np.array([[0, 0, 0], [0, 0, 2.0], [90, 0, 0], [0.4, 0, 0]])
+    scales = np.array([[0.3] * 3, [0.05] * 3, [0.1] * 3, [0.1] * 3])
+    points = Gaussians(means, np.tile([1.0, 0, 0, 0], (4, 1)), scales, np.array([0.99] * 4), np.ones((4, 1, 3)))
+    viewmat = np.eye(4)
+    viewmat[2, 3] = 4
+    camera = Camera("front", viewmat, np.array([[60, 0, 32], [0, 60, 24], [0, 0, 1]]), 64, 48)
+    found = weigh([points, points], [camera], 0.01, torch.device("cpu"))
+    assert found.shape == (4, 3)
+    assert (found[2] == 0).all()
+    assert (found[1] < 0.1 * found[0]).all()
+    assert (found[3] > 0).all()
+    assert found[0, 1] > found[3, 1]  # the larger a point, the more hangs on its colour
+    np.testing.assert_array_equal(found, weigh([points, points], [camera], 0.01, torch.device("cpu")))
+
+
+def test_a_rate_is_met() -> None:
+    tried: list[float] = []
+
+    def write(coarseness: float) -> float:
+        tried.append(coarseness)
+        return 3 * coarseness**-0.6
+
+    assert abs(3 * meet_rate(write, 1.7) ** -0.6 / 1.7 - 1) <= 0.05
+    assert len(tried) < 10

@@ -1,0 +1,78 @@
+"""From checkpoints to reels: importance that the run measured is used again, and threads change nothing."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+import torch
+
+from splatreel.codec.verify import verify_reel
+from splatreel.config import EncodeConfig
+from splatreel.errors import ReelError
+from splatreel.progress import Silent
+from splatreel.recon.encode import publisher
+from splatreel.recon.encode.publisher import Publisher, encode, open_writer, save_group, save_header
+from splatreel.recon.run import checkpoint
+from tests.codec.reels import new_group, points
+from tests.golden import camera, weights
+
+GROUPS = 4
+
+
+@pytest.fixture
+def work(tmp_path: Path) -> Path:
+    """Checkpoints of groups of 40 moving points, with 30 static ones born at the first and 20 at the third."""
+    folder = tmp_path / "work"
+    bounds, up = [[-1.0, -1, -1], [1, 1, 1]], [0.0, -1, 0]
+    header = {"fps": 10, "group_length": 2, "overlap": 1, "sh_degree": 1, "bounds": bounds, "up": up}
+    save_header(folder, header | {"camera": camera("start", 0), "cameras": [camera("a", 1)]})
+    static = 0
+    for index in range(GROUPS):
+        born = {0: 30, 2: 20}.get(index, 0)
+        static += born
+        if born:
+            layer = points(born, seed=index)
+            arrays = checkpoint.pack(layer, "raw_") | checkpoint.pack(layer, "decoded_")
+            path = publisher.group_folder(folder, index) / "layer.safetensors"
+            checkpoint.save_arrays(path, arrays | {"importance": weights(born)})
+        alive = np.random.default_rng(index).random(static) > 0.3
+        save_group(folder, new_group(index, 40, alive), weights(40))
+    return folder
+
+
+def files(reel: Path) -> dict[str, bytes]:
+    return {path.relative_to(reel).as_posix(): path.read_bytes() for path in reel.rglob("*") if path.is_file()}
+
+
+@pytest.fixture(autouse=True)
+def no_pictures(monkeypatch: pytest.MonkeyPatch) -> None:
+    def weigh(*_: object) -> None:
+        raise AssertionError("the run has measured the importance already")
+
+    monkeypatch.setattr(publisher, "weigh", weigh)
+
+
+@pytest.mark.parametrize("workers", [1, 3])
+def test_groups_that_wait_are_encoded_together_as_one_by_one(
+    work: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, workers: int
+) -> None:
+    monkeypatch.setattr(publisher.os, "cpu_count", lambda: workers)
+    config = EncodeConfig(renditions=("high", "low"))
+    encode(work, tmp_path / "together", config, Silent())
+    writer = open_writer(work, tmp_path / "single", config, resume=False)
+    one = Publisher(writer, work, torch.device("cpu"))
+    for index in range(GROUPS):
+        one.publish(index)
+    writer.finish()
+    assert files(tmp_path / "together") == files(tmp_path / "single")
+    found = verify_reel(tmp_path / "together")
+    assert (found.groups, found.layers, found.points) == (GROUPS, 2, 50 + 40 * GROUPS)
+
+
+def test_a_group_that_cannot_be_encoded_leaves_those_before_it(work: Path, tmp_path: Path) -> None:
+    broken = publisher.load_group(work, 2)
+    broken.dx[1, 3] = np.nan
+    save_group(work, broken, weights(40))
+    with pytest.raises(ReelError, match="NaN or infinity"):
+        encode(work, tmp_path / "reel", EncodeConfig(), Silent())
+    assert 1 <= len(open_writer(work, tmp_path / "reel", EncodeConfig(), resume=True).manifest.groups) <= 2

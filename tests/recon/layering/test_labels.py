@@ -1,0 +1,61 @@
+import numpy as np
+import torch
+
+from splatreel.kernels.image import render_image
+from splatreel.recon.layering.labels import convertible, crowding, separate
+from splatreel.scene.clearance import Clearance
+from splatreel.scene.gaussians import Gaussians
+from tests.recon.scenes import look_at, random_gaussians, ring
+
+
+def test_points_change_layer_by_their_labels():
+    static, dynamic = random_gaussians(6, seed=0), random_gaussians(4, seed=1)
+    alive = np.array([True, False, True, True, True, False])
+    moves = np.array([True, False, True, True, False, True, False, False])
+    light = np.zeros((3, 8), np.float32)
+    light[1, [1, 3, 4]] = -0.5
+    layers = separate(static, alive, dynamic, moves, light)
+    assert layers.alive.tolist() == [False, False, False, True, True, False]
+    assert len(layers.settled) == 0
+    np.testing.assert_array_equal(layers.dynamic.means, np.concatenate([dynamic.means[[0, 2, 3]], static.means[[2]]]))
+    np.testing.assert_array_equal(layers.lit.points.means, np.stack([dynamic.means[1], static.means[0]]))
+    np.testing.assert_array_equal(layers.lit.light, np.float32([[0, 0], [-0.5, -0.5], [0, 0]]))
+    settled = separate(static, alive, dynamic, moves, 0 * light)
+    np.testing.assert_array_equal(settled.settled.means, dynamic.means[[1]])
+    assert settled.alive.tolist() == [True, False, False, True, True, False]
+
+
+def test_nothing_moves_and_everything_moves():
+    static, dynamic = random_gaussians(3), random_gaussians(2, seed=1)
+    alive = np.ones(3, bool)
+    still = separate(static, alive, dynamic, np.zeros(5, bool), np.zeros((4, 5)))
+    assert (len(still.dynamic), len(still.settled), still.alive.sum()) == (0, 2, 3)
+    moving = separate(static, alive, dynamic, np.ones(5, bool), np.zeros((4, 5)))
+    assert (len(moving.dynamic), len(moving.settled), moving.alive.sum()) == (5, 0, 0)
+
+
+def test_who_stands_close_to_a_camera_would_not_be_seen_if_he_were_static():
+    camera, other = look_at([0, 0, -4], width=64, height=48), look_at([0, 0, 4], width=64, height=48)
+    points = np.array([[0, 0, -3.5], [2, 0, -3.5], [0, 0, 3.5], [0, 0, 0], [0, 0, -5]])
+    clearance = Clearance((0.0, 0.0, 0.0), 0.25)
+    assert crowding(points, [camera], clearance).tolist() == [True, False, False, False, False]
+    assert crowding(points, [camera, other], clearance).tolist() == [True, False, True, False, False]
+
+
+def test_only_what_shows_where_pictures_change_is_convertible():
+    """A row of six points: the last two go dark. One more is behind all cameras, and one is not alive."""
+    means = np.concatenate([[[x, 0, 0] for x in np.linspace(-1.5, 1.5, 6)], [[0, 0, -50], [0, 0.5, 0]]])
+    points = Gaussians(
+        means, np.tile([1.0, 0, 0, 0], (8, 1)), np.full((8, 3), 0.1), np.full(8, 0.9), np.full((8, 1, 3), 1.5)
+    )
+    alive = np.arange(8) < 7
+    dark = np.where(np.isin(np.arange(8), [4, 5]), -0.8, 0.0)
+    cameras = ring(3, width=64, height=48)
+    scenes = [points[alive], points.shaded(np.stack([dark, dark, dark, 0 * dark], 1).astype(np.float32))[alive]]
+    films = [[render_image(scene, camera, near=0.1) for camera in cameras] for scene in scenes]
+    frames = (np.clip(films, 0, 1) * 255).astype(np.uint8)
+    found = [
+        convertible(points[alive], cameras, frames, 0.1, share, torch.device("cpu")).tolist() for share in (0.3, 0.0)
+    ]
+    assert found[0] == [False, False, False, False, True, True, True]
+    assert all(found[1])

@@ -1,0 +1,146 @@
+"""What flies in after the keyframe becomes points of the group, with tracks."""
+
+from functools import partial
+
+import numpy as np
+import pytest
+
+from splatreel.kernels.image import render_image
+from splatreel.motion.flow import DisFlow
+from splatreel.progress import Silent
+from splatreel.recon.layering import tracking
+from splatreel.recon.layering.relighting import RelitPoints
+from splatreel.recon.layering.tracking import Start, follow
+from splatreel.scene.gaussians import Gaussians
+from tests.recon.captures import blots
+from tests.recon.scenes import ring
+
+CAMERAS = ring(5, width=96, height=64)
+NEAR, FRAMES, ARRIVAL = 0.8, 6, 3
+DRAW = partial(render_image, near=NEAR)
+WALL = blots(900, [-5, -3.5, 0.9], [5, 3.5, 1.0], 0.2, 0)
+THING = blots(40, [-1.0, -0.4, -0.2], [-0.4, 0.4, 0.2], 0.1, 1)
+CENTER, RADIUS = np.array([0.6, 0.1, -0.2]), 0.3
+
+
+def visitor() -> Gaussians:
+    """A ball, bright yellow with darker stripes."""
+    directions = np.random.default_rng(0).normal(size=(700, 3))
+    means = CENTER + RADIUS * directions / np.linalg.norm(directions, axis=1, keepdims=True)
+    shade = 1.2 + 0.4 * np.sin(12 * means.sum(1))
+    sh = (shade[:, None] * [1.6, 1.4, -1.5])[:, None]
+    quats = np.tile([1.0, 0, 0, 0], (len(means), 1))
+    return Gaussians(means, quats, np.full(means.shape, 0.04), np.full(len(means), 0.99), sh)
+
+
+def film(arrives: bool) -> np.ndarray:
+    scenes = [
+        Gaussians.concatenate([WALL, THING, *([visitor()] if arrives and t >= ARRIVAL else [])]) for t in range(6)
+    ]
+    images = [[render_image(scene, camera, near=NEAR) for camera in CAMERAS] for scene in scenes]
+    return (np.clip(images, 0, 1) * 255).round().astype(np.uint8)
+
+
+@pytest.fixture(scope="module")
+def arrival() -> np.ndarray:
+    return film(True)
+
+
+def nothing(frames: np.ndarray) -> RelitPoints:
+    return RelitPoints(Gaussians.empty(0), np.zeros((len(frames), 0)))
+
+
+def started(frames: np.ndarray, dynamic: Gaussians = THING, static: Gaussians = WALL) -> Start:
+    gains = np.ones((len(CAMERAS), 3), np.float32)
+    return follow(dynamic, None, nothing(frames), static, CAMERAS, frames, gains, DisFlow(), NEAR, DRAW, Silent())
+
+
+def test_newcomers_are_appended_with_tracks(arrival: np.ndarray) -> None:
+    start = started(arrival)
+    new = len(start.dynamic) - len(THING)
+    assert new > 20
+    assert start.tracks.shape == (FRAMES, len(start.dynamic), 3)
+    np.testing.assert_array_equal(start.dynamic.means[: len(THING)], THING.means)
+    np.testing.assert_allclose(start.dynamic.means, start.tracks[0], atol=1e-6)
+    assert np.abs(start.tracks[:, : len(THING)] - THING.means).max() < 0.1, "the thing stands still"
+    at_arrival = start.tracks[tracking.STEP, len(THING) :]
+    assert np.median(np.linalg.norm(at_arrival - CENTER, axis=1)) < RADIUS + 0.1
+    yellow = start.dynamic.sh[len(THING) :, 0]
+    assert np.median(yellow[:, 0] - yellow[:, 2]) > 1
+    assert start.dynamic.sh.shape[1] == THING.sh.shape[1]
+
+
+def test_the_scene_with_newcomers_is_nearer_to_the_pictures(arrival: np.ndarray) -> None:
+    start, last = started(arrival), FRAMES - 1
+    identity = np.tile([1.0, 0, 0, 0], (len(start.dynamic), 1))
+    there = start.dynamic.moved(start.tracks[last] - start.dynamic.means, identity)
+    errors = []
+    for scene in ([WALL, THING], [WALL, there]):
+        image = render_image(Gaussians.concatenate(scene), CAMERAS[2], near=NEAR)
+        errors.append(np.abs(image.clip(0, 1) - arrival[last, 2] / 255).mean())
+    assert errors[1] < 0.7 * errors[0]
+
+
+def test_where_nothing_appears_nothing_is_added() -> None:
+    start = started(film(False))
+    assert len(start.dynamic) == len(THING)
+    assert start.tracks.shape == (FRAMES, len(THING), 3)
+
+
+def test_what_was_wrong_at_the_keyframe_is_no_newcomer(arrival: np.ndarray) -> None:
+    frames = arrival.copy()
+    frames[0] = arrival[-1]
+    assert len(started(frames).dynamic) == len(THING)
+
+
+def test_more_newcomers_than_there_is_room_for_are_noise(arrival: np.ndarray, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(tracking, "ROOM", 5)
+    start = started(arrival, THING[:3], Gaussians.concatenate([WALL, THING[3:]]))
+    assert len(start.dynamic) == 3
+    assert start.tracks.shape == (FRAMES, 3, 3)
+
+
+def test_a_group_without_dynamic_points_takes_newcomers(arrival: np.ndarray) -> None:
+    start = started(arrival, Gaussians.empty(0), Gaussians.concatenate([WALL, THING]))
+    assert len(start.dynamic) > 20
+    assert start.tracks.shape == (FRAMES, len(start.dynamic), 3)
+
+
+def test_fewer_frames_than_a_look_takes_are_tracked_only(arrival: np.ndarray) -> None:
+    assert started(arrival[:2]).tracks.shape == (2, len(THING), 3)
+
+
+def test_what_lies_in_shadow_is_no_newcomer_and_rests() -> None:
+    """A patch of the wall grows dark: known as lit, it stays where it is, and nothing is added for it."""
+    patch = (np.abs(WALL.means[:, :2] - [0.7, 0]) < 0.6).all(1)
+    light = np.zeros((FRAMES, patch.sum()), np.float32)
+    light[2:] = -1.2
+    lit, static = RelitPoints(WALL[patch], light), WALL[~patch]
+    scenes = [Gaussians.concatenate([static, THING, lit.at(t)]) for t in range(FRAMES)]
+    films = [[render_image(scene, camera, near=NEAR) for camera in CAMERAS] for scene in scenes]
+    frames = (np.clip(films, 0, 1) * 255).round().astype(np.uint8)
+    gains = np.ones((len(CAMERAS), 3), np.float32)
+    start = follow(THING, None, lit, static, CAMERAS, frames, gains, DisFlow(), NEAR, DRAW, Silent())
+    assert len(start.dynamic) == len(THING) + len(lit), "nothing is new"
+    np.testing.assert_array_equal(start.tracks[:, len(THING) :], lit.tracks)
+    np.testing.assert_array_equal(start.shades[:, len(THING) :], lit.shades)
+    assert not start.shades[:, : len(THING)].any()
+    assert len(started(frames).dynamic) > len(THING), "unknown, it would have been"
+
+
+def test_what_rests_and_then_leaves_is_no_longer_static() -> None:
+    """A ball among the static points is gone from one frame to the next: its points belong to the group, those of the wall do not."""
+    ball = visitor()
+    static = Gaussians.concatenate([WALL, THING, ball])
+    start = started(film(True)[::-1].copy(), Gaussians.empty(0), static)
+    assert start.left.shape == (len(static),)
+    assert start.left[-len(ball) :].mean() > 0.6
+    assert start.left[: -len(ball)].mean() < 0.02
+    taken = (start.dynamic.means[:, None] == static.means[start.left]).all(2).any(1)
+    assert taken.sum() == start.left.sum()
+    assert start.tracks.shape == (FRAMES, len(start.dynamic), 3)
+    np.testing.assert_array_equal(start.tracks[0, taken], start.dynamic.means[taken])
+
+
+def test_what_stays_is_static() -> None:
+    assert not started(film(False), Gaussians.empty(0), Gaussians.concatenate([WALL, THING])).left.any()

@@ -1,0 +1,57 @@
+"""What a capture must bring: `capture check` asks for the same as reconstruction."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from splatreel.errors import ReconstructionError
+from splatreel.recon.pipeline import reconstruct
+from splatreel.recon.run.requirements import check_capture, check_pictures
+from tests.recon.captures import WallCapture
+from tests.recon.test_pipeline import CONFIG
+
+NAMES = ["a", "b", "c"]
+
+
+def moments(level: int, spread: int = 3) -> np.ndarray:
+    """Two of three cameras, of which the last shows nothing but noise about a grey level."""
+    rng = np.random.default_rng(0)
+    frames = rng.integers(0, 256, (2, 3, 8, 8, 3))
+    frames[:, 2] = rng.integers(level - spread, level + spread + 1, frames[:, 2].shape).clip(0, 255)
+    return frames.astype(np.uint8)
+
+
+@pytest.mark.parametrize(("level", "color"), [(2, "black"), (16, "black"), (253, "white"), (235, "white")])
+def test_cameras_that_show_nothing_are_named(level: int, color: str) -> None:
+    capture = WallCapture(2)
+    with pytest.raises(ReconstructionError, match=f"wall: what camera c shows is all {color}. Choose frames"):
+        check_pictures(capture, NAMES, moments(level))
+    with pytest.raises(ReconstructionError, match="what every camera shows"):
+        check_pictures(capture, ["c"], moments(level)[:, 2:])
+
+
+def test_what_is_grey_or_dark_for_a_moment_only_is_taken() -> None:
+    capture = WallCapture(2)
+    check_pictures(capture, NAMES, moments(128))
+    frames = moments(2)
+    frames[1, 2, 0, 0] = 200
+    check_pictures(capture, NAMES, frames)
+
+
+def test_a_black_capture_is_refused_before_it_is_trained(tmp_path: Path) -> None:
+    class Black(WallCapture):
+        def _read_into(self, out: np.ndarray, first: int, cameras: list[str]) -> None:
+            out[:] = 0
+
+    with pytest.raises(ReconstructionError, match="all black"):
+        reconstruct(Black(4), tmp_path / "run", CONFIG, device="cpu")
+    assert not list(tmp_path.rglob("*.safetensors"))
+
+
+def test_three_cameras_of_which_one_is_held_out_are_too_few() -> None:
+    capture = WallCapture(2, cameras=3)
+    check_capture(capture)
+    capture.held_out = [capture.cameras[0].name]
+    with pytest.raises(ReconstructionError, match=r"only 2 cameras are left .*--hold-out none"):
+        check_capture(capture)

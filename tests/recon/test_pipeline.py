@@ -1,0 +1,386 @@
+"""Whole reconstructions of tiny captures: what comes out, and what is left of it when they are cut off, fed nonsense or mixed up."""
+
+import errno
+import hashlib
+import json
+import os
+import re
+import shutil
+from collections.abc import Callable
+from dataclasses import replace
+from itertools import pairwise
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from splatreel.codec.reader import ReelReader
+from splatreel.codec.verify import verify_reel
+from splatreel.config import Config, GroupConfig, KeyframeConfig, LayeringConfig
+from splatreel.errors import CaptureError, ReconstructionError, ReelError, SplatreelError, UsageError
+from splatreel.evaluation.uncompressed import undecoded_frames
+from splatreel.kernels.image import render_image
+from splatreel.progress import Silent, Span
+from splatreel.recon.pipeline import Result, reconstruct
+from splatreel.scene import atomic
+from tests.recon.captures import WallCapture
+
+CONFIG = Config(
+    keyframe=KeyframeConfig(first_iterations=30, refine_iterations=8, coarse_share=0.5, densify_every=5, sh_degree=1),
+    group=GroupConfig(length=2, overlap=1, iterations_per_frame=3),
+    layering=LayeringConfig(adapt_every=4, flow_frames=2),
+)
+FRAMES = 4
+
+
+def content(reel: Path) -> dict[str, str]:
+    """Every file of a reel and its digest."""
+    files = sorted(file for file in reel.rglob("*") if file.is_file())
+    return {str(file.relative_to(reel)): hashlib.sha256(file.read_bytes()).hexdigest() for file in files}
+
+
+@pytest.fixture(scope="module")
+def whole(tmp_path_factory: pytest.TempPathFactory) -> Result:
+    """The run that nothing disturbs."""
+    return reconstruct(WallCapture(FRAMES), tmp_path_factory.mktemp("whole"), CONFIG)
+
+
+@pytest.fixture
+def copy(whole: Result, tmp_path: Path) -> Path:
+    """A finished run to spoil."""
+    return shutil.copytree(whole.reel.parent, tmp_path / "copy")
+
+
+class Trace(Silent):
+    """Remembers the stages."""
+
+    def __init__(self) -> None:
+        self.stages: list[tuple[str, int, Span | None]] = []
+        self.done: dict[str, int] = {}
+
+    def stage(self, name: str, total: int, span: Span | None = None) -> None:
+        self.stages.append((name, total, span))
+
+    def update(self, done: int, **numbers: float) -> None:
+        self.done[self.stages[-1][0]] = done
+
+
+def test_groups_are_published_with_what_moves_in_them(whole: Result) -> None:
+    reel = ReelReader(whole.reel)
+    assert verify_reel(whole.reel).groups == 2
+    assert not reel.manifest.live
+    assert [(g.first_frame, g.frames) for g in reel.manifest.groups] == [(0, 3), (2, 2)]
+    group = reel.group(0)
+    assert 0 < len(group.dynamic) < group.alive.sum()
+    assert np.abs(group.dx).max() > 0
+    assert set(whole.seconds) == {"points", "exposure", "poses", "keyframe", "layering", "group", "encode"}
+    assert whole.device in ("cpu", "cuda")
+
+
+def test_the_same_run_gives_the_same_reel(whole: Result, tmp_path: Path) -> None:
+    assert content(reconstruct(WallCapture(FRAMES), tmp_path, CONFIG).reel) == content(whole.reel)
+
+
+def test_a_finished_run_has_nothing_left_to_do(whole: Result, copy: Path) -> None:
+    before, trace = content(copy / "reel"), Trace()
+    again = reconstruct(WallCapture(FRAMES), copy, CONFIG, progress=trace)
+    assert trace.stages == []
+    assert content(copy / "reel") == before
+    assert again.seconds == whole.seconds
+
+
+def test_progress_knows_the_whole_job(tmp_path: Path) -> None:
+    trace = Trace()
+    reconstruct(WallCapture(FRAMES), tmp_path, CONFIG, progress=trace)
+    shares = [span for _, _, span in trace.stages if span is not None]
+    assert len(shares) == len(trace.stages) == 12
+    assert shares[0][0] == 0
+    assert shares[-1][1] == pytest.approx(1)
+    assert all(a[1] == pytest.approx(b[0]) for a, b in pairwise(shares))
+    assert trace.done == {name: total for name, total, _ in trace.stages}  # no bar is left half way
+
+
+class Stop(Silent):
+    """Raises at the first report nobody has seen before: each run gets one step further than the last."""
+
+    def __init__(self, seen: set[object]) -> None:
+        self.seen = seen
+
+    def _meet(self, event: object) -> None:
+        if event not in self.seen:
+            self.seen.add(event)
+            raise KeyboardInterrupt
+
+    def stage(self, name: str, total: int, span: Span | None = None) -> None:
+        self.name = name
+        self._meet(name)
+
+    def update(self, done: int, **numbers: float) -> None:
+        self._meet((self.name, done))
+
+
+def finish_despite(attempt: Callable[[], object], trouble: type[BaseException], reel: Path) -> list[BaseException]:
+    """Repeat until nothing is raised; what is published must be whole each time, and never shrink."""
+    met: list[BaseException] = []
+    groups = 0
+    while True:
+        try:
+            attempt()
+            return met
+        except trouble as error:
+            met.append(error)
+        if (reel / "manifest.json").exists():
+            now = verify_reel(reel).groups
+            assert now >= groups
+            groups = now
+        else:
+            assert groups == 0
+        assert len(met) < 100
+
+
+def test_interrupted_anywhere_the_run_ends_as_if_it_had_not_been(whole: Result, tmp_path: Path) -> None:
+    seen: set[object] = set()
+    met = finish_despite(
+        lambda: reconstruct(WallCapture(FRAMES), tmp_path, CONFIG, progress=Stop(seen)),
+        KeyboardInterrupt,
+        tmp_path / "reel",
+    )
+    assert len(met) > 12
+    assert content(tmp_path / "reel") == content(whole.reel)
+
+
+@pytest.mark.parametrize("when", ["before", "after"])
+def test_killed_at_any_write_the_run_ends_as_if_it_had_not_been(
+    whole: Result, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, when: str
+) -> None:
+    """A process that is killed leaves its temporary files; those must be gone in the end, too."""
+    seen: set[tuple[Path, bytes]] = set()
+    really = os.replace
+
+    def replace_once(source: Path, target: Path) -> None:
+        write = target, source.read_bytes()
+        killed = write not in seen and target.name != "seconds.json"
+        seen.add(write)
+        if killed and when == "before":
+            shutil.copy(source, f"{source.with_suffix('')}.killed.tmp")
+            raise KeyboardInterrupt
+        really(source, target)
+        if killed:
+            raise KeyboardInterrupt
+
+    monkeypatch.setattr(atomic.os, "replace", replace_once)
+    run = tmp_path / "run"
+    met = finish_despite(lambda: reconstruct(WallCapture(FRAMES), run, CONFIG), KeyboardInterrupt, run / "reel")
+    assert len(met) == 17  # 4 for the run, 11 for the two groups, and the manifest twice more
+    assert content(run / "reel") == content(whole.reel)
+    assert [file for file in run.rglob("*") if ".tmp" in file.name] == []
+
+
+@pytest.mark.parametrize("uri", ["groups/0000.safetensors", "layers/0000.safetensors"])
+def test_files_of_the_reel_that_were_damaged_are_written_again(whole: Result, copy: Path, uri: str) -> None:
+    """As long as before, and other bytes: what a bad disk makes of a file."""
+    file = copy / "reel" / uri
+    data = bytearray(file.read_bytes())
+    data[len(data) // 2] ^= 1
+    file.write_bytes(data)
+    reconstruct(WallCapture(FRAMES), copy, CONFIG)
+    verify_reel(copy / "reel")
+    assert content(copy / "reel") == content(whole.reel)
+
+
+def test_a_full_disk_names_the_file_and_costs_nothing(
+    whole: Result, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    full: list[str] = []
+    really = os.fsync
+
+    def fsync(number: int) -> None:
+        name = re.sub(r"\.[0-9a-f]{16}\.tmp$", "", os.readlink(f"/proc/self/fd/{number}"))
+        if name not in full:
+            full.append(name)
+            raise OSError(errno.ENOSPC, "No space left on device")
+        really(number)
+
+    if not Path("/proc/self/fd").exists():
+        pytest.skip("needs /proc to know which file is written")
+    monkeypatch.setattr(atomic.os, "fsync", fsync)
+    met = finish_despite(lambda: reconstruct(WallCapture(FRAMES), tmp_path, CONFIG), SplatreelError, tmp_path / "reel")
+    assert len(met) == len(full)
+    files = r"/(run\.json|seconds\.json|header\.json|layout\.json|manifest\.json|\w+\.safetensors)"
+    for error in met:
+        assert isinstance(error, ReelError)
+        assert re.search(f"{files}: could not write \\d+ bytes .No space left on device.*free space", str(error)), error
+    assert content(tmp_path / "reel") == content(whole.reel)
+
+
+def test_parts_that_were_deleted_are_made_again(whole: Result, copy: Path) -> None:
+    for part in ("work/group0001/group.safetensors", "reel/groups/0001.safetensors"):
+        (copy / part).unlink()
+        reconstruct(WallCapture(FRAMES), copy, CONFIG)
+        assert content(copy / "reel") == content(whole.reel), part
+    trace = Trace()
+    shutil.rmtree(copy / "reel")
+    reconstruct(WallCapture(FRAMES), copy, CONFIG, progress=trace)
+    assert content(copy / "reel") == content(whole.reel)
+    assert trace.stages == []  # encoded again, not trained
+
+
+def test_a_published_file_that_was_cut_is_written_again(whole: Result, copy: Path) -> None:
+    file = copy / "reel" / "layers" / "0000.safetensors"
+    file.write_bytes(file.read_bytes()[:-10])
+    reconstruct(WallCapture(FRAMES), copy, CONFIG)
+    assert content(copy / "reel") == content(whole.reel)
+
+
+@pytest.mark.parametrize("part", ["group0000/group.safetensors", "run.json", "layout.json"])
+def test_a_damaged_checkpoint_is_named_and_nothing_else_is_touched(copy: Path, part: str) -> None:
+    file = copy / "work" / part
+    file.write_bytes(b"{damaged")
+    before = content(copy)
+    with pytest.raises(ReconstructionError, match=f"{re.escape(str(file))}: cannot read .*Delete it and run again"):
+        reconstruct(WallCapture(FRAMES), copy, CONFIG)
+    assert content(copy) == before
+
+
+REFUSED = [
+    (WallCapture(3), CONFIG, 'capture.frames is "0:4" there, "0:3" now'),
+    (WallCapture(FRAMES, cameras=5), CONFIG, "capture.cameras is "),
+    (WallCapture(FRAMES, fps=25), CONFIG, "capture.fps is 30.0 there, 25.0 now"),
+    (WallCapture(FRAMES), replace(CONFIG, seed=7), "config.seed is 0 there, 7 now"),
+    (
+        WallCapture(FRAMES),
+        replace(CONFIG, group=replace(CONFIG.group, deformation="hashgrid")),
+        'config.group.deformation is "trajectory" there, "hashgrid" now',
+    ),
+]
+
+
+@pytest.mark.parametrize(("capture", "config", "difference"), REFUSED)
+def test_the_folder_of_another_run_is_refused(
+    copy: Path, capture: WallCapture, config: Config, difference: str
+) -> None:
+    before = content(copy)
+    with pytest.raises(ReconstructionError, match=re.escape(difference)) as raised:
+        reconstruct(capture, copy, config)
+    assert str(copy / "work" / "run.json") in str(raised.value)
+    assert "Choose another --out" in str(raised.value)
+    assert content(copy) == before
+
+
+def test_a_run_of_a_version_without_a_setting_goes_on_where_the_setting_is_off(copy: Path) -> None:
+    path = copy / "work" / "run.json"
+    record = json.loads(path.read_text())
+    assert record["config"]["keyframe"].pop("average_share") == KeyframeConfig().average_share
+    path.write_text(json.dumps(record))
+    before = content(copy / "reel")
+    on = replace(CONFIG, keyframe=replace(CONFIG.keyframe, average_share=0.5))
+    with pytest.raises(ReconstructionError, match=re.escape("config.keyframe.average_share is 0.0 there, 0.5 now")):
+        reconstruct(WallCapture(FRAMES), copy, on)
+    reconstruct(WallCapture(FRAMES), copy, CONFIG)
+    assert content(copy / "reel") == before
+
+
+def test_a_reel_without_its_checkpoints_is_not_overwritten(copy: Path) -> None:
+    shutil.rmtree(copy / "work")
+    before = content(copy / "reel")
+    with pytest.raises(ReconstructionError, match="holds a reel already"):
+        reconstruct(WallCapture(FRAMES), copy, CONFIG)
+    assert content(copy / "reel") == before
+
+
+def test_a_failed_start_claims_nothing(tmp_path: Path) -> None:
+    """What could not be read may be mended, or something else be reconstructed into the folder."""
+
+    class Damaged(WallCapture):
+        def _read_into(self, out: np.ndarray, first: int, cameras: list[str]) -> None:
+            raise CaptureError("cam02.mp4: frame 0 is damaged")
+
+    with pytest.raises(CaptureError, match=r"cam02\.mp4"):
+        reconstruct(Damaged(3), tmp_path, CONFIG)
+    assert not (tmp_path / "work" / "run.json").exists()
+    assert reconstruct(WallCapture(1), tmp_path, CONFIG).reel.exists()
+
+
+def test_two_runs_at_once_do_not_mix(tmp_path: Path) -> None:
+    class Second(Silent):
+        def stage(self, name: str, total: int, span: Span | None = None) -> None:
+            with pytest.raises(ReconstructionError, match="another process"):
+                reconstruct(WallCapture(1), tmp_path, CONFIG)
+
+    reconstruct(WallCapture(1), tmp_path, CONFIG, progress=Second())
+
+
+def test_one_frame(tmp_path: Path) -> None:
+    result = reconstruct(WallCapture(1), tmp_path, CONFIG)
+    assert verify_reel(result.reel).groups == 1
+    assert ReelReader(result.reel).frames == 1
+
+
+def test_nothing_moves(tmp_path: Path) -> None:
+    result = reconstruct(WallCapture(FRAMES, speed=0), tmp_path, CONFIG)
+    reel = ReelReader(result.reel)
+    assert verify_reel(result.reel).groups == 2
+    assert [entry.points for entry in reel.manifest.groups] == [0, 0]
+    assert len(reel.manifest.layers) == 1
+
+
+def test_everything_moves(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(
+        "splatreel.recon.layering.labels.motion_masks", lambda frames, *_: np.ones(frames.shape[1:4], bool)
+    )
+    result = reconstruct(WallCapture(FRAMES), tmp_path, CONFIG)
+    assert verify_reel(result.reel).groups == 2
+    dynamic = [entry.points for entry in ReelReader(result.reel).manifest.groups]
+    assert min(dynamic) > 1000
+
+
+def test_the_light_changes_everywhere(tmp_path: Path) -> None:
+    capture = WallCapture(3, speed=0, dims=True)
+    assert verify_reel(reconstruct(capture, tmp_path / "a", CONFIG).reel).groups == 1
+    result = reconstruct(capture, tmp_path / "b", replace(CONFIG, even_exposure=True))
+    group = ReelReader(result.reel).group(0)
+    assert len(group.dynamic) == 0
+    assert group.light is not None
+    np.testing.assert_allclose(group.light[:, 0], [1, 0.5, 1], atol=0.02)
+    undecoded = undecoded_frames(result.work, result.reel)
+    bright, dark = (render_image(undecoded(frame), capture.cameras[0]).mean() for frame in (0, 1))
+    assert dark == pytest.approx(0.5 * bright, rel=0.03)
+
+
+def test_pictures_that_do_not_fit_into_memory(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    capture = WallCapture(FRAMES)
+    monkeypatch.setattr("splatreel.recon.run.memory.physical_memory", lambda: 60_000)
+    with pytest.raises(ReconstructionError, match=r"wall: pictures of 48x32 by 4 cameras take .* --width \d+ fits"):
+        reconstruct(capture, tmp_path / "a", CONFIG)
+    assert not (tmp_path / "a").exists()
+
+
+def test_captures_that_cannot_be_reconstructed(tmp_path: Path) -> None:
+    capture = WallCapture(2)
+    capture.held_out = ["cam00", "cam01"]
+    with pytest.raises(ReconstructionError, match=r"wall: only 2 cameras .* held-out cam00, cam01; at least 3"):
+        reconstruct(capture, tmp_path / "a", CONFIG)
+    capture = WallCapture(2)
+    capture.cameras = [camera.resized(9, 6) for camera in capture.cameras]
+    with pytest.raises(ReconstructionError, match="wall: images of 9x6 pixels are too small"):
+        reconstruct(capture, tmp_path / "a", CONFIG)
+    assert not (tmp_path / "a").exists()
+
+
+def test_an_output_folder_that_is_none(tmp_path: Path) -> None:
+    file = tmp_path / "file"
+    file.write_text("mine")
+    with pytest.raises(ReconstructionError, match=f"{re.escape(str(file))}.*Choose another --out"):
+        reconstruct(WallCapture(1), file, CONFIG)
+    assert file.read_text() == "mine"
+
+
+def test_an_unknown_device(tmp_path: Path) -> None:
+    with pytest.raises(UsageError, match="Unknown device 'tpu'"):
+        reconstruct(WallCapture(1), tmp_path, CONFIG, device="tpu")
+
+
+def test_the_record_says_in_words_what_a_run_is(whole: Result) -> None:
+    record = json.loads((whole.work / "run.json").read_text())
+    assert record["capture"]["name"] == "wall"
+    assert record["config"]["group"]["length"] == 2

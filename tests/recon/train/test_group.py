@@ -1,0 +1,288 @@
+"""Groups of a tiny scene that our own renderer drew: a cluster passes in front of a wall."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import torch
+
+from splatreel.config import Config, GroupConfig, KeyframeConfig, LayeringConfig
+from splatreel.kernels.image import render_image
+from splatreel.progress import Silent
+from splatreel.recon.cameras.color_gains import CameraGains
+from splatreel.recon.deform.hashgrid import HashGrid
+from splatreel.recon.deform.trajectory import Trajectory
+from splatreel.recon.layering.tracking import Start
+from splatreel.recon.train.group import GroupFrames, GroupResult, GroupTrainer
+from splatreel.recon.train.render import View
+from splatreel.scene.gaussians import Gaussians
+from splatreel.scene.group import Group
+from tests.recon.captures import blots
+from tests.recon.scenes import ring
+
+CPU = torch.device("cpu")
+CAMERAS = ring(4, width=48, height=32)
+FRAMES, NEAR, UNIT = 5, 0.1, 4.0
+SPEED = 0.06
+WALL = blots(400, [-3, -2, 0.9], [3, 2, 1.0], 0.14, 0)
+THING = blots(48, [-0.8, -0.6, -0.4], [0.2, 0.6, 0.2], 0.14, 1)
+
+
+def moved(points: Gaussians, frame: float) -> Gaussians:
+    means = points.means + np.array([SPEED * frame, 0, 0])
+    return Gaussians(means, points.quats, points.scales, points.opacities, points.sh)
+
+
+def frames(thing: Gaussians = THING, count: int = FRAMES) -> GroupFrames:
+    scenes = [Gaussians.concatenate([WALL, moved(thing, t)]) for t in range(count)]
+    images = [[render_image(scene, camera, near=NEAR) for camera in CAMERAS] for scene in scenes]
+    pixels = torch.from_numpy((np.clip(images, 0, 1) * 255).round().astype(np.uint8))
+    return GroupFrames(pixels, [View.of(camera, CPU) for camera in CAMERAS], NEAR, UNIT)
+
+
+@pytest.fixture(scope="module")
+def filmed() -> GroupFrames:
+    return frames()
+
+
+def config(deformation="trajectory", iterations=30, **layering) -> Config:
+    return Config(
+        LayeringConfig(**{"adapt_every": 0, **layering}),
+        group=GroupConfig(length=FRAMES, overlap=0, deformation=deformation, iterations_per_frame=iterations),
+    )
+
+
+def trainer(
+    filmed: GroupFrames,
+    config: Config,
+    dynamic: Gaussians = THING,
+    static: Gaussians = WALL,
+    tracks=None,
+    convertible=None,
+):
+    alive = np.ones(len(static), bool)
+    gains = CameraGains(len(CAMERAS), CPU, enabled=False)
+    return GroupTrainer(filmed, Start(dynamic, tracks), static, alive, gains, config, seed=0, convertible=convertible)
+
+
+def with_group(config: Config, **changes) -> Config:
+    return replace(config, group=replace(config.group, **changes))
+
+
+class Losses(Silent):
+    def __init__(self) -> None:
+        self.values: list[float] = []
+
+    def update(self, done: int, **numbers: float) -> None:
+        self.values.append(numbers["loss"])
+
+
+def quality(filmed: GroupFrames, result: GroupResult, static: Gaussians = WALL) -> float:
+    """PSNR over all frames and cameras, as the viewer will draw them."""
+    squares = []
+    group = Group(0, 0, result.dynamic, result.dx, result.dq, result.alive, result.shade)
+    for frame, images in enumerate(filmed.images.numpy()):
+        scene = Gaussians.concatenate([static[result.alive], group.at(frame)])
+        squares += [
+            np.square(np.clip(render_image(scene, camera, near=NEAR), 0, 1) - image / 255).mean()
+            for camera, image in zip(CAMERAS, images, strict=True)
+        ]
+    return float(-10 * np.log10(np.mean(squares)))
+
+
+@pytest.mark.parametrize(("deformation", "least"), [("trajectory", 28), ("hashgrid", 30)])
+def test_motion_is_learned(filmed: GroupFrames, deformation: str, least: float) -> None:
+    group, losses = trainer(filmed, config(deformation, 60)), Losses()
+    assert isinstance(group.model, HashGrid if deformation == "hashgrid" else Trajectory)
+    assert quality(filmed, group.result()) < 27, "standing still is not good enough"
+    result = group.train(losses)
+    assert quality(filmed, result) > least
+    assert len(losses.values) == 60 * FRAMES // 50
+    assert np.isfinite(losses.values).all()
+    assert result.dx.shape == (FRAMES, len(result.dynamic), 3)
+    assert result.dq.shape == (FRAMES, len(result.dynamic), 4)
+    assert result.alive.all()
+
+
+def test_a_thing_that_darkens_and_fades_needs_shade() -> None:
+    """It stays where it is; half of it goes dark, the other half vanishes."""
+    scenes = []
+    for t in range(FRAMES):
+        share, half = t / (FRAMES - 1), np.arange(len(THING)) % 2
+        shade = np.stack([-0.8 * share * half] * 3 + [-share * (1 - half) * THING.opacities], 1)
+        scenes.append(Gaussians.concatenate([WALL, THING.shaded(shade.astype(np.float32))]))
+    images = [[render_image(scene, camera, near=NEAR) for camera in CAMERAS] for scene in scenes]
+    pixels = torch.from_numpy((np.clip(images, 0, 1) * 255).round().astype(np.uint8))
+    dark = GroupFrames(pixels, [View.of(camera, CPU) for camera in CAMERAS], NEAR, UNIT)
+    plain = config(iterations=60)
+    with_shade = with_group(plain, shade=True)
+    without, found = (trainer(dark, c).train(Silent()) for c in (plain, with_shade))
+    assert without.shade is None
+    assert found.shade is not None
+    assert found.shade.shape == (FRAMES, len(found.dynamic), 4)
+    assert (found.dynamic.opacities + found.shade[..., 3] >= 0).all()
+    assert quality(dark, found) > quality(dark, without) + 3
+
+
+def test_training_starts_with_small_pictures(filmed: GroupFrames, monkeypatch: pytest.MonkeyPatch) -> None:
+    group = trainer(filmed, with_group(config(iterations=60), coarse_share=0.25))
+    heights, step = [], group._step
+    monkeypatch.setattr(group, "_step", lambda n: heights.append(group.frames.images.shape[2]) or step(n))
+    result = group.train(Silent())
+    assert heights == [16] * 75 + [32] * 225
+    assert quality(filmed, result) > 28
+
+
+@pytest.mark.parametrize("deformation", ["trajectory", "hashgrid"])
+def test_true_tracks_are_a_good_start(filmed: GroupFrames, deformation: str) -> None:
+    tracks = np.stack([moved(THING, t).means for t in range(FRAMES)])
+    group = trainer(filmed, config(deformation), tracks=tracks)
+    assert quality(filmed, group.result()) > 35
+    assert group.psnr() > 35
+
+
+def test_colours_depend_less_on_the_view_where_that_costs(filmed: GroupFrames) -> None:
+    """The thing looks alike from everywhere, and starts as if it did not."""
+    sheen = np.full((len(THING), 3, 3), 0.1, np.float32)
+    sheeny = replace(THING, sh=np.concatenate([THING.sh, sheen], 1))
+
+    def trained(price: float) -> GroupResult:
+        return trainer(filmed, with_group(config(iterations=40), lambda_sh=price), sheeny).train(Silent())
+
+    free, priced = trained(0.0), trained(1.0)
+    assert np.abs(priced.dynamic.sh[:, 1:]).mean() < 0.9 * np.abs(free.dynamic.sh[:, 1:]).mean()
+    assert quality(filmed, priced) > quality(filmed, free) - 0.5
+
+
+def test_the_same_seed_learns_the_same(filmed: GroupFrames) -> None:
+    a, b = (trainer(filmed, config(iterations=6)).train(Silent()) for _ in range(2))
+    np.testing.assert_array_equal(a.dx, b.dx)
+    np.testing.assert_array_equal(a.dynamic.means, b.dynamic.means)
+
+
+def test_a_static_point_where_the_picture_moves_becomes_dynamic(filmed: GroupFrames) -> None:
+    """A few of the thing's points were called static: they are found, and nothing of the wall is."""
+    few = np.arange(len(THING)) % 8 == 0
+    static = Gaussians.concatenate([WALL, THING[few]])
+    group = trainer(filmed, config(iterations=60, adapt_every=30, adapt_neighbours=0.4), THING[~few], static)
+    result = group.train(Silent())
+    converted = ~result.alive
+    assert converted[len(WALL) :].mean() > 0.7
+    assert converted[: len(WALL)].mean() < 0.1
+    assert len(result.dynamic) >= (~few).sum() + converted[len(WALL) :].sum() - 5
+    assert result.dx.shape[1] == len(result.dynamic)
+
+
+def test_a_pull_alone_makes_a_static_point_dynamic(filmed: GroupFrames) -> None:
+    few = np.arange(len(THING)) % 8 == 0
+    static = Gaussians.concatenate([WALL, THING[few]])
+    settings = {"adapt_every": 40, "adapt_neighbours": 2.0}
+    strict = trainer(filmed, config(iterations=40, adapt_gradient=1e9, **settings), THING[~few], static)
+    assert strict.train(Silent()).alive.all(), "nothing is converted, nor by its neighbours"
+    loose = trainer(filmed, config(iterations=40, adapt_gradient=3e-4, **settings), THING[~few], static)
+    alive = loose.train(Silent()).alive
+    assert (~alive[len(WALL) :]).mean() > 0.3
+    assert (~alive[: len(WALL)]).mean() < 0.05, "the wall stands still"
+
+
+def test_what_must_stay_is_not_converted(filmed: GroupFrames) -> None:
+    settings = config(iterations=8, adapt_every=10, adapt_gradient=0.0, adapt_neighbours=2.0)
+    may = np.arange(len(WALL)) % 2 == 0
+    alive = trainer(filmed, settings, convertible=may).train(Silent()).alive
+    assert alive[~may].all()
+    assert not alive[may].all()
+
+
+def test_points_join_up_to_the_room_there_is(filmed: GroupFrames) -> None:
+    group = trainer(filmed, config(iterations=8, adapt_every=10, adapt_gradient=0.0, adapt_neighbours=2.0))
+    group.room = 50
+    before = len(group.points)
+    result = group.train(Silent())
+    assert before < len(result.dynamic) <= before + 50
+    assert group.room == 0
+    assert len(result.dynamic) >= before + (~result.alive).sum() - 5
+
+
+@pytest.mark.parametrize("deformation", ["trajectory", "hashgrid"])
+def test_pruning_keeps_the_rows_of_points_and_motion_together(filmed: GroupFrames, deformation: str) -> None:
+    """Every third point fades; the others keep their place and their motion."""
+    tracks = np.stack([moved(THING, t).means for t in range(FRAMES)])
+    tracks[..., 1] += np.linspace(0, 0.1, FRAMES)[:, None] * np.arange(len(THING))  # every point goes its own way
+    group = trainer(filmed, config(deformation), tracks=tracks)
+    before = group.result()
+    faint = torch.arange(len(THING)) % 3 == 0
+    with torch.no_grad():
+        group.points.params["logit_opacities"][faint] = -8
+    group._prune()
+    after, kept = group.result(), ~faint.numpy()
+    np.testing.assert_array_equal(after.dynamic.means, before.dynamic.means[kept])
+    np.testing.assert_allclose(after.dx, before.dx[:, kept], atol=1e-6)
+    group._watch()
+    group._step(0)  # the optimisers still fit
+
+
+def test_what_is_large_may_be_far_away_but_not_near(filmed: GroupFrames) -> None:
+    """A far wall that became dynamic, for somebody's shadow on it, would leave a hole."""
+    wide = 0.8 * filmed.unit
+    two = replace(THING[:2], means=np.array([[0, 0, 0], [0, 0, 4 * filmed.unit]], np.float32))
+    two = replace(two, scales=np.full((2, 3), wide, np.float32), opacities=np.full(2, 0.9, np.float32))
+    group = trainer(filmed, replace(config(), keyframe=KeyframeConfig(reach=8.0)), two)
+    group._prune()
+    np.testing.assert_allclose(group.points.means[:, 2].detach(), [4 * filmed.unit], atol=1e-5)
+
+
+def test_a_group_keeps_a_point_even_if_all_are_faint(filmed: GroupFrames) -> None:
+    group = trainer(filmed, config(), THING.faded(0.001))
+    group._prune()
+    assert len(group.points) == len(THING)
+    group = trainer(filmed, config(), moved(THING, 1e4))
+    group._drop_faint()
+    assert len(group.points) == len(THING), "out of sight"
+
+
+def test_points_that_fill_nothing_go_and_the_picture_stays(filmed: GroupFrames) -> None:
+    """Some were put behind the wall, where no camera sees them."""
+    hidden = blots(30, [-0.8, -0.6, 1.3], [0.2, 0.6, 1.5], 0.05, 2)
+    tracks = np.stack([moved(Gaussians.concatenate([THING, hidden]), t).means for t in range(FRAMES)])
+    settings = with_group(config(), faint_share=0.01)
+    wall = Gaussians(WALL.means, WALL.quats, WALL.scales, np.full(len(WALL), 0.999), WALL.sh)
+    group = trainer(filmed, settings, Gaussians.concatenate([THING, hidden]), wall, tracks)
+    assert quality(filmed, group.result(), wall) > 38
+    group._drop_faint()
+    result = group.result()
+    assert len(result.dynamic) < len(THING) + 0.5 * len(hidden)
+    assert (result.dynamic.means[:, 2] < 1).sum() > 0.8 * len(THING)
+    assert quality(filmed, result, wall) > 38
+
+
+@pytest.mark.parametrize("deformation", ["trajectory", "hashgrid"])
+def test_a_group_in_which_nothing_moves(filmed: GroupFrames, deformation: str) -> None:
+    notes = Losses()
+    result = trainer(filmed, config(deformation), Gaussians.empty(0)).train(notes)
+    assert len(result.dynamic) == 0
+    assert result.dx.shape == (FRAMES, 0, 3)
+    assert result.dq.shape == (FRAMES, 0, 4)
+    assert result.alive.all()
+    assert not notes.values
+
+
+def test_one_moving_point_and_no_static_one() -> None:
+    filmed = frames(THING[:1], 2)
+    settings = config(iterations=4, adapt_every=2)
+    result = trainer(filmed, settings, THING[:1], Gaussians.empty(0)).train(Silent())
+    assert len(result.dynamic) >= 1
+    assert np.isfinite(result.dx).all()
+
+
+def test_gains_are_applied_and_left_as_they_are(filmed: GroupFrames) -> None:
+    """A camera that records half as bright is no fault of the scene."""
+    dim = replace(filmed, images=(filmed.images * torch.tensor([1, 1, 0.5, 1])[:, None, None, None]).round().byte())
+    gains = CameraGains(len(CAMERAS), CPU)
+    gains.load(torch.tensor([[1.0] * 3, [1.0] * 3, [0.5] * 3, [1.0] * 3]))
+    kept = gains.values.detach().clone()
+    alive = np.ones(len(WALL), bool)
+    tracks = np.stack([moved(THING, t).means for t in range(FRAMES)])
+    group = GroupTrainer(dim, Start(THING, tracks), WALL, alive, gains, config(iterations=2), 0)
+    assert group.psnr() > 35
+    group.train(Silent())
+    torch.testing.assert_close(gains.values.detach(), kept)

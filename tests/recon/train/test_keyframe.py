@@ -1,0 +1,217 @@
+"""Keyframes of a tiny scene that our own renderer drew."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import torch
+
+from splatreel.config import KeyframeConfig
+from splatreel.kernels.image import render_image
+from splatreel.progress import Silent
+from splatreel.recon.cameras.color_gains import CameraGains
+from splatreel.recon.train.average import EVERY
+from splatreel.recon.train.keyframe import KeyframeTrainer, Stage, starting_points
+from splatreel.recon.train.losses import Depths, spread
+from splatreel.recon.train.points import TrainablePoints, default_rates
+from splatreel.recon.train.render import View, deformed
+from splatreel.scene.camera import Camera
+from splatreel.scene.gaussians import C0, Gaussians
+from tests.recon.captures import blots
+from tests.recon.scenes import look_at, ring
+
+CPU, NEAR, UNIT = torch.device("cpu"), 0.1, 4.0
+CAMERAS = ring(4, width=48, height=32)
+UNSEEN = look_at([0.6, 0.0, -3.9], width=48, height=32)
+WALL = blots(400, [-3, -2, 0.9], [3, 2, 1.0], 0.14, 0)
+THING = blots(60, [-0.8, -0.6, -0.4], [0.2, 0.6, 0.2], 0.12, 1)
+SCENE = Gaussians.concatenate([WALL, THING])
+CONFIG = KeyframeConfig(sh_degree=1, densify_every=40)
+
+
+def stage(scene: Gaussians = SCENE) -> Stage:
+    images = np.stack([render_image(scene, camera, near=NEAR) for camera in CAMERAS]).clip(0, 1)
+    views = [View.of(camera, CPU) for camera in CAMERAS]
+    return Stage(views, torch.from_numpy((images * 255).round().astype(np.uint8)), NEAR, UNIT)
+
+
+def psnr(points: Gaussians, camera: Camera, scene: Gaussians = SCENE) -> float:
+    image, truth = (render_image(g, camera, near=NEAR).clip(0, 1) for g in (points, scene))
+    return float(-10 * np.log10(np.square(image - truth).mean()))
+
+
+def gains() -> CameraGains:
+    return CameraGains(len(CAMERAS), CPU, enabled=False)
+
+
+def rough_start() -> TrainablePoints:
+    """Points near the true ones, in grey."""
+    places = SCENE.means + np.random.default_rng(0).normal(size=SCENE.means.shape) * 0.03
+    return starting_points(places, np.full(places.shape, 0.5), CONFIG, UNIT, CPU)
+
+
+def test_points_start_as_large_as_their_distance_and_in_their_colour() -> None:
+    grid = np.stack(np.meshgrid(*[np.arange(4) * 0.1] * 3), -1).reshape(-1, 3)
+    colors = np.random.default_rng(0).uniform(0, 1, grid.shape)
+    points = starting_points(grid, colors, CONFIG, 1.0, CPU).gaussians()
+    np.testing.assert_allclose(points.scales, 0.07, atol=1e-6, err_msg="kept below 0.07 of the viewing distance")
+    wide = starting_points(grid, colors, CONFIG, 10.0, CPU).gaussians()
+    np.testing.assert_allclose(wide.scales, 0.1, rtol=1e-4)
+    np.testing.assert_allclose(points.sh[:, 0] * C0 + 0.5, colors, atol=1e-6)
+    np.testing.assert_allclose(points.opacities, 0.1, atol=1e-6)
+    assert points.sh.shape == (64, 4, 3)
+
+
+@pytest.mark.parametrize("count", [1, 2])
+def test_very_few_points_start_too(count: int) -> None:
+    points = starting_points(np.eye(3)[:count], np.zeros((count, 3)), CONFIG, 1.0, CPU)
+    assert len(points) == count
+    assert np.isfinite(points.gaussians().scales).all()
+
+
+def test_a_keyframe_is_learned_for_views_it_has_not_seen() -> None:
+    trainer = KeyframeTrainer(rough_start(), gains(), CONFIG, max_points=3000)
+    start = psnr(trainer.points.gaussians(), CAMERAS[0])
+    trainer.train(stage(), 300, 300, Silent())
+    points = trainer.points.gaussians()
+    points.check_finite()
+    assert start < 16
+    assert psnr(points, CAMERAS[0]) > 26
+    assert psnr(points, UNSEEN) > 22
+    assert len(points) > len(SCENE), "points were cloned or split"
+
+
+def test_the_last_iterations_are_averaged(monkeypatch: pytest.MonkeyPatch) -> None:
+    points = TrainablePoints.from_gaussians(SCENE, default_rates(UNIT), CPU)
+    trainer = KeyframeTrainer(points, gains(), replace(CONFIG, average_share=0.2), max_points=len(SCENE))
+    step, seen = trainer._step, []
+
+    def watched(*arguments):
+        taken = step(*arguments)
+        if trainer.done + 1 > 80 and (trainer.done + 1) % EVERY == 0:
+            seen.append(trainer.points.gaussians().sh.copy())
+        return taken
+
+    monkeypatch.setattr(trainer, "_step", watched)
+    trainer.train(stage(), 100, 100, Silent())
+    assert len(seen) == 20 // EVERY
+    assert np.ptp(seen, axis=0).max() > 1e-3, "they differ"
+    np.testing.assert_allclose(trainer.points.gaussians().sh, np.mean(seen, axis=0), atol=1e-5)
+
+
+def test_no_more_points_than_allowed() -> None:
+    limit = len(SCENE) + 20
+    trainer = KeyframeTrainer(rough_start(), gains(), CONFIG, max_points=limit)
+    trainer.train(stage(), 200, 200, Silent())
+    assert len(SCENE) - 60 < len(trainer.points) <= limit
+
+
+def test_the_backdrop_stays_and_only_the_others_learn() -> None:
+    """The wall is frozen; what stands before it is learned on top of it."""
+    grey = Gaussians(THING.means, THING.quats, THING.scales, THING.opacities, np.zeros_like(THING.sh))
+    points = TrainablePoints.from_gaussians(grey, default_rates(UNIT), CPU)
+    trainer = KeyframeTrainer(points, gains(), KeyframeConfig(sh_degree=0), backdrop=WALL, max_points=200)
+    before = psnr(Gaussians.concatenate([WALL, grey]), UNSEEN)
+    trainer.train(stage(), 150, 150, Silent())
+    after = psnr(Gaussians.concatenate([WALL, trainer.points.gaussians()]), UNSEEN)
+    assert after > before + 5
+
+
+def test_faint_points_and_monsters_are_pruned_but_never_all() -> None:
+    opacities, scales = THING.opacities.copy(), THING.scales.copy()
+    opacities[:10], scales[10:15] = 0.001, 0.6 * UNIT
+    sick = Gaussians(THING.means, THING.quats, scales, opacities, THING.sh)
+    trainer = KeyframeTrainer(
+        TrainablePoints.from_gaussians(sick, default_rates(UNIT), CPU), gains(), CONFIG, max_points=200
+    )
+    trainer._prune(UNIT, 0.9)
+    np.testing.assert_allclose(trainer.points.gaussians().means, THING.means[15:])
+    for _ in range(2):
+        with torch.no_grad():
+            trainer.points.params["logit_opacities"].fill_(-9)
+        trainer._prune(UNIT, 1.0)
+        assert len(trainer.points) == len(THING) - 15
+
+
+def test_what_explains_nothing_fades_when_opacity_has_a_price() -> None:
+    """Points behind the wall show in no picture."""
+    hidden = np.random.default_rng(3).uniform([-1, -1, 1.5], [1, 1, 2.5], (40, 3))
+    places = np.concatenate([rough_start().means.detach().numpy(), hidden])
+
+    def left(price: float) -> Gaussians:
+        config = replace(CONFIG, lambda_opacity=price, pace=4.0)
+        points = starting_points(places, np.full(places.shape, 0.5), config, UNIT, CPU)
+        trainer = KeyframeTrainer(points, gains(), config, max_points=len(places))
+        trainer.train(stage(), 150, 150, Silent())
+        return trainer.points.gaussians()
+
+    free, priced = left(0.0), left(0.3)
+    assert free.opacities[free.means[:, 2] > 1.2].sum() > 1.3 * priced.opacities[priced.means[:, 2] > 1.2].sum()
+    assert psnr(priced, UNSEEN) > psnr(free, UNSEEN) - 1
+
+
+def test_what_hides_nothing_else_is_not_made_to_hide_things() -> None:
+    """Thick mist of a plain wall's colour before all that the cameras see: where it goes, the wall behind explains the pictures."""
+    plain = replace(WALL, sh=np.zeros_like(WALL.sh))  # grey
+    scene = Gaussians.concatenate([plain, THING])
+    mist = np.random.default_rng(5).uniform([-2.2, -1.4, -2.4], [2.2, 1.4, -1.8], (300, 3)).astype(np.float32)
+    thick = blots(len(mist), [0, 0, 0], [1, 1, 1], 0.3, 2)
+    start = Gaussians.concatenate([scene, replace(thick, means=mist, sh=np.zeros_like(thick.sh))])
+    points = TrainablePoints.from_gaussians(start, default_rates(UNIT, 1.0), CPU)
+    with torch.no_grad():
+        points.params["logit_opacities"][len(scene) :] = 0.4  # each 60 %
+    config = replace(CONFIG, lambda_spread=1.0, densify_every=1000)
+    trainer = KeyframeTrainer(points, gains(), config, max_points=len(start))
+    trainer.train(stage(scene), 200, 200, Silent())
+    assert psnr(trainer.points.gaussians(), UNSEEN, scene) > 28
+
+
+def test_large_points_that_a_plain_wall_needs_stay_in_the_end() -> None:
+    wall = blots(4, [-1, -1, 2], [1, 1, 2], 0.9, 1)
+    wall = replace(wall, scales=np.full_like(wall.scales, 0.7 * UNIT), opacities=np.full(4, 0.9, np.float32))
+    points = TrainablePoints.from_gaussians(wall, default_rates(UNIT, 1.0), CPU)
+    trainer = KeyframeTrainer(points, gains(), CONFIG, max_points=4)
+    trainer.train(stage(), 10, 10, Silent())
+    assert len(trainer.points) == 4
+
+
+def test_depths_do_not_spread_where_that_costs() -> None:
+    """Faint points before the wall, of its colour: pictures hardly mind them."""
+    before = np.random.default_rng(3).uniform([-0.6, -0.6, -1.5], [0.6, 0.6, -0.8], (30, 3))
+
+    def trained(weight: float) -> TrainablePoints:
+        config = replace(CONFIG, lambda_spread=weight, pace=4.0)
+        places = np.concatenate([rough_start().means.detach().numpy(), before])
+        points = starting_points(places, np.full(places.shape, 0.5), config, UNIT, CPU)
+        trainer = KeyframeTrainer(points, gains(), config, max_points=len(places))
+        trainer.train(stage(), 300, 300, Silent())
+        return trainer.points
+
+    view = View.of(UNSEEN, CPU)
+    free, priced = (trained(weight) for weight in (0.0, 3.0))
+    spreads = [spread(Depths.of(deformed(p.params, None, None, view, NEAR), view, NEAR)).item() for p in (free, priced)]
+    assert spreads[1] < 0.7 * spreads[0]
+    assert psnr(priced.gaussians(), UNSEEN) > psnr(free.gaussians(), UNSEEN) - 1.5
+
+
+def test_far_points_go_farther_in_a_step() -> None:
+    points = starting_points(
+        np.array([[0, 0, 0], [0, 0, 3 * UNIT], [0, 0, 99 * UNIT]]), np.ones((3, 3)), CONFIG, UNIT, CPU
+    )
+    trainer = KeyframeTrainer(points, gains(), replace(CONFIG, reach=8.0), max_points=3)
+    trainer._stride(stage())
+    near, far, farthest = trainer.strides[:, 0].tolist()
+    assert 1 <= near < far < farthest == 8
+    before = points.means.detach().clone()
+    points.means.grad = torch.ones(3, 3)
+    points.step(trainer.strides)
+    moved = (points.means.detach() - before)[:, 0]
+    torch.testing.assert_close(moved / moved[0], trainer.strides[:, 0] / near, rtol=1e-3, atol=0)
+
+
+def test_training_in_two_stages_goes_on_where_it_was() -> None:
+    trainer = KeyframeTrainer(rough_start(), gains(), CONFIG, max_points=1000)
+    trainer.train(stage(), 10, 20, Silent())
+    assert trainer.done == 10
+    trainer.train(stage(), 10, 20, Silent())
+    assert trainer.done == 20

@@ -1,0 +1,51 @@
+import numpy as np
+import pytest
+import torch
+
+from splatreel.recon.train.schedule import FrameSchedule
+
+
+def test_frames_come_in_from_near_to_far():
+    schedule = FrameSchedule(frames=10, cameras=3, iterations=1000, progressive=0.5, seed=0)
+    assert [schedule.frontier(i) for i in (0, 49, 50, 250, 499, 500, 999)] == [0, 0, 1, 5, 9, 9, 9]
+    for i in range(0, 500, 7):
+        frame, camera = schedule.draw(i)
+        assert frame <= schedule.frontier(i)
+        assert 0 <= camera < 3
+
+
+@pytest.mark.parametrize("progressive", [0.0, 0.5])
+def test_after_the_warm_up_every_picture_comes_once_a_round(progressive):
+    schedule = FrameSchedule(frames=5, cameras=4, iterations=100, progressive=progressive, seed=1)
+    for _ in range(3):
+        assert sorted(schedule.draw(99) for _ in range(20)) == [(f, c) for f in range(5) for c in range(4)]
+    orders = [[schedule.draw(99) for _ in range(20)] for _ in range(2)]
+    assert orders[0] != orders[1]
+
+
+def test_a_frame_that_stays_bad_comes_up_more_often_whatever_its_cameras():
+    schedule = FrameSchedule(frames=6, cameras=8, iterations=100, progressive=0.0, seed=0)
+    for frame in range(6):
+        for camera in range(8):  # some cameras see more that is wrong, in every frame
+            schedule.note(frame, camera, torch.tensor((2.0 if frame == 4 else 1.0) * (1 + camera)))
+    wanted = schedule.wanted()
+    assert wanted.mean() == pytest.approx(1)
+    assert wanted[4] == pytest.approx(2 * wanted[0])
+    np.testing.assert_allclose(wanted[[0, 1, 2, 3, 5]], wanted[0])
+    drawn = np.bincount([schedule.draw(99)[0] for _ in range(48 * 40)], minlength=6)
+    assert drawn[4] == pytest.approx(2 * drawn[[0, 1, 2, 3, 5]].mean(), rel=0.1)
+
+
+def test_no_frame_is_left_out_or_taken_over():
+    schedule = FrameSchedule(frames=4, cameras=1, iterations=10, progressive=0.0, seed=0)
+    for frame, loss in enumerate((1e-9, 1.0, 1.0, 1e3)):
+        schedule.note(frame, 0, torch.tensor(loss))
+    wanted = schedule.wanted()
+    assert wanted.max() / wanted.min() <= 6
+    assert {schedule.draw(0)[0] for _ in range(60)} == {0, 1, 2, 3}
+
+
+def test_pictures_not_seen_yet_come_up_as_often_as_others():
+    schedule = FrameSchedule(frames=3, cameras=2, iterations=10, progressive=0.0, seed=0)
+    schedule.note(0, 0, torch.tensor(0.5))
+    np.testing.assert_allclose(schedule.wanted(), 1)

@@ -1,0 +1,56 @@
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+
+from splatreel.config import Config, KeyframeConfig
+from splatreel.progress import Silent
+from splatreel.recon.pipeline import reconstruct
+from splatreel.recon.run import checkpoint
+from splatreel.recon.train.single_frame import reconstruct_still
+from tests.recon.captures import WallCapture
+
+CONFIG = Config(keyframe=KeyframeConfig(first_iterations=40, coarse_share=0.5, densify_every=5, sh_degree=1))
+
+
+class Trace(Silent):
+    """Remembers the last step."""
+
+    done = 0
+
+    def update(self, done: int, **numbers: float) -> None:
+        self.done = done
+
+
+class Notes(Silent):
+    def __init__(self) -> None:
+        self.notes: list[str] = []
+
+    def note(self, text: str) -> None:
+        self.notes.append(text)
+
+
+def images(capture: WallCapture, frame: int) -> np.ndarray:
+    return capture.read(frame, 1, [camera.name for camera in capture.cameras])[0]
+
+
+def test_a_frame_alone_is_the_first_keyframe_of_a_run(tmp_path: Path) -> None:
+    capture, trace = WallCapture(1), Trace()
+    gaussians, layout = reconstruct_still(capture.cameras, images(capture, 0), CONFIG, progress=trace)
+    work = reconstruct(capture, tmp_path, CONFIG, device="cpu").work
+    keyframe = checkpoint.load_arrays(work / "group0000" / "keyframe.safetensors")
+    for name, value in checkpoint.pack(gaussians).items():
+        np.testing.assert_array_equal(value, keyframe[name])
+    assert layout.to_dict() == checkpoint.load_json(work / "layout.json")
+    assert trace.done == 40
+
+
+def test_cameras_that_do_not_agree_are_told_of() -> None:
+    capture, heard = WallCapture(1), Notes()
+    config = replace(CONFIG, keyframe=replace(CONFIG.keyframe, first_iterations=150, pace=4.0))
+    shown = images(capture, 0)
+    reconstruct_still(capture.cameras, shown, config, progress=heard)
+    assert not heard.notes
+    noise = np.random.default_rng(0).integers(0, 256, shown.shape).astype(np.uint8)
+    reconstruct_still(capture.cameras, noise, config, progress=heard)
+    assert "do not agree" in heard.notes[0]
