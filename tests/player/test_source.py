@@ -1,5 +1,7 @@
 """The player's TypeScript: unit tests under node, types, and the committed bundle against its source."""
 
+import functools
+import json
 import os
 import shutil
 import subprocess
@@ -8,6 +10,7 @@ from pathlib import Path
 import pytest
 
 PLAYER = Path(__file__).parents[2] / "player"
+UNIT_TESTS = sorted(path.relative_to(PLAYER / "tests").as_posix() for path in (PLAYER / "tests").rglob("*.test.ts"))
 STATIC = PLAYER.parent / "src" / "splatreel" / "play" / "static"
 
 needs_node = pytest.mark.skipif(
@@ -21,9 +24,24 @@ def run(*command: str) -> None:
     assert result.returncode == 0, result.stdout + result.stderr
 
 
+@functools.cache
+def unit_results() -> dict[str, dict]:
+    """By file of player/tests: how many of its tests passed, and what failed."""
+    results = PLAYER / "out" / "tests.json"
+    results.unlink(missing_ok=True)
+    result = subprocess.run(
+        ["node", "test.mjs"], cwd=PLAYER, capture_output=True, text=True, timeout=300, env=os.environ
+    )
+    assert results.exists(), result.stdout + result.stderr
+    return json.loads(results.read_text())["files"]
+
+
 @needs_node
-def test_units():
-    run("node", "test.mjs")
+@pytest.mark.parametrize("name", UNIT_TESTS)
+def test_units(name: str):
+    result = unit_results()[name]
+    assert not result["failed"], "\n\n".join(result["failed"])
+    assert result["passed"] > 0
 
 
 @needs_node
