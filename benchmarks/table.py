@@ -1,14 +1,16 @@
-"""Write the README's table of results from the latest record of each benchmark in benchmarks/results.jsonl.
+"""Write the tables of results, in README.md and docs/results.md, from the latest record of each benchmark.
 
 python benchmarks/table.py
 """
 
 import json
+from collections.abc import Iterable
 from pathlib import Path
 
 from record import RESULTS, ROOT
 
 README = ROOT / "README.md"
+PAGE = ROOT / "docs" / "results.md"
 BEGIN, END = "<!-- results: written by benchmarks/table.py -->", "<!-- end of results -->"
 MISSING = "*not measured*"
 
@@ -31,6 +33,9 @@ ORACLE, ON_ITS_OWN = "oracle", "each frame on its own"
 
 COLUMNS = ("held-out cameras of", "frames", "PSNR dB", "per channel", "SSIM", "before encoding", "reel", "of float32")
 COLUMNS += ("time", "load before", "memory", "commit")
+SHORT_ROWS = ("demo trajectory", "basketball 320", "basketball 640", "studio", "cove", "kitchen", "yard")
+SHORT_COLUMNS = ("held-out cameras of", "frames", "PSNR dB", "SSIM", "reel", "time")
+"""What the README shows; the page has everything."""
 
 
 def latest(results: Path = RESULTS) -> dict[str, dict]:
@@ -41,11 +46,10 @@ def latest(results: Path = RESULTS) -> dict[str, dict]:
 
 
 def table(records: dict[str, dict]) -> str:
-    """The Markdown table, and on which machines it was measured."""
+    """The page's Markdown table, and on which machines it was measured."""
     single = {name: name.split() for name in sorted(records) if name.split()[0] == ORACLE}
     rows = ROWS | {name: f"{words[1]}, {words[2]} wide, {ON_ITS_OWN}" for name, words in single.items()}
-    lines = [_row(COLUMNS), _row(["---"] * len(COLUMNS))]
-    lines += [_row(_cells(label, records.get(name))) for name, label in rows.items()]
+    lines = _lines(records, rows, COLUMNS)
     measured = [records[name] for name in rows if name in records]
     machines = sorted({_machine(record)[0] for record in measured})
     if machines:
@@ -53,14 +57,26 @@ def table(records: dict[str, dict]) -> str:
     return "\n".join(lines)
 
 
-def _row(cells: list[str] | tuple[str, ...]) -> str:
+def short_table(records: dict[str, dict]) -> str:
+    """The README's Markdown table: some of the page's rows and columns."""
+    return "\n".join(_lines(records, {name: ROWS[name] for name in SHORT_ROWS}, SHORT_COLUMNS))
+
+
+def _lines(records: dict[str, dict], rows: dict[str, str], columns: tuple[str, ...]) -> list[str]:
+    cells = (_cells(label, records.get(name)) for name, label in rows.items())
+    body = [_row(by_column[column] for column in columns) for by_column in cells]
+    return [_row(columns), _row(["---"] * len(columns)), *body]
+
+
+def _row(cells: Iterable[str]) -> str:
     return f"| {' | '.join(cells)} |"
 
 
-def _cells(label: str, record: dict | None) -> list[str]:
+def _cells(label: str, record: dict | None) -> dict[str, str]:
+    """What a row says, by column."""
     if record is None:
-        return [label, *[MISSING] * (len(COLUMNS) - 1)]
-    return [
+        return dict(zip(COLUMNS, [label, *[MISSING] * (len(COLUMNS) - 1)], strict=True))
+    cells = (
         label,
         f"{record['frames']} at {record['width']}x{record['height']}",
         _number(record, "psnr", ".2f"),
@@ -73,7 +89,8 @@ def _cells(label: str, record: dict | None) -> list[str]:
         _machine(record)[1] or MISSING,
         _number(record, "peak_memory_bytes", ".1f", 1e-9, " GB"),
         f"`{record['revision']}`",
-    ]
+    )
+    return dict(zip(COLUMNS, cells, strict=True))
 
 
 def _machine(record: dict) -> tuple[str, str]:
@@ -97,6 +114,7 @@ def replaced(text: str, inner: str) -> str:
 
 
 if __name__ == "__main__":
-    written = replaced(README.read_text(encoding="utf-8"), table(latest()))
-    README.write_text(written, encoding="utf-8")
-    print(table(latest()))
+    latest_records = latest()
+    for document, inner in ((README, short_table(latest_records)), (PAGE, table(latest_records))):
+        document.write_text(replaced(document.read_text(encoding="utf-8"), inner), encoding="utf-8")
+    print(table(latest_records))

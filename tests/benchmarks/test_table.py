@@ -76,6 +76,14 @@ def test_only_what_stands_between_the_markers_is_replaced(table: ModuleType) -> 
         table.replaced("nothing here", "new")
 
 
-def test_the_readme_shows_the_recorded_results(table: ModuleType) -> None:
-    readme = table.README.read_text(encoding="utf-8")
-    assert readme == table.replaced(readme, table.table(table.latest())), "run: python benchmarks/table.py"
+def test_the_readme_and_the_page_show_the_recorded_results(table: ModuleType) -> None:
+    records = table.latest()
+    for document, inner in ((table.README, table.short_table(records)), (table.PAGE, table.table(records))):
+        text = document.read_text(encoding="utf-8")
+        assert text == table.replaced(text, inner), "run: python benchmarks/table.py"
+
+
+def test_the_readmes_table_is_a_part_of_the_pages(table: ModuleType) -> None:
+    text = table.short_table({"basketball 320": RECORD})
+    assert "| Panoptic basketball, 320 wide | 60 at 320x180 | 29.50 | 0.9100 | 2.34 MB | 6.5 min |" in text.splitlines()
+    assert len(text.splitlines()) == 2 + len(table.SHORT_ROWS)

@@ -11,9 +11,11 @@ from splatreel.config import EncodeConfig, GroupConfig, KeyframeConfig, Layering
 
 ROOT = Path(__file__).parent.parent.parent
 SOURCE = ROOT / "src" / "splatreel"
-DOCUMENTS = sorted([*(ROOT / "docs").glob("*.md"), *ROOT.glob("*.md")])
+DOCUMENTS = sorted([*(ROOT / "docs").rglob("*.md"), *ROOT.glob("*.md"), *(ROOT / "player").glob("*.md")])
+FROZEN = ROOT / "docs" / "history"
+"""Documents that keep the names of their time."""
 MEMBER = re.compile(r"`([A-Z][A-Za-z0-9]+)\.([a-z_]\w*)`")
-LINK = re.compile(r"\]\((?!https?:|#)([^)#]+)")
+LINK = re.compile(r"\]\((?!https?:)([^)#]*)(?:#([^)]+))?\)")
 
 
 def members() -> set[tuple[str, str]]:
@@ -30,12 +32,30 @@ def members() -> set[tuple[str, str]]:
     return found
 
 
-@pytest.mark.parametrize("document", DOCUMENTS, ids=lambda path: path.name)
-def test_members_and_links_of_a_document_exist(document: Path) -> None:
-    text, known = document.read_text(encoding="utf-8"), members()
-    missing = [f"{owner}.{name}" for owner, name in MEMBER.findall(text) if (owner, name) not in known]
-    missing += [link for link in LINK.findall(text) if not (document.parent / link).exists()]
+def anchors(document: Path) -> set[str]:
+    """The anchors that GitHub gives a document's headings."""
+    headings = re.findall(r"^#+ (.*)$", document.read_text(encoding="utf-8"), re.MULTILINE)
+    return {re.sub(r"[^\w\- ]", "", heading.strip().lower()).replace(" ", "-") for heading in headings}
+
+
+@pytest.mark.parametrize("document", DOCUMENTS, ids=lambda path: path.relative_to(ROOT).as_posix())
+def test_links_of_a_document_lead_somewhere(document: Path) -> None:
+    """Also to a heading that is there."""
+    missing = []
+    for link, anchor in LINK.findall(document.read_text(encoding="utf-8")):
+        target = document.parent / link if link else document
+        if not target.exists() or (anchor and anchor not in anchors(target)):
+            missing.append(f"{link}#{anchor}")
     assert not missing
+
+
+def test_members_that_documents_name_exist() -> None:
+    known = members()
+    for document in DOCUMENTS:
+        if FROZEN not in document.parents:
+            named = MEMBER.findall(document.read_text(encoding="utf-8"))
+            missing = [f"{owner}.{name}" for owner, name in named if (owner, name) not in known]
+            assert not missing, document
 
 
 def test_the_paper_map_names_every_hyper_parameter() -> None:

@@ -14,7 +14,7 @@ def kmeans(vectors: np.ndarray, entries: int, seed: int = 0, weights: np.ndarray
 
     weights: [N] > 0, how much each vector matters; None: all alike. The same input and seed give the same codebook. Where there
     are no more different vectors than entries, they are the codebook. Opacity is no good weight (within 0.01 dB over four
-    seeds), how much the pictures hang on a point's colour is: docs/log.md.
+    seeds), how much the pictures hang on a point's colour is: docs/experiments/README.md.
     """
     vectors = np.ascontiguousarray(vectors, np.float32)
     rng = np.random.default_rng(seed)
