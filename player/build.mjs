@@ -33,13 +33,13 @@ await rm(out, { recursive: true, force: true });
 await mkdir(out, { recursive: true });
 await build({ ...common, entryPoints: { player: "src/main.ts" }, format: "esm", outdir: out });
 // Loaded when they are asked for; each is whole, so that it can lie anywhere, also in a page.
-await build({ ...common, entryPoints: { "open-files": "src/open-files.ts", "path-panel": "src/path-panel.ts", share: "src/share.ts" }, format: "esm", outdir: out });
+await build({ ...common, entryPoints: { "open-files": "src/files/open-files.ts", "path-panel": "src/ui/path-panel.ts", share: "src/ui/share.ts" }, format: "esm", outdir: out });
 await build({
   ...common,
   entryPoints: {
-    "decode-worker": "src/decode-worker.ts",
-    "hevc-worker": "src/hevc-worker.ts",
-    "sort-worker": "src/sort-worker.ts",
+    "decode-worker": "src/decode/decode-worker.ts",
+    "hevc-worker": "src/decode/hevc-worker.ts",
+    "sort-worker": "src/draw/sort-worker.ts",
   },
   format: "iife",
   outdir: out,
@@ -50,9 +50,9 @@ await writeFile(join(out, "THIRD_PARTY.txt"), await notices());
 
 /** The bundled page. What it does before the player is there stands in it: a file of its own would cost a round trip. */
 async function page() {
-  const options = { ...common, entryPoints: ["src/early.ts"], format: "esm", external: ["./player.js"], write: false };
+  const options = { ...common, entryPoints: ["src/element/page-prefetch.ts"], format: "esm", external: ["./player.js"], write: false };
   const early = (await build(options)).outputFiles[0].text.trim();
-  const html = await readFile(join(here, "src/index.html"), "utf8");
+  const html = await readFile(join(here, "src/element/index.html"), "utf8");
   return html.replace("<script data-early></script>", () => `<script type="module" data-early>${early}</script>`);
 }
 

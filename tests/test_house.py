@@ -131,6 +131,64 @@ def test_no_import_within_a_room_goes_in_a_circle(room: str) -> None:
     assert sorter_of(graph) is not None
 
 
+PLAYER_SOURCE = ROOT / "player" / "src"
+ROOMS_OF_THE_PLAYER = (
+    ("base",),
+    ("files",),
+    ("reel",),
+    ("camera", "decode", "sound"),
+    ("draw", "stream"),
+    ("player",),
+    ("ui",),
+    ("element",),
+    ("main.ts",),
+)
+"""The rooms of `player/src`, from the lowest rung up; those of one rung do not import each other."""
+
+
+def typescript_imports(source: str) -> list[str]:
+    """What a TypeScript file imports of the files beside it, types and what it loads late included."""
+    return re.findall(r"""(?:\bfrom|\bimport)\s*\(?\s*["'](\.{1,2}/[^"']+)["']""", source)
+
+
+def imports_of_the_player() -> dict[str, set[str]]:
+    """Of each file in `player/src`, which others of them it imports: `draw/stage.ts`."""
+    found = {}
+    for path in TYPESCRIPT_FILES:
+        names = [(path.parent / name).resolve() for name in typescript_imports(path.read_text(encoding="utf-8"))]
+        files = [name.with_name(name.name + ".ts") for name in names]
+        found[path.relative_to(PLAYER_SOURCE).as_posix()] = {
+            file.relative_to(PLAYER_SOURCE).as_posix() for file in files if file.is_file()
+        }
+    return found
+
+
+def test_typescript_imports_are_found() -> None:
+    source = (
+        'import type { A } from "./a";\nimport { b } from "uqr";\nimport "./c";\nexport type { D } from "../d/d";\n'
+        'const e = await loadPart<typeof import("../e")>("e.js");\n'
+    )
+    assert typescript_imports(source) == ["./a", "./c", "../d/d", "../e"]
+    assert "draw/stage.ts" in imports_of_the_player()["player/session.ts"]
+
+
+def test_the_rooms_of_the_player_import_only_down() -> None:
+    rungs = {name: rung for rung, names in enumerate(ROOMS_OF_THE_PLAYER) for name in names}
+    found = imports_of_the_player()
+    assert {file.split("/")[0] for file in found} - {"files.d.ts"} == set(rungs), "each has a rung"
+    up = [
+        f"{a} imports {b}"
+        for a, others in found.items()
+        for b in others
+        if (mine := a.split("/")[0]) != (theirs := b.split("/")[0]) and rungs[theirs] >= rungs[mine]
+    ]
+    assert not up
+
+
+def test_no_import_within_the_player_goes_in_a_circle() -> None:
+    assert sorter_of(imports_of_the_player())
+
+
 def sorter_of(graph: dict[str, set[str]]) -> list[str]:
     """The nodes, each after those that it imports. Raises `CycleError`."""
     return list(graphlib.TopologicalSorter(graph).static_order())

@@ -4,11 +4,11 @@ import { createRequire } from "node:module";
 import { join } from "node:path";
 import { pathToFileURL } from "node:url";
 import { deflateSync, inflateSync } from "node:zlib";
-import { decodeFile } from "../src/decode";
-import { decodeDraco } from "../src/draco";
-import { ReelError } from "../src/errors";
-import { parseManifest } from "../src/manifest";
-import type { Track } from "../src/mp4";
+import { ReelError } from "../src/base/errors";
+import { decodeFile } from "../src/decode/decode-file";
+import { decodeDraco } from "../src/decode/draco";
+import type { Track } from "../src/decode/mp4";
+import { parseManifest } from "../src/reel/manifest";
 
 const NAME = "groups/it.safetensors";
 const MAX_EDITS = 12;

@@ -1,12 +1,12 @@
 /** As a module: defines <splat-reel>. In the bundled page: opens its reel. */
-import { SplatReelElement } from "./element";
-import { openPage, type Stage } from "./page";
+import { SplatReelElement } from "./element/element";
+import { openPage, type Stage } from "./element/page";
 
-export type { Camera, Manifest } from "./manifest";
-export { Player } from "./player";
-export type { Pose } from "./pose";
-export type { Picture } from "./stage";
-export type { Stats } from "./stats";
+export type { Camera, Manifest } from "./reel/manifest";
+export { Player } from "./player/player";
+export type { Pose } from "./camera/pose";
+export type { Picture } from "./draw/stage";
+export type { Stats } from "./player/stats";
 export { SplatReelElement };
 
 if (!customElements.get("splat-reel")) customElements.define("splat-reel", SplatReelElement);

@@ -1,7 +1,7 @@
 import assert from "node:assert/strict";
 import { test } from "node:test";
-import { Clock } from "../src/clock";
-import type { Manifest } from "../src/manifest";
+import { Clock } from "../src/player/clock";
+import type { Manifest } from "../src/reel/manifest";
 
 function clockOf(live = false): Clock {
   const clock = new Clock();

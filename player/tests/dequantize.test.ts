@@ -1,9 +1,9 @@
 import assert from "node:assert/strict";
 import { test } from "node:test";
 import { deflateSync } from "node:zlib";
-import type { Container } from "../src/container";
-import { flags, inflate, linear, packedSize, unpack } from "../src/dequantize";
-import { half } from "../src/textures";
+import { flags, inflate, linear, packedSize, unpack } from "../src/decode/dequantize";
+import { half } from "../src/draw/textures";
+import type { Container } from "../src/reel/container";
 
 /** The low bytes of all, then the bits above, lowest bit first. */
 function pack(values: number[], bits: number): Uint8Array {

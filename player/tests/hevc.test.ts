@@ -1,10 +1,10 @@
 import assert from "node:assert/strict";
 import { readFileSync } from "node:fs";
 import { test } from "node:test";
-import { parseContainer } from "../src/container";
-import { parseHvcC } from "../src/hevc";
-import { parseMp4 } from "../src/mp4";
-import { pixelsOf } from "../src/offsets";
+import { pixelsOf } from "../src/decode/h265-offsets";
+import { parseHvcC } from "../src/decode/hevc";
+import { parseMp4 } from "../src/decode/mp4";
+import { parseContainer } from "../src/reel/container";
 
 const bytes = new Uint8Array(readFileSync("../tests/data/golden/groups/0000.safetensors"));
 const video = parseContainer(bytes, "golden").tensors.offsets.bytes;

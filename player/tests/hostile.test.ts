@@ -4,10 +4,10 @@ import { readdirSync, readFileSync } from "node:fs";
 import { join } from "node:path";
 import { test } from "node:test";
 import "../fuzz/reader";
-import { decodeFile } from "../src/decode";
-import { decodeDraco } from "../src/draco";
-import { ReelError } from "../src/errors";
-import { parseManifest } from "../src/manifest";
+import { ReelError } from "../src/base/errors";
+import { decodeFile } from "../src/decode/decode-file";
+import { decodeDraco } from "../src/decode/draco";
+import { parseManifest } from "../src/reel/manifest";
 
 const FOLDER = join(process.cwd(), "../tests/data/hostile");
 const never = (): never => assert.fail("no picture of it may be decoded");

@@ -3,11 +3,11 @@ import assert from "node:assert/strict";
 import { readFileSync, readdirSync } from "node:fs";
 import { join } from "node:path";
 import { test } from "node:test";
+import { decodeFile } from "../src/decode/decode-file";
+import { plain, type Kernels } from "../src/decode/kernels";
+import type { Form, Klt } from "../src/decode/klt";
+import { wasmKernels } from "../src/decode/wasm";
 import code from "../wasm/kernels.wasm";
-import { decodeFile } from "../src/decode";
-import { plain, type Kernels } from "../src/kernels";
-import type { Form, Klt } from "../src/klt";
-import { wasmKernels } from "../src/wasm";
 
 const fast = wasmKernels(new WebAssembly.Module(code));
 const DATA = join(process.cwd(), "../tests/data");

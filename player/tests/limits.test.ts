@@ -1,9 +1,9 @@
 import assert from "node:assert/strict";
 import { test } from "node:test";
-import { OrbitCamera } from "../src/camera";
-import { Limits } from "../src/limits";
-import type { Manifest } from "../src/manifest";
-import { cross, dot, eyeOf, length, normalize, subtract, type Vec3 } from "../src/matrix";
+import { cross, dot, eyeOf, length, normalize, subtract, type Vec3 } from "../src/base/matrix";
+import { Limits } from "../src/camera/limits";
+import { OrbitCamera } from "../src/camera/orbit-camera";
+import type { Manifest } from "../src/reel/manifest";
 
 /** Cameras 4 from the origin, before it and to the left and right by 20 degrees; up is -y. */
 const lookAt = (eye: Vec3): number[] => {

@@ -3,9 +3,10 @@ import { readFileSync } from "node:fs";
 import { join } from "node:path";
 import { test } from "node:test";
 import { deflateRawSync } from "node:zlib";
-import { download, type Source } from "../src/download";
-import { LocalFiles, type Part } from "../src/local-files";
-import { readManifest, sourceOf } from "../src/manifest";
+import { download } from "../src/files/download";
+import { LocalFiles } from "../src/files/local-files";
+import type { Part, Source } from "../src/files/source";
+import { readManifest, sourceOf } from "../src/reel/manifest";
 
 const GOLDEN = join(process.cwd(), "../tests/data/golden");
 const quiet = { received: () => undefined, trouble: () => undefined };

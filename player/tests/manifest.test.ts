@@ -2,7 +2,7 @@ import assert from "node:assert/strict";
 import { readFileSync } from "node:fs";
 import { join } from "node:path";
 import { test } from "node:test";
-import { fileOf, parseManifest } from "../src/manifest";
+import { fileOf, parseManifest } from "../src/reel/manifest";
 
 const TEXT = readFileSync(join(process.cwd(), "../tests/data/golden-predictive/manifest.json"), "utf8");
 const URL = "https://example.org/reel/manifest.json";

@@ -1,7 +1,7 @@
 import assert from "node:assert/strict";
 import { test } from "node:test";
-import { float, hitsAt, middleDepth } from "../src/pick";
-import { half } from "../src/textures";
+import { float, hitsAt, middleDepth } from "../src/draw/pick";
+import { half } from "../src/draw/textures";
 
 const pair = (low: number, high: number): number => (half(low) | (half(high) << 16)) >>> 0;
 const bits = (value: number): number => new Uint32Array(Float32Array.of(value).buffer)[0];

@@ -1,6 +1,6 @@
 import assert from "node:assert/strict";
 import { test } from "node:test";
-import { groupAt, momentAt, momentOf, staticFlags, staticWeights } from "../src/timeline";
+import { groupAt, momentAt, momentOf, staticFlags, staticWeights } from "../src/reel/timeline";
 
 const groups = [{ firstFrame: 0, frames: 35 }, { firstFrame: 30, frames: 35 }, { firstFrame: 60, frames: 30 }];
 

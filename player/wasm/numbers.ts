@@ -1,6 +1,6 @@
 /**
- * The hot loops of the predictive codec for WebAssembly, in AssemblyScript: the same arithmetic as ../src/entropy.ts, field.ts and klt.ts, and the
- * same numbers bit by bit. Arrays are addresses in this module's memory, which ../src/wasm.ts lays out. What a file claims never decides where is
+ * The hot loops of the predictive codec for WebAssembly, in AssemblyScript: the same arithmetic as ../src/decode/entropy.ts, lod-prediction.ts and klt.ts, and the
+ * same numbers bit by bit. Arrays are addresses in this module's memory, which ../src/decode/wasm.ts lays out. What a file claims never decides where is
  * read or written: words and bits are counted against their ends, contexts and neighbours are made here or by the caller.
  */
 
@@ -35,7 +35,7 @@ let wordsEnd: usize = 0;
 let raw: usize = 0;
 let rawBytes: u32 = 0;
 
-/** lookup: u32 [contexts, 4096] as in ../src/entropy.ts; states: u32 [lanes]; words: u16 [wordCount]; raw: rawBytes and 8 zeros. */
+/** lookup: u32 [contexts, 4096] as in ../src/decode/entropy.ts; states: u32 [lanes]; words: u16 [wordCount]; raw: rawBytes and 8 zeros. */
 export function open(lookupAt: usize, statesAt: usize, laneCount: u32, wordsAt: usize, wordCount: u32, rawAt: usize, bytes: u32): void {
   lookup = lookupAt;
   states = statesAt;

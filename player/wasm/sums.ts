@@ -1,4 +1,4 @@
-/** Sums over the basis of a `klt` section, and what textures hold of them, for WebAssembly: twins of ../src/klt.ts. */
+/** Sums over the basis of a `klt` section, and what textures hold of them, for WebAssembly: twins of ../src/decode/klt.ts. */
 
 @external("env", "sin") declare function sin(x: f64): f64;
 @external("env", "cos") declare function cos(x: f64): f64;

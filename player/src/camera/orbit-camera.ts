@@ -1,0 +1,327 @@
+/** A camera that orbits a pivot, with inertia and soft limits. It starts exactly at a camera of the reel. */
+import { add, cross, dot, eyeOf, length, normalize, rotate, scale, subtract, viewmatOf, type Vec3 } from "../base/matrix";
+import { axesOf, quatOf, type Quat } from "../base/quaternion";
+import type { View } from "../base/view";
+import type { Camera, Manifest } from "../reel/manifest";
+import { CameraPath } from "./camera-path";
+import { Limits } from "./limits";
+import { between, type CameraState } from "./pose";
+
+/** How fast a flick dies away and a key takes hold, per second. */
+const FRICTION = 6;
+/** How fast the camera comes back from beyond its limits, per second. */
+const PULL = 5;
+/** Closest the view comes to straight up or down, radians. */
+const POLE = 0.1;
+/** Of a screen of another shape than the picture: one side of the picture is shown to at least 1 / this. */
+const CROP = 1.4;
+/** Of an upright screen, the part of its height that the picture is to have, and what may become of its width then. */
+const TALL = 0.7;
+const TALL_CROP = 2.5;
+/** A focus that is farther from the middle of an upright screen, in halves of its width, is brought there. */
+const ASIDE = 0.2;
+/** Seconds a change of pose takes. */
+const GLIDE = 0.5;
+
+/** Velocities: turns about the pivot (radians a second), moves (pivot distances a second), zoom (factors of e a second). */
+export interface Motion {
+  yaw: number;
+  pitch: number;
+  right: number;
+  down: number;
+  forward: number;
+  zoom: number;
+}
+
+const STILL: Motion = { yaw: 0, pitch: 0, right: 0, down: 0, forward: 0, zoom: 0 };
+const AXES = Object.keys(STILL) as (keyof Motion)[];
+
+export class OrbitCamera {
+  /** No inertia, no gliding: for people who asked for less motion. */
+  calm = false;
+  /** What keys ask for; zero when none is down. */
+  thrust: Motion = { ...STILL };
+  /** A hand holds the picture: limits wait. */
+  held = false;
+
+  private readonly up: Vec3;
+  private readonly home: Camera;
+  /** Least depth to draw, world units. */
+  readonly near: number;
+  private readonly limits: Limits;
+  private start: CameraState;
+  private readonly poses: CameraState[];
+  private pivot: Vec3 = [0, 0, 0];
+  private eye: Vec3 = [0, 0, 0];
+  private right: Vec3 = [1, 0, 0];
+  private down: Vec3 = [0, 1, 0];
+  private forward: Vec3 = [0, 0, 1];
+  private velocity: Motion = { ...STILL };
+  private glide: { from: CameraState; to: CameraState; at: number } | null = null;
+  private ride: { path: CameraPath; at: number; cut: boolean } | null = null;
+  private flight: CameraPath | null = null;
+  private moved = false;
+
+  /** screen: what it begins on, CSS pixels. */
+  constructor(manifest: Manifest, screen?: { clientWidth: number; clientHeight: number }) {
+    const { up, camera, cameras, near } = manifest;
+    this.up = normalize(up);
+    this.home = camera;
+    // Nearer than the capture was trained to be drawn: people walk up to things.
+    this.near = 0.4 * near;
+    this.limits = new Limits(manifest);
+    this.start = this.stateOf(camera);
+    this.poses = cameras.map((item) => this.stateOf(item));
+    this.state = this.start;
+    if (screen) this.fit(screen.clientWidth, screen.clientHeight);
+  }
+
+  get viewmat(): number[] {
+    return viewmatOf(this.eye, this.right, this.down, this.forward);
+  }
+
+  /** Take a pose [16], world to camera; the pivot stays at its distance in front. */
+  set viewmat(m: number[]) {
+    this.state = { eye: eyeOf(m), turn: turnOf(m), distance: this.distance };
+  }
+
+  get state(): CameraState {
+    return { eye: this.eye, turn: quatOf([this.right, this.down, this.forward]), distance: this.distance };
+  }
+
+  set state(state: CameraState) {
+    [this.glide, this.ride, this.moved] = [null, null, false];
+    this.velocity = { ...STILL };
+    this.place(state);
+  }
+
+  /** Begin so that the reel's focus is in the middle of an upright screen, whose sides cut off much of the picture. */
+  private fit(width: number, height: number): void {
+    const { viewmat: m, fx } = this.view(width, height);
+    const { focus } = this.limits;
+    const [x, z] = [0, 8].map((i) => m[i] * focus[0] + m[i + 1] * focus[1] + m[i + 2] * focus[2] + m[i + 3]);
+    if (height <= width || z <= 0 || Math.abs((fx * x) / z) < (ASIDE * width) / 2) return;
+    const yaw = this.yawTo(subtract(focus, this.eye));
+    const turn = quatOf([this.right, this.down, this.forward].map((axis) => rotate(axis, this.up, yaw)) as [Vec3, Vec3, Vec3]);
+    this.state = this.start = { ...this.start, turn };
+  }
+
+  /** Back to the reel's own camera. */
+  reset(): void {
+    this.glideTo(this.start);
+  }
+
+  /** Go to the camera of the capture that is `step` beyond the nearest one. */
+  visit(step: number): void {
+    const { poses } = this;
+    if (poses.length === 0) return;
+    const here = this.glide?.to.eye ?? this.eye;
+    const distances = poses.map((pose) => length(subtract(pose.eye, here)));
+    const nearest = distances.indexOf(Math.min(...distances));
+    this.glideTo(poses[(nearest + step + poses.length) % poses.length]);
+  }
+
+  /** The path that it follows, and the seconds of it that have passed. */
+  get following(): Readonly<{ path: CameraPath; at: number }> | null {
+    return this.ride;
+  }
+
+  /** Follow a path from some seconds on, until a hand is on the camera; null: stop. cut: from keyframe to keyframe without a move. */
+  follow(path: CameraPath | null, at = 0, cut = false): void {
+    [this.glide, this.moved, this.ride] = [null, false, path && { path, at, cut }];
+    this.velocity = { ...STILL };
+  }
+
+  get flying(): boolean {
+    return this.flight !== null && this.ride?.path === this.flight;
+  }
+
+  /** Fly through the cameras of the capture, or stop. */
+  fly(on: boolean): void {
+    this.flight = on && this.poses.length > 1 ? CameraPath.through(this.viewmat, this.poses.map(viewmatOfState)) : null;
+    this.follow(this.flight, 0, this.calm);
+  }
+
+  /** Turn to a point seen at camera coordinates, and orbit about it from now on. */
+  focus([x, y, z]: Vec3): void {
+    const point = add(add(this.eye, scale(this.right, x)), add(scale(this.down, y), scale(this.forward, z)));
+    const forward = normalize(subtract(point, this.eye));
+    const axis = cross(this.forward, forward);
+    const angle = Math.atan2(length(axis), dot(this.forward, forward));
+    const turned = (v: Vec3): Vec3 => (angle > 1e-6 ? rotate(v, normalize(axis), angle) : v);
+    this.glideTo({ eye: this.eye, turn: quatOf([turned(this.right), turned(this.down), forward]), distance: length(subtract(point, this.eye)) });
+  }
+
+  /** Turn about the pivot, in radians: positive yaw moves the picture to the right, positive pitch down. */
+  orbit(yaw: number, pitch: number): void {
+    this.touch();
+    const angle = Math.acos(Math.min(Math.max(dot(this.forward, this.up), -1), 1));
+    // A positive turn about `right` lifts the forward axis, and so shrinks its angle to up.
+    const turn = Math.min(Math.max(-pitch, Math.min(angle - Math.PI + POLE, 0)), Math.max(angle - POLE, 0));
+    const about = (v: Vec3): Vec3 => rotate(rotate(v, this.right, turn), this.up, -yaw);
+    const back = about(subtract(this.eye, this.pivot));
+    [this.right, this.down, this.forward] = [about(this.right), about(this.down), about(this.forward)];
+    this.forward = normalize(this.forward);
+    this.right = normalize(cross(this.down, this.forward));
+    this.down = cross(this.forward, this.right);
+    this.eye = add(this.pivot, back);
+  }
+
+  /** Shift view and pivot so that the pivot moves by pixels on a screen of this focal length. */
+  pan(dx: number, dy: number, focal: number): void {
+    this.walk(-dx / focal, -dy / focal, 0);
+  }
+
+  /** Shift view and pivot, in distances of the pivot. */
+  walk(right: number, down: number, forward: number): void {
+    this.touch();
+    const shift = scale(add(add(scale(this.right, right), scale(this.down, down)), scale(this.forward, forward)), this.distance);
+    this.eye = add(this.eye, shift);
+    this.pivot = add(this.pivot, shift);
+  }
+
+  /** Multiply the distance to the pivot. */
+  zoom(factor: number): void {
+    this.touch();
+    const back = subtract(this.eye, this.pivot);
+    const distance = length(back);
+    this.eye = add(this.pivot, scale(back, Math.max(distance * factor, 0.01 * this.limits.extent) / distance));
+  }
+
+  /** Let a drag go on with this angular velocity (radians a second). */
+  flick(yaw: number, pitch: number): void {
+    this.velocity = this.calm ? { ...STILL } : { ...STILL, yaw, pitch };
+  }
+
+  /** Advance what moves by itself; true while the camera does. */
+  step(seconds: number): boolean {
+    if (this.ride) return this.stepAlong(this.ride, seconds);
+    if (this.glide) return this.stepGlide(seconds);
+    const { velocity, thrust } = this;
+    const gain = this.calm ? 1 : 1 - Math.exp(-FRICTION * seconds);
+    for (const axis of AXES) velocity[axis] += (thrust[axis] - velocity[axis]) * gain;
+    const moving = AXES.some((axis) => Math.abs(velocity[axis]) > 0.02 || thrust[axis] !== 0);
+    if (!moving) this.velocity = { ...STILL };
+    else {
+      const by = (axis: keyof Motion): number => velocity[axis] * seconds;
+      if (by("yaw") || by("pitch")) this.orbit(by("yaw"), by("pitch"));
+      if (by("right") || by("down") || by("forward")) this.walk(by("right"), by("down"), by("forward"));
+      if (by("zoom")) this.zoom(Math.exp(by("zoom")));
+    }
+    return this.stepBack(seconds) || moving;
+  }
+
+  /** The view in a picture of width x height pixels, its field of view that of the reel's camera. */
+  view(width: number, height: number): View {
+    const { K, width: w, height: h } = this.home;
+    const whole = Math.min(width / w, height / h);
+    const filled = Math.max(width / w, height / h);
+    // Fill a screen of another shape where little is lost by it. On an upright one a strip would be left of a wide picture:
+    // there it takes most of the height, of which its own sides are the price.
+    const most = height > width ? Math.max(CROP, Math.min((TALL * filled) / whole, TALL_CROP)) : CROP;
+    const zoom = Math.min(filled, most * whole);
+    return {
+      viewmat: this.viewmat,
+      fx: K[0] * zoom,
+      fy: K[4] * zoom,
+      cx: width / 2 + (K[2] - w / 2) * zoom,
+      cy: height / 2 + (K[5] - h / 2) * zoom,
+      width,
+      height,
+      near: this.near,
+    };
+  }
+
+  private get distance(): number {
+    return length(subtract(this.pivot, this.eye));
+  }
+
+  /** A hand is on it: nothing else moves it any more. */
+  private touch(): void {
+    [this.glide, this.ride, this.moved] = [null, null, true];
+  }
+
+  private place({ eye, turn, distance }: CameraState): void {
+    this.eye = eye;
+    [this.right, this.down, this.forward] = axesOf(turn);
+    this.pivot = add(eye, scale(this.forward, distance));
+  }
+
+  /** The pivot of a camera of the capture is what lies in the middle of the scene's depth. */
+  private stateOf({ viewmat: m }: Pick<Camera, "viewmat">): CameraState {
+    const { center, extent } = this.limits;
+    const ahead = dot(subtract(center, eyeOf(m)), [m[8], m[9], m[10]]);
+    return { eye: eyeOf(m), turn: turnOf(m), distance: ahead > 0.05 * extent ? ahead : 0.5 * extent };
+  }
+
+  private glideTo(to: CameraState): void {
+    this.follow(null);
+    this.glide = { from: this.state, to, at: this.calm ? 1 : 0 };
+  }
+
+  private stepGlide(seconds: number): boolean {
+    const glide = this.glide!;
+    glide.at = Math.min(glide.at + seconds / GLIDE, 1);
+    const t = glide.at * glide.at * (3 - 2 * glide.at);
+    this.place(t < 1 ? between(glide.from, glide.to, t) : glide.to);
+    if (t === 1) this.glide = null;
+    return true;
+  }
+
+  private stepAlong(ride: { path: CameraPath; at: number; cut: boolean }, seconds: number): boolean {
+    ride.at += seconds;
+    const { path, at, cut } = ride;
+    this.place(this.stateOf(path.at(at, cut)));
+    if (!path.loop && at >= path.seconds) this.ride = null;
+    return true;
+  }
+
+  /** How much of the picture is to fade, 0 to 1, because people went where no camera looked from. */
+  get beyond(): number {
+    return this.moved ? this.limits.fade(this.eye) : 0;
+  }
+
+  /** Come back from beyond the limits, once people have left them and let go; from below the floor at once. */
+  private stepBack(seconds: number): boolean {
+    if (!this.moved) return false;
+    const { limits, held } = this;
+    const gain = this.calm ? 1 : 1 - Math.exp(-PULL * seconds);
+    const shift = scale(subtract(held ? this.pivot : limits.middle(this.pivot), this.pivot), gain);
+    this.pivot = add(this.pivot, shift);
+    this.eye = add(this.eye, shift);
+    const eye = held ? limits.above(this.eye, gain) : limits.eye(this.eye, gain);
+    if (length(shift) + length(subtract(eye, this.eye)) <= 1e-4 * limits.extent) return false;
+    this.eye = eye;
+    this.aim();
+    return true;
+  }
+
+  /** The turn about `up` after which what lies in a direction is straight ahead, or above or below that, radians. */
+  private yawTo(direction: Vec3): number {
+    const level = (v: Vec3): Vec3 => subtract(v, scale(this.up, dot(v, this.up)));
+    const [a, b] = [level(this.forward), level(direction)];
+    return Math.atan2(dot(cross(a, b), this.up), dot(a, b));
+  }
+
+  /** Look at the pivot again, turning about `up` and then up or down: the horizon stays. */
+  private aim(): void {
+    const to = normalize(subtract(this.pivot, this.eye));
+    const yaw = this.yawTo(to);
+    const height = (v: Vec3): number => Math.asin(Math.min(Math.max(dot(v, this.up), -1), 1));
+    const pitch = height(to) - height(this.forward);
+    const across = normalize(cross(to, this.up));
+    const about = (v: Vec3): Vec3 => rotate(rotate(v, this.up, yaw), across, pitch);
+    [this.right, this.down] = [about(this.right), about(this.down)];
+    this.forward = to;
+    this.right = normalize(cross(this.down, this.forward));
+    this.down = cross(this.forward, this.right);
+  }
+}
+
+function turnOf(m: number[]): Quat {
+  return quatOf([[m[0], m[1], m[2]], [m[4], m[5], m[6]], [m[8], m[9], m[10]]]);
+}
+
+function viewmatOfState({ eye, turn }: CameraState): number[] {
+  return viewmatOf(eye, ...axesOf(turn));
+}

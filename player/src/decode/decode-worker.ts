@@ -1,0 +1,74 @@
+/** Fetches and decodes the files of a reel, one message a file; each video track gets a worker of its own. */
+import code from "../../wasm/kernels.wasm";
+import { ReelError, messageOf } from "../base/errors";
+import { download } from "../files/download";
+import type { Source } from "../files/source";
+import { besideWorker, failureOf, openWorker } from "../files/workers";
+import { buffersOf, decodeFile, type DecodedFile } from "./decode-file";
+import { decodeDraco } from "./draco";
+import { plain, type Kernels } from "./kernels";
+import type { Track } from "./mp4";
+import { wasmKernels } from "./wasm";
+
+/** Get and decode a file, or stop doing so. */
+export type DecodeRequest = { id: number; source: Source } | { id: number; cancel: true };
+
+/** Bytes as they come, trouble that is being worked on, and in the end a file, or why there is none. */
+export type DecodeReply = { id: number } & (
+  | { received: number }
+  | { trouble: string }
+  | { file: DecodedFile; milliseconds: number }
+  | { error: string; plain?: string | undefined }
+);
+
+const scope = self as unknown as { onmessage: (event: MessageEvent<DecodeRequest>) => void; postMessage(message: DecodeReply, transfer?: Transferable[]): void };
+const running = new Map<number, AbortController>();
+const kernels = fastest();
+
+scope.onmessage = async ({ data }) => {
+  const { id } = data;
+  if ("cancel" in data) return running.get(id)?.abort();
+  const controller = new AbortController();
+  running.set(id, controller);
+  try {
+    const watcher = {
+      received: (bytes: number) => scope.postMessage({ id, received: bytes }),
+      trouble: (why: string) => scope.postMessage({ id, trouble: why }),
+    };
+    const { source } = data;
+    const bytes = await download(source, watcher, controller.signal);
+    const began = performance.now();
+    const file = await decodeFile(bytes, source.url, decodeDraco, decodeInWorker, await kernels);
+    scope.postMessage({ id, file, milliseconds: performance.now() - began }, buffersOf(file));
+  } catch (error) {
+    scope.postMessage({ id, error: messageOf(error), plain: error instanceof ReelError ? error.plain : undefined });
+  }
+  running.delete(id);
+};
+
+/** Those by WebAssembly where the browser has it, with vectors, and the page's policy lets it run. */
+async function fastest(): Promise<Kernels> {
+  try {
+    return wasmKernels(await WebAssembly.compile(code));
+  } catch {
+    return plain;
+  }
+}
+
+const idle: Worker[] = [];
+
+function decodeInWorker(track: Track): Promise<Uint8Array> {
+  const worker = idle.pop() ?? openWorker(besideWorker("hevc-worker.js"));
+  return new Promise((resolve, reject) => {
+    worker.onmessage = ({ data }: MessageEvent<{ planes?: Uint8Array; error?: string }>) => {
+      idle.push(worker);
+      if (data.planes) resolve(data.planes);
+      else reject(new ReelError(data.error ?? "the video decoder failed"));
+    };
+    worker.onerror = (event) => {
+      worker.terminate();
+      reject(new ReelError(`the video decoder failed (${failureOf(event)})`));
+    };
+    worker.postMessage(track, [track.hvcC.buffer as ArrayBuffer, ...track.samples.map((sample) => sample.buffer as ArrayBuffer)]);
+  });
+}

@@ -1,0 +1,131 @@
+/** `linear`, `vq` and `bits` sections: packed integers, deflated or not, back to numbers (docs/format.md). */
+import { ReelError, inSection, messageOf } from "../base/errors";
+import type { Container, Section } from "../reel/container";
+
+/** What a reel's files hold at most. */
+export const MAX_STATIC = 2 ** 26;
+
+/** Bytes that `count` integers of `bits` bits are packed into. */
+export function packedSize(count: number, bits: number): number {
+  return bits > 8 ? count + Math.ceil((count * (bits - 8)) / 8) : Math.ceil((count * bits) / 8);
+}
+
+/** Integers [count] of 1 to 16 bits: the low bytes of all, then the bits above, without gaps, lowest bit first. */
+export function unpack(data: Uint8Array, bits: number, count: number): Uint16Array {
+  const result = new Uint16Array(count);
+  let shift = 0;
+  if (bits > 8) {
+    for (let i = 0; i < count; i++) result[i] = data[i];
+    data = data.subarray(count);
+    bits -= 8;
+    shift = 8;
+  }
+  const mask = (1 << bits) - 1;
+  for (let i = 0, bit = 0; i < count; i++, bit += bits) {
+    const at = bit >> 3;
+    const pair = data[at] | ((data[at + 1] ?? 0) << 8);
+    result[i] |= ((pair >> (bit & 7)) & mask) << shift;
+  }
+  return result;
+}
+
+/** Undo zlib where the section says so, to exactly `size` bytes, or at most that many if not `exact`. */
+export async function inflate(data: Uint8Array, deflated: boolean, size: number, exact = true): Promise<Uint8Array> {
+  if (deflated) data = await inflateUpTo(data, size);
+  if (data.byteLength > size || (exact && data.byteLength < size)) throw new ReelError(`it holds ${data.byteLength} bytes, expected ${size}`);
+  return data;
+}
+
+/** Stops soon after `size` bytes: a small stream may claim gigabytes. */
+async function inflateUpTo(data: Uint8Array, size: number): Promise<Uint8Array> {
+  const reader = new Blob([data as BlobPart]).stream().pipeThrough(new DecompressionStream("deflate")).getReader();
+  const parts: Uint8Array[] = [];
+  let length = 0;
+  while (length <= size) {
+    const { done, value } = await reader.read().catch((error: unknown) => {
+      throw new ReelError(`it is no zlib stream (${messageOf(error)})`);
+    });
+    if (done) break;
+    parts.push(value);
+    length += value.byteLength;
+  }
+  if (length > size) await reader.cancel();
+  const result = new Uint8Array(length);
+  let at = 0;
+  for (const part of parts) {
+    result.set(part, at);
+    at += part.byteLength;
+  }
+  return result;
+}
+
+/** Integers [columns * rows] of a section, column by column. */
+export async function integers(file: Container, name: string, bits: number, count: number): Promise<Uint16Array> {
+  return inSection(name, async () => {
+    const plain = await inflate(tensor(file, name), file.sections[name].deflate === true, packedSize(count, bits));
+    return unpack(plain, bits, count);
+  });
+}
+
+/** Values [rows, columns] of a `linear` section. */
+export async function linear(file: Container, name: string, rows: number, columns: number): Promise<Float32Array> {
+  const section = sectionOf(file, name, "linear");
+  const bits = await inSection(name, () => whole(section, "bits", 1, 16));
+  const low = await inSection(name, () => numbersOf(section, "min", columns));
+  const high = await inSection(name, () => numbersOf(section, "max", columns));
+  const q = await integers(file, name, bits, rows * columns);
+  const values = new Float32Array(rows * columns);
+  for (let c = 0; c < columns; c++) {
+    const step = (high[c] - low[c]) / ((1 << bits) - 1);
+    for (let r = 0; r < rows; r++) {
+      const value = low[c] + q[c * rows + r] * step;
+      values[r * columns + c] = section.log === true ? 2 ** value : value;
+    }
+  }
+  return values;
+}
+
+/** Flags [count], 0 or 1, of a `bits` section. */
+export async function flags(file: Container, name: string): Promise<Uint8Array> {
+  const section = sectionOf(file, name, "bits");
+  const count = await inSection(name, () => whole(section, "count", 0, MAX_STATIC));
+  return Uint8Array.from(await integers(file, name, 1, count));
+}
+
+/** A whole number of a section's parameters. */
+export function whole(section: Section, name: string, low: number, high: number): number {
+  const value = section[name];
+  if (!Number.isInteger(value) || (value as number) < low || (value as number) > high) {
+    throw new ReelError(`its ${name} is ${short(value)}, not a whole number from ${low} to ${high}`);
+  }
+  return value as number;
+}
+
+/** A list of numbers that a float32 holds. */
+export function numbersOf(section: Section, name: string, count: number): number[] {
+  const value = section[name];
+  if (!Array.isArray(value) || value.length !== count || !value.every((item) => typeof item === "number" && Math.abs(item) <= 3e38)) {
+    throw new ReelError(`its ${name} is ${short(value)}, not ${count} numbers`);
+  }
+  return value as number[];
+}
+
+export function short(value: unknown): string {
+  return (JSON.stringify(value) ?? "missing").slice(0, 60);
+}
+
+/** A section's parameters, if its codec is the one this player knows for it. */
+export function sectionOf(file: Container, name: string, codec: string): Section {
+  const section = file.sections[name];
+  if (!section) throw new ReelError(`it has no section ${name}`);
+  if (section.codec !== codec) {
+    throw new ReelError(`section ${name} has the codec ${short(section.codec)}; this player knows ${codec}`);
+  }
+  return section;
+}
+
+export function tensor(file: Container, name: string): Uint8Array {
+  const found = file.tensors[name];
+  if (!found) throw new ReelError(`it has no data for section ${name}`);
+  return found.bytes;
+}

@@ -1,0 +1,61 @@
+/** Draco point clouds to integer or float positions, by the WASM decoder of npm draco3d. Runs in a worker. */
+import { ReelError } from "../base/errors";
+import { besideWorker } from "../files/workers";
+
+interface DracoModule {
+  Decoder: new () => DracoDecoder;
+  PointCloud: new () => DracoCloud;
+  POSITION: number;
+  HEAPU8: Uint8Array;
+  _malloc(bytes: number): number;
+  _free(pointer: number): void;
+  DT_FLOAT32: number;
+  destroy(object: object): void;
+}
+interface DracoDecoder {
+  DecodeArrayToPointCloud(bytes: Int8Array, size: number, cloud: DracoCloud): { ok(): boolean; error_msg(): string };
+  GetAttributeId(cloud: DracoCloud, type: number): number;
+  GetAttribute(cloud: DracoCloud, id: number): object;
+  GetAttributeDataArrayForAllPoints(cloud: DracoCloud, attribute: object, type: number, bytes: number, pointer: number): boolean;
+}
+interface DracoCloud {
+  num_points(): number;
+}
+
+declare const DracoDecoderModule: (options: object) => Promise<DracoModule>;
+declare const importScripts: (url: string) => void;
+
+let loading: Promise<DracoModule> | undefined;
+
+function loadDraco(): Promise<DracoModule> {
+  loading ??= (async () => {
+    importScripts(besideWorker("draco-decode.js").href);
+    return DracoDecoderModule({ locateFile: (name: string) => besideWorker(name).href });
+  })();
+  return loading;
+}
+
+/** Positions [N, 3] in the order of the file. */
+export async function decodeDraco(bytes: Uint8Array): Promise<Float32Array> {
+  // A cloud of one attribute of three numbers; each more takes memory.
+  if (bytes.length < 21 || bytes[15] !== 1 || bytes[16] !== 1 || bytes[19] !== 3) throw new ReelError("The positions of a file are a cloud of more than positions.");
+  const draco = await loadDraco();
+  const decoder = new draco.Decoder();
+  const cloud = new draco.PointCloud();
+  try {
+    const status = decoder.DecodeArrayToPointCloud(new Int8Array(bytes.slice().buffer), bytes.byteLength, cloud);
+    if (!status.ok()) throw new ReelError(`The positions of a file cannot be decoded (${status.error_msg()}).`);
+    const id = decoder.GetAttributeId(cloud, draco.POSITION);
+    if (id < 0) throw new ReelError("The positions of a file hold no positions.");
+    const attribute = decoder.GetAttribute(cloud, id);
+    const size = cloud.num_points() * 12;
+    const pointer = draco._malloc(size);
+    decoder.GetAttributeDataArrayForAllPoints(cloud, attribute, draco.DT_FLOAT32, size, pointer);
+    const result = new Float32Array(draco.HEAPU8.slice(pointer, pointer + size).buffer);
+    draco._free(pointer);
+    return result;
+  } finally {
+    draco.destroy(cloud);
+    draco.destroy(decoder);
+  }
+}

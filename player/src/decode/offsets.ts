@@ -1,0 +1,25 @@
+/** What changes of a group's points over its frames: motion, color and opacity. */
+import type { Texture } from "./klt";
+
+/** [T, N, 4]: red, green and blue of the DC term, and the opacity. */
+export type Appearance = Texture<Uint8Array>;
+
+/**
+ * Offsets as the integers they were stored as, one texel a point: the vertex stage undoes the quantisation.
+ * dx = dxMin + value * dxStep; dq = dqMin + value * dqStep, to be normalised.
+ */
+export interface Offsets {
+  frames: number;
+  /** [T, N, 4]; the fourth channel is unused. */
+  dx: Uint16Array;
+  /** [T, N, 4] wxyz */
+  dq: Uint8Array;
+  dxMin: number[];
+  dxStep: number[];
+  dqMin: number[];
+  dqStep: number[];
+  /** Whether dq turns about the world's axes, after the points' own rotations; else about those that these have made of them. */
+  worldly: boolean;
+  /** Null where colour and opacity stay. */
+  shade: Appearance | null;
+}

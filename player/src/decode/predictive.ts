@@ -1,0 +1,216 @@
+/** Points and offsets of the predictive codec: whole numbers back to Gaussians (docs/format.md). */
+import { ReelError, inSection } from "../base/errors";
+import type { Container, Section } from "../reel/container";
+import { toShapes } from "./covariance";
+import { sectionOf, tensor } from "./dequantize";
+import { EntropyDecoder, unzigzag } from "./entropy";
+import type { Gaussians } from "./gaussians";
+import type { Kernels } from "./kernels";
+import { coded, primaries, type Form, type Klt } from "./klt";
+import type { Levels } from "./lod-prediction";
+import type { Offsets } from "./offsets";
+
+/** Kinds of quantities: a point has a class of each, and steps of 2^class. */
+const SHAPE = 0;
+export const COLOR = 1;
+const MOTION = 2;
+/** Numbers of a basis, K D, at most. */
+const MOST_BASIS = 2 ** 20;
+const MOVES: Form = { turn: "nothing", rest: [0, 0, 0, 0], most: 65535 };
+const TURNS: Form = { turn: "quaternion", rest: [1, 0, 0, 0], most: 255 };
+
+/** What decoding the values of points needs to know of them. */
+export interface Neighbourhood {
+  levels: Levels;
+  /** [3][N] */
+  classes: Uint8Array[];
+  kernels: Kernels;
+}
+
+export async function decodePredictive(file: Container, kernels: Kernels): Promise<{ points: Gaussians; here: Neighbourhood }> {
+  const count = file.points;
+  const { lattice, ...cells } = await inSection("means", () => decodeLattice(file, count));
+  const levels = kernels.levelsOf(lattice);
+  const here = { levels, classes: await decodeClasses(file, levels, kernels), kernels };
+  const means = await inSection("places", () => decodePlaces(file, lattice, cells, here.classes[MOTION]));
+  const { quats, scales } = toShapes(await values(file, "shapes", SHAPE, 6, here));
+  const opacities = await values(file, "opacities", SHAPE, 1, here);
+  const shBase = await values(file, "sh_base", COLOR, 3, here);
+  const rest = file.sections.sh_rest ? await decodeRest(file, here) : { shRest: new Uint32Array(count), codebook: new Float32Array(), shDegree: 0 };
+  for (let i = 0; i < count; i++) {
+    primaries(shBase, 3 * i);
+    opacities[i] = Math.min(Math.max(opacities[i], 0), 1);
+  }
+  const plain = { means, quats, scales, opacities: new Float32Array(opacities), shBase: new Float32Array(shBase) };
+  return { points: { count, ...plain, ...rest }, here };
+}
+
+/** Offsets [T] at the frames, as whole numbers over their own ranges: see `Offsets`. */
+export async function decodeMotion(file: Container, here: Neighbourhood): Promise<Omit<Offsets, "shade">> {
+  const { frames, points: count } = file;
+  if (!(Number.isInteger(frames) && frames >= 1 && frames * count <= 2 ** 26)) throw new ReelError(`it claims ${frames} frames`);
+  const moves = await inSection("dx", () => here.kernels.decodeTexture(kltOf(file, "dx", MOTION, frames, 3, here), MOVES));
+  const turns = await inSection("dq", () => here.kernels.decodeTexture(kltOf(file, "dq", MOTION, frames, 3, here), TURNS));
+  return {
+    frames,
+    dx: moves.data as Uint16Array,
+    dxMin: moves.min.slice(0, 3),
+    dxStep: moves.step.slice(0, 3),
+    dq: turns.data as Uint8Array,
+    dqMin: turns.min,
+    dqStep: turns.step,
+    worldly: true,
+  };
+}
+
+/** What the positions in a lattice mean: `min` + `step` times them, and how many bits the finest points have for their place in a cell. */
+interface Cells {
+  low: number[];
+  step: number;
+  finer: number;
+}
+
+function decodeLattice(file: Container, count: number): Cells & { lattice: Float64Array } {
+  const section = sectionOf(file, "means", "lattice");
+  const low = section.min as number[];
+  const finer = section.finer as number;
+  const step = stepOf(section);
+  if (!(Number.isInteger(finer) && finer >= 0 && finer <= 7)) throw new ReelError(`its points have ${JSON.stringify(finer)} bits more`);
+  if (!Array.isArray(low) || low.length !== 3 || !low.every(Number.isFinite)) throw new ReelError("its positions have no origin");
+  const decoder = new EntropyDecoder(tensor(file, "means"), 1);
+  const lattice = new Float64Array(3 * count);
+  let code = 0;
+  for (let i = 0; i < count; i++) {
+    code += decoder.nextLarge(0);
+    if (code >= 2 ** 51) throw new ReelError("its positions leave their lattice");
+    const high = Math.floor(code / 2 ** 24);
+    const rest = code - high * 2 ** 24;
+    for (let a = 0; a < 3; a++) lattice[3 * i + a] = everyThird(rest >> a) | (everyThird(high >> a) << 8);
+  }
+  decoder.finish();
+  return { lattice, low, step, finer };
+}
+
+/** Positions [N, 3]: a point of class c has `finer` - c bits along each axis for its place in its cell, the lowest ones of all points first. */
+function decodePlaces(file: Container, lattice: Float64Array, { low, step, finer }: Cells, classes: Uint8Array): Float32Array {
+  sectionOf(file, "places", "plain");
+  const data = tensor(file, "places");
+  let total = 0;
+  for (const kind of classes) total += 3 * Math.max(finer - kind, 0);
+  if (data.length !== (total + 7) >> 3) throw new ReelError(`it holds ${data.length} bytes where its points have ${total} bits`);
+  const places = new Uint8Array(lattice.length);
+  for (let b = 0, bit = 0; b < finer; b++) {
+    for (let i = 0; i < classes.length; i++) {
+      if (finer - classes[i] <= b) continue;
+      for (let at = 3 * i; at < 3 * i + 3; at++, bit++) places[at] |= ((data[bit >> 3] >> (bit & 7)) & 1) << b;
+    }
+  }
+  const means = new Float32Array(lattice.length);
+  for (let i = 0, at = 0; i < classes.length; i++) {
+    const parts = 2 ** Math.max(finer - classes[i], 0);
+    for (let a = 0; a < 3; a++, at++) means[at] = low[a] + (lattice[at] + (2 * places[at] + 1 - parts) / (2 * parts)) * step;
+  }
+  return means;
+}
+
+/** Bits 0, 3, 6, ... of a number of at most 27 bits. */
+function everyThird(code: number): number {
+  let bits = code & 0x1249249;
+  bits = (bits | (bits >> 2)) & 0x10c30c3;
+  bits = (bits | (bits >> 4)) & 0x100f00f;
+  bits = (bits | (bits >> 8)) & 0x10000ff;
+  return (bits | (bits >> 16)) & 0x1ff;
+}
+
+async function decodeClasses(file: Container, levels: Levels, kernels: Kernels): Promise<Uint8Array[]> {
+  const count = file.points;
+  const relative = await values(file, "classes", 0, 3, { levels, classes: [new Uint8Array(count)], kernels });
+  const classes = [SHAPE, COLOR, MOTION].map(() => new Uint8Array(count));
+  for (let i = 0; i < count; i++) {
+    for (const kind of [SHAPE, COLOR, MOTION]) {
+      const value = relative[3 * i + kind] + (kind === SHAPE ? 0 : relative[3 * i]);
+      if (!(value >= 0 && value <= 7)) throw new ReelError("section classes: it has classes outside 0 to 7");
+      classes[kind][i] = value;
+    }
+  }
+  return classes;
+}
+
+async function decodeRest(file: Container, here: Neighbourhood): Promise<Pick<Gaussians, "shRest" | "codebook" | "shDegree">> {
+  const shDegree = sectionOf(file, "sh_rest", "klt").degree as number;
+  if (![1, 2, 3].includes(shDegree)) throw new ReelError(`it has spherical harmonics of degree ${shDegree}`);
+  const size = 3 * ((shDegree + 1) ** 2 - 1);
+  const rest = await inSection("sh_rest", () => {
+    const klt = kltOf(file, "sh_rest", COLOR, size, 1, here);
+    return { points: coded(klt.ends), rows: here.kernels.decodeRows(klt) };
+  });
+  // Points without coefficients share the first entry, which is zero; the others have an entry each.
+  const shRest = new Uint32Array(file.points);
+  rest.points.forEach((point, entry) => (shRest[point] = entry + 1));
+  const codebook = new Float32Array(size + rest.rows.length);
+  codebook.set(rest.rows, size);
+  return { shRest, codebook, shDegree };
+}
+
+/** Values [N, columns] of a `field` section. */
+function values(file: Container, name: string, kind: number, columns: number, here: Neighbourhood): Promise<Float64Array> {
+  const section = sectionOf(file, name, "field");
+  return inSection(name, () => {
+    const step = stepOf(section);
+    const result = new Float64Array(here.kernels.decodeField(tensor(file, name), columns, here.levels, here.classes[kind]));
+    for (let i = 0; i < result.length; i++) result[i] *= step;
+    return result;
+  });
+}
+
+/** A `klt` section of D dimensions, its basis and ends decoded. */
+export function kltOf(file: Container, name: string, kind: number, dimensions: number, channels: number, here: Neighbourhood): Klt {
+  const section = sectionOf(file, name, "klt");
+  const step = stepOf(section);
+  const data = tensor(file, name);
+  const view = new DataView(data.buffer, data.byteOffset, data.byteLength);
+  const sizes = data.byteLength < 16 ? [NaN] : [0, 4, 8, 12].map((at) => view.getUint32(at, true));
+  if (sizes.reduce((sum, size) => sum + size, 16) !== data.byteLength) throw new ReelError("it does not hold its streams");
+  let cut = 16;
+  const [basisData, columnsData, endsData, body] = sizes.map((size) => data.subarray(cut, (cut += size)));
+  const vectors = decodeBasis(basisData, section, dimensions);
+  const columns = decodeColumns(columnsData, section, vectors.length, channels);
+  const ends = here.kernels.decodeField(endsData, 1, here.levels, new Uint8Array(file.points));
+  if (!ends.every((end) => end >= 0 && end <= columns.length)) throw new ReelError(`it has points of more columns than ${columns.length}`);
+  const basis = new Float64Array(dimensions * vectors.length);
+  vectors.forEach((vector, k) => vector.forEach((value, d) => (basis[d * vectors.length + k] = value * step)));
+  return { data: body, ends, columns, channels, basis, dimensions, levels: here.levels, shifts: here.classes[kind] };
+}
+
+/** The channel of each column: no channel has more than the basis has vectors. */
+function decodeColumns(data: Uint8Array, section: Section, vectors: number, channels: number): Uint8Array {
+  const count = section.columns as number;
+  if (!(Number.isInteger(count) && count >= 1 && count <= vectors * channels)) throw new ReelError(`it has ${JSON.stringify(count)} columns`);
+  const decoder = new EntropyDecoder(data, 1);
+  const used = new Int32Array(channels);
+  const columns = Uint8Array.from({ length: count }, () => {
+    const channel = decoder.next(0);
+    if (!(channel < channels && used[channel]++ < vectors)) throw new ReelError("it has columns of other channels");
+    return channel;
+  });
+  decoder.finish();
+  return columns;
+}
+
+function stepOf(section: Section): number {
+  const step = section.step;
+  if (!(typeof step === "number" && step >= 1e-30 && step <= 1e30)) throw new ReelError(`it has steps of ${JSON.stringify(step)}`);
+  return step;
+}
+
+/** Basis vectors [K][D]. */
+function decodeBasis(data: Uint8Array, section: Section, dimensions: number): Float64Array[] {
+  const shifts = section.shifts as number[];
+  if (!Array.isArray(shifts) || shifts.length < 1 || shifts.length > dimensions || !shifts.every((s) => s >= 0 && s <= 20)) throw new ReelError("it has a basis of the wrong size");
+  // One of zeros takes no bytes, however large it claims to be.
+  if (shifts.length * dimensions > MOST_BASIS) throw new ReelError(`it has a basis of ${shifts.length} x ${dimensions} numbers`);
+  const decoder = new EntropyDecoder(data, 1);
+  const basis = shifts.map((shift) => Float64Array.from({ length: dimensions }, () => unzigzag(decoder.next(0)) * 2 ** -shift));
+  decoder.finish();
+  return basis;
+}

@@ -1,0 +1,47 @@
+/** What a view sees, for leaving out of the order what it does not. */
+import { dot } from "../base/matrix";
+import type { View } from "../base/view";
+import type { Clearance } from "../reel/manifest";
+
+/** Beyond the picture's borders, as a part of its size: the view may turn while it is being sorted for. */
+const MARGIN = 0.1;
+/** As far as slopes are followed when splats are projected, from the picture's middle: 1.3 times to its border. */
+const LARGEST_SLOPE = 1.3;
+/** Standard deviations to where the strongest splat ends, at an alpha of 1/100. */
+export const EXTENT = Math.sqrt(2 * Math.log(100));
+
+export interface Frustum {
+  /** World to camera, [3, 4] row by row. */
+  viewmat: number[];
+  near: number;
+  /** From this depth on, what rests is seen. */
+  clear: number;
+  /** Slopes x / z and y / z at the borders, margins included. */
+  left: number;
+  right: number;
+  top: number;
+  bottom: number;
+  /** How far a splat of radius 1 at depth 1 may reach, in slopes. */
+  reachX: number;
+  reachY: number;
+}
+
+export function frustumOf({ viewmat, fx, fy, cx, cy, width, height, near }: View, clearance: Clearance | null = null): Frustum {
+  const [left, right] = [-(cx + MARGIN * width) / fx, (width - cx + MARGIN * width) / fx];
+  const [top, bottom] = [-(cy + MARGIN * height) / fy, (height - cy + MARGIN * height) / fy];
+  const reach = (low: number, high: number): number => Math.hypot(1, LARGEST_SLOPE * Math.max(-low, high));
+  const depth = clearance ? dot([viewmat[8], viewmat[9], viewmat[10]], clearance.focus) + viewmat[11] : 0;
+  const clear = Math.max(near, (clearance?.share ?? 0) * depth);
+  return { viewmat: viewmat.slice(0, 12), near, clear, left, right, top, bottom, reachX: reach(left, right), reachY: reach(top, bottom) };
+}
+
+/** Whether what was sorted for one view is all that another one sees, at a depth and beyond. */
+export function covers(sorted: View, { viewmat: n, fx, fy, cx, cy, width, height }: View, depth: number): boolean {
+  const { viewmat: m, left, right, top, bottom } = frustumOf(sorted);
+  return [0, 1, 2, 3].every((corner) => {
+    const seen = [(((corner & 1) * width - cx) / fx) * depth - n[3], (((corner >> 1) * height - cy) / fy) * depth - n[7], depth - n[11]];
+    const point = [0, 1, 2].map((a) => n[a] * seen[0] + n[4 + a] * seen[1] + n[8 + a] * seen[2]);
+    const [x, y, z] = [0, 4, 8].map((row) => m[row] * point[0] + m[row + 1] * point[1] + m[row + 2] * point[2] + m[row + 3]);
+    return z > 0 && x >= left * z && x <= right * z && y >= top * z && y <= bottom * z;
+  });
+}

@@ -1,0 +1,192 @@
+/** What is on screen: one scene, sorted by the worker and drawn by the GPU. The picture always belongs to the order it is drawn in. */
+import { add, eyeOf, length, scale, subtract } from "../base/matrix";
+import type { View } from "../base/view";
+import type { DecodedFile } from "../decode/decode-file";
+import type { Manifest } from "../reel/manifest";
+import { clampFrame, groupAt, momentOf } from "../reel/timeline";
+import type { Eye } from "./eye";
+import { covers } from "./frustum";
+import { Renderer } from "./renderer";
+import type { Scene } from "./scene";
+import { Sorter } from "./sorter";
+
+/** A picture taken: RGBA bytes, top row first. */
+export interface Picture {
+  width: number;
+  height: number;
+  data: Uint8Array;
+}
+
+export class Stage {
+  /** The scene of the order on the GPU. */
+  scene: Scene | null = null;
+  /** Duration of the last sort, milliseconds. */
+  sortMilliseconds = 0;
+  /** Pictures drawn so far. */
+  pictures = 0;
+  /** Of the last one. */
+  view: View | null = null;
+
+  private readonly renderer: Renderer;
+  private readonly sorter: Sorter;
+  private drawnFrame = 0;
+  private sortedFor: View | null = null;
+  private unsorted = true;
+  /** The order has not been drawn yet. */
+  private fresh = false;
+  private dirty = false;
+  private closed = false;
+  private sorting: Scene | null = null;
+  private opened: Manifest | null = null;
+
+  constructor(canvas: HTMLCanvasElement, onError: (error: Error) => void) {
+    this.renderer = new Renderer(canvas);
+    this.sorter = new Sorter((message) => onError(new Error(message)));
+  }
+
+  get manifest(): Manifest | null {
+    return this.opened;
+  }
+
+  /** Set once it is here; the graphics device and the worker get ready before. Throws `ReelError` where the device cannot draw. */
+  set manifest(manifest: Manifest | null) {
+    this.opened = manifest;
+    this.renderer.antialias = manifest?.antialias === true;
+    this.renderer.background = manifest?.background ?? [0, 0, 0];
+    this.renderer.begin();
+  }
+
+  addLayer(index: number, file: DecodedFile): void {
+    this.sorter.addLayer(index, this.renderer.addLayer(index, file), file);
+    if (!this.scene?.current) this.resort();
+  }
+
+  addGroup(index: number, file: DecodedFile): void {
+    this.sorter.addGroup(index, this.renderer.addGroup(index, file), file);
+  }
+
+  dropGroup(index: number): void {
+    this.renderer.dropGroup(index);
+    this.sorter.dropGroup(index);
+  }
+
+  /** Pictures are drawn without a graphics device. */
+  get software(): boolean {
+    return this.renderer.software;
+  }
+
+  /** The graphics device is gone. */
+  get lost(): boolean {
+    return this.renderer.lost;
+  }
+
+  /** Points in the order that is drawn. */
+  get points(): number {
+    return this.renderer.drawn;
+  }
+
+  /** The time, the camera or the size changed: sort and draw again. */
+  invalidate(): void {
+    this.dirty = true;
+    this.unsorted = true;
+  }
+
+  /** Other points are to be shown: sort, and draw once that is done. */
+  resort(): void {
+    this.unsorted = true;
+  }
+
+  /** Draw again what is sorted: only the number of pixels changed. */
+  redraw(): void {
+    this.dirty = true;
+  }
+
+  /** Groups that are on screen, or will be with the next order. */
+  get inUse(): number[] {
+    return [this.scene, this.sorting].flatMap((scene) => [scene?.current?.group, scene?.previous?.group]).filter((group) => group !== undefined);
+  }
+
+  /** A sort would bring something new, and the worker has time for it. */
+  get wantsSort(): boolean {
+    return this.unsorted && !this.sorter.busy;
+  }
+
+  /** Resolves when the worker is idle. */
+  async settled(): Promise<void> {
+    while (this.sorter.busy) await new Promise((resolve) => setTimeout(resolve, 1));
+  }
+
+  /** Sort a scene, which then is what is drawn. False if the reel was closed or a group dropped while the worker was at it. */
+  async sort(scene: Scene, view: View): Promise<boolean> {
+    this.unsorted = false;
+    this.sorting = scene;
+    const reply = await this.sorter.sort(scene, view, this.manifest!.clearance);
+    this.sorting = null;
+    if (this.closed || !this.renderer.holds(scene)) return false;
+    this.sortMilliseconds = reply.milliseconds;
+    this.renderer.setOrder(reply.order, reply.count);
+    this.sorter.recycle(reply.order);
+    this.scene = scene;
+    this.fresh = true;
+    this.sortedFor = view;
+    this.dirty = true;
+    return true;
+  }
+
+  /** Draw, if anything changed. `frame` of the video: the present one, or null while what belongs to it is not here. Eyes: of a headset. */
+  draw(frame: number | null, view: View, eyes: Eye[] | null = null): void {
+    const { scene, manifest } = this;
+    if (!this.dirty || !scene || !manifest) return;
+    this.dirty = false;
+    this.pictures++;
+    // Where the view leaves what it was sorted for, the picture is one behind rather than cut off.
+    const shownView = (this.view = eyes || this.isCovered(view) ? view : this.sortedFor!);
+    const paint = (shown: Scene, weight: number): void => (eyes ? this.renderer.drawEyes(shown, weight, eyes) : this.renderer.draw(shown, weight, shownView));
+    if (scene.current === null) return paint(scene, 1);
+    const { groups, overlap } = manifest;
+    const { group } = scene.current;
+    // A moment that the order is not for waits for its own; until then the last one stays.
+    const ordered = groups[group].firstFrame + scene.current.frame;
+    if (frame !== null && isOrderedFor(scene, frame, manifest)) this.drawnFrame = frame;
+    else if (frame !== null && frame < ordered && this.fresh) this.drawnFrame = ordered; // time runs backwards: one behind
+    this.fresh = false;
+    const moment = momentOf(groups, overlap, this.drawnFrame, group);
+    const previous = scene.previous && { group: scene.previous.group, frame: clampFrame(groups[scene.previous.group], this.drawnFrame) };
+    paint({ ...scene, current: moment.current, previous }, previous ? moment.weight : 1);
+  }
+
+  /** Whether all that a view sees is in the order, at half the way to the scene's middle and beyond. */
+  private isCovered(view: View): boolean {
+    const [low, high] = this.manifest!.bounds;
+    const way = length(subtract(scale(add(low, high), 0.5), eyeOf(view.viewmat)));
+    return this.sortedFor === null || covers(this.sortedFor, view, Math.max(way / 2, view.near));
+  }
+
+  /** Sort and draw a scene at once, and read the picture back. */
+  async snapshot(scene: Scene, weight: number, view: View): Promise<Picture> {
+    await this.settled();
+    if (!(await this.sort(scene, view))) throw new Error("The reel was closed.");
+    this.renderer.draw(scene, weight, view);
+    return { width: view.width, height: view.height, data: this.renderer.readPixels() };
+  }
+
+  /** Depth of what is seen at a pixel of the last picture, world units; null where there is nothing. */
+  depthAt(x: number, y: number): number | null {
+    return this.renderer.depthAt(x, y);
+  }
+
+  destroy(): void {
+    this.closed = true;
+    this.sorter.destroy();
+    this.renderer.destroy();
+  }
+}
+
+/** Whether an order serves for a frame: with all groups that show, and from no later frame, as where time begins again within a group. */
+export function isOrderedFor({ current, previous }: Scene, frame: number, { groups, overlap }: Pick<Manifest, "groups" | "overlap">): boolean {
+  if (current === null) return true;
+  const { firstFrame, frames } = groups[current.group];
+  const holds = (frame >= firstFrame && frame <= firstFrame + frames - 1) || groupAt(groups, frame) === current.group;
+  const moment = momentOf(groups, overlap, frame, current.group);
+  return holds && (previous !== null || moment.previous === null) && moment.current.frame >= current.frame;
+}

@@ -1,0 +1,39 @@
+/** Promises of `play()` that wait for time to go on, settled as those of HTMLMediaElement. */
+import type { Player } from "../player/player";
+
+interface Promised {
+  resolve(): void;
+  reject(error: DOMException): void;
+}
+
+export class PlayPromises {
+  private waiting: Promised[] = [];
+
+  constructor(private readonly player: Player) {
+    player.addEventListener("playing", () => this.settle((promised) => promised.resolve()));
+    player.addEventListener("notallowed", () => this.fail("NotAllowedError", "The browser plays sound only once a person has touched the page. Mute the reel, or play it when somebody asks for it."));
+    player.addEventListener("pause", () => this.fail("AbortError", "play() was interrupted by a call to pause()."));
+    player.addEventListener("emptied", () => this.fail("AbortError", "play() was interrupted: another reel is opened, or none."));
+    player.addEventListener("error", () => this.fail("NotSupportedError", player.error!.message));
+  }
+
+  /** Play; resolves once time goes on. Rejects with an `AbortError`, `NotSupportedError` or `NotAllowedError`. */
+  play(): Promise<void> {
+    const { player } = this;
+    if (!player.hasSource) return Promise.reject(new DOMException("There is no reel to play: the attribute src is missing.", "NotSupportedError"));
+    if (player.error) return Promise.reject(new DOMException(player.error.message, "NotSupportedError"));
+    player.play();
+    if (player.playback.moving) return Promise.resolve();
+    return new Promise((resolve, reject) => this.waiting.push({ resolve, reject }));
+  }
+
+  private fail(name: string, why: string): void {
+    this.settle((promised) => promised.reject(new DOMException(why, name)));
+  }
+
+  private settle(each: (promised: Promised) => void): void {
+    const { waiting } = this;
+    this.waiting = [];
+    waiting.forEach(each);
+  }
+}

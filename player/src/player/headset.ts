@@ -1,0 +1,90 @@
+/** A virtual reality headset, by WebXR: two views a frame of the headset's own clock. Hands are enough: a pinch plays and pauses. */
+import { ReelError } from "../base/errors";
+import { HeadsetSpace } from "../camera/headset-space";
+import type { Eye } from "../draw/eye";
+import type { Player } from "./player";
+
+/** What is used of WebXR, which TypeScript does not describe. */
+interface XrView {
+  projectionMatrix: Float32Array;
+  transform: { inverse: { matrix: Float32Array } };
+}
+
+interface XrFrame {
+  getViewerPose(space: object): { transform: { inverse: { matrix: Float32Array } }; views: XrView[] } | null;
+}
+
+interface XrLayer {
+  framebuffer: WebGLFramebuffer | null;
+  getViewport(view: XrView): { x: number; y: number; width: number; height: number } | null;
+}
+
+interface XrSession extends EventTarget {
+  updateRenderState(state: { baseLayer: XrLayer }): void;
+  requestReferenceSpace(type: string): Promise<object>;
+  requestAnimationFrame(draw: (now: number, frame: XrFrame) => void): number;
+  end(): Promise<void>;
+}
+
+interface XrSystem {
+  isSessionSupported(mode: string): Promise<boolean>;
+  requestSession(mode: string, options: object): Promise<XrSession>;
+}
+
+declare const XRWebGLLayer: new (session: XrSession, gl: WebGL2RenderingContext) => XrLayer;
+
+const system = (): XrSystem | undefined => (navigator as { xr?: XrSystem }).xr;
+
+/** Whether a headset is there. */
+export async function hasHeadset(): Promise<boolean> {
+  return (await system()?.isSessionSupported("immersive-vr").catch(() => false)) ?? false;
+}
+
+const WIDE = { fx: 0.05, fy: 0.05, cx: 0.5, cy: 0.5 };
+
+export class Headset {
+  private constructor(private readonly session: XrSession) {}
+
+  /** Show a player's reel in the headset; only as an answer to a click. `ended` is called when it is over. */
+  static async enter(player: Player, ended: () => void): Promise<Headset> {
+    const { camera, manifest, canvas } = player;
+    if (!camera || !manifest) throw new ReelError("There is no reel to show in the headset yet.");
+    const session = await system()!.requestSession("immersive-vr", { optionalFeatures: ["local-floor"] });
+    session.addEventListener("end", () => {
+      player.presented = false;
+      ended();
+    });
+    const gl = canvas.getContext("webgl2") as WebGL2RenderingContext & { makeXRCompatible(): Promise<void> };
+    await gl.makeXRCompatible();
+    const layer = new XRWebGLLayer(session, gl);
+    session.updateRenderState({ baseLayer: layer });
+    const floor = await session.requestReferenceSpace("local-floor").catch(() => null);
+    const space = floor ?? (await session.requestReferenceSpace("local"));
+    const room = new HeadsetSpace(manifest, camera.viewmat, floor !== null);
+    session.addEventListener("select", () => (player.paused ? player.play() : player.pause()));
+    player.presented = true;
+    const draw = (now: number, frame: XrFrame): void => {
+      if (!player.presented) return;
+      session.requestAnimationFrame(draw);
+      const pose = frame.getViewerPose(space);
+      if (!pose || player.manifest !== manifest) return; // taken off, or another reel was opened
+      const eyes = pose.views.flatMap((view): Eye[] => {
+        const port = layer.getViewport(view);
+        if (!port) return [];
+        const { x, y, width, height } = port;
+        return [{ framebuffer: layer.framebuffer, x, y, view: room.view(view.transform.inverse.matrix, view.projectionMatrix, width, height, camera.near) }];
+      });
+      if (eyes.length === 0) return;
+      // Of so short a lens that it leaves nothing out that an eye sees.
+      const head = { ...room.view(pose.transform.inverse.matrix, pose.views[0].projectionMatrix, 1, 1, camera.near), ...WIDE };
+      player.playback.present(now, head, eyes);
+    };
+    session.requestAnimationFrame(draw);
+    return new Headset(session);
+  }
+
+  /** Back to the page. */
+  leave(): void {
+    void this.session.end();
+  }
+}

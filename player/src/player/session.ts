@@ -1,0 +1,92 @@
+/** What belongs to the reel that is open: its workers, its stage, and the stream of its files. */
+import type { DecodedFile } from "../decode/decode-file";
+import { Stage } from "../draw/stage";
+import { EMBEDDED, embeddedReel } from "../files/embedded";
+import type { LocalFiles } from "../files/local-files";
+import { loadManifest, readManifest, type Manifest } from "../reel/manifest";
+import { DecoderPool } from "../stream/decoder-pool";
+import { follow, followToTheEnd } from "../stream/live-manifest";
+import { RenditionPolicy, guessOfBrowser } from "../stream/rendition-policy";
+import { memoryBudget, Stream } from "../stream/stream";
+
+export interface SessionEvents {
+  /** A file was taken in. */
+  arrived(): void;
+  /** A live reel has more groups, or is whole. */
+  grown(): void;
+  /** Something came, went or is late. */
+  progress(): void;
+  failed(error: unknown): void;
+}
+
+export class Session {
+  readonly stage: Stage;
+  readonly decoders: DecoderPool;
+  stream: Stream | null = null;
+  /** Why there is no reel yet, for people. */
+  trouble: string | null = null;
+  /** Nothing is taken in any more. */
+  broken = false;
+
+  private readonly life = new AbortController();
+
+  /** Workers start and shaders compile at once, while the manifest is on its way. worker: one that decodes, already started. Throws `ReelError` where there is no WebGL 2. */
+  constructor(canvas: HTMLCanvasElement, private readonly events: SessionEvents, worker?: Worker | null) {
+    this.stage = new Stage(canvas, (error) => events.failed(error));
+    this.decoders = new DecoderPool(worker);
+  }
+
+  get closed(): boolean {
+    return this.life.signal.aborted;
+  }
+
+  /** A reel's manifest; of a live one, once it has a group. early: its text, already asked for; null: in vain. */
+  async find(source: string | LocalFiles, early?: Promise<string | null>): Promise<Manifest> {
+    const { signal } = this.life;
+    if (typeof source !== "string") return readManifest(source);
+    if (source === EMBEDDED) return readManifest(embeddedReel());
+    let manifest = await loadManifest(source, { received: () => undefined, trouble: (why) => this.wait(why) }, signal, early);
+    while (manifest.groups.length === 0) {
+      this.wait("Live. The first group is not here yet.");
+      manifest = await follow(manifest, signal);
+    }
+    this.trouble = null;
+    return manifest;
+  }
+
+  /** Begin to get the reel's files. */
+  open(manifest: Manifest): void {
+    const { stage, decoders, events } = this;
+    stage.manifest = manifest;
+    this.stream = new Stream(manifest, decoders, memoryBudget(), {
+      layer: (index: number, file: DecodedFile) => this.take(() => stage.addLayer(index, file)),
+      group: (index: number, file: DecodedFile) => this.take(() => stage.addGroup(index, file)),
+      dropped: (index: number) => (stage.dropGroup(index), events.progress()),
+      progress: () => events.progress(),
+      failed: (error: Error) => events.failed(error),
+    }, new RenditionPolicy(guessOfBrowser()));
+    void followToTheEnd(manifest, () => events.grown(), this.life.signal);
+  }
+
+  close(): void {
+    this.life.abort();
+    this.stage.manifest?.files?.close();
+    this.decoders.destroy();
+    this.stage.destroy();
+  }
+
+  private take(add: () => void): void {
+    if (this.broken) return;
+    try {
+      add();
+    } catch (error) {
+      return this.events.failed(error);
+    }
+    this.events.arrived();
+  }
+
+  private wait(why: string): void {
+    this.trouble = why;
+    this.events.progress();
+  }
+}

@@ -1,0 +1,222 @@
+/** manifest.json of a reel (docs/format.md): reading and checking. */
+import { PLAIN, ReelError } from "../base/errors";
+import type { Vec3 } from "../base/matrix";
+import { downloadText } from "../files/download";
+import type { LocalFiles } from "../files/local-files";
+import type { Source, Watcher } from "../files/source";
+import { MOST_FRAMES, mostPoints } from "./budget";
+import { list, number, numbers, plainPath, positive, record, type Json } from "./json";
+import { parsePresentation, type Asset, type Presentation } from "./presentation";
+
+/** A pinhole camera, OpenCV: K [9] in pixels and viewmat [16] world to camera, both row by row. */
+export interface Camera {
+  name: string;
+  width: number;
+  height: number;
+  K: number[];
+  viewmat: number[];
+}
+
+export interface ReelFile {
+  uri: string;
+  bytes: number;
+  sha256: string | null;
+  firstFrame: number;
+  /** Frames the file holds; 0 for a layer. */
+  frames: number;
+  points: number;
+  /** The group at which a layer was born; a group's own index for groups. */
+  group: number;
+  /** The same group in the other renditions, by name. */
+  renditions: Map<string, ReelFile>;
+}
+
+/** A rate that the groups are there in. bytes: of all groups in it. */
+export interface Rendition {
+  name: string;
+  bytes: number;
+}
+
+/** The room that a viewer has before static points: around a new place there may be some that only looked well from far away. */
+export interface Clearance {
+  focus: Vec3;
+  share: number;
+}
+
+export interface Manifest {
+  /** Absolute; the files' uris are relative to it. */
+  url: string;
+  /** Groups are still being added; there may be none yet. */
+  live: boolean;
+  fps: number;
+  frames: number;
+  overlap: number;
+  shDegree: number;
+  bounds: [Vec3, Vec3];
+  up: Vec3;
+  /** Least depth to draw, world units. */
+  near: number;
+  /** What rests and is nearer to a viewer than `share` of the depth of `focus` is not drawn. */
+  clearance: Clearance;
+  /** Red, green and blue, 0 to 1, where nothing is; the light falls on it as well. */
+  background: Vec3;
+  /** Splats thinner than a pixel are drawn fainter. */
+  antialias: boolean;
+  camera: Camera;
+  cameras: Camera[];
+  layers: ReelFile[];
+  groups: ReelFile[];
+  /** Best first; the first is that of the groups' own files. Layers are common to all. Empty where there is nothing to choose. */
+  renditions: Rendition[];
+  /** What there is for people beside the points. */
+  presentation: Presentation;
+  /** Where the files are, of a reel on this machine; null: on the network. */
+  files: LocalFiles | null;
+}
+
+/** Download and check a manifest. Throws `ReelError` with the url in its message. */
+export async function loadManifest(url: string, watcher: Watcher, signal: AbortSignal, early?: Promise<string | null>): Promise<Manifest> {
+  const text = (await early) ?? (await downloadText(url, watcher, signal));
+  return parseText(text, new URL(url, location.href).href);
+}
+
+/** The manifest of a reel on this machine. Throws `ReelError`. */
+export async function readManifest(files: LocalFiles): Promise<Manifest> {
+  // Nothing is added to it any more.
+  return { ...parseText(await files.manifest(), files.url), files, live: false };
+}
+
+function parseText(text: string, url: string): Manifest {
+  let value: unknown;
+  try {
+    value = JSON.parse(text);
+  } catch {
+    throw new ReelError(`${url} is not a reel's manifest: it is not JSON.`, { plain: PLAIN.other });
+  }
+  return parseManifest(value, url);
+}
+
+/** Check a manifest's fields; unknown ones are ignored, an unknown version is an error. */
+export function parseManifest(value: unknown, url: string): Manifest {
+  const json = record(value, "the manifest");
+  if (json.format !== "splatreel") throw new ReelError(`${url} is not a reel: its format is ${JSON.stringify(json.format)}.`, { plain: PLAIN.other });
+  if (json.version !== 1) {
+    throw new ReelError(`${url} is a reel of version ${JSON.stringify(json.version)}; this player knows version 1.`, { plain: PLAIN.newer });
+  }
+  const bounds = list(json.bounds, "bounds").map((corner) => numbers(corner, 3, "bounds") as Vec3);
+  if (bounds.length !== 2) throw new ReelError(`${url}: bounds needs two corners.`);
+  const names = parseNames(json.renditions);
+  const groups = list(json.groups, "groups").map((item, index) => parseGroup(item, index, names));
+  const live = json.live === true;
+  if (groups.length === 0 && !live) throw new ReelError(`${url} holds no group yet.`, { plain: "Nothing of this reel is here yet." });
+  const layers = list(json.layers, "layers").map((item, index) => parseFile(item, index));
+  checkPoints("layers", sum(layers, "points"), sum(layers, "bytes"));
+  const end = groups.reduce((last, group) => Math.max(last, group.firstFrame + group.frames), 0);
+  if (json.frames !== end) throw new ReelError(`The manifest is damaged: it has ${JSON.stringify(json.frames)} frames, and its groups ${end}.`);
+  return {
+    url,
+    live,
+    fps: positive(json.fps, "fps"),
+    frames: end,
+    overlap: number(json.overlap, "overlap"),
+    shDegree: number(json.sh_degree, "sh_degree"),
+    near: json.near === undefined ? 0.01 : positive(json.near, "near"),
+    clearance: json.clearance === undefined ? { focus: [0, 0, 0], share: 0 } : parseClearance(record(json.clearance, "clearance")),
+    background: json.background === undefined ? [0, 0, 0] : parseColor(json.background),
+    antialias: json.antialias === true,
+    bounds: bounds as [Vec3, Vec3],
+    up: numbers(json.up, 3, "up") as Vec3,
+    camera: parseCamera(json.camera),
+    cameras: list(json.cameras ?? [], "cameras").map(parseCamera),
+    layers,
+    groups,
+    renditions: names.map((name) => ({ name, bytes: groups.reduce((sum, group) => sum + fileOf(group, name).bytes, 0) })),
+    presentation: parsePresentation(json),
+    files: null,
+  };
+}
+
+/** Where to get a file of a reel: `download` takes it. */
+export function sourceOf({ url, files }: Manifest, { uri, bytes, sha256 }: Asset): Source {
+  return { url: new URL(uri, url).href, bytes, sha256, part: files?.part(uri) };
+}
+
+/** An address of a picture of a reel, for an image of the page. */
+export async function addressOf({ url, files }: Manifest, { uri }: Asset): Promise<string> {
+  return files ? files.address(uri) : new URL(uri, url).href;
+}
+
+/** A group's file in a rendition; its own is that of the first. */
+export function fileOf(group: ReelFile, rendition: string): ReelFile {
+  return group.renditions.get(rendition) ?? group;
+}
+
+function parseColor(value: unknown): Vec3 {
+  const color = numbers(value, 3, "background");
+  if (!color.every((part) => part >= 0 && part <= 1)) throw new ReelError(`The manifest is damaged: its background is ${JSON.stringify(color)}.`);
+  return color as Vec3;
+}
+
+function parseClearance(json: Json): Clearance {
+  const share = number(json.share, "clearance share");
+  if (share < 0 || share > 1) throw new ReelError(`The manifest is damaged: the share of its clearance is ${share}.`);
+  return { focus: numbers(json.focus, 3, "clearance focus") as Vec3, share };
+}
+
+/** Of the renditions. One alone is none to choose from. */
+function parseNames(value: unknown): string[] {
+  const names = list(value ?? [], "renditions").map((item) => record(item, "a rendition").name);
+  const valid = names.filter((name): name is string => typeof name === "string" && /^[a-z0-9][a-z0-9_-]{0,31}$/.test(name));
+  if (new Set(valid).size < names.length || names.length > 16) throw new ReelError("The manifest is damaged: its renditions have no names of their own.");
+  return valid.length > 1 ? valid : [];
+}
+
+/** A group in all its renditions; `value` itself is the first. */
+function parseGroup(value: unknown, index: number, names: string[]): ReelFile {
+  const group = parseFile(value, index);
+  const others = record((value as Json).renditions ?? {}, "a group's renditions");
+  for (const name of names.slice(1)) {
+    const { firstFrame, frames } = group;
+    const file = parseFile(record(others[name], `rendition ${name} of group ${index}`), index);
+    group.renditions.set(name, { ...file, firstFrame, frames, group: group.group });
+  }
+  return group;
+}
+
+/** Points take memory, and repeated ones no bytes. */
+function checkPoints(what: string, points: number, bytes: number): void {
+  if (!(points >= 0 && points <= mostPoints(bytes))) throw new ReelError(`The manifest is damaged: ${what} of ${bytes} bytes are to hold ${points} points.`);
+}
+
+function sum(files: ReelFile[], field: "points" | "bytes"): number {
+  return files.reduce((total, file) => total + file[field], 0);
+}
+
+function parseFile(value: unknown, index: number): ReelFile {
+  const json = record(value, "a file");
+  checkPoints("files", number(json.points, "points"), number(json.bytes, "bytes"));
+  if (number(json.frames ?? 0, "frames") > MOST_FRAMES) throw new ReelError(`The manifest is damaged: a group of ${json.frames} frames.`);
+  return {
+    uri: plainPath(json.uri),
+    bytes: number(json.bytes, "bytes"),
+    sha256: typeof json.sha256 === "string" ? json.sha256 : null,
+    firstFrame: number(json.first_frame ?? 0, "first_frame"),
+    frames: number(json.frames ?? 0, "frames"),
+    points: number(json.points, "points"),
+    group: number(json.group ?? index, "group"),
+    renditions: new Map(),
+  };
+}
+
+function parseCamera(value: unknown): Camera {
+  const json = record(value, "a camera");
+  const K = numbers(json.K, 9, "camera K");
+  if (!(K[0] > 0 && K[4] > 0)) throw new ReelError(`The manifest is damaged: a camera has the focal lengths ${K[0]} and ${K[4]}.`);
+  return {
+    name: String(json.name ?? ""),
+    width: positive(json.width, "camera width"),
+    height: positive(json.height, "camera height"),
+    K,
+    viewmat: numbers(json.viewmat, 16, "camera viewmat"),
+  };
+}

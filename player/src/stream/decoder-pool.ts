@@ -1,0 +1,161 @@
+/** The workers that get and decode files, what each is at, and how fast that goes. */
+import { PLAIN } from "../base/errors";
+import type { DecodedFile } from "../decode/decode-file";
+import type { DecodeReply, DecodeRequest } from "../decode/decode-worker";
+import { startWorker } from "../files/bundle";
+import type { Source } from "../files/source";
+import { failureOf } from "../files/workers";
+import { BandwidthMeter } from "./bandwidth-meter";
+
+/** Files that download and decode at a time. */
+const WORKERS = 2;
+
+/** What becomes of a file: bytes of it came, it is being tried again, it is here, or it cannot be had. */
+export interface Receiver {
+  received(job: Job): void;
+  trouble(why: string): void;
+  done(file: DecodedFile): void;
+  failed(why: string, plain?: string): void;
+}
+
+export interface Job {
+  readonly source: Source;
+  /** When it was asked for, milliseconds. */
+  readonly asked: number;
+  /** When its first byte came, milliseconds, and the bytes since then. */
+  began: number;
+  received: number;
+}
+
+interface Running extends Job {
+  id: number;
+  worker: Worker;
+  /** Bytes are still expected. */
+  open: boolean;
+}
+
+export class DecoderPool {
+  readonly meter = new BandwidthMeter();
+  /** Of the last file. */
+  milliseconds = 0;
+  /** Milliseconds a point, lately; 0: nothing was decoded yet. */
+  pace = 0;
+  /** Called when a worker is free again. */
+  onfree: () => void = () => undefined;
+
+  private readonly workers: Worker[] = [];
+  private readonly idle: Worker[] = [];
+  private readonly running = new Map<string, Running>();
+  private nextId = 0;
+
+  /** One worker starts at once, while the manifest is on its way; the other when two files are wanted. */
+  constructor(worker?: Worker | null) {
+    this.idle.push(this.hire(worker ?? startWorker("decode-worker.js")));
+  }
+
+  get free(): boolean {
+    return this.idle.length > 0 || this.workers.length < WORKERS;
+  }
+
+  /** Keys of the files being got. */
+  get keys(): string[] {
+    return [...this.running.keys()];
+  }
+
+  has(key: string): boolean {
+    return this.running.has(key);
+  }
+
+  /** Bytes of a file that came so far. */
+  received(key: string): number {
+    return this.running.get(key)?.received ?? 0;
+  }
+
+  /** Whether no more is missing of a file than comes until another that is asked for now begins to. */
+  isNearlyHere(key: string): boolean {
+    const job = this.running.get(key);
+    if (!job?.open) return true;
+    const answer = job.began - job.asked;
+    const rate = job.received / Math.max(performance.now() - job.began, answer, 1);
+    return job.received > 0 && job.source.bytes - job.received < rate * answer;
+  }
+
+  /** Get a file of so many points. Only while a worker is free. */
+  start(key: string, source: Source, points: number, receiver: Receiver): void {
+    const worker = this.idle.pop() ?? this.hire();
+    const job: Running = { id: this.nextId++, worker, source, asked: performance.now(), began: 0, received: 0, open: true };
+    this.running.set(key, job);
+    this.meter.begin(performance.now());
+    const finish = (tell: () => void): void => {
+      this.running.delete(key);
+      this.close(job);
+      this.idle.push(worker);
+      tell();
+      this.onfree();
+    };
+    worker.onmessage = ({ data }: MessageEvent<DecodeReply>) => {
+      if (data.id !== job.id) return;
+      if ("received" in data) {
+        this.count(job, data.received);
+        receiver.received(job);
+      } else if ("trouble" in data) receiver.trouble(data.trouble);
+      else if ("error" in data) finish(() => receiver.failed(data.error, data.plain));
+      else {
+        this.time(data.milliseconds, points);
+        finish(() => receiver.done(data.file));
+      }
+    };
+    worker.onerror = (event) => finish(() => receiver.failed(`${source.url} cannot be decoded (${failureOf(event)}).`, PLAIN.player));
+    tell(worker, { id: job.id, source });
+  }
+
+  /** Give a file up. */
+  cancel(key: string): void {
+    const job = this.running.get(key);
+    if (!job) return;
+    const { worker } = job;
+    this.running.delete(key);
+    this.close(job);
+    tell(worker, { id: job.id, cancel: true });
+    const free = (): void => {
+      this.idle.push(worker);
+      this.onfree();
+    };
+    // The worker is free once it has said so.
+    worker.onmessage = ({ data }: MessageEvent<DecodeReply>) => void (("file" in data || "error" in data) && free());
+    worker.onerror = free;
+  }
+
+  destroy(): void {
+    for (const worker of this.workers) worker.terminate();
+  }
+
+  private hire(worker = startWorker("decode-worker.js")): Worker {
+    this.workers.push(worker);
+    return worker;
+  }
+
+  private count(job: Running, bytes: number): void {
+    const now = performance.now();
+    if (job.received === 0) job.began = now;
+    job.received += bytes;
+    this.meter.came(bytes, now);
+    if (job.received >= job.source.bytes) this.close(job); // what follows is decoding
+  }
+
+  private close(job: Running): void {
+    if (job.open) this.meter.end(performance.now());
+    job.open = false;
+  }
+
+  private time(milliseconds: number, points: number): void {
+    this.milliseconds = milliseconds;
+    if (points === 0) return;
+    const pace = milliseconds / points;
+    this.pace = this.pace === 0 ? pace : this.pace + 0.3 * (pace - this.pace);
+  }
+}
+
+function tell(worker: Worker, request: DecodeRequest): void {
+  worker.postMessage(request);
+}

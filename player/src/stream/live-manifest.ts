@@ -1,0 +1,26 @@
+/** Live reels: their manifest grows. */
+import { loadManifest, type Manifest } from "../reel/manifest";
+
+/** Milliseconds between two looks at a live reel's manifest. */
+const POLL = 3000;
+
+/** Wait until a reel has more groups, or is whole; its manifest then. A host that fails is asked again. */
+export async function follow(manifest: Manifest, signal: AbortSignal): Promise<Manifest> {
+  const quiet = { received: () => undefined, trouble: () => undefined };
+  for (;;) {
+    await new Promise((resolve) => setTimeout(resolve, POLL));
+    const next = await loadManifest(manifest.url, quiet, signal).catch(() => null);
+    signal.throwIfAborted();
+    if (next && (next.groups.length > manifest.groups.length || !next.live)) return next;
+  }
+}
+
+/** Take what is added to a live reel into its manifest, until it is whole. */
+export async function followToTheEnd(manifest: Manifest, grown: () => void, signal: AbortSignal): Promise<void> {
+  while (manifest.live) {
+    const next = await follow(manifest, signal).catch(() => null);
+    if (next === null) return;
+    Object.assign(manifest, next);
+    grown();
+  }
+}

@@ -1,0 +1,108 @@
+/** The bar under the picture: the seek bar and a row of buttons, together one tab stop. */
+import type { Player } from "../player/player";
+import { FULL, HEADSET, PAUSE, PLAY, RESET, SETTINGS, SMALL } from "./icons";
+import { elementOf } from "./markup";
+import { SeekBar } from "./seekbar";
+import { timeText } from "./time-text";
+import { VolumeControl } from "./volume-control";
+
+const MARKUP = `<div class="bar" role="group" aria-label="Player controls">
+  <div class="row">
+    <button type="button" class="play" aria-label="Play">${PLAY}</button>
+    <div class="time" aria-hidden="true">0:00 <span>/ 0:00</span></div>
+    <button type="button" class="live" hidden>Live</button>
+    <div class="gap"></div>
+    <button type="button" class="reset" aria-label="Reset view" title="Reset view (r)">${RESET}</button>
+    <button type="button" class="settings" aria-label="Settings" title="Settings" aria-expanded="false">${SETTINGS}</button>
+    <button type="button" class="headset" aria-label="Enter VR" title="Enter VR (v)" hidden>${HEADSET}</button>
+    <button type="button" class="full" aria-label="Fullscreen" title="Fullscreen (f)">${FULL}</button>
+  </div>
+</div>`;
+
+/** What the buttons do; a name is the class of its button. */
+export interface BarActions {
+  play(): void;
+  reset(): void;
+  settings(): void;
+  headset(): void;
+  full(): void;
+}
+
+/** What the bar cannot see in the player. */
+export interface BarState {
+  full: boolean;
+  /** What the button for it promises; "": there is none. */
+  fullLabel: string;
+  presenting: boolean;
+}
+
+export class Bar {
+  readonly box = elementOf(MARKUP);
+  readonly seek: SeekBar;
+  private readonly volume: VolumeControl;
+  /** The seek bar, then the buttons. */
+  private readonly stops: HTMLElement[];
+
+  constructor(private readonly player: Player, actions: BarActions) {
+    this.seek = new SeekBar(player);
+    this.box.prepend(this.seek.box);
+    this.volume = new VolumeControl(player);
+    this.button("gap").before(this.volume.box);
+    this.stops = [this.seek.input, ...this.box.querySelectorAll<HTMLElement>(".row button")];
+    for (const [name, act] of Object.entries(actions)) this.button(name).onclick = () => act();
+    this.button("live").onclick = () => {
+      player.currentTime = player.clock.edge;
+      player.play();
+    };
+    this.box.addEventListener("keydown", (event) => this.rove(event));
+    this.stop(1);
+  }
+
+  /** By its class. */
+  button(name: string): HTMLElement {
+    return this.box.querySelector<HTMLElement>(`.${name}`)!;
+  }
+
+  /** Show how things are. */
+  update({ full, fullLabel, presenting }: BarState): void {
+    const { duration, currentTime, paused, live, clock, manifest } = this.player;
+    this.box.hidden = manifest === null;
+    this.seek.update();
+    this.volume.update();
+    const tenths = duration < 60;
+    this.button("time").innerHTML = `${timeText(currentTime, tenths)} <span>/ ${timeText(duration, tenths)}</span>`;
+    this.button("live").hidden = !live;
+    this.button("live").classList.toggle("on", currentTime >= clock.edge);
+    this.set("play", paused ? PLAY : PAUSE, paused ? "Play" : "Pause", "k");
+    this.button("full").hidden = fullLabel === "";
+    this.set("full", full ? SMALL : FULL, fullLabel, "f");
+    this.set("headset", HEADSET, presenting ? "Leave VR" : "Enter VR", "v");
+  }
+
+  private set(name: string, markup: string, label: string, key: string): void {
+    const button = this.button(name);
+    if (button.getAttribute("aria-label") === label && button.title) return;
+    button.innerHTML = markup;
+    button.setAttribute("aria-label", label);
+    button.title = `${label} (${key})`;
+  }
+
+  /** Arrows go from button to button, up and down to the seek bar and back. */
+  private rove(event: KeyboardEvent): void {
+    const stops = this.stops.filter((stop) => !stop.hidden);
+    const at = stops.indexOf(event.composedPath()[0] as HTMLElement);
+    if (at < 0 || event.shiftKey) return;
+    const onSeek = at === 0; // where left and right move time
+    const ways = { ArrowUp: 0, ArrowDown: Math.max(at, 1), ArrowLeft: onSeek ? null : Math.max(at - 1, 1), ArrowRight: onSeek ? null : Math.min(at + 1, stops.length - 1) };
+    const next = ways[event.key as keyof typeof ways] ?? null;
+    if (next === null) return;
+    event.preventDefault();
+    event.stopPropagation();
+    this.stop(this.stops.indexOf(stops[next]));
+    stops[next].focus();
+  }
+
+  private stop(at: number): void {
+    for (const [index, stop] of this.stops.entries()) stop.tabIndex = index === at ? 0 : -1;
+  }
+}

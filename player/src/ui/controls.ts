@@ -1,0 +1,195 @@
+/** The controls over the picture, put together: bar, menu, help, statistics and messages, and what keys and buttons do. */
+import { messageOf } from "../base/errors";
+import { loadPart, moduleAddress } from "../files/bundle";
+import { hasHeadset, Headset } from "../player/headset";
+import type { Player } from "../player/player";
+import { describe } from "../player/stats";
+import { aboutOf, saysAnything } from "./about";
+import { AutoHide } from "./auto-hide";
+import { Bar } from "./bar";
+import { Dialog } from "./dialog";
+import { Fullscreen } from "./fullscreen";
+import { helpOf } from "./help";
+import { attachKeys, type KeyTable } from "./keys";
+import { elementOf } from "./markup";
+import { Menu } from "./menu";
+import { Messages } from "./messages";
+import type { PathHost } from "./path-panel";
+import { saveScreenshot } from "./screenshot";
+
+/** Of the player: after these, what shows may be another. */
+const EVENTS = ["emptied", "loadstart", "loadedmetadata", "durationchange", "canplay", "play", "pause", "timeupdate", "progress", "waiting", "playing"];
+EVENTS.push("seeking", "seeked", "ratechange", "volumechange", "ended", "error");
+
+const HELP = "Keys and gestures";
+
+export class Controls {
+  private readonly holder = elementOf(`<div class="ui"></div>`);
+  private readonly statistics = elementOf(`<dl class="sheet stats" aria-label="Statistics" hidden></dl>`);
+  private readonly messages: Messages;
+  private readonly bar: Bar;
+  private readonly menu: Menu;
+  private readonly dialog: Dialog;
+  private readonly full: Fullscreen;
+  private readonly idle: AutoHide;
+  private readonly keys: KeyTable;
+  private readonly life = new AbortController();
+  private headset: Headset | null = null;
+  private path: { close(): void } | null = null;
+
+  constructor(private readonly host: PathHost & { readonly link: string }, root: ShadowRoot, private readonly player: Player) {
+    const { signal } = this.life;
+    const actions = this.actions();
+    this.messages = new Messages(player);
+    this.bar = new Bar(player, {
+      play: actions.toggle,
+      reset: actions.reset,
+      settings: () => this.openMenu(!this.menu.open),
+      headset: actions.headset,
+      full: actions.fullscreen,
+    });
+    this.menu = new Menu(player, { ...actions, share: () => this.share(), about: () => this.about(), path: () => this.openPath(), loop: (on) => host.toggleAttribute("loop", on) });
+    this.dialog = new Dialog(() => player.canvas.focus(), signal);
+    this.full = new Fullscreen(host, () => this.update(), signal);
+    this.holder.append(this.messages.box, this.statistics, this.bar.box, this.menu.box, this.dialog.box);
+    root.append(this.holder);
+    // On the reel's own page all keys are for it.
+    const keyboard = host.closest("[data-splatreel-page]") ? document.documentElement : host;
+    this.keys = attachKeys(keyboard, player, actions, signal);
+    this.idle = new AutoHide(host, this.holder, player, () => this.bar.seek.dragging || this.menu.open || this.dialog.open !== "", signal);
+    keyboard.addEventListener("keydown", () => this.idle.wake(), { signal });
+    this.listen();
+    this.update();
+  }
+
+  /** Take the controls away. */
+  remove(): void {
+    this.life.abort();
+    this.headset?.leave();
+    this.path?.close();
+    this.holder.remove();
+  }
+
+  /** What keys, buttons and the menu do. */
+  private actions() {
+    const { player } = this;
+    return {
+      toggle: () => (player.paused ? player.play() : player.pause()),
+      fullscreen: () => void this.full.toggle().catch(() => this.messages.say("The browser does not give the screen")),
+      headset: () => this.toggleHeadset(),
+      reset: () => player.camera?.reset(),
+      fly: () => this.fly(),
+      statistics: () => this.toggleStatistics(),
+      picture: () => void saveScreenshot(player).catch((error) => this.messages.say(messageOf(error))),
+      help: () => (this.dialog.open === HELP ? this.dialog.close() : this.show(HELP, helpOf(this.keys))),
+      escape: () => this.closeSheets(),
+    };
+  }
+
+  private listen(): void {
+    const { player, life: { signal } } = this;
+    for (const name of EVENTS) player.addEventListener(name, () => this.update(), { signal });
+    player.canvas.addEventListener("pointerdown", () => this.openMenu(false), { signal });
+    void hasHeadset().then((there) => (this.bar.button("headset").hidden = !there));
+    const timer = setInterval(() => this.showStatistics(), 250);
+    signal.addEventListener("abort", () => clearInterval(timer));
+  }
+
+  private toggleHeadset(): void {
+    if (this.headset) return this.headset.leave();
+    if (this.bar.button("headset").hidden) return;
+    const ended = (): void => {
+      this.headset = null;
+      this.update();
+    };
+    Headset.enter(this.player, ended).then(
+      (headset) => {
+        this.headset = headset;
+        this.update();
+      },
+      (error) => this.messages.say(`The headset cannot be used: ${messageOf(error)}`),
+    );
+  }
+
+  private fly(): void {
+    const { camera } = this.player;
+    camera?.fly(!camera.flying);
+    this.menu.update();
+  }
+
+  /** The panel of the camera path is loaded when it is asked for. */
+  private async openPath(): Promise<void> {
+    this.openMenu(false);
+    if (this.path) return this.path.close();
+    try {
+      const { PathPanel } = await loadPart<typeof import("./path-panel")>("path-panel.js");
+      if (this.path || this.life.signal.aborted || !this.player.camera) return;
+      this.path = new PathPanel(this.host, this.host.shadowRoot!, () => {
+        this.path = null;
+        this.player.canvas.focus();
+      });
+    } catch {
+      this.messages.say("This part of the player cannot be loaded");
+    }
+  }
+
+  private toggleStatistics(): void {
+    this.statistics.hidden = !this.statistics.hidden;
+    this.showStatistics();
+    this.menu.statistics = !this.statistics.hidden;
+    this.menu.update();
+  }
+
+  private showStatistics(): void {
+    const { statistics, player: { stats } } = this;
+    if (!statistics.hidden && stats) statistics.innerHTML = describe(stats).map(([name, value]) => `<dt>${name}</dt><dd>${value}</dd>`).join("");
+  }
+
+  private show(title: string, content: HTMLElement): void {
+    this.openMenu(false);
+    this.dialog.show(title, content);
+  }
+
+  private about(): void {
+    const { presentation } = this.player.manifest!;
+    this.show(presentation.title || "About this reel", aboutOf(presentation));
+  }
+
+  /** What shares is loaded when it is asked for. */
+  private async share(): Promise<void> {
+    const { host, player: { manifest } } = this;
+    const say = (words: string): void => this.messages.say(words);
+    this.openMenu(false);
+    try {
+      const { shareOf } = await loadPart<typeof import("./share")>("share.js");
+      const shared = { link: host.link, page: location.href.split("#")[0], reel: manifest!.url, player: moduleAddress("player.js"), title: manifest!.presentation.title };
+      this.show("Share", shareOf(shared, say));
+    } catch {
+      say("This part of the player cannot be loaded");
+    }
+  }
+
+  /** What is open, one at a time; then the window. */
+  private closeSheets(): void {
+    if (this.dialog.open) this.dialog.close();
+    else if (this.menu.open) {
+      this.openMenu(false);
+      this.bar.button("settings").focus();
+    } else this.full.leave();
+  }
+
+  private openMenu(open: boolean): void {
+    this.menu.open = open;
+    this.bar.button("settings").setAttribute("aria-expanded", String(open));
+  }
+
+  private update(): void {
+    const { manifest } = this.player;
+    this.bar.update({ full: this.full.on, fullLabel: this.full.offer, presenting: this.headset !== null });
+    this.menu.shares = this.host.hasAttribute("share") && !!manifest && !manifest.files;
+    this.menu.says = !!manifest && saysAnything(manifest.presentation);
+    this.messages.update();
+    this.menu.update();
+    this.idle.update();
+  }
+}

@@ -1,0 +1,113 @@
+/** Who gets wheel and fingers: in a page that scrolls the page does, until people click or tap into the picture, as with maps. */
+import { elementOf } from "./markup";
+
+/** Milliseconds that the hint stays after the last attempt. */
+const HINT = 1400;
+
+/** Of the attribute `gestures`; without it pages that scroll, and frames, whose page may, are "cooperative". */
+type Way = "cooperative" | "greedy";
+
+export class CooperativeGestures {
+  readonly hint = elementOf(`<div class="gestures" aria-hidden="true"><p></p></div>`);
+  private chosen = false;
+  private timer = 0;
+
+  /** canvas: that of `host`, a player. */
+  constructor(private readonly host: HTMLElement, private readonly canvas: HTMLElement, signal: AbortSignal) {
+    const release = (): void => this.choose(false);
+    const outside = (event: Event): void => void (event.composedPath().includes(host) || release());
+    canvas.addEventListener("click", () => this.choose(true), { signal });
+    document.addEventListener("pointerdown", outside, { capture: true, signal });
+    host.addEventListener("focusout", (event) => event.relatedTarget && release(), { signal });
+    host.addEventListener("keydown", (event) => event.key === "Escape" && release(), { signal });
+    addEventListener("blur", release, { signal });
+    this.watchTouches(signal);
+    this.watchPage(signal);
+    this.update();
+  }
+
+  /** One finger and the wheel move the picture, not the page. */
+  get taken(): boolean {
+    return this.chosen || this.way === "greedy" || document.fullscreenElement !== null || this.host.classList.contains("filling");
+  }
+
+  /** Whether a turn of the wheel is for the picture; if not, say how to make it one. */
+  takesWheel({ ctrlKey, metaKey }: WheelEvent): boolean {
+    if (ctrlKey || metaKey || this.taken) return true;
+    this.explain(`Use ${/Mac|iP/.test(navigator.platform) ? "⌘" : "Ctrl"} + scroll to zoom`);
+    return false;
+  }
+
+  private get way(): Way {
+    const asked = this.host.getAttribute("gestures");
+    if (asked === "cooperative" || asked === "greedy") return asked;
+    return window !== top || isInScrollingPage(this.host) ? "cooperative" : "greedy";
+  }
+
+  private choose(chosen: boolean): void {
+    this.chosen = chosen;
+    if (chosen) this.hint.classList.remove("shown");
+    this.update();
+  }
+
+  /** Browsers ask for this when a finger comes down: it has to be right before. */
+  private update(): void {
+    this.canvas.style.touchAction = this.taken ? "none" : "pan-x pan-y";
+  }
+
+  /** Two fingers are for the picture; one that the page took scrolls it. */
+  private watchTouches(signal: AbortSignal): void {
+    const { canvas } = this;
+    const keep = (event: TouchEvent): void => {
+      if (event.targetTouches.length > 1 && event.cancelable) event.preventDefault();
+    };
+    for (const name of ["touchstart", "touchmove"] as const) canvas.addEventListener(name, keep, { passive: false, signal });
+    canvas.addEventListener("pointercancel", ({ pointerType }) => {
+      if (pointerType === "touch" && !this.taken) this.explain("Use two fingers to move the view");
+    }, { signal });
+  }
+
+  /** Pages grow, and attributes change. */
+  private watchPage(signal: AbortSignal): void {
+    const update = (): void => this.update();
+    const size = new ResizeObserver(update);
+    const attributes = new MutationObserver(update);
+    size.observe(document.documentElement);
+    size.observe(this.host);
+    attributes.observe(this.host, { attributeFilter: ["gestures", "class"] });
+    document.addEventListener("fullscreenchange", update, { signal });
+    this.canvas.addEventListener("pointerup", update, { signal });
+    signal.addEventListener("abort", () => {
+      size.disconnect();
+      attributes.disconnect();
+    });
+  }
+
+  private explain(words: string): void {
+    this.hint.firstElementChild!.textContent = words;
+    this.hint.classList.add("shown");
+    clearTimeout(this.timer);
+    this.timer = window.setTimeout(() => this.hint.classList.remove("shown"), HINT);
+  }
+}
+
+/** Whether anything around an element scrolls. */
+function isInScrollingPage(element: HTMLElement): boolean {
+  const root = document.documentElement;
+  for (let at = around(element); at && at !== root; at = around(at)) {
+    if (at !== document.body && scrolls(at)) return true;
+  }
+  const hides = [root, document.body].some((box) => /hidden|clip/.test(getComputedStyle(box).overflowY));
+  return !hides && root.scrollHeight > innerHeight + 1;
+}
+
+function scrolls(box: HTMLElement): boolean {
+  const { overflowX, overflowY } = getComputedStyle(box);
+  const may = (overflow: string): boolean => /auto|scroll/.test(overflow);
+  return (may(overflowY) && box.scrollHeight > box.clientHeight + 1) || (may(overflowX) && box.scrollWidth > box.clientWidth + 1);
+}
+
+function around(element: HTMLElement): HTMLElement | null {
+  const root = element.getRootNode();
+  return element.parentElement ?? (root instanceof ShadowRoot ? (root.host as HTMLElement) : null);
+}

@@ -1,0 +1,103 @@
+/** Reels from this machine: a folder or a zip that is dropped on a player, or chosen where there is no reel. */
+import { messageOf, PLAIN, ReelError } from "../base/errors";
+import { loadPart } from "../files/bundle";
+import type { LocalFiles } from "../files/local-files";
+import type { Player } from "../player/player";
+import { elementOf } from "./markup";
+
+const WORDS = "Drop its folder here, or a zip of it.";
+const MARKUP = `<div class="drop" hidden><div class="sheet choice">
+  <h2>Open a reel</h2>
+  <p role="status">${WORDS}</p>
+  <div class="choices">
+    <button type="button" class="folder">Open a folder</button><button type="button" class="zip">Open a zip</button>
+    <input type="file" class="folder" webkitdirectory hidden /><input type="file" class="zip" accept=".zip,application/zip" hidden />
+  </div>
+</div></div>`;
+
+/** The element with the attribute `drop`; with `drop="ask"` it asks people for a reel where it has none. */
+export interface FileDropHost extends HTMLElement {
+  readonly player: Player;
+  srcObject: LocalFiles | null;
+}
+
+export class FileDrop {
+  private readonly box = elementOf(MARKUP);
+  /** What people are asked for while there is no reel; "": there is one. */
+  private question = "";
+
+  /** Take what is dropped on the host until the signal. */
+  constructor(private readonly host: FileDropHost, root: ShadowRoot, signal: AbortSignal) {
+    root.append(this.box);
+    signal.addEventListener("abort", () => this.box.remove());
+    host.addEventListener("dragover", (event) => this.hover(event), { signal });
+    host.addEventListener("dragleave", (event) => void (host.contains(event.relatedTarget as Node | null) || this.settle()), { signal });
+    host.addEventListener("drop", (event) => this.take(event), { signal });
+    this.box.addEventListener("click", (event) => event.target === this.box && this.settle());
+    this.box.addEventListener("keydown", (event) => event.key === "Escape" && this.settle());
+    for (const name of ["folder", "zip"]) this.listen(name);
+    if (host.getAttribute("drop") !== "ask") return;
+    host.player.addEventListener("error", () => this.ask(), { signal });
+  }
+
+  private listen(name: string): void {
+    const input = this.box.querySelector<HTMLInputElement>(`input.${name}`)!;
+    this.box.querySelector<HTMLElement>(`button.${name}`)!.onclick = () => input.click();
+    input.onchange = () => {
+      const files = [...input.files!];
+      input.value = ""; // the same one may be chosen again
+      if (files.length > 0) void this.open((opener) => opener.openFiles(files));
+    };
+  }
+
+  /** There is no reel where the page looked for one: people may choose theirs. */
+  private ask(): void {
+    const { host } = this;
+    const { error, manifest } = host.player;
+    if (manifest || host.srcObject || !(error instanceof ReelError && error.plain === PLAIN.missing)) return;
+    host.removeAttribute("src");
+    this.question = `There is none beside this page. ${WORDS}`;
+    this.settle();
+  }
+
+  private hover(event: DragEvent): void {
+    if (!event.dataTransfer?.types.includes("Files")) return;
+    event.preventDefault();
+    this.box.hidden = false;
+    this.box.classList.add("over");
+    this.say(WORDS);
+  }
+
+  private take(event: DragEvent): void {
+    const { dataTransfer } = event;
+    if (!dataTransfer?.types.includes("Files")) return;
+    event.preventDefault();
+    // Both are there only as long as the event is.
+    const entries = [...dataTransfer.items].flatMap((item) => item.webkitGetAsEntry?.() ?? []);
+    const files = [...dataTransfer.files];
+    void this.open((opener) => opener.openDropped({ entries, files }));
+  }
+
+  private async open(read: (opener: typeof import("../files/open-files")) => Promise<LocalFiles>): Promise<void> {
+    try {
+      const files = await read(await loadPart<typeof import("../files/open-files")>("open-files.js"));
+      this.question = "";
+      this.settle();
+      this.host.srcObject = files;
+    } catch (error) {
+      this.say(messageOf(error));
+      this.box.hidden = false;
+      this.box.classList.remove("over");
+    }
+  }
+
+  private say(words: string): void {
+    this.box.querySelector("p")!.textContent = words;
+  }
+
+  private settle(): void {
+    this.box.classList.remove("over");
+    this.box.hidden = !this.question;
+    this.say(this.question);
+  }
+}

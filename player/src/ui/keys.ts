@@ -1,0 +1,122 @@
+/** The keyboard: one table for what keys do and for the help that lists them. */
+import type { Motion } from "../camera/orbit-camera";
+import type { Player } from "../player/player";
+
+/** What the keys need of the controls. */
+export interface Actions {
+  toggle(): void;
+  fullscreen(): void;
+  headset(): void;
+  reset(): void;
+  fly(): void;
+  statistics(): void;
+  picture(): void;
+  help(): void;
+  escape(): void;
+}
+
+interface Binding {
+  /** As `KeyboardEvent.key`, lower case, with "shift+" before the arrows. */
+  keys: string[];
+  press?: (key: string) => void;
+  /** What the camera does as long as the key is down. */
+  thrust?: Partial<Motion>;
+}
+
+interface Line {
+  shown: string;
+  what: string;
+  bindings: Binding[];
+}
+
+/** Radians, pivot distances and factors of e, a second. */
+const TURN = 1.2;
+const WALK = 0.6;
+const ZOOM = 1.2;
+const RATES = [0.25, 0.5, 0.75, 1, 1.25, 1.5, 2];
+
+/** Titles, and the keys below each with what they do. */
+export type KeyTable = [string, Line[]][];
+
+/** Listen at a player's element, or at a page that is all for it, until the signal. Returns what there is, for the help. */
+export function attachKeys(host: HTMLElement, player: Player, actions: Actions, signal: AbortSignal): KeyTable {
+  const table: KeyTable = [["Time", timeLines(player, actions)], ["View", viewLines(player, actions)]];
+  const bindings = new Map<string, Binding>();
+  for (const [, lines] of table) for (const line of lines) for (const binding of line.bindings) for (const key of binding.keys) bindings.set(key, binding);
+  const down = new Map<string, Partial<Motion>>();
+  const steer = (): void => {
+    if (!player.camera) return;
+    const thrust: Motion = { yaw: 0, pitch: 0, right: 0, down: 0, forward: 0, zoom: 0 };
+    for (const part of down.values()) for (const [axis, value] of Object.entries(part)) thrust[axis as keyof Motion] += value;
+    player.camera.thrust = thrust;
+  };
+  host.addEventListener("keydown", (event) => {
+    if (event.ctrlKey || event.metaKey || event.altKey || takesKeys(event)) return;
+    const key = nameOf(event);
+    const binding = bindings.get(key);
+    if (!binding) return;
+    event.preventDefault();
+    if (binding.thrust) down.set(event.code, binding.thrust);
+    binding.press?.(key);
+    steer();
+  }, { signal });
+  host.addEventListener("keyup", (event) => (down.delete(event.code), steer()), { signal });
+  const letGo = (): void => (down.clear(), steer());
+  host.addEventListener("focusout", letGo, { signal });
+  addEventListener("blur", letGo, { signal });
+  return table;
+}
+
+/** Whether the element under the keys wants this one for itself. */
+function takesKeys(event: KeyboardEvent): boolean {
+  const { key } = event;
+  const target = event.composedPath()[0];
+  if (!(target instanceof HTMLElement) || key === "Escape") return false;
+  if (target.isContentEditable || target.matches("select, textarea, input:not([type=range], [type=checkbox])")) return true;
+  if (target.matches("[type=checkbox]")) return key === " ";
+  return target.matches("button, summary, a[href]") && (key === " " || key === "Enter");
+}
+
+function nameOf({ key, shiftKey }: KeyboardEvent): string {
+  return key.startsWith("Arrow") && shiftKey ? `shift+${key.toLowerCase()}` : key.toLowerCase();
+}
+
+function timeLines(player: Player, actions: Actions): Line[] {
+  const move = (part: number, most: number) => (): void => void (player.currentTime += Math.sign(part) * Math.min(Math.abs(part) * player.duration, most));
+  const rate = (step: number) => (): void => {
+    const nearest = RATES.findIndex((value) => value >= player.playbackRate);
+    player.playbackRate = RATES[Math.min(Math.max(nearest + step, 0), RATES.length - 1)];
+  };
+  return [
+    { shown: "Space K", what: "Play or pause", bindings: [{ keys: [" ", "k"], press: actions.toggle }] },
+    { shown: "← →", what: "Back or on, up to 5 s", bindings: [{ keys: ["arrowleft"], press: move(-0.1, 5) }, { keys: ["arrowright"], press: move(0.1, 5) }] },
+    { shown: "J L", what: "Back or on, up to 10 s", bindings: [{ keys: ["j"], press: move(-0.2, 10) }, { keys: ["l"], press: move(0.2, 10) }] },
+    { shown: ", .", what: "One frame", bindings: [{ keys: [","], press: () => player.step(-1) }, { keys: ["."], press: () => player.step(1) }] },
+    { shown: "0 – 9", what: "To tenths of the reel", bindings: [{ keys: [..."0123456789"], press: (key) => void (player.currentTime = (Number(key) / 10) * player.duration) }] },
+    { shown: "Home End", what: "To the ends", bindings: [{ keys: ["home"], press: () => void (player.currentTime = 0) }, { keys: ["end"], press: () => void (player.currentTime = player.duration) }] },
+    { shown: "< >", what: "Slower or faster", bindings: [{ keys: ["<"], press: rate(-1) }, { keys: [">"], press: rate(1) }] },
+    { shown: "M", what: "Sound on or off", bindings: [{ keys: ["m"], press: () => player.soundtrack.toggle() }] },
+  ];
+}
+
+function viewLines(player: Player, actions: Actions): Line[] {
+  const both = (keys: [string, string], axis: keyof Motion, speed: number): Binding[] => [
+    { keys: [keys[0]], thrust: { [axis]: -speed } },
+    { keys: [keys[1]], thrust: { [axis]: speed } },
+  ];
+  return [
+    { shown: "W A S D", what: "Walk", bindings: [...both(["s", "w"], "forward", WALK), ...both(["a", "d"], "right", WALK)] },
+    { shown: "Q E", what: "Down, up", bindings: both(["e", "q"], "down", WALK) },
+    { shown: "Shift ← → ↑ ↓", what: "Turn about the middle", bindings: [...both(["shift+arrowleft", "shift+arrowright"], "yaw", TURN), ...both(["shift+arrowup", "shift+arrowdown"], "pitch", TURN)] },
+    { shown: "+ −", what: "Nearer, farther", bindings: [...both(["+", "-"], "zoom", ZOOM), { keys: ["="], thrust: { zoom: -ZOOM } }] },
+    { shown: "[ ]", what: "Cameras of the capture", bindings: [{ keys: ["["], press: () => player.camera?.visit(-1) }, { keys: ["]"], press: () => player.camera?.visit(1) }] },
+    { shown: "C", what: "Fly through them", bindings: [{ keys: ["c"], press: actions.fly }] },
+    { shown: "R", what: "Reset the view", bindings: [{ keys: ["r"], press: actions.reset }] },
+    { shown: "F", what: "Fullscreen", bindings: [{ keys: ["f"], press: actions.fullscreen }] },
+    { shown: "V", what: "Virtual reality, with a headset", bindings: [{ keys: ["v"], press: actions.headset }] },
+    { shown: "P", what: "Save a picture", bindings: [{ keys: ["p"], press: actions.picture }] },
+    { shown: "I", what: "Statistics", bindings: [{ keys: ["i"], press: actions.statistics }] },
+    { shown: "?", what: "These keys", bindings: [{ keys: ["?"], press: actions.help }] },
+    { shown: "Esc", what: "Close", bindings: [{ keys: ["escape"], press: actions.escape }] },
+  ];
+}

@@ -1,0 +1,105 @@
+/** The settings over the bar. */
+import type { Player } from "../player/player";
+import type { Quality } from "../player/resolution";
+import { BACK, ON } from "./icons";
+import { elementOf } from "./markup";
+
+const RATES = [0.25, 0.5, 0.75, 1, 1.25, 1.5, 2];
+const QUALITIES: [Quality, string][] = [["auto", "Automatic"], ["full", "Full"], ["half", "Half"]];
+
+const option = (value: string | number, text: string): string => `<option value="${value}">${text}</option>`;
+const choice = (name: string, text: string, options: string[]): string => `<label>${text}<select name="${name}">${options.join("")}</select></label>`;
+const toggle = (name: string, text: string): string => `<label>${text}<input type="checkbox" role="switch" name="${name}" /></label>`;
+
+const MARKUP = [
+  choice("rate", "Speed", RATES.map((rate) => option(rate, `${rate} ×`))),
+  choice("rendition", "Quality", []),
+  choice("quality", "Resolution", QUALITIES.map(([value, text]) => option(value, text))),
+  toggle("loop", "Loop"),
+  toggle("spatial", "Spatial sound"),
+  toggle("fly", "Fly through the cameras"),
+  toggle("statistics", "Statistics"),
+  `<button type="button" name="path" class="wide">Camera path</button>`,
+  `<div class="frames">Frame<span><button type="button" name="back" aria-label="One frame back">${BACK}</button><button type="button" name="on" aria-label="One frame on">${ON}</button></span></div>`,
+  `<button type="button" name="share" class="wide">Share</button>`,
+  `<button type="button" name="picture" class="wide">Save a picture</button>`,
+  `<button type="button" name="about" class="wide">About this reel</button>`,
+  `<button type="button" name="help" class="wide">Keys and gestures</button>`,
+].join("");
+
+export interface MenuActions {
+  fly(): void;
+  statistics(): void;
+  help(): void;
+  share(): void;
+  picture(): void;
+  about(): void;
+  path(): void;
+  loop(on: boolean): void;
+}
+
+export class Menu {
+  readonly box = elementOf(`<div class="sheet menu" role="group" aria-label="Settings" hidden>${MARKUP}</div>`);
+  statistics = false;
+  /** The page takes links to a time and a view. */
+  shares = false;
+  /** The reel says something of itself. */
+  says = false;
+
+  constructor(private readonly player: Player, actions: MenuActions) {
+    this.input("rate").onchange = () => void (player.playbackRate = Number(this.input("rate").value));
+    this.input("rendition").onchange = () => void (player.rendition = this.input("rendition").value || null);
+    this.input("quality").onchange = () => {
+      player.resolution.quality = this.input("quality").value as Quality;
+      player.invalidate();
+    };
+    this.input("loop").onchange = () => actions.loop(this.input("loop").checked);
+    this.input("spatial").onchange = () => void (player.soundtrack.spatial.on = this.input("spatial").checked);
+    this.input("fly").onchange = () => actions.fly();
+    this.input("statistics").onchange = () => actions.statistics();
+    this.input("back").onclick = () => player.step(-1);
+    this.input("on").onclick = () => player.step(1);
+    for (const name of ["path", "share", "picture", "about", "help"] as const) this.input(name).onclick = () => actions[name]();
+  }
+
+  get open(): boolean {
+    return !this.box.hidden;
+  }
+
+  set open(open: boolean) {
+    this.box.hidden = !open;
+    this.update();
+  }
+
+  /** Show how things are. */
+  update(): void {
+    if (!this.open) return;
+    const { player } = this;
+    this.input("rate").value = String(player.playbackRate);
+    this.updateRenditions();
+    this.input("quality").value = player.resolution.quality;
+    this.input("loop").checked = player.loop;
+    this.input("spatial").checked = player.soundtrack.spatial.on;
+    this.input("spatial").parentElement!.hidden = !player.soundtrack.placed;
+    this.input("fly").checked = player.camera?.flying === true;
+    this.input("statistics").checked = this.statistics;
+    this.input("share").hidden = !this.shares;
+    this.input("about").hidden = !this.says;
+  }
+
+  /** Auto says what it came to; reels in one rendition have nothing to choose. */
+  private updateRenditions(): void {
+    const { renditions, rendition, shownRendition } = this.player;
+    const select = this.box.querySelector<HTMLSelectElement>("[name=rendition]")!;
+    select.parentElement!.hidden = renditions.length === 0;
+    const texts = [shownRendition && rendition === null ? `Auto (${shownRendition})` : "Auto", ...renditions];
+    if (texts.join() !== [...select.options].map(({ text }) => text).join()) {
+      select.replaceChildren(...texts.map((text, index) => new Option(text, index === 0 ? "" : text)));
+    }
+    select.value = rendition ?? "";
+  }
+
+  private input(name: string): HTMLInputElement {
+    return this.box.querySelector<HTMLInputElement>(`[name=${name}]`)!;
+  }
+}

@@ -1,0 +1,94 @@
+/** What stands in the middle of the picture: waiting, the first play, errors, short messages. */
+import { plainWords } from "../base/errors";
+import type { Player } from "../player/player";
+import type { Soundtrack } from "../sound/soundtrack";
+import { MUTED, PLAY } from "./icons";
+import { elementOf } from "./markup";
+
+/** A wait longer than this, milliseconds, is explained. */
+const EXPLAIN_AFTER = 1500;
+const TOAST = 2200;
+
+const MARKUP = `<div class="center">
+  <div class="wait" role="status" hidden><div class="spinner"></div><p>Loading</p></div>
+  <button class="start" type="button" aria-label="Play" tabindex="-1" hidden>${PLAY}</button>
+  <button class="unmute" type="button" hidden>${MUTED}Tap for sound</button>
+  <div class="toast" role="status"></div>
+  <div class="sheet panel" role="alert" hidden>
+    <h2></h2>
+    <p></p>
+    <button type="button" class="retry">Try again</button>
+    <details><summary>Details</summary><div></div></details>
+  </div>
+</div>`;
+
+export class Messages {
+  readonly box = elementOf(MARKUP);
+  private explain = 0;
+  private toast = 0;
+  /** What of the sound has been said. */
+  private told: Error | null = null;
+
+  constructor(private readonly player: Player) {
+    this.find(".start").onclick = () => player.play();
+    this.find(".retry").onclick = () => player.retry();
+    this.find(".unmute").onclick = () => player.soundtrack.toggle();
+  }
+
+  /** Show how things are. */
+  update(): void {
+    const { canPlay, paused, currentTime, error, waiting, busy, soundtrack } = this.player;
+    this.updatePanel(error);
+    this.updateWait(busy && (!canPlay || waiting));
+    this.updateSound(soundtrack, paused);
+    this.find(".start").hidden = !(canPlay && paused && currentTime === 0 && !error && !waiting);
+  }
+
+  private updateSound({ blocked, error }: Soundtrack, paused: boolean): void {
+    this.find(".unmute").hidden = !blocked || paused;
+    if (error && error !== this.told) this.say("The sound cannot be played");
+    this.told = error;
+  }
+
+  /** Say something for a moment. */
+  say(text: string): void {
+    const box = this.find(".toast");
+    box.textContent = text;
+    box.classList.add("shown");
+    clearTimeout(this.toast);
+    this.toast = window.setTimeout(() => box.classList.remove("shown"), TOAST);
+  }
+
+  /** Plain words; what says where and why is in the details. */
+  private updatePanel(error: Error | null): void {
+    const panel = this.find(".panel");
+    if (error && panel.hidden) {
+      const plain = plainWords(error);
+      this.find(".panel h2").textContent = this.player.canPlay ? "Playback stopped" : "This reel cannot be played";
+      this.find(".panel p").textContent = plain;
+      const details = this.box.querySelector("details")!;
+      [details.hidden, details.open] = [plain === error.message, false];
+      this.find("details div").textContent = error.message;
+    }
+    panel.hidden = !error;
+  }
+
+  /** Wheel at once, words once it takes long. */
+  private updateWait(waiting: boolean): void {
+    const wait = this.find(".wait");
+    if (waiting && wait.hidden) {
+      wait.classList.remove("long");
+      this.explain = window.setTimeout(() => wait.classList.add("long"), EXPLAIN_AFTER);
+    }
+    if (!waiting) clearTimeout(this.explain);
+    wait.hidden = !waiting;
+    const { notice, progress } = this.player;
+    const text = notice ?? (progress > 0 ? `Loading ${Math.floor(100 * progress)} %` : "Loading");
+    const words = wait.querySelector("p")!;
+    if (words.textContent !== text) words.textContent = text;
+  }
+
+  private find(name: string): HTMLElement {
+    return this.box.querySelector<HTMLElement>(name)!;
+  }
+}

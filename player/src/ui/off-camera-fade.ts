@@ -1,0 +1,28 @@
+/** Over a view from where no camera looked: the reel's background, the more of it the farther, and words that say so. */
+import type { Player } from "../player/player";
+import { elementOf } from "./markup";
+
+/** Fainter than this there are no words yet. */
+const WORDS = 0.05;
+
+export class OffCameraFade {
+  readonly box = elementOf(`<div class="beyond"><p role="status"></p></div>`);
+  private shown = 0;
+
+  constructor(private readonly player: Player) {
+    player.addEventListener("drawn", () => this.update());
+    player.addEventListener("emptied", () => this.update());
+  }
+
+  private update(): void {
+    const { camera, manifest } = this.player;
+    const fade = camera?.beyond ?? 0;
+    if (fade === this.shown) return;
+    this.shown = fade;
+    const color = (manifest?.background ?? [0, 0, 0]).map((part) => Math.round(255 * part));
+    this.box.style.backgroundColor = `rgb(${color.join(" ")} / ${fade.toFixed(3)})`;
+    const words = fade > WORDS ? "No camera looked from here" : "";
+    const line = this.box.firstElementChild!;
+    if (line.textContent !== words) line.textContent = words;
+  }
+}

@@ -1,0 +1,233 @@
+/** The panel in which people make a camera path, beside the picture. Loaded when it is asked for. */
+import { messageOf } from "../base/errors";
+import { inOrder, type Keyframe, type PathFile } from "../camera/camera-path";
+import { appended, lasting, moved, throughViews, without } from "../camera/edit-keyframes";
+import type { PathPlayer } from "../player/path-player";
+import type { Player } from "../player/player";
+import { CLOSE, PAUSE, PLAY } from "./icons";
+import { elementOf } from "./markup";
+import { PathDrawing } from "./path-drawing";
+import styles from "./path-panel.css";
+
+const MARKUP = `<section class="sheet path-panel" aria-label="Camera path">
+  <header><h2>Camera path</h2><button type="button" class="close" aria-label="Close the camera path">${CLOSE}</button></header>
+  <div class="row">
+    <button type="button" class="add">Add this view</button>
+    <button type="button" class="cameras">Through the cameras</button>
+  </div>
+  <p class="empty">Go to a view and a time, and add it; then the next. The camera moves smoothly from one to another.</p>
+  <ol></ol>
+  <div class="row whole">
+    <label>Seconds<input type="number" class="seconds" min="0.1" step="0.5" /></label>
+    <label>Loop<input type="checkbox" role="switch" class="loop" /></label>
+  </div>
+  <div class="row">
+    <button type="button" class="play"></button>
+    <button type="button" class="back" title="Add the first view at the end">Return</button>
+    <button type="button" class="save">Save</button>
+    <button type="button" class="load">Load</button>
+    <input type="file" class="file" accept=".json,application/json" hidden />
+  </div>
+  <p class="words" role="status"></p>
+</section>`;
+
+const ITEM = `<li>
+  <button type="button" class="go"></button>
+  <label>at<input type="number" min="0" step="0.1" /></label>
+  <button type="button" class="set">Set</button>
+  <button type="button" class="remove">${CLOSE}</button>
+</li>`;
+
+/** What the panel needs of the element that it belongs to. */
+export interface PathHost extends HTMLElement {
+  readonly player: Player;
+  readonly pathPlayer: PathPlayer;
+  /** Throws `ReelError` for what is no path. */
+  path: PathFile | null;
+}
+
+export class PathPanel {
+  readonly box = elementOf(MARKUP);
+  private readonly drawing = new PathDrawing();
+  private readonly life = new AbortController();
+  private drawn = "";
+  private frame = 0;
+
+  /** closed: called when people close it. */
+  constructor(private readonly host: PathHost, root: ShadowRoot, private readonly closed: () => void) {
+    const { signal } = this.life;
+    const sheet = new CSSStyleSheet();
+    sheet.replaceSync(styles);
+    root.adoptedStyleSheets = [...root.adoptedStyleSheets, sheet];
+    signal.addEventListener("abort", () => (root.adoptedStyleSheets = root.adoptedStyleSheets.filter((other) => other !== sheet)));
+    root.append(this.drawing.box, this.box);
+    this.listen(signal);
+    this.update();
+    this.redraw();
+    this.find(".add").focus();
+  }
+
+  close(): void {
+    this.life.abort();
+    cancelAnimationFrame(this.frame);
+    this.box.remove();
+    this.drawing.box.remove();
+    this.closed();
+  }
+
+  private listen(signal: AbortSignal): void {
+    const { host, player } = this;
+    const click = (name: string, act: () => void): void => void (this.find(name).onclick = act);
+    click(".close", () => this.close());
+    click(".add", () => this.edit((keyframes) => appended(keyframes, player.currentTime, this.viewmat)));
+    click(".cameras", () => this.edit(() => this.throughCameras()));
+    click(".back", () => this.edit((keyframes) => appended(keyframes, keyframes.at(-1)!.time, keyframes[0].viewmat)));
+    click(".play", () => this.toggle());
+    click(".save", () => save(JSON.stringify(host.path, null, 1)));
+    click(".load", () => this.find(".file").click());
+    const file = this.find<HTMLInputElement>(".file");
+    file.onchange = () => {
+      const [chosen] = file.files!;
+      file.value = "";
+      if (chosen) void this.load(chosen);
+    };
+    this.find<HTMLInputElement>(".seconds").onchange = ({ target }) => this.edit((keyframes) => lasting(keyframes, Number((target as HTMLInputElement).value)));
+    this.find(".loop").onchange = () => this.edit((keyframes) => keyframes);
+    this.box.addEventListener("keydown", (event) => this.key(event));
+    host.addEventListener("dragover", (event) => void (holdsFiles(event) && event.preventDefault()), { signal, capture: true });
+    host.addEventListener("drop", (event) => this.drop(event), { signal, capture: true });
+    player.addEventListener("pathchange", () => this.update(), { signal });
+    player.addEventListener("emptied", () => this.close(), { signal });
+  }
+
+  private get player(): Player {
+    return this.host.player;
+  }
+
+  private get viewmat(): number[] {
+    return this.player.camera!.viewmat;
+  }
+
+  private find<T extends HTMLElement>(name: string): T {
+    return this.box.querySelector<T>(name)!;
+  }
+
+  private edit(change: (keyframes: Keyframe[]) => Keyframe[]): void {
+    if (!this.player.camera) return;
+    const keyframes = change([...(this.host.path?.keyframes ?? [])]);
+    const loop = this.find<HTMLInputElement>(".loop").checked;
+    this.say("");
+    try {
+      this.host.path = keyframes.length > 0 ? { format: "splatreel-path", version: 1, loop, keyframes } : null;
+    } catch (error) {
+      this.say(messageOf(error));
+      this.update();
+    }
+  }
+
+  private throughCameras(): Keyframe[] {
+    const { camera, cameras } = this.player.manifest!;
+    return throughViews(inOrder(camera.viewmat, cameras.map(({ viewmat }) => viewmat)), this.player.duration);
+  }
+
+  private toggle(): void {
+    const { pathPlayer } = this.host;
+    if (pathPlayer.playing) pathPlayer.stop();
+    else pathPlayer.play().catch((error) => this.say(messageOf(error)));
+  }
+
+  private async load(file: File): Promise<void> {
+    try {
+      this.host.path = JSON.parse(await file.text()) as PathFile;
+      this.say(`${file.name} is loaded`);
+    } catch (error) {
+      this.say(`${file.name} cannot be loaded. ${messageOf(error)}`);
+    }
+  }
+
+  /** A path that is dropped is for the panel, all else for the player. */
+  private drop(event: DragEvent): void {
+    const file = [...(event.dataTransfer?.files ?? [])].find(({ name }) => /\.json$/i.test(name));
+    if (!file || event.dataTransfer!.files.length > 1) return;
+    event.preventDefault();
+    event.stopPropagation();
+    void this.load(file);
+  }
+
+  private key(event: KeyboardEvent): void {
+    const typing = event.target instanceof HTMLInputElement && event.target.type === "number";
+    if (event.key === "Escape") this.close();
+    if (typing || event.key === "Escape") event.stopPropagation();
+  }
+
+  private update(): void {
+    const { path, pathPlayer } = this.host;
+    const keyframes = path?.keyframes ?? [];
+    this.find(".empty").hidden = keyframes.length > 0;
+    this.find(".cameras").hidden = (this.player.manifest?.cameras.length ?? 0) < 2;
+    for (const name of [".whole", ".save"]) this.find(name).hidden = keyframes.length === 0;
+    this.find(".play").hidden = keyframes.length < 2;
+    this.find(".back").hidden = keyframes.length < 2;
+    this.find(".play").innerHTML = pathPlayer.playing ? `${PAUSE}Stop` : `${PLAY}Play`;
+    this.find<HTMLInputElement>(".seconds").value = String(Number((keyframes.at(-1)?.at ?? 0).toFixed(2)));
+    this.find<HTMLInputElement>(".loop").checked = path?.loop ?? false;
+    this.find("ol").replaceChildren(...keyframes.map((keyframe, i) => this.item(keyframe, i)));
+    this.drawn = "";
+  }
+
+  private item({ at, time, viewmat }: Keyframe, index: number): HTMLElement {
+    const item = elementOf(ITEM);
+    const part = <T extends HTMLElement>(name: string, label: string): T => {
+      const found = item.querySelector<T>(name)!;
+      found.ariaLabel = label;
+      return found;
+    };
+    const number = index + 1;
+    const go = part(".go", `Go to keyframe ${number}, ${time.toFixed(1)} s of the reel`);
+    go.textContent = `${number} · ${time.toFixed(1)} s`;
+    go.onclick = () => this.goTo(time, viewmat);
+    const input = part<HTMLInputElement>("input", `Seconds of keyframe ${number}`);
+    [input.value, input.disabled] = [String(Number(at.toFixed(2))), index === 0];
+    input.onchange = () => this.edit((keyframes) => moved(keyframes, index, Number(input.value)));
+    part(".set", `Set keyframe ${number} to this view and time`).onclick = () =>
+      this.edit((keyframes) => keyframes.map((keyframe, i) => (i === index ? { at, time: this.player.currentTime, viewmat: this.viewmat } : keyframe)));
+    part(".remove", `Delete keyframe ${number}`).onclick = () => this.edit((keyframes) => without(keyframes, index));
+    return item;
+  }
+
+  private goTo(time: number, viewmat: number[]): void {
+    this.host.pathPlayer.stop();
+    this.player.pause();
+    this.player.camera!.viewmat = viewmat;
+    this.player.currentTime = time;
+    this.player.invalidate();
+  }
+
+  /** Over every picture of another view; while the path plays, one is on it and sees little of it. */
+  private redraw(): void {
+    this.frame = requestAnimationFrame(() => this.redraw());
+    const { player, host } = this;
+    const { camera, canvas: { clientWidth, clientHeight } } = player;
+    if (!camera) return;
+    const key = [...camera.viewmat, clientWidth, clientHeight, host.pathPlayer.playing].join();
+    if (key === this.drawn) return;
+    this.drawn = key;
+    this.drawing.draw(host.pathPlayer.playing ? null : host.pathPlayer.path, camera, clientWidth, clientHeight);
+  }
+
+  private say(words: string): void {
+    this.find(".words").textContent = words;
+  }
+}
+
+function holdsFiles(event: DragEvent): boolean {
+  return event.dataTransfer?.types.includes("Files") ?? false;
+}
+
+function save(text: string): void {
+  const anchor = document.createElement("a");
+  anchor.href = URL.createObjectURL(new Blob([text], { type: "application/json" }));
+  anchor.download = "camera-path.json";
+  anchor.click();
+  setTimeout(() => URL.revokeObjectURL(anchor.href), 10_000);
+}

@@ -1,0 +1,107 @@
+/** Mouse, wheel and touch to camera moves: drag orbits, right or shift drag and two fingers pan, wheel and pinch zoom. */
+import type { Player } from "../player/player";
+import type { CooperativeGestures } from "./cooperative-gestures";
+
+/** A drag along the surface's shorter side turns by this many radians. */
+const HALF_TURN = Math.PI;
+/** A pause of this many milliseconds before letting go means no flick. */
+const STILL = 60;
+/** Two taps closer than this, in milliseconds and pixels, are a double one; a drag shorter than this many pixels is a tap. */
+const DOUBLE = 320;
+const NEAR = 12;
+
+interface Finger {
+  x: number;
+  y: number;
+  pan: boolean;
+  touch: boolean;
+}
+
+/** Steer a player's camera from a surface, as far as the gestures are for it, until the signal. */
+export function attachPointerControls(surface: HTMLElement, player: Player, gestures: CooperativeGestures, signal: AbortSignal): void {
+  const fingers = new Map<number, Finger>();
+  let velocity: [number, number] = [0, 0];
+  let moved = 0;
+  let way = 0;
+  let tap = { x: 0, y: 0, time: -Infinity };
+
+  const down = (event: PointerEvent): void => {
+    fingers.set(event.pointerId, { x: event.clientX, y: event.clientY, pan: event.button !== 0 || event.shiftKey, touch: event.pointerType === "touch" });
+    surface.setPointerCapture(event.pointerId);
+    if (player.camera) {
+      player.camera.flick(0, 0);
+      player.camera.held = true;
+    }
+    velocity = [0, 0];
+    way = 0;
+  };
+  const move = (event: PointerEvent): void => {
+    const finger = fingers.get(event.pointerId);
+    const { camera } = player;
+    if (!finger || !camera) return;
+    const dx = event.clientX - finger.x;
+    const dy = event.clientY - finger.y;
+    way += Math.hypot(dx, dy);
+    if (way === 0) return;
+    if (fingers.size === 1 && finger.touch && !gestures.taken) {
+      // The page scrolls.
+    } else if (fingers.size === 1 && !finger.pan) {
+      const unit = HALF_TURN / Math.max(Math.min(surface.clientWidth, surface.clientHeight), 1);
+      camera.orbit(dx * unit, dy * unit);
+      const seconds = Math.max((event.timeStamp - moved) / 1000, 0.004);
+      velocity = [(dx * unit) / seconds, (dy * unit) / seconds];
+    } else {
+      if (fingers.size > 1) camera.zoom(spread(fingers) / spread(fingers, event));
+      camera.pan(dx / fingers.size, dy / fingers.size, camera.view(surface.clientWidth, surface.clientHeight).fx);
+    }
+    moved = event.timeStamp;
+    [finger.x, finger.y] = [event.clientX, event.clientY];
+    player.invalidate();
+  };
+  const up = (event: PointerEvent): void => {
+    const finger = fingers.get(event.pointerId);
+    fingers.delete(event.pointerId);
+    if (!finger || fingers.size > 0) return;
+    if (player.camera) player.camera.held = false;
+    if (!finger.pan && event.timeStamp - moved < STILL) player.camera?.flick(...velocity);
+    if (way < NEAR && event.type === "pointerup") tapped(event);
+    player.invalidate();
+  };
+  const tapped = (event: PointerEvent): void => {
+    const double = event.timeStamp - tap.time < DOUBLE && Math.hypot(event.clientX - tap.x, event.clientY - tap.y) < 2 * NEAR;
+    tap = { x: event.clientX, y: event.clientY, time: double ? -Infinity : event.timeStamp };
+    const { left, top } = surface.getBoundingClientRect();
+    if (double) focusAt(player, event.clientX - left, event.clientY - top);
+  };
+  const wheel = (event: WheelEvent): void => {
+    if (!gestures.takesWheel(event)) return;
+    event.preventDefault();
+    const lines = event.deltaMode === WheelEvent.DOM_DELTA_LINE ? 16 : 1;
+    player.camera?.zoom(Math.exp(Math.min(Math.max(event.deltaY * lines, -200), 200) * 0.0015));
+    player.invalidate();
+  };
+
+  surface.addEventListener("pointerdown", down, { signal });
+  surface.addEventListener("pointermove", move, { signal });
+  surface.addEventListener("pointerup", up, { signal });
+  surface.addEventListener("pointercancel", up, { signal });
+  surface.addEventListener("wheel", wheel, { passive: false, signal });
+  surface.addEventListener("contextmenu", (event) => event.preventDefault(), { signal });
+}
+
+/** Turn to what is seen at a point of the canvas, CSS pixels, and orbit about it from now on. */
+function focusAt({ camera, stage, canvas }: Player, x: number, y: number): void {
+  const view = stage?.view;
+  if (!camera || !view) return;
+  const ratio = view.width / canvas.clientWidth;
+  const depth = stage.depthAt(x * ratio, y * ratio);
+  if (depth !== null) camera.focus([((x * ratio - view.cx) / view.fx) * depth, ((y * ratio - view.cy) / view.fy) * depth, depth]);
+}
+
+/** Mean distance of the fingers from their middle, with one of them where an event says. */
+function spread(fingers: Map<number, Finger>, event?: PointerEvent): number {
+  const points = [...fingers].map(([id, finger]) => (event && id === event.pointerId ? { x: event.clientX, y: event.clientY } : finger));
+  const x = points.reduce((sum, point) => sum + point.x, 0) / points.length;
+  const y = points.reduce((sum, point) => sum + point.y, 0) / points.length;
+  return Math.max(points.reduce((sum, point) => sum + Math.hypot(point.x - x, point.y - y), 0) / points.length, 1);
+}

@@ -1,0 +1,34 @@
+/** Saves what shows as a PNG file, in all the pixels of the screen. */
+import { ReelError } from "../base/errors";
+import type { Player } from "../player/player";
+
+/** Throws `ReelError` while there is no whole picture. */
+export async function saveScreenshot(player: Player): Promise<void> {
+  const { camera, canvas, manifest } = player;
+  if (!camera || !manifest || !player.canPlay || player.waiting || player.seeking) throw new ReelError("The picture is not here yet.");
+  const seconds = player.currentTime;
+  const size = (css: number): number => Math.max(Math.round(css * devicePixelRatio), 1);
+  const { width, height, data } = await player.playback.takePicture(camera.view(size(canvas.clientWidth), size(canvas.clientHeight)));
+  save(await encode(new ImageData(new Uint8ClampedArray(data.buffer as ArrayBuffer, data.byteOffset, data.byteLength), width, height)), nameOf(manifest.presentation.title, seconds));
+}
+
+/** Letters, digits and hyphens only: "toy-train-1.40s.png". */
+export function nameOf(title: string, seconds: number): string {
+  const words = title.toLowerCase().match(/[\p{L}\p{N}]+/gu) ?? ["reel"];
+  return `${words.join("-").slice(0, 60)}-${seconds.toFixed(2)}s.png`;
+}
+
+function encode(pixels: ImageData): Promise<Blob> {
+  const canvas = document.createElement("canvas");
+  [canvas.width, canvas.height] = [pixels.width, pixels.height];
+  canvas.getContext("2d")!.putImageData(pixels, 0, 0);
+  return new Promise((resolve, reject) => canvas.toBlob((blob) => (blob ? resolve(blob) : reject(new ReelError("The picture is too large to be saved."))), "image/png"));
+}
+
+function save(file: Blob, name: string): void {
+  const anchor = document.createElement("a");
+  anchor.href = URL.createObjectURL(file);
+  anchor.download = name;
+  anchor.click();
+  setTimeout(() => URL.revokeObjectURL(anchor.href), 10_000);
+}

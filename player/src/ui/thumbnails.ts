@@ -1,0 +1,48 @@
+/** Small pictures of the reel's moments, out of sheets that are got when one is looked at. */
+import type { Player } from "../player/player";
+import { addressOf, type Manifest } from "../reel/manifest";
+import type { Asset, Thumbnails as Sheets } from "../reel/presentation";
+import { elementOf } from "./markup";
+
+/** The most that one takes, CSS pixels. */
+const WIDTH = 160;
+const HEIGHT = 100;
+
+export class Thumbnails {
+  readonly box = elementOf(`<span class="thumbnail" hidden><img alt="" /></span>`);
+  private readonly image = this.box.querySelector("img")!;
+  /** Of the sheet that the image is. */
+  private uri = "";
+
+  constructor(private readonly player: Player) {
+    this.image.onload = () => (this.image.hidden = false);
+    this.image.onerror = () => (this.uri = ""); // the next look tries again
+  }
+
+  /** Show the picture nearest to a time, seconds; nothing where there are none. */
+  show(seconds: number): void {
+    const { manifest } = this.player;
+    const sheets = manifest?.presentation.thumbnails;
+    this.box.hidden = !sheets;
+    if (manifest && sheets) this.place(manifest, sheets, Math.min(Math.round(seconds / sheets.seconds), sheets.count - 1));
+  }
+
+  private place(manifest: Manifest, { width, height, columns, rows, sheets }: Sheets, index: number): void {
+    const { box, image } = this;
+    const scale = Math.min(1, WIDTH / width, HEIGHT / height);
+    const at = index % (columns * rows);
+    Object.assign(box.style, { width: `${width * scale}px`, height: `${height * scale}px` });
+    image.style.width = `${columns * width * scale}px`;
+    image.style.translate = `${-(at % columns) * width * scale}px ${-Math.floor(at / columns) * height * scale}px`;
+    this.open(manifest, sheets[Math.floor(index / (columns * rows))]);
+  }
+
+  private open(manifest: Manifest, sheet: Asset): void {
+    const { image } = this;
+    const uri = manifest.url + sheet.uri;
+    if (this.uri === uri) return;
+    this.uri = uri;
+    image.hidden = true;
+    void addressOf(manifest, sheet).then((address) => this.uri === uri && (image.src = address), () => undefined);
+  }
+}

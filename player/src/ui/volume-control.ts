@@ -1,0 +1,44 @@
+/** The sound's button and slider in the bar; a silent reel has none. */
+import type { Player } from "../player/player";
+import { MUTED, SOUND } from "./icons";
+import { elementOf } from "./markup";
+
+const MARKUP = `<div class="volume" hidden>
+  <button type="button" class="mute" aria-label="Mute" hidden>${SOUND}</button>
+  <input class="level" type="range" min="0" max="1" step="0.05" aria-label="Volume" />
+</div>`;
+
+/** Of the slider; elsewhere these keys move time, the view or the focus. */
+const KEYS = ["ArrowLeft", "ArrowRight", "ArrowUp", "ArrowDown", "Home", "End", "PageUp", "PageDown"];
+
+export class VolumeControl {
+  readonly box = elementOf(MARKUP);
+  private readonly button = this.box.querySelector<HTMLButtonElement>(".mute")!;
+  private readonly slider = this.box.querySelector<HTMLInputElement>(".level")!;
+
+  constructor(private readonly player: Player) {
+    const { button, slider } = this;
+    button.onclick = () => player.soundtrack.toggle();
+    slider.addEventListener("input", () => {
+      player.soundtrack.volume = Number(slider.value);
+      player.soundtrack.muted = false;
+    });
+    slider.addEventListener("keydown", (event) => KEYS.includes(event.key) && event.stopPropagation());
+  }
+
+  /** Show how things are. */
+  update(): void {
+    const { button, slider } = this;
+    const { available, muted, volume } = this.player.soundtrack;
+    this.box.hidden = button.hidden = !available;
+    const silent = muted || volume === 0;
+    const label = silent ? "Unmute" : "Mute";
+    if (button.title !== `${label} (m)`) {
+      button.innerHTML = silent ? MUTED : SOUND;
+      button.setAttribute("aria-label", label);
+      button.title = `${label} (m)`;
+    }
+    slider.value = String(muted ? 0 : volume);
+    slider.setAttribute("aria-valuetext", `${Math.round(100 * Number(slider.value))} %`);
+  }
+}

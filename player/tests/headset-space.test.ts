@@ -1,0 +1,53 @@
+import assert from "node:assert/strict";
+import { test } from "node:test";
+import { eyeOf } from "../src/base/matrix";
+import { HeadsetSpace } from "../src/camera/headset-space";
+import type { Camera, Manifest } from "../src/reel/manifest";
+
+/** Cameras four units from the middle, y down as in the golden reels, looking along z. */
+const VIEWMAT = [1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 4, 0, 0, 0, 1];
+const CAMERA: Camera = { name: "", width: 160, height: 120, K: [120, 0, 80, 0, 120, 60, 0, 0, 1], viewmat: VIEWMAT };
+const MANIFEST = { bounds: [[-1, -1, -1], [1, 1, 1]], up: [0, -1, 0], camera: CAMERA, cameras: [CAMERA, CAMERA] } as unknown as Manifest;
+/** Column by column: an eye at (x, y, z) that looks along -z; a square picture of 90 degrees. */
+const eyeAt = (x: number, y: number, z: number): number[] => [1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0, -x, -y, -z, 1];
+const PROJECTION = [1, 0, 0, 0, 0, 1, 0, 0, 0, 0, -1, -1, 0, 0, -0.2, 0];
+const close = (a: number[], b: number[]): void => a.forEach((value, i) => assert.ok(Math.abs(value - b[i]) < 1e-9, `${a} is not ${b}`));
+
+test("people stand where the view was, with their eyes 1.6 m above the floor", () => {
+  const room = new HeadsetSpace(MANIFEST, VIEWMAT, true);
+  assert.equal(room.metres, 0.5); // the cameras' four units are two metres
+  const view = room.view(eyeAt(0, 1.6, 0), PROJECTION, 200, 100, 0.01);
+  close(view.viewmat, VIEWMAT);
+  close([view.fx, view.fy, view.cx, view.cy], [100, 50, 100, 50]);
+});
+
+test("a step in the room is a step in the world, in metres", () => {
+  const room = new HeadsetSpace(MANIFEST, VIEWMAT, true);
+  // A metre to the right, half a metre up and a metre ahead of where people began.
+  close(eyeOf(room.view(eyeAt(1, 2.1, -1), PROJECTION, 200, 100, 0.01).viewmat), [2, -1, -2]);
+});
+
+test("without a floor the eyes are where the view was", () => {
+  close(new HeadsetSpace(MANIFEST, VIEWMAT, false).view(eyeAt(0, 0, 0), PROJECTION, 10, 10, 0.01).viewmat, VIEWMAT);
+});
+
+test("who looked down stands upright all the same", () => {
+  const down = [1, 0, 0, 0, 0, 0, -1, 0, 0, 1, 0, 4, 0, 0, 0, 1]; // forward is +y, the top of the picture +z
+  const { viewmat } = new HeadsetSpace(MANIFEST, down, false).view(eyeAt(0, 0, 0), PROJECTION, 10, 10, 0.01);
+  close(viewmat.slice(8, 11), [0, 0, 1]);
+  close(viewmat.slice(4, 7), [0, 1, 0]);
+});
+
+test("a room stands as the reel's up says, however the camera was held", () => {
+  const leaning = { ...MANIFEST, up: [0.6, -0.8, 0] } as Manifest;
+  const { viewmat } = new HeadsetSpace(leaning, VIEWMAT, false).view(eyeAt(0, 0, 0), PROJECTION, 10, 10, 0.01);
+  close(viewmat.slice(4, 7), [-0.6, 0.8, 0]); // the picture's down
+  close(viewmat.slice(8, 11), [0, 0, 1]);
+});
+
+test("eyes that look past each other have their middles off the picture's", () => {
+  const skewed = [...PROJECTION];
+  [skewed[8], skewed[9]] = [0.1, -0.2];
+  const { cx, cy } = new HeadsetSpace(MANIFEST, VIEWMAT, true).view(eyeAt(0, 1.6, 0), skewed, 200, 100, 0.01);
+  close([cx, cy], [90, 40]);
+});

@@ -1,0 +1,149 @@
+import assert from "node:assert/strict";
+import { test } from "node:test";
+import { eyeOf, length, subtract, type Vec3 } from "../src/base/matrix";
+import { OrbitCamera } from "../src/camera/orbit-camera";
+import type { Manifest } from "../src/reel/manifest";
+
+const viewmat = [1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 4, 0, 0, 0, 1];
+const home = { name: "start", width: 160, height: 120, K: [120, 0, 80, 0, 120, 60, 0, 0, 1], viewmat };
+const manifest = { camera: home, cameras: [home], near: 0.1, up: [0, -1, 0], bounds: [[-1, -1, -1], [1, 1, 1]], presentation: { limits: null } } as unknown as Manifest;
+
+const close = (a: number[], b: number[]): void => a.forEach((value, i) => assert.ok(Math.abs(value - b[i]) < 1e-6, `${a} is not ${b}`));
+
+/** Where a world point appears in a 160 x 120 picture. */
+function pixel(camera: OrbitCamera, point: Vec3): [number, number] {
+  const { viewmat: m, fx, fy, cx, cy } = camera.view(160, 120);
+  const [x, y, z] = [0, 4, 8].map((r) => m[r] * point[0] + m[r + 1] * point[1] + m[r + 2] * point[2] + m[r + 3]);
+  return [(fx * x) / z + cx, (fy * y) / z + cy];
+}
+
+test("starts exactly at the reel's camera", () => {
+  const view = new OrbitCamera(manifest).view(160, 120);
+  close(view.viewmat, viewmat);
+  close([view.fx, view.fy, view.cx, view.cy], [120, 120, 80, 60]);
+});
+
+test("orbiting keeps the pivot in place and the distance to it", () => {
+  const camera = new OrbitCamera(manifest);
+  camera.orbit(0.7, -0.4);
+  close(pixel(camera, [0, 0, 0]), [80, 60]);
+  assert.ok(Math.abs(length(eyeOf(camera.viewmat)) - 4) < 1e-6);
+});
+
+test("what is in front follows the drag", () => {
+  const camera = new OrbitCamera(manifest);
+  camera.orbit(0.1, 0);
+  assert.ok(pixel(camera, [0, 0, -1])[0] > 80);
+  camera.viewmat = viewmat;
+  camera.orbit(0, 0.1);
+  assert.ok(pixel(camera, [0, 0, -1])[1] > 60);
+});
+
+test("never goes over the pole", () => {
+  const camera = new OrbitCamera(manifest);
+  for (let i = 0; i < 100; i++) camera.orbit(0, 0.2);
+  assert.ok(Math.abs(camera.viewmat[9]) < 1);
+  assert.ok(camera.viewmat[5] > 0, "down still points down");
+});
+
+test("panning moves the pivot by as many pixels", () => {
+  const camera = new OrbitCamera(manifest);
+  camera.pan(10, -6, 120);
+  close(pixel(camera, [0, 0, 0]), [90, 54]);
+});
+
+test("zooming changes the distance only, and stays in bounds", () => {
+  const camera = new OrbitCamera(manifest);
+  camera.zoom(0.5);
+  close(eyeOf(camera.viewmat), [0, 0, -2]);
+  for (let i = 0; i < 100; i++) camera.zoom(0.5);
+  assert.ok(length(subtract(eyeOf(camera.viewmat), [0, 0, 0])) > 0.01);
+});
+
+test("a flick dies away", () => {
+  const camera = new OrbitCamera(manifest);
+  camera.flick(3, 0);
+  let steps = 0;
+  while (camera.step(1 / 60)) steps++;
+  assert.ok(steps > 10 && steps < 120, String(steps));
+});
+
+test("reset glides back, and at once for people who want it calm", () => {
+  for (const calm of [false, true]) {
+    const camera = new OrbitCamera(manifest);
+    camera.calm = calm;
+    camera.orbit(0.5, 0.2);
+    camera.reset();
+    let steps = 0;
+    while (camera.step(1 / 60)) steps++;
+    close(camera.viewmat, viewmat);
+    assert.ok(calm ? steps <= 1 : steps > 10, String(steps));
+  }
+});
+
+test("a key moves the camera as long as it is down", () => {
+  const camera = new OrbitCamera(manifest);
+  camera.thrust = { ...camera.thrust, forward: 0.5 };
+  for (let i = 0; i < 30; i++) camera.step(1 / 60);
+  const [, , z] = eyeOf(camera.viewmat);
+  assert.ok(z > -4 && z < -2.5, String(z));
+  camera.thrust = { ...camera.thrust, forward: 0 };
+  let steps = 0;
+  while (camera.step(1 / 60)) steps++;
+  assert.ok(steps < 120);
+});
+
+test("who goes too far is brought back once they let go", () => {
+  const camera = new OrbitCamera(manifest);
+  camera.held = true;
+  camera.zoom(10);
+  camera.step(1 / 60);
+  assert.ok(Math.abs(length(eyeOf(camera.viewmat)) - 40) < 1e-6);
+  camera.held = false;
+  while (camera.step(1 / 60));
+  assert.ok(length(eyeOf(camera.viewmat)) < 6.1);
+  close(pixel(camera, [0, 0, 0]), [80, 60]);
+});
+
+test("a pose that a page sets is not touched by the limits", () => {
+  const camera = new OrbitCamera(manifest);
+  const far = [...viewmat.slice(0, 11), 100, 0, 0, 0, 1];
+  camera.viewmat = far;
+  assert.equal(camera.step(1), false);
+  close(camera.viewmat, far);
+});
+
+test("focus turns to the point and orbits about it", () => {
+  const camera = new OrbitCamera(manifest);
+  camera.focus([1, 0.5, 4]);
+  while (camera.step(1 / 60));
+  close(pixel(camera, [1, 0.5, 0]), [80, 60]);
+  camera.orbit(0.4, 0.1);
+  close(pixel(camera, [1, 0.5, 0]), [80, 60]);
+});
+
+test("an upright screen shows a wide picture over most of its height, a wide one as before", () => {
+  const camera = new OrbitCamera(manifest);
+  const tall = camera.view(390, 844);
+  const share = (120 * tall.fy) / 120 / 844;
+  assert.ok(share > 0.65 && share < 1, String(share));
+  close([tall.cx, tall.cy], [195, 422]);
+  const wide = camera.view(844, 390);
+  assert.ok(Math.abs(wide.fx - 1.4 * 390) < 1e-6);
+  assert.ok(camera.view(160, 4000).fx <= 2.5 * 120);
+});
+
+test("on an upright screen the focus is brought to the middle, level as it was; on a wide one all stays", () => {
+  const aside = { ...manifest, presentation: { limits: { focus: [1, 0.3, 0], angle: null, distance: null, floor: null } } } as unknown as Manifest;
+  close(new OrbitCamera(aside, { clientWidth: 844, clientHeight: 390 }).viewmat, viewmat);
+  const camera = new OrbitCamera(aside, { clientWidth: 390, clientHeight: 844 });
+  const { viewmat: m, fx, cx } = camera.view(390, 844);
+  const [x, z] = [0, 8].map((r) => m[r] + 0.3 * m[r + 1] + m[r + 3]);
+  assert.ok(Math.abs((fx * x) / z + cx - 195) < 1e-6);
+  close([m[1], m[4], m[5], m[6]], [0, 0, 1, 0]);
+  camera.orbit(0.4, 0);
+  camera.calm = true;
+  camera.reset();
+  camera.step(1);
+  close(camera.viewmat, m);
+});

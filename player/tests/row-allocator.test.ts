@@ -1,0 +1,14 @@
+import assert from "node:assert/strict";
+import { test } from "node:test";
+import { RowAllocator } from "../src/draw/row-allocator";
+
+test("ranges do not overlap, gaps are filled first, nothing is no place", () => {
+  const rows = new RowAllocator();
+  assert.deepEqual([rows.take(3), rows.take(2), rows.take(0), rows.take(4)], [0, 3, 0, 5]);
+  assert.equal(rows.end, 9);
+  rows.give(3, 2);
+  assert.equal(rows.take(3), 9);
+  assert.equal(rows.take(2), 3);
+  rows.give(9, 3);
+  assert.equal(rows.end, 9);
+});
