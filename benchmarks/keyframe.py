@@ -19,7 +19,7 @@ from splatreel.evaluation.metrics import psnr
 from splatreel.evaluation.oracle import held_out_views
 from splatreel.kernels.image import render_image
 from splatreel.motion.temporal_mean import steady
-from splatreel.recon.train.single_frame import reconstruct_still
+from splatreel.recon.train.single_frame import reconstruct_single_frame
 from splatreel.scene.camera import Camera
 
 
@@ -64,7 +64,7 @@ def trained(
 ) -> list[np.ndarray]:
     """What the held-out cameras see of a keyframe of images [C, H, W, 3] uint8, before encoding; each [H, W, 3] 0..1."""
     points = {"points": source.points, "point_colors": source.point_colors, "near": source.near}
-    gaussians, layout = reconstruct_still(cameras, images, config, **points)
+    gaussians, layout = reconstruct_single_frame(cameras, images, config, **points)
     how = {"near": layout.near, "antialias": config.antialias}
     return [np.clip(render_image(gaussians, view, **how), 0, 1) for view in views]
 

@@ -14,7 +14,7 @@ from splatreel.errors import UsageError
 from splatreel.evaluation.oracle import oracle
 from splatreel.progress import Silent, Span
 from splatreel.recon.encode.importance import weigh
-from splatreel.recon.train.single_frame import reconstruct_still
+from splatreel.recon.train.single_frame import reconstruct_single_frame
 from splatreel.scene.group import Group
 from tests.recon.captures import WallCapture
 
@@ -121,7 +121,7 @@ def still_reel(path: Path, capture: HeldOutWall, cameras: str = "training") -> P
     """A reel in which nothing moves: frame 0 all the time."""
     views = capture.training_cameras if cameras == "training" else capture.cameras
     images = capture.read(0, 1, [c.name for c in capture.training_cameras])[0]
-    gaussians, layout = reconstruct_still(capture.training_cameras, images, CONFIG)
+    gaussians, layout = reconstruct_single_frame(capture.training_cameras, images, CONFIG)
     writer = ReelWriter(
         path,
         fps=capture.fps,

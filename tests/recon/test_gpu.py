@@ -92,7 +92,7 @@ def test_the_hash_grid_learns_the_same_on_a_gpu() -> None:
     def learned(device: str) -> tuple[torch.Tensor, torch.Tensor]:
         places, target = means.to(device), wanted.to(device)
         model = HashGrid(places, 5, 1.0, 0)
-        model.reach(4)
+        model.extend_to(4)
         for step in range(3):
             dx, dq = model.offsets(places, 2.5)
             (dx - target).square().sum().backward()

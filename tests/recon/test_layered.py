@@ -36,14 +36,14 @@ def trainer(seed: int, speed: float) -> GroupTrainer:
 def gradients(group: GroupTrainer, frame: int, camera: int, layered: bool) -> tuple[float, list[Tensor], Tensor | None]:
     """The loss, its gradients to every parameter of the points and of their motion, and the tiles drawn."""
     assert isinstance(group.model, Trajectory)
-    group.model.moments.clear()
+    group.model.evaluations.clear()
     group.points.clear()
     view, target = group.frames.views[camera], group.frames.images[frame, camera]
-    drawing = draw(group._at(frame, view), view, group.backdrop.scenery(camera), layered=layered)
+    drawing = draw(group._at(frame, view), view, group.backdrop.view(camera), layered=layered)
     gain = group.gains.values.detach()[camera]
     loss = splat.photometric_loss(drawing.image, target, 0.2, gain, drawing.tiles)
     loss.backward()
-    leaves = [*group.points.params.values(), *group.model.moments[0][2:]]
+    leaves = [*group.points.params.values(), *group.model.evaluations[0][2:]]
     found = [leaf.grad.clone() for leaf in leaves if leaf.grad is not None]
     assert len(found) == len(leaves)
     return loss.item(), found, drawing.tiles

@@ -31,7 +31,7 @@ from splatreel.progress import Progress, Silent
 from splatreel.recon.encode.importance import weigh
 from splatreel.recon.run.device import pick_device
 from splatreel.recon.run.requirements import check_capture
-from splatreel.recon.train.single_frame import reconstruct_still
+from splatreel.recon.train.single_frame import reconstruct_single_frame
 from splatreel.scene.camera import Camera
 from splatreel.scene.gaussians import Gaussians
 
@@ -92,7 +92,7 @@ def reconstruct_frame(
     images = capture.read(frame, 1, [camera.name for camera in cameras])[0]
     first = capture.first_frame + frame == 0  # sparse points that a capture brings are of its first frame
     start = time.monotonic()
-    gaussians, layout = reconstruct_still(
+    gaussians, layout = reconstruct_single_frame(
         cameras,
         images,
         config,

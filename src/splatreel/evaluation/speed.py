@@ -116,7 +116,7 @@ def iteration_row(trainer: GroupTrainer, repeats: int) -> Row:
     layered, whole = (_batch(trainer, at) for at in (middle + MEASURE_EVERY // 2, middle))  # the same regularisers
     layered()  # until every view has drawn its backdrop
     for camera in range(len(trainer.frames.views)):
-        trainer.backdrop.scenery(camera)
+        trainer.backdrop.view(camera)
     works, threads = [layered, whole], numba.get_num_threads()
     if trainer.frames.images.device.type == "cpu":
         works.append(lambda: on_one_thread(layered, threads))
@@ -146,7 +146,7 @@ def _tiles(trainer: GroupTrainer) -> float:
     shares = []
     for camera, view in enumerate(trainer.frames.views):
         moving = trainer._at(camera % trainer.frames.count, view)
-        tiles = draw(moving, view, trainer.backdrop.scenery(camera)).tiles
+        tiles = draw(moving, view, trainer.backdrop.view(camera)).tiles
         assert tiles is not None
         shares.append(float(tiles.float().mean()))
     return sum(shares) / len(shares)

@@ -59,7 +59,7 @@ def _step(gaussians: Gaussians, view: View, still: StaticCache | None = None) ->
 
     def step(layered: bool = True) -> None:
         moving = deformed(p.params, None, None, view, NEAR)
-        drawing = draw(moving, view, still.scenery(0) if still else None, layered)
+        drawing = draw(moving, view, still.view(0) if still else None, layered)
         splat.photometric_loss(drawing.image, target, tiles=drawing.tiles).backward()
         p.clear()
 

@@ -45,7 +45,7 @@ class Rendered(NamedTuple):
     radii: Tensor
 
 
-class Still(NamedTuple):
+class FrozenSplats(NamedTuple):
     """Splats that never change, as one view sees them, drawn once: `freeze` makes it, `rasterize_among` draws in between.
 
     image: [H, W, 3] and alpha: [H, W], their picture. held: what the device needs to draw others among them.
@@ -194,14 +194,14 @@ def freeze(
     radii: Tensor,
     width: int,
     height: int,
-) -> Still:
+) -> FrozenSplats:
     """Sorts splats that will not change into tiles and draws them. colors: [M, 3]; the others as `rasterize` takes them."""
     _check_finite(means2d=means2d, conics=conics, colors=colors, opacities=opacities)
     arguments = (means2d, conics, colors, opacities, depths, radii, width, height)
     if means2d.is_cuda:
-        return Still(*cuda.freeze(*arguments))
+        return FrozenSplats(*cuda.freeze(*arguments))
     held = cpu.freeze(*arguments)
-    return Still(torch.from_numpy(held.image), torch.from_numpy(held.alpha), held)
+    return FrozenSplats(torch.from_numpy(held.image), torch.from_numpy(held.alpha), held)
 
 
 def rasterize_among(
@@ -211,7 +211,7 @@ def rasterize_among(
     opacities: Tensor,
     depths: Tensor,
     radii: Tensor,
-    still: Still,
+    frozen: FrozenSplats,
 ) -> tuple[Tensor, Tensor, Tensor]:
     """Blends projected Gaussians in front of, between and behind frozen ones; only where they are is anything drawn anew.
 
@@ -220,7 +220,7 @@ def rasterize_among(
     colors and opacities, as of all splats together. Raises `GaussiansError` for NaN or infinity.
     """
     _check_finite(means2d=means2d, conics=conics, colors=colors, opacities=opacities)
-    arguments = (means2d, conics, colors, opacities, depths, radii, still.held)
+    arguments = (means2d, conics, colors, opacities, depths, radii, frozen.held)
     if means2d.is_cuda:
         return cuda.rasterize_among(*arguments)
     return cpu.RasterizeAmong.apply(*arguments)  # pyright: ignore[reportReturnType]

@@ -54,7 +54,7 @@ from splatreel.recon.train.group import GroupFrames, GroupTrainer
 from splatreel.recon.train.keyframe import KeyframeTrainer
 from splatreel.recon.train.points import TrainablePoints, default_rates
 from splatreel.recon.train.render import View
-from splatreel.recon.train.single_frame import lay_out, still_trainer, train_frame
+from splatreel.recon.train.single_frame import first_keyframe_trainer, lay_out, train_frame
 from splatreel.scene.gaussians import Gaussians
 from splatreel.scene.group import Group
 
@@ -226,7 +226,7 @@ class Reconstruction:
     def _keyframe_trainer(self, scene: Scene, layout: Layout, first: bool) -> KeyframeTrainer:
         if first:
             seeds = checkpoint.load_arrays(self.work / "points.safetensors")
-            return still_trainer(
+            return first_keyframe_trainer(
                 seeds["points"], seeds["colors"], layout, self.rig.cameras, self.rig.gains, self.config
             )
         rates = default_rates(layout.unit, self.config.keyframe.pace)

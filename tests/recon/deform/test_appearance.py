@@ -2,12 +2,12 @@
 
 import torch
 
-from splatreel.recon.deform.appearance import Shade, leaps_of
+from splatreel.recon.deform.appearance import Appearance, detect_cuts
 
 CPU = torch.device("cpu")
 
 
-def learn(shade: Shade, wanted, iterations: int, frames: int) -> None:
+def learn(shade: Appearance, wanted, iterations: int, frames: int) -> None:
     for i in range(iterations):
         frame = i % frames
         now = shade.at(frame)
@@ -17,7 +17,7 @@ def learn(shade: Shade, wanted, iterations: int, frames: int) -> None:
 
 def test_changes_start_at_zero_and_are_learned():
     frames = 20
-    shade = Shade(frames, 2, CPU)
+    shade = Appearance(frames, 2, CPU)
     assert not shade.at(7.3).any()
 
     def wanted(frame: float) -> torch.Tensor:
@@ -30,7 +30,7 @@ def test_changes_start_at_zero_and_are_learned():
 
 
 def test_what_changes_nothing_in_the_picture_goes_back_to_nothing():
-    shade = Shade(10, 3, CPU)
+    shade = Appearance(10, 3, CPU)
     with torch.no_grad():
         shade.controls.add_(2.0)
     for i in range(200):
@@ -40,7 +40,7 @@ def test_what_changes_nothing_in_the_picture_goes_back_to_nothing():
 
 
 def test_rows_follow_the_points():
-    shade = Shade(10, 3, CPU)
+    shade = Appearance(10, 3, CPU)
     learn(shade, lambda frame: torch.tensor([[0.1], [0.2], [0.3]]).expand(3, 4), 20, 10)
     before = shade.at(4.0).detach().clone()
     shade.append(2, torch.tensor([2, 0]))
@@ -58,7 +58,7 @@ def test_rows_follow_the_points():
 def test_a_known_start_is_followed():
     wanted = torch.zeros(20, 3, 3)
     wanted[:, 1] = torch.sin(torch.arange(20) / 4)[:, None] * torch.tensor([0.5, 0.2, -0.5])
-    shade = Shade(20, 3, CPU, wanted)
+    shade = Appearance(20, 3, CPU, wanted)
     for frame in range(20):
         torch.testing.assert_close(shade.at(frame)[:, :3], wanted[frame], atol=0.08, rtol=0)
         assert not shade.at(frame)[:, 3].any(), "opacities start as they are"
@@ -73,23 +73,23 @@ def pictures(frames: int = 20) -> torch.Tensor:
     return images
 
 
-def test_a_leap_is_what_changes_at_once():
-    assert leaps_of(pictures()) == []
+def test_a_cut_is_what_changes_at_once():
+    assert detect_cuts(pictures()) == []
     cut = pictures()
     cut[9:, :, 30:, 40:] = 20  # a screen goes dark, and stays so
-    assert leaps_of(cut) == [9]
-    assert leaps_of(cut[:1]) == []
-    assert leaps_of(cut[:2]) == []
+    assert detect_cuts(cut) == [9]
+    assert detect_cuts(cut[:1]) == []
+    assert detect_cuts(cut[:2]) == []
 
 
-def test_what_leaps_is_not_smeared():
+def test_a_cut_is_not_smeared():
     def wanted(frame: float) -> torch.Tensor:
         return torch.full((1, 4), 0.4 if frame >= 9 else 0.0) * torch.tensor([1.0, -1, 1, 0])
 
     off = {}
-    for leaps in ((), (9,)):
-        shade = Shade(20, 1, CPU, leaps=leaps)
+    for cuts in ((), (9,)):
+        shade = Appearance(20, 1, CPU, cuts=cuts)
         learn(shade, wanted, 1500, 20)
-        off[leaps] = max(float((shade.at(frame).detach() - wanted(frame)).abs().max()) for frame in range(20))
+        off[cuts] = max(float((shade.at(frame).detach() - wanted(frame)).abs().max()) for frame in range(20))
     assert off[9,] < 0.06
     assert off[()] > 2.5 * off[9,]

@@ -22,7 +22,7 @@ def fit(model, means, frames, iterations):
     generator = torch.Generator().manual_seed(1)
     for i in range(iterations):
         frontier = min(frames - 1, int(2 * frames * i / iterations))
-        model.reach(frontier)
+        model.extend_to(frontier)
         frame = int(torch.randint(frontier + 1, (1,), generator=generator))
         dx, dq = model.offsets(means, frame)
         loss = (dx - true_motion(means, frame, frames)).square().mean() + 0.01 * dq[:, 1:].square().mean()
@@ -73,8 +73,8 @@ def test_tracks_that_were_followed_stay_when_training_goes_on():
     means, frames = cloud(), 12
     net = Trajectory(means, frames, 1.0, tracks=tracks_of(means, frames))
     before = net.offsets(means, 11)[0].detach()
-    net.reach(3)
-    net.reach(11)
+    net.extend_to(3)
+    net.extend_to(11)
     net.offsets(means, 2)[0].square().sum().backward()
     net.step(1.0)
     torch.testing.assert_close(net.offsets(means, 11)[0], before, atol=1e-3, rtol=0)
@@ -140,21 +140,21 @@ def test_nodes_spread_and_weights_are_local():
 @pytest.mark.parametrize("model", [Trajectory, HashGrid])
 def test_what_is_known_to_rest_rests_whatever_is_learned(model):
     means, frames = cloud(), 12
-    rests = torch.arange(len(means)) % 3 == 0
-    still = torch.where(rests[:, None], means, tracks_of(means, frames))
-    net = model(means, frames, 1.0, tracks=still, rests=rests)
+    fixed = torch.arange(len(means)) % 3 == 0
+    still = torch.where(fixed[:, None], means, tracks_of(means, frames))
+    net = model(means, frames, 1.0, tracks=still, fixed=fixed)
     fit(net, means, frames, 60)
     net.append(means[:4] + 0.01, torch.arange(4))
     net.keep(torch.arange(1, len(means) + 4))
-    rests = torch.cat([rests, rests[:4]])[1:]
+    fixed = torch.cat([fixed, fixed[:4]])[1:]
     dx, dq = net.offsets(torch.cat([means, means[:4] + 0.01])[1:], 7.0)
-    assert not dx[rests].any()
-    assert (dq[rests] == torch.tensor([1.0, 0, 0, 0])).all()
-    assert (dx[~rests].norm(dim=1) > 0.01).float().mean() > 0.9
+    assert not dx[fixed].any()
+    assert (dq[fixed] == torch.tensor([1.0, 0, 0, 0])).all()
+    assert (dx[~fixed].norm(dim=1) > 0.01).float().mean() > 0.9
 
 
 def test_nodes_are_of_what_moves():
     means = cloud()
-    rests = means[:, 0] > 0
-    net = Trajectory(means, 12, 1.0, rests=rests)
+    fixed = means[:, 0] > 0
+    net = Trajectory(means, 12, 1.0, fixed=fixed)
     assert (net.nodes[:, 0] <= 0).all()

@@ -73,7 +73,7 @@ def test_the_losses_reach_the_parameters():
     dx, dq = model.offsets(means, 3)
     loss = arap(means, dx + 0.1 * means, dq) + losses.temporal(model, means, 2, 4, 0.5, 1.0)
     loss.backward()
-    grads = [leaf.grad for _, _, *offsets in model.moments for leaf in offsets]
+    grads = [leaf.grad for _, _, *offsets in model.evaluations for leaf in offsets]
     assert grads
     assert all(grad is not None and torch.isfinite(grad).all() for grad in grads)
 

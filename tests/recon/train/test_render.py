@@ -6,7 +6,7 @@ import torch
 
 from splatreel.recon.init.layout import measure
 from splatreel.recon.train.points import TrainablePoints, default_rates
-from splatreel.recon.train.render import Splats, StaticCache, View, draw, filled, halved, splats
+from splatreel.recon.train.render import Splats, StaticCache, View, contributions, draw, halved, splats
 from splatreel.scene.clearance import Clearance
 from splatreel.scene.gaussians import Gaussians
 from tests.recon.captures import blots
@@ -33,7 +33,7 @@ def test_layered_and_whole_drawing_agree(camera: int) -> None:
     results = []
     for layered in (True, False):
         points, seen = moving(VIEWS[camera])
-        drawing = draw(seen, VIEWS[camera], backdrop().scenery(camera), layered=layered)
+        drawing = draw(seen, VIEWS[camera], backdrop().view(camera), layered=layered)
         weights = torch.rand(drawing.image.shape, generator=torch.Generator().manual_seed(0))
         (drawing.image * weights).sum().backward()
         assert drawing.moving == len(THING)
@@ -61,9 +61,9 @@ def test_what_rests_is_not_drawn_close_to_a_view_and_what_moves_is() -> None:
     clearance = Clearance((0.0, 0.0, 0.0), float(np.median(depths) / camera.viewmat[2, 3]))
     view = View.of(camera, CPU, layout=replace(layout, clearance=clearance))
     near, far = WALL[depths < np.median(depths)], WALL[depths > np.median(depths)]
-    seen = StaticCache(WALL, [view], NEAR, CPU).scenery(0)
+    seen = StaticCache(WALL, [view], NEAR, CPU).view(0)
     assert 0 < len(seen.index) <= len(far)
-    expected = StaticCache(far, VIEWS, NEAR, CPU).scenery(0)
+    expected = StaticCache(far, VIEWS, NEAR, CPU).view(0)
     drawn = [draw(moving(view, near)[1], view, scenery).image for scenery in (seen, expected)]
     torch.testing.assert_close(*drawn, atol=1e-6, rtol=0)
     assert (drawn[0] - draw(moving(view, near[:0])[1], view, expected).image).abs().max() > 0.1
@@ -78,7 +78,7 @@ def test_a_background_shows_through_what_is_drawn(layered: bool) -> None:
     results = []
     for seen_by in (view, plain):
         points, seen = moving(seen_by)
-        scenery = StaticCache(WALL[:40], [seen_by] * 3, NEAR, CPU).scenery(1)
+        scenery = StaticCache(WALL[:40], [seen_by] * 3, NEAR, CPU).view(1)
         drawing = draw(seen, seen_by, scenery, layered=layered)
         image = drawing.image if seen_by is view else drawing.image + (1 - drawing.alpha[..., None]) * color
         weights = torch.rand(image.shape, generator=torch.Generator().manual_seed(0))
@@ -92,7 +92,7 @@ def test_a_background_shows_through_what_is_drawn(layered: bool) -> None:
 
 def test_without_scenery_only_what_moves_is_drawn() -> None:
     _, seen = moving(VIEWS[0])
-    alone, before_nothing = draw(seen, VIEWS[0]), draw(seen, VIEWS[0], backdrop(Gaussians.empty(0)).scenery(0))
+    alone, before_nothing = draw(seen, VIEWS[0]), draw(seen, VIEWS[0], backdrop(Gaussians.empty(0)).view(0))
     assert alone.index is None
     torch.testing.assert_close(alone.image, before_nothing.image, atol=1e-6, rtol=0)
     assert (alone.alpha == 0).any()
@@ -103,15 +103,15 @@ def test_the_scenery_shows_the_living_points_only(drawn_before: bool) -> None:
     alive = torch.from_numpy(WALL.means[:, 0] < 0.3)
     behind = backdrop()
     if drawn_before:
-        assert len(behind.scenery(1).index) > int(alive.sum()) // 2
+        assert len(behind.view(1).index) > int(alive.sum()) // 2
     behind.set_alive(alive)
-    scenery, expected = behind.scenery(1), backdrop(WALL[alive.numpy()]).scenery(1)
+    scenery, expected = behind.view(1), backdrop(WALL[alive.numpy()]).view(1)
     assert bool(alive[scenery.index].all())
     np.testing.assert_array_equal(torch.nonzero(alive)[:, 0][expected.index], scenery.index)
-    torch.testing.assert_close(scenery.still.image, expected.still.image, atol=1e-6, rtol=0)
-    torch.testing.assert_close(scenery.still.alpha, expected.still.alpha, atol=1e-6, rtol=0)
+    torch.testing.assert_close(scenery.frozen.image, expected.frozen.image, atol=1e-6, rtol=0)
+    torch.testing.assert_close(scenery.frozen.alpha, expected.frozen.alpha, atol=1e-6, rtol=0)
     assert len(scenery.index) == len(scenery.splats.means2d)
-    assert (backdrop().scenery(1).still.image - scenery.still.image).abs().max() > 0.1
+    assert (backdrop().view(1).frozen.image - scenery.frozen.image).abs().max() > 0.1
 
 
 def test_the_callers_mask_stays_his_own() -> None:
@@ -123,33 +123,33 @@ def test_the_callers_mask_stays_his_own() -> None:
 
 def test_scenery_is_drawn_once() -> None:
     behind = backdrop()
-    first = behind.scenery(2)
-    assert behind.scenery(2) is first
+    first = behind.view(2)
+    assert behind.view(2) is first
     behind.set_alive(torch.ones(len(WALL), dtype=torch.bool))
-    assert behind.scenery(2) is first, "nothing died"
+    assert behind.view(2) is first, "nothing died"
 
 
 def test_what_a_point_fills_is_what_is_seen_of_it() -> None:
     """One splat in front of a wall and the same behind it: there it fills what it adds to the wall's alpha."""
     wall = Gaussians(WALL.means, WALL.quats, WALL.scales, np.full(len(WALL), 0.999), WALL.sh)
-    view, scenery = VIEWS[0], backdrop(wall).scenery(0)
+    view, scenery = VIEWS[0], backdrop(wall).view(0)
     one = THING[:1]
     _, before = moving(view, one)
     alone = float(draw(before, view).alpha.sum().detach())
     _, behind = moving(view, Gaussians(one.means + np.array([0, 0, 3]), one.quats, one.scales, one.opacities, one.sh))
     assert alone > 1
-    torch.testing.assert_close(filled(before, view, scenery), torch.tensor([alone]), atol=1e-3, rtol=1e-3)
-    through = (draw(behind, view, scenery).alpha - scenery.still.alpha).sum().detach()
+    torch.testing.assert_close(contributions(before, view, scenery), torch.tensor([alone]), atol=1e-3, rtol=1e-3)
+    through = (draw(behind, view, scenery).alpha - scenery.frozen.alpha).sum().detach()
     assert through < 0.5 * alone
-    torch.testing.assert_close(filled(behind, view, scenery), through[None], atol=1e-3, rtol=1e-3)
+    torch.testing.assert_close(contributions(behind, view, scenery), through[None], atol=1e-3, rtol=1e-3)
 
 
 def test_small_pictures_are_what_their_views_see() -> None:
     views = [View.of(camera, CPU, antialias=True) for camera in ring(2, width=97, height=65)]
     seen = StaticCache(WALL, views, NEAR, CPU)
-    pictures = torch.stack([seen.scenery(k).still.image for k in range(2)])
+    pictures = torch.stack([seen.view(k).frozen.image for k in range(2)])
     small = halved((pictures.clamp(0, 1) * 255).round().to(torch.uint8))
-    seen.look([view.halved() for view in views])
-    again = torch.stack([seen.scenery(k).still.image for k in range(2)])
+    seen.set_views([view.halved() for view in views])
+    again = torch.stack([seen.view(k).frozen.image for k in range(2)])
     assert small.shape == again.shape == (2, 32, 48, 3)
     assert (small.float() / 255 - again.clamp(0, 1)).abs().mean() < 0.01

@@ -7,7 +7,7 @@ from splatreel.config import Config, KeyframeConfig
 from splatreel.progress import Silent
 from splatreel.recon.pipeline import reconstruct
 from splatreel.recon.run import checkpoint
-from splatreel.recon.train.single_frame import reconstruct_still
+from splatreel.recon.train.single_frame import reconstruct_single_frame
 from tests.recon.captures import WallCapture
 
 CONFIG = Config(keyframe=KeyframeConfig(first_iterations=40, coarse_share=0.5, densify_every=5, sh_degree=1))
@@ -36,7 +36,7 @@ def images(capture: WallCapture, frame: int) -> np.ndarray:
 
 def test_a_frame_alone_is_the_first_keyframe_of_a_run(tmp_path: Path) -> None:
     capture, trace = WallCapture(1), Trace()
-    gaussians, layout = reconstruct_still(capture.cameras, images(capture, 0), CONFIG, progress=trace)
+    gaussians, layout = reconstruct_single_frame(capture.cameras, images(capture, 0), CONFIG, progress=trace)
     work = reconstruct(capture, tmp_path, CONFIG, device="cpu").work
     keyframe = checkpoint.load_arrays(work / "group0000" / "keyframe.safetensors")
     for name, value in checkpoint.pack(gaussians).items():
@@ -49,8 +49,8 @@ def test_cameras_that_do_not_agree_are_told_of() -> None:
     capture, heard = WallCapture(1), Notes()
     config = replace(CONFIG, keyframe=replace(CONFIG.keyframe, first_iterations=150, pace=4.0))
     shown = images(capture, 0)
-    reconstruct_still(capture.cameras, shown, config, progress=heard)
+    reconstruct_single_frame(capture.cameras, shown, config, progress=heard)
     assert not heard.notes
     noise = np.random.default_rng(0).integers(0, 256, shown.shape).astype(np.uint8)
-    reconstruct_still(capture.cameras, noise, config, progress=heard)
+    reconstruct_single_frame(capture.cameras, noise, config, progress=heard)
     assert "do not agree" in heard.notes[0]

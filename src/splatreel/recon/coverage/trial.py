@@ -15,7 +15,7 @@ import torch
 from splatreel.config import preset
 from splatreel.kernels.image import render_image
 from splatreel.progress import Progress
-from splatreel.recon.train.single_frame import reconstruct_still
+from splatreel.recon.train.single_frame import reconstruct_single_frame
 from splatreel.scene.camera import Camera, angles_apart, middle_camera
 
 WIDTH = 192
@@ -73,7 +73,7 @@ def leave_one_out(
     keyframe = replace(config.keyframe, first_iterations=ITERATIONS, max_points=POINTS, densify_every=50)
     config = replace(config, keyframe=keyframe)
     progress.stage(f"trying what new views will be like, without {cameras[left].name}", ITERATIONS)
-    gaussians, layout = reconstruct_still(
+    gaussians, layout = reconstruct_single_frame(
         [small[c] for c in others],
         np.stack([shown[c] for c in others]),
         config,

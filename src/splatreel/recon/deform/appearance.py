@@ -23,21 +23,21 @@ RATES = (8e-3, 8e-3, 8e-3, 8e-2)
 """Learning rates of c_base and of the logit of the opacity."""
 LAMBDA = (3e-3, 3e-3, 3e-3, 1e-4)
 """Weights of the mean absolute change: it is worth its bytes only where it shows."""
-STRONG, LEAP, LEAST = 40, 1.5, 0.002
-"""Grey levels by which a pixel changes strongly; in a leap LEAP times as many do as in the frames before and after, and the share LEAST
-of all."""
+STRONG, CUT, LEAST = 40, 1.5, 0.002
+"""Gray levels by which a pixel changes strongly; at a cut CUT times as many do as in the frames before and after, and at least the
+share LEAST of all."""
 
 
-class Shade:
+class Appearance:
     """Changes of N points over the frames of a group. controls: [knots, N, 4] in units of the learning rates.
 
-    start: [T, N, 3] what c_base gains at every frame, at first; nothing by default. leaps: frames that much is new in: see `leaps_of`.
+    start: [T, N, 3] what c_base gains at every frame, at first; nothing by default. cuts: frames of `detect_cuts`.
     """
 
     def __init__(
-        self, frames: int, count: int, device: torch.device, start: Tensor | None = None, leaps: Iterable[int] = ()
+        self, frames: int, count: int, device: torch.device, start: Tensor | None = None, cuts: Iterable[int] = ()
     ) -> None:
-        bends = {frame for leap in leaps for frame in (leap - 1, leap)}
+        bends = {frame for cut in cuts for frame in (cut - 1, cut)}
         self.spline = Spline(frames, bends, FRAMES_PER_KNOT)
         self.rates, self.weights = torch.tensor(RATES, device=device), torch.tensor(LAMBDA, device=device)
         controls = torch.zeros(self.spline.knots, count, 4, device=device)
@@ -90,7 +90,7 @@ class Shade:
         )
 
 
-def leaps_of(images: Tensor) -> list[int]:
+def detect_cuts(images: Tensor) -> list[int]:
     """Frames of images [T, C, H, W, 3] uint8 in which far more pixels change strongly than in those before and after.
 
     What moves changes about as many in neighbouring frames. A quarter of the pixels is looked at.
@@ -98,8 +98,8 @@ def leaps_of(images: Tensor) -> list[int]:
     few = images[:, :, ::2, ::2]
     shares = [_strong(before.short(), now.short()) for before, now in pairwise(few)]
     around = [max(shares[max(i - 1, 0) : i] + shares[i + 1 : i + 2], default=1.0) for i in range(len(shares))]
-    leap = [share > max(LEAP * other, LEAST) for share, other in zip(shares, around, strict=True)]
-    return [i + 1 for i in range(len(leap)) if leap[i]]
+    cut = [share > max(CUT * other, LEAST) for share, other in zip(shares, around, strict=True)]
+    return [i + 1 for i in range(len(cut)) if cut[i]]
 
 
 def _strong(before: Tensor, now: Tensor) -> float:

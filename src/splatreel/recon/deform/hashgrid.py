@@ -44,10 +44,10 @@ class HashGrid(nn.Module):
         unit: float,
         seed: int = 0,
         tracks: Tensor | None = None,
-        rests: Tensor | None = None,
+        fixed: Tensor | None = None,
     ) -> None:
         super().__init__()
-        self.moves = movable(means, rests)
+        self.moves = movable(means, fixed)
         generator = torch.Generator().manual_seed(seed)
         paths = None if tracks is None else tracks - means
         self.spline = Spline(frames) if paths is None else Spline.along(paths)
@@ -105,7 +105,7 @@ class HashGrid(nn.Module):
             dx = dx + known.view(-1, 3)
         return dx * self.moves, dq * (0.1 * self.moves) + identity
 
-    def reach(self, frame: float) -> None:
+    def extend_to(self, frame: float) -> None:
         """Nothing to prepare: the grid is defined at all times."""
 
     def step(self, share: float) -> None:

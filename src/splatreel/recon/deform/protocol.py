@@ -12,14 +12,14 @@ class Deformation(Protocol):
     """Offsets of a group's dynamic points over its frames; trained together with the points.
 
     A frame is a real number from 0 (the keyframe) to frames - 1. Where tracks are known, a model is made with them and starts there;
-    points that are known to rest, `rests` [N] bool, have no offsets, now or later.
+    points that are known to rest, `fixed` [N] bool, have no offsets, now or later.
     """
 
     def offsets(self, means: Tensor, frame: float) -> tuple[Tensor, Tensor]:
         """dx [N, 3] in world units and dq [N, 4], wxyz about (1, 0, 0, 0), not normalised, for canonical means [N, 3]."""
         ...
 
-    def reach(self, frame: float) -> None:
+    def extend_to(self, frame: float) -> None:
         """Training is about to see frames up to this one for the first time."""
         ...
 
@@ -36,9 +36,9 @@ class Deformation(Protocol):
         ...
 
 
-def movable(means: Tensor, rests: Tensor | None) -> Tensor:
-    """[N, 1] what offsets of points at means [N, 3] are multiplied by: 0 where `rests` [N] bool says so, else 1."""
-    return torch.ones_like(means[:, :1]) if rests is None else (~rests)[:, None].to(means)
+def movable(means: Tensor, fixed: Tensor | None) -> Tensor:
+    """[N, 1] what offsets of points at means [N, 3] are multiplied by: 0 where `fixed` [N] bool says so, else 1."""
+    return torch.ones_like(means[:, :1]) if fixed is None else (~fixed)[:, None].to(means)
 
 
 def movable_with(moves: Tensor, means: Tensor, parents: Tensor | None) -> Tensor:

@@ -34,12 +34,12 @@ class Trajectory:
         unit: float,
         seed: int = 0,
         tracks: Tensor | None = None,
-        rests: Tensor | None = None,
+        fixed: Tensor | None = None,
     ) -> None:
         device = means.device
-        self.moves = movable(means, rests)
+        self.moves = movable(means, fixed)
         self.unit = unit
-        moving = means if rests is None else means[~rests]
+        moving = means if fixed is None else means[~fixed]
         few = len(moving) <= self.NODES
         self.nodes = moving[:0] if few else moving[farthest_points(moving, self.NODES, seed)]
         index, share = skin(means, self.nodes)
@@ -52,7 +52,7 @@ class Trajectory:
         if paths is not None:  # the points' own level takes the tracks, as the smoothest spline close to them
             controls[1][..., :3] = self.spline.fit(paths)
         self.adams = [KnotAdam(level, rate, eps=1e-12) for level, rate in zip(controls, self.RATES, strict=True)]
-        self.moments: list[tuple[int, np.ndarray, Tensor, Tensor]] = []
+        self.evaluations: list[tuple[int, np.ndarray, Tensor, Tensor]] = []
 
     @property
     def controls(self) -> tuple[Tensor, Tensor]:
@@ -64,10 +64,10 @@ class Trajectory:
         knot, weights = self.spline.at(frame)
         dx, dq = motion.offsets(self.controls, knot, weights, self.skin, self.unit)
         if torch.is_grad_enabled():
-            self.moments.append((knot, weights, dx.requires_grad_(), dq.requires_grad_()))
+            self.evaluations.append((knot, weights, dx.requires_grad_(), dq.requires_grad_()))
         return dx, dq
 
-    def reach(self, frame: float) -> None:
+    def extend_to(self, frame: float) -> None:
         needed = self.spline.at(frame)[0] + 3
         with torch.no_grad():
             while self.reached < needed:
@@ -78,12 +78,12 @@ class Trajectory:
 
     def step(self, share: float) -> None:
         known = []
-        for knot, weights, dx, dq in self.moments:
+        for knot, weights, dx, dq in self.evaluations:
             if dx.grad is not None or dq.grad is not None:
                 d_dx, d_dq = (torch.zeros_like(leaf) if leaf.grad is None else leaf.grad for leaf in (dx, dq))
                 nodes, points = motion.offsets_gradient(d_dx, d_dq, self.skin, len(self.nodes), self.unit)
                 known.append((knot, weights, (nodes, points * self.moves)))
-        self.moments.clear()
+        self.evaluations.clear()
         taken = []
         for level, (knots, rate) in enumerate(zip(self.adams, self.RATES, strict=True)):
             knots.rate = rate * 0.05**share
@@ -92,14 +92,14 @@ class Trajectory:
         adam.adam([step for step in taken if step is not None])
 
     def keep(self, index: Tensor) -> None:
-        self.moments.clear()
+        self.evaluations.clear()
         self.skin = (self.skin[0][index], self.skin[1][index])
         self.moves = self.moves[index]
         self.adams[1].rewrite(lambda rows: rows[:, index], lambda rows: rows[:, index])
 
     def append(self, means: Tensor, parents: Tensor | None) -> None:
         """Newcomers start with what makes their total offset zero: they were static."""
-        self.moments.clear()
+        self.evaluations.clear()
         index, share = skin(means, self.nodes)
         moves = movable_with(self.moves, means, parents)
         self.moves = torch.cat([self.moves, moves])

@@ -13,7 +13,7 @@ from splatreel.kernels import splat
 from splatreel.progress import Progress
 from splatreel.recon.cameras.color_gains import CameraGains
 from splatreel.recon.cameras.time_offsets import TimeOffsets, slope
-from splatreel.recon.deform.appearance import Shade, leaps_of
+from splatreel.recon.deform.appearance import Appearance, detect_cuts
 from splatreel.recon.deform.hashgrid import HashGrid
 from splatreel.recon.deform.protocol import Deformation
 from splatreel.recon.deform.trajectory import Trajectory
@@ -21,7 +21,17 @@ from splatreel.recon.layering.tracking import Start
 from splatreel.recon.train import losses
 from splatreel.recon.train.density import GradientMeter, too_large
 from splatreel.recon.train.points import TrainablePoints
-from splatreel.recon.train.render import Drawing, Splats, StaticCache, View, deformed, draw, filled, halved, strides
+from splatreel.recon.train.render import (
+    Drawing,
+    Splats,
+    StaticCache,
+    View,
+    contributions,
+    deformed,
+    draw,
+    halved,
+    relative_distances,
+)
 from splatreel.recon.train.schedule import FrameSchedule
 from splatreel.scene.gaussians import Gaussians
 
@@ -116,11 +126,11 @@ class GroupTrainer:
         self.backdrop.set_alive(torch.from_numpy(alive).to(device))
         self.convertible = torch.from_numpy(alive if convertible is None else convertible).to(device)
         tracks, shades = (None if a is None else torch.from_numpy(a).to(device) for a in (start.tracks, start.shades))
-        rests = None if shades is None else shades.any(2).any(0)
-        self.model = make_deformation(config.group.deformation, self.points.means.detach(), frames, seed, tracks, rests)
+        fixed = None if shades is None else shades.any(2).any(0)
+        self.model = make_deformation(config.group.deformation, self.points.means.detach(), frames, seed, tracks, fixed)
         self.shade = None
         if config.group.shade:
-            self.shade = Shade(frames.count, len(self.points), device, shades, leaps_of(frames.images))
+            self.shade = Appearance(frames.count, len(self.points), device, shades, detect_cuts(frames.images))
         self.iterations = config.group.iterations_per_frame * frames.count
         self.schedule = FrameSchedule(frames.count, len(frames.views), self.iterations, config.group.progressive, seed)
         self.rng = np.random.default_rng(seed)
@@ -156,7 +166,7 @@ class GroupTrainer:
     def _step(self, iteration: int) -> Tensor:
         share = iteration / self.iterations
         frame, camera = self.schedule.draw(iteration)
-        self.model.reach(self.schedule.frontier(iteration))
+        self.model.extend_to(self.schedule.frontier(iteration))
         view = self.frames.views[camera]
         moment = self.delays.moment(frame, camera, self.frames.count)
         dx, dq = self.model.offsets(self.points.means, moment)
@@ -168,7 +178,7 @@ class GroupTrainer:
         every = self.config.layering.adapt_every
         adapts = every > 0 and ADAPT_FROM <= (iteration // every + 1) * every / self.iterations <= ADAPT_TO
         measured = adapts and iteration % MEASURE_EVERY == 0
-        drawing = draw(moving, view, self.backdrop.scenery(camera), layered=not measured)
+        drawing = draw(moving, view, self.backdrop.view(camera), layered=not measured)
         target, gain = self.frames.images[frame, camera], self.gains.values.detach()[camera]
         tiles = drawing.tiles
         if (iteration + 1) % SHOW_EVERY == 0:
@@ -194,7 +204,7 @@ class GroupTrainer:
         """Go on with pictures of full size."""
         if self.frames is not self.whole:
             self.frames = self.whole
-            self.backdrop.look(self.whole.views)
+            self.backdrop.set_views(self.whole.views)
             self._watch()
 
     def _deformed(self, dx: Tensor, dq: Tensor, shade: Tensor | None, view: View) -> Splats:
@@ -301,7 +311,7 @@ class GroupTrainer:
             highest = 0 if self.shade is None else self.shade.highest
             opacities = (self.points.params["logit_opacities"] + highest).sigmoid()
             keep = opacities >= config.cull_opacity
-            farther = strides(self.points.means, frames.views, frames.unit, config.reach)
+            farther = relative_distances(self.points.means, frames.views, frames.unit, config.reach)
             keep &= ~too_large(self.points.scales, farther, frames.unit)
         if not bool(keep.all()) and bool(keep.any()):
             self._keep(torch.nonzero(keep)[:, 0])
@@ -315,7 +325,7 @@ class GroupTrainer:
             view = self.frames.views[camera]
             with torch.no_grad():
                 moving = self._at(frame, view)
-            total += filled(moving, view, self.backdrop.scenery(camera))
+            total += contributions(moving, view, self.backdrop.view(camera))
         order = total.argsort()
         held = total[order].cumsum(0) / total.sum().clamp_min(1e-9)
         self._keep(order[held >= self.config.group.faint_share].sort().values)
@@ -336,7 +346,7 @@ class GroupTrainer:
             camera = (k * 7) % len(self.frames.views)
             view = self.frames.views[camera]
             moment = self.delays.moment(frame, camera, self.frames.count)
-            image = draw(self._at(moment, view), view, self.backdrop.scenery(camera)).image
+            image = draw(self._at(moment, view), view, self.backdrop.view(camera)).image
             values.append(losses.psnr(image * self.gains.values[camera], self.frames.images[frame, camera]))
         return float(np.mean(values))
 
@@ -363,8 +373,8 @@ def make_deformation(
     frames: GroupFrames,
     seed: int,
     tracks: Tensor | None = None,
-    rests: Tensor | None = None,
+    fixed: Tensor | None = None,
 ) -> Deformation:
-    """The deformation model of a name, `trajectory` or `hashgrid`. tracks: [T, N, 3] positions to start from; rests: [N] bool."""
+    """The deformation model of a name, `trajectory` or `hashgrid`. tracks: [T, N, 3] positions to start from; fixed: [N] bool."""
     model = HashGrid if name == "hashgrid" and len(means) else Trajectory
-    return model(means, frames.count, frames.unit, seed, tracks, rests)
+    return model(means, frames.count, frames.unit, seed, tracks, fixed)

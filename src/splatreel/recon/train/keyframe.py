@@ -17,7 +17,7 @@ from splatreel.recon.train.average import Average
 from splatreel.recon.train.density import GradientMeter, children, select_growth, too_large
 from splatreel.recon.train.losses import Depths, psnr, roughness, spread
 from splatreel.recon.train.points import TrainablePoints, default_rates
-from splatreel.recon.train.render import Splats, StaticCache, View, deformed, draw, halved, strides
+from splatreel.recon.train.render import Splats, StaticCache, View, deformed, draw, halved, relative_distances
 from splatreel.scene.gaussians import C0, Gaussians
 
 
@@ -144,13 +144,13 @@ class KeyframeTrainer:
         return float(np.mean(values))
 
     def _stride(self, stage: Stage) -> None:
-        self.strides = strides(self.points.means, stage.views, stage.unit, self.config.reach)[:, None]
+        self.strides = relative_distances(self.points.means, stage.views, stage.unit, self.config.reach)[:, None]
 
     def _step(self, stage: Stage, camera: int, behind: StaticCache | None, share: float) -> tuple[Tensor, Tensor]:
         """share: of training that is over. Returns the loss and the gradient of the places on the image."""
         p, view = self.points, stage.views[camera]
         moving = deformed(p.params, None, None, view, stage.near)
-        drawing = draw(moving, view, behind.scenery(camera) if behind else None)
+        drawing = draw(moving, view, behind.view(camera) if behind else None)
         loss = splat.photometric_loss(drawing.image, stage.images[camera], gain=self.gains.of(camera))
         cost = self._price(moving, camera, stage, share) if behind is None else 0.0
         (loss + cost).backward()

@@ -18,7 +18,7 @@ from splatreel.scene.gaussians import Gaussians
 class View:
     """A camera as tensors. viewmat: [4, 4]; K: [3, 3]; center: [3]. antialias: see `splat.antialiased`.
 
-    clear: up to this depth nothing that rests is drawn, world units (`Clearance`). background: [3], 0..1, where nothing is.
+    clear: up to this depth no static point is drawn, world units (`Clearance`). background: [3], 0..1, where nothing is.
     """
 
     viewmat: Tensor
@@ -66,7 +66,7 @@ class Splats:
         """Those of an index [M] int64."""
         return Splats(*[tensor.index_select(0, index) for tensor in self.tensors])
 
-    def before(self, background: Tensor | None) -> Splats:
+    def relative_to(self, background: Tensor | None) -> Splats:
         """With colours relative to a background's [3]: blended, they are what a picture differs by, and `draw` adds it again.
 
         That blends the background behind everything without a look at alpha: sum w c + (1 - sum w) b = sum w (c - b) + b.
@@ -80,11 +80,11 @@ class Splats:
 
 @dataclass(frozen=True)
 class StaticView:
-    """What one view sees of the backdrop. index: [M] which of its points."""
+    """What one view sees of the static points. index: [M] which of them."""
 
     splats: Splats
     index: Tensor
-    still: splat.Still
+    frozen: splat.FrozenSplats
 
 
 @dataclass(frozen=True)
@@ -103,7 +103,7 @@ class Drawing:
     tiles: Tensor | None = None
 
 
-def strides(means: Tensor, views: list[View], unit: float, reach: float) -> Tensor:
+def relative_distances(means: Tensor, views: list[View], unit: float, reach: float) -> Tensor:
     """[N] distances of points [N, 3] to the nearest view in typical viewing distances `unit`, 1 to `reach`.
 
     What is far may go as much farther in a step, and be as much larger: it is as many pixels at any distance.
@@ -134,7 +134,7 @@ def splats(
     if view.antialias:
         opacities = splat.antialiased(opacities, projected.conics)
     seen = Splats(projected.means2d, projected.conics, colors, opacities, projected.depths, projected.radii)
-    return seen.before(view.background)
+    return seen.relative_to(view.background)
 
 
 def deformed(
@@ -144,7 +144,7 @@ def deformed(
     pinhole = view.viewmat, view.K, view.width, view.height
     points = [params[name] for name in NAMES]
     seen = Splats(*splat.deformed(points, offsets, shade, pinhole, view.center, near, view.antialias))
-    return seen.before(view.background)
+    return seen.relative_to(view.background)
 
 
 class StaticCache:
@@ -155,7 +155,7 @@ class StaticCache:
         self.near = near
         self.params = to_params(gaussians, device)
         self.alive = torch.ones(len(gaussians), dtype=torch.bool, device=device)
-        self._scenery: dict[int, StaticView] = {}
+        self._views: dict[int, StaticView] = {}
 
     def __len__(self) -> int:
         return len(self.alive)
@@ -167,27 +167,27 @@ class StaticCache:
     def set_alive(self, alive: Tensor) -> None:
         """Hide the points that became dynamic. alive: [S] bool."""
         self.alive = alive.clone()
-        for camera, old in self._scenery.items():
+        for camera, old in self._views.items():
             keep = torch.nonzero(alive[old.index])[:, 0]
             if len(keep) < len(old.index):
-                self._scenery[camera] = self._drawn(camera, old.splats.rows(keep), old.index[keep])
+                self._views[camera] = self._drawn(camera, old.splats.rows(keep), old.index[keep])
 
     @torch.no_grad()
-    def scenery(self, camera: int) -> StaticView:
+    def view(self, camera: int) -> StaticView:
         """The living points that view number `camera` sees."""
-        if camera not in self._scenery:
+        if camera not in self._views:
             index = torch.nonzero(self.alive)[:, 0]
             points = activate({name: value[index] for name, value in self.params.items()})
             view = self.views[camera]
             projected = splats(*points, view, max(self.near, view.clear))
             seen = torch.nonzero(projected.radii > 0)[:, 0]
-            self._scenery[camera] = self._drawn(camera, projected.rows(seen), index[seen])
-        return self._scenery[camera]
+            self._views[camera] = self._drawn(camera, projected.rows(seen), index[seen])
+        return self._views[camera]
 
-    def look(self, views: list[View]) -> None:
+    def set_views(self, views: list[View]) -> None:
         """Be seen by other views from now on."""
         self.views = views
-        self._scenery.clear()
+        self._views.clear()
 
     @torch.no_grad()
     def _drawn(self, camera: int, seen: Splats, index: Tensor) -> StaticView:
@@ -212,19 +212,19 @@ def draw(moving: Splats, view: View, scenery: StaticView | None = None, layered:
     if parts.means2d.requires_grad:
         parts.means2d.retain_grad()
     if scenery is not None and layered:
-        image, alpha, tiles = splat.rasterize_among(*parts.tensors, scenery.still)
-        return Drawing(_on(view.background, image), alpha, parts.means2d, count, tiles=tiles)
+        image, alpha, tiles = splat.rasterize_among(*parts.tensors, scenery.frozen)
+        return Drawing(_add_background(view.background, image), alpha, parts.means2d, count, tiles=tiles)
     image, alpha = splat.rasterize(*parts.tensors, view.width, view.height)
     index = None if scenery is None else scenery.index
-    return Drawing(_on(view.background, image), alpha, parts.means2d, count, index)
+    return Drawing(_add_background(view.background, image), alpha, parts.means2d, count, index)
 
 
-def _on(background: Tensor | None, image: Tensor) -> Tensor:
+def _add_background(background: Tensor | None, image: Tensor) -> Tensor:
     """What differs from a background, added to it."""
     return image if background is None else image + background
 
 
-def filled(moving: Splats, view: View, scenery: StaticView) -> Tensor:
+def contributions(moving: Splats, view: View, scenery: StaticView) -> Tensor:
     """[N] how much of a view's picture every moving point fills, in pixels: its blending weights, summed."""
     marks = torch.zeros_like(moving.colors, requires_grad=True)
     marked = replace(moving, means2d=moving.means2d.detach().requires_grad_(), colors=marks)

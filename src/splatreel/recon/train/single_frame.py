@@ -21,7 +21,7 @@ POOR = 20.0
 """dB on the training views of a scene below which its user hears of it: pictures of noise and haste alone have more."""
 
 
-def reconstruct_still(
+def reconstruct_single_frame(
     cameras: list[Camera],
     images: np.ndarray,
     config: Config,
@@ -42,7 +42,7 @@ def reconstruct_still(
     keyframe = config.keyframe
     seeds, layout = lay_out(cameras, images, config, points, point_colors, near)
     gains = CameraGains(len(cameras), device or torch.device("cpu"), config.correct_colors)
-    trainer = still_trainer(seeds.points, seeds.colors, layout, cameras, gains, config)
+    trainer = first_keyframe_trainer(seeds.points, seeds.colors, layout, cameras, gains, config)
     progress = progress or Silent()
     train_frame(
         trainer, cameras, images, layout, keyframe.first_iterations, keyframe.coarse_share, config.antialias, progress
@@ -66,7 +66,7 @@ def lay_out(
     return seeds, replace(layout, background=border_color(images)) if config.background else layout
 
 
-def still_trainer(
+def first_keyframe_trainer(
     positions: np.ndarray,
     colors: np.ndarray,
     layout: Layout,

@@ -78,26 +78,26 @@ def test_picture_and_gradients_equal_those_of_drawing_everything(seed, faint):
 
 def test_only_the_tiles_that_something_moves_in_are_drawn_anew():
     static, moving = splats(400, 0), splats(30, 100, ((30.0, 40.0), 0.3))
-    still = splat.freeze(*static, WIDTH, HEIGHT)
-    image, alpha, tiles = splat.rasterize_among(*moving, still)
+    frozen = splat.freeze(*static, WIDTH, HEIGHT)
+    image, alpha, tiles = splat.rasterize_among(*moving, frozen)
     assert tiles.shape == (5, 7)
     assert 0.1 < tiles.float().mean() < 0.9
     kept = ~torch.from_numpy(np.kron(tiles.numpy(), np.ones((16, 16), bool))[:HEIGHT, :WIDTH])
-    assert torch.equal(image[kept], still.image[kept])
-    assert torch.equal(alpha[kept], still.alpha[kept])
+    assert torch.equal(image[kept], frozen.image[kept])
+    assert torch.equal(alpha[kept], frozen.alpha[kept])
     expected, _ = whole(moving, static)
-    assert (still.image - expected).abs().max() > 0.1
+    assert (frozen.image - expected).abs().max() > 0.1
     _, alone = splat.rasterize(*moving, WIDTH, HEIGHT)
     assert not alone[kept].any()
 
 
 def test_without_moving_splats_the_picture_is_kept():
     static, nothing = splats(50, 0), splats(0, 1)
-    still = splat.freeze(*static, WIDTH, HEIGHT)
-    image, alpha, tiles = splat.rasterize_among(*nothing, still)
+    frozen = splat.freeze(*static, WIDTH, HEIGHT)
+    image, alpha, tiles = splat.rasterize_among(*nothing, frozen)
     assert not tiles.any()
-    assert torch.equal(image, still.image)
-    assert torch.equal(alpha, still.alpha)
+    assert torch.equal(image, frozen.image)
+    assert torch.equal(alpha, frozen.alpha)
 
 
 def test_without_frozen_splats_the_others_are_alone():
@@ -108,10 +108,10 @@ def test_without_frozen_splats_the_others_are_alone():
 
 def test_nan_is_refused():
     static, moving = splats(5, 0), splats(5, 1)
-    still = splat.freeze(*static, WIDTH, HEIGHT)
+    frozen = splat.freeze(*static, WIDTH, HEIGHT)
     moving[0][2, 1] = float("nan")
     with pytest.raises(GaussiansError, match="means2d holds 1 value"):
-        splat.rasterize_among(*moving, still)
+        splat.rasterize_among(*moving, frozen)
     with pytest.raises(GaussiansError, match="means2d"):
         splat.freeze(*moving, WIDTH, HEIGHT)
 
