@@ -20,7 +20,7 @@ def main(
     camera: str = "cam00",
     seconds: tuple[float, ...] = (0.1, 0.9, 1.7),
     width: int = 400,
-    out: Path = ROOT / "docs" / "images" / "demo.png",
+    out: Path = ROOT / "docs" / "images" / "demo.jpg",
 ) -> None:
     """Render and write the pictures side by side. width: of each, pixels."""
     timeline = splatreel.open_reel(reel)
@@ -35,7 +35,7 @@ def main(
     gap = np.full((size[1], 6, 3), 255, np.uint8)
     strip = np.concatenate([part for image in images for part in (image, gap)][:-1], axis=1)
     out.parent.mkdir(parents=True, exist_ok=True)
-    Image.fromarray(strip).save(out, optimize=True)
+    Image.fromarray(strip).save(out, quality=85, optimize=True, progressive=True)  # below 100 kB
     print(f"{out}: {out.stat().st_size / 1e3:.0f} kB")
 
 
