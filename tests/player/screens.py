@@ -23,7 +23,9 @@ from tests.player.pages import PLAYER, wait_for_picture
 
 SCREENS = Path(__file__).parent.parent / "data" / "screens"
 REEL = "document.querySelector('splat-reel')"
-SETTLE_MS = 400
+SETTLE_MS = 200
+"""Two pictures so far apart that are equal: nothing moves any more."""
+MOST_PICTURES = 50
 STATS = {"fps": 60, "points": 13579, "width": 480, "height": 320, "rendition": "high", "bitrate": 4.2e6}
 STATS |= {"throughput": 25e6, "ahead": 7.5, "decodeMilliseconds": 21, "sortMilliseconds": 1.4}
 
@@ -37,6 +39,11 @@ def begin(page: Page) -> None:
     wait_for_picture(page)
     page.evaluate(f"{PLAYER}.resolution.quality = 'full'; {PLAYER}.currentTime = 0.2")
     page.wait_for_function(f"!{PLAYER}.seeking")
+
+
+def again_and_again(page: Page, event: str) -> None:
+    """An event of the picture, a few times a second: what it shows for a while does not fade on a slow machine either."""
+    page.evaluate(f"setInterval(() => {PLAYER}.canvas.dispatchEvent({event}), 300)")
 
 
 def press(*keys: str) -> Callable[[Page], None]:
@@ -54,6 +61,13 @@ def play(page: Page) -> None:
     """Playing, but time stands still."""
     begin(page)
     page.evaluate(f"{PLAYER}.playbackRate = 0; {PLAYER}.play()")
+    again_and_again(page, "new PointerEvent('pointermove', {bubbles: true, composed: true})")
+
+
+def early(page: Page) -> None:
+    """The poster, for so long that it is explained."""
+    page.wait_for_function(f"{REEL}.shadowRoot.querySelector('img.poster').complete")
+    page.locator("splat-reel .wait.long").wait_for()
 
 
 def fresh(page: Page) -> None:
@@ -109,7 +123,7 @@ def hint(page: Page) -> None:
     begin(page)
     page.evaluate(f"{REEL}.setAttribute('gestures', 'cooperative')")
     page.mouse.move(60, 60)
-    page.mouse.wheel(0, 50)
+    again_and_again(page, "new WheelEvent('wheel', {deltaY: 50, bubbles: true, composed: true, cancelable: true})")
 
 
 def opened(entry: str) -> Callable[[Page], None]:
@@ -228,6 +242,8 @@ class Screen:
     scheme: str = "dark"
     forced: bool = False
     touch: bool = False
+    lacks: bool = False
+    """Files that the player goes on waiting for."""
 
 
 PORTRAIT, LANDSCAPE = (360, 640), (640, 360)
@@ -244,11 +260,11 @@ STATES = {
     "help": Screen(press("?"), size=(900, 520)),
     "statistics": Screen(statistics),
     "statistics-light": Screen(statistics, scheme="light"),
-    "waiting": Screen(wait, no_second_group),
+    "waiting": Screen(wait, no_second_group, lacks=True),
     "error": Screen(error, no_reel, query=GIVEN),
     "error-light": Screen(error, no_reel, query=GIVEN, scheme="light"),
     "live": Screen(begin, live_reel),
-    "poster": Screen(nothing, no_files, query=f"?autoplay=0&poster={poster()}"),
+    "poster": Screen(early, no_files, query=f"?autoplay=0&poster={poster()}", lacks=True),
     "headset": Screen(begin, headset),
     "narrow": Screen(begin, headset, size=(320, 480)),
     "narrow-menu": Screen(menu, renditions, size=(320, 480)),
@@ -294,10 +310,31 @@ def take(browser: Browser, url: str, screen: Screen) -> np.ndarray:
     page.goto(url + screen.query)
     page.wait_for_function(f"{REEL}?.shadowRoot")
     screen.act(page)
-    page.wait_for_timeout(SETTLE_MS)
-    shot = page.screenshot(animations="disabled", caret="hide")
+    if not screen.lacks:
+        page.wait_for_function(f"!{PLAYER}?.busy")
+    redraw(page)
+    shot = settled(page)
     page.close()
-    return np.asarray(Image.open(io.BytesIO(shot)).convert("RGB"))
+    return shot
+
+
+def redraw(page: Page) -> None:
+    """The picture, where there is one, once more, of all that is here now."""
+    page.evaluate(f"{PLAYER}?.addEventListener('drawn', () => (window.drawnAnew = true), {{once: true}})")
+    page.evaluate(f"{PLAYER}?.invalidate()")
+    page.wait_for_function(f"!{PLAYER}?.canPlay || window.drawnAnew")
+
+
+def settled(page: Page) -> np.ndarray:
+    """What the page looks like once it stays so, [H, W, 3] bytes."""
+    last = None
+    for _ in range(MOST_PICTURES):
+        shot = page.screenshot(animations="disabled", caret="hide")
+        if shot == last:
+            return np.asarray(Image.open(io.BytesIO(shot)).convert("RGB"))
+        last = shot
+        page.wait_for_timeout(SETTLE_MS)
+    raise AssertionError(f"the page still changes after {MOST_PICTURES} pictures")
 
 
 def text_width(browser: Browser) -> float:
