@@ -1,7 +1,13 @@
-"""Settings that must be in place before numba and torch load their OpenMP runtimes."""
+"""Settings that must be in place before numba and torch load their OpenMP runtimes; what is said when all tests are done."""
 
+import json
 import os
 import signal
+from pathlib import Path
+
+import pytest
+
+from tests import coverage
 
 # With another process on a core, spinning at barriers makes every parallel region wait for a whole scheduler tick.
 os.environ.setdefault("GOMP_SPINCOUNT", "0")
@@ -9,3 +15,36 @@ os.environ.setdefault("GOMP_SPINCOUNT", "0")
 # A shell starts what runs in its background deaf to Ctrl-C, and the commands under test would inherit that.
 if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
     signal.signal(signal.SIGINT, signal.default_int_handler)
+
+COVERAGE = pytest.StashKey[coverage.Coverage]()
+LAST_LINES = pytest.StashKey[list[str]]()
+MISSED = Path(__file__).parent.parent / "out" / "coverage.json"
+
+
+def pytest_addoption(parser: pytest.Parser) -> None:
+    parser.addoption(
+        "--coverage",
+        action="store_true",
+        help="say how much of the package the tests ran; out/coverage.json lists what did not",
+    )
+
+
+def pytest_configure(config: pytest.Config) -> None:
+    config.stash[LAST_LINES] = []
+    if config.getoption("--coverage"):
+        config.stash[COVERAGE] = coverage.start()
+
+
+@pytest.fixture(scope="session")
+def last_lines(pytestconfig: pytest.Config) -> list[str]:
+    """Lines to be printed below the results of all tests: append to them."""
+    return pytestconfig.stash[LAST_LINES]
+
+
+def pytest_unconfigure(config: pytest.Config) -> None:
+    if measured := config.stash.get(COVERAGE, None):
+        MISSED.parent.mkdir(exist_ok=True)
+        MISSED.write_text(json.dumps(measured.missed(), indent=1))
+        print(measured.summary())
+    for line in config.stash[LAST_LINES]:
+        print(line)

@@ -1,6 +1,5 @@
 """The player's TypeScript: unit tests under node, types, and the committed bundle against its source."""
 
-import functools
 import json
 import os
 import shutil
@@ -13,10 +12,15 @@ PLAYER = Path(__file__).parents[2] / "player"
 UNIT_TESTS = sorted(path.relative_to(PLAYER / "tests").as_posix() for path in (PLAYER / "tests").rglob("*.test.ts"))
 STATIC = PLAYER.parent / "src" / "splatreel" / "play" / "static"
 
-needs_node = pytest.mark.skipif(
-    shutil.which("node") is None or not (PLAYER / "node_modules").is_dir(),
-    reason="needs node and the player's packages (npm ci in player/)",
-)
+needs_node = pytest.mark.usefixtures("packages")
+
+
+@pytest.fixture(scope="module")
+def packages() -> None:
+    """A clone without the player's packages has not been tested: where they can be installed, that is no reason to skip."""
+    if shutil.which("npm") is None:
+        pytest.skip("needs node and npm")
+    assert (PLAYER / "node_modules").is_dir(), "The player's packages are missing: make test, or npm ci in player/"
 
 
 def run(*command: str) -> None:
@@ -24,8 +28,8 @@ def run(*command: str) -> None:
     assert result.returncode == 0, result.stdout + result.stderr
 
 
-@functools.cache
-def unit_results() -> dict[str, dict]:
+@pytest.fixture(scope="module")
+def unit_results(packages: None, last_lines: list[str]) -> dict[str, dict]:
     """By file of player/tests: how many of its tests passed, and what failed."""
     results = PLAYER / "out" / "tests.json"
     results.unlink(missing_ok=True)
@@ -33,13 +37,15 @@ def unit_results() -> dict[str, dict]:
         ["node", "test.mjs"], cwd=PLAYER, capture_output=True, text=True, timeout=300, env=os.environ
     )
     assert results.exists(), result.stdout + result.stderr
-    return json.loads(results.read_text())["files"]
+    found = json.loads(results.read_text())
+    last_lines.append(found["coverage"]["line"])
+    return found["files"]
 
 
 @needs_node
 @pytest.mark.parametrize("name", UNIT_TESTS)
-def test_units(name: str):
-    result = unit_results()[name]
+def test_units(unit_results: dict[str, dict], name: str):
+    result = unit_results[name]
     assert not result["failed"], "\n\n".join(result["failed"])
     assert result["passed"] > 0
 
