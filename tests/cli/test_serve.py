@@ -58,6 +58,8 @@ def test_view_opens_the_browser(monkeypatch: pytest.MonkeyPatch, capsys: pytest.
     monkeypatch.setattr("splatreel.play.server.Server.wait", lambda self: None)
     assert main(["view", str(GOLDEN)]) == 0
     assert opened[0] in capsys.readouterr().out
+    assert main(["view", str(GOLDEN), "--no-open"]) == 0
+    assert len(opened) == 1
 
 
 def test_drawing_here_needs_the_extra(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:

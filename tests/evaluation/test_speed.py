@@ -1,14 +1,17 @@
 """Reconstructions of a tiny capture: what is measured, and that ratios are of what they say."""
 
 import json
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
 import pytest
 
 from splatreel.cli.main import main
+from splatreel.codec.reader import ReelReader
 from splatreel.config import Config, preset
 from splatreel.errors import UsageError
+from splatreel.evaluation import speed
 from splatreel.evaluation.label import append, label
 from splatreel.evaluation.speed import bench_reconstruct
 from tests.recon.captures import WallCapture
@@ -21,7 +24,15 @@ def config(iterations: int) -> Config:
     return replace(draft, keyframe=keyframe, group=group)
 
 
-def test_what_is_measured(tmp_path: Path) -> None:
+def test_what_is_measured(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def medians(works: list[Callable[[], None]], repeats: int) -> list[float]:
+        """Of a batch in layers, of whole pictures, and on one thread."""
+        assert repeats == 1
+        for work in works:
+            work()
+        return [16.0, 40.0, 56.0]
+
+    monkeypatch.setattr(speed, "medians", medians)
     capture = WallCapture(4, speed=0.3)
     capture.held_out = ["cam03"]
     rows = bench_reconstruct(
@@ -33,15 +44,13 @@ def test_what_is_measured(tmp_path: Path) -> None:
     assert quick["seconds_a_frame"] == pytest.approx(quick["seconds"] / 4, abs=0.02)
     assert quick["peak_memory_mb"] > 50
     assert quick["psnr"] > 10
-    assert iteration["points"] > 0
-    assert iteration["still"] > 0
+    group = ReelReader(tmp_path / "quick" / "reel").group(0)
+    assert (iteration["points"], iteration["still"]) == (len(group.dynamic), group.alive.sum())
     assert 0 < iteration["tiles"] <= 1
-    assert iteration["ms"] > 0
-    assert iteration["undivided"] > 0
-    assert iteration["one_thread"] > 0
+    assert (iteration["ms"], iteration["undivided"], iteration["one_thread"]) == (16 / speed.BATCH, 2.5, 3.5)
     assert looped["frames"] == 8
     assert looped["more_memory_mb"] >= 0
-    assert long["times_as_long"] > 0
+    assert long["times_as_long"] == round(long["seconds"] / quick["seconds"], 2)
     assert long["psnr_more"] == pytest.approx(long["psnr"] - quick["psnr"], abs=0.002)
     assert sorted(path.name for path in tmp_path.iterdir()) == ["long", "quick", "quick-looped"]
     made = label(capture, "cpu")

@@ -270,8 +270,12 @@ def test_a_folder_without_a_reel(tmp_path: Path):
         serve(tmp_path, port=0)
 
 
-def test_never_started_server_can_be_closed(reel: Path):
-    Server(reel).close()
+def test_never_started_server_can_be_closed_and_frees_its_port(reel: Path):
+    server = Server(reel)
+    address = urlsplit(server.url)
+    server.close()
+    with pytest.raises(ConnectionRefusedError):
+        socket.create_connection((address.hostname, address.port), timeout=5)
 
 
 HOSTILE = 'Cats & "dogs" </title><script>alert(1)</script>'

@@ -25,6 +25,21 @@ def test_hidden_and_unseen_points_count_less() -> None:
     np.testing.assert_array_equal(found, weigh([points, points], [camera], 0.01, torch.device("cpu")))
 
 
+def test_every_moment_counts() -> None:
+    """A point that only the last one shows has its weight, and what all show has more."""
+    away, here = np.array([[0.0, 0, 0], [90, 0, 0]]), np.array([[0.0, 0, 0], [0.5, 0, 0]])
+    first, last = (
+        Gaussians(means, np.tile([1.0, 0, 0, 0], (2, 1)), np.full((2, 3), 0.1), np.full(2, 0.9), np.ones((2, 1, 3)))
+        for means in (away, here)
+    )
+    viewmat = np.eye(4)
+    viewmat[2, 3] = 4
+    cameras = [Camera("front", viewmat, np.array([[60, 0, 32], [0, 60, 24], [0, 0, 1]]), 64, 48)]
+    few, many = (weigh([*[first] * count, last], cameras, 0.01, torch.device("cpu")) for count in (24, 99))
+    assert (few[1] > 0).all()
+    np.testing.assert_allclose(many[0], 2 * few[0], rtol=0.3)  # squares add up, of four times as many pictures
+
+
 def test_a_rate_is_met() -> None:
     tried: list[float] = []
 

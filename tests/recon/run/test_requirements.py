@@ -31,9 +31,10 @@ def test_cameras_that_show_nothing_are_named(level: int, color: str) -> None:
         check_pictures(capture, ["c"], moments(level)[:, 2:])
 
 
-def test_what_is_grey_or_dark_for_a_moment_only_is_taken() -> None:
+@pytest.mark.parametrize("level", [30, 128, 225])
+def test_what_is_grey_or_dark_for_a_moment_only_is_taken(level: int) -> None:
     capture = WallCapture(2)
-    check_pictures(capture, NAMES, moments(128))
+    check_pictures(capture, NAMES, moments(level))
     frames = moments(2)
     frames[1, 2, 0, 0] = 200
     check_pictures(capture, NAMES, frames)

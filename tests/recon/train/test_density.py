@@ -38,6 +38,19 @@ def test_children_stay_near_their_parent_and_are_smaller():
     assert ((rows["means"][:10] - parent["means"]).norm(dim=1) < 5 * reach).all()
 
 
+def test_children_are_drawn_from_their_parents_gaussian():
+    """In its own axes, by its own scales: a needle's children lie along it."""
+    gaussians = random_gaussians(400)
+    gaussians.scales[:] = 0.5, 0.05, 0.005
+    points = TrainablePoints.from_gaussians(gaussians, default_rates(1.0), torch.device("cpu"))
+    rows = children(points, torch.ones(400, dtype=torch.bool), torch.Generator().manual_seed(0))
+    turned_back = points.rows(torch.ones(400, dtype=torch.bool))["quats"].repeat(2, 1) * torch.tensor([1.0, -1, -1, -1])
+    offsets = rotate(turned_back, rows["means"] - points.means.detach().repeat(2, 1))
+    torch.testing.assert_close(offsets.std(0), torch.tensor([0.5, 0.05, 0.005]), rtol=0.1, atol=0)
+    for name in ("quats", "logit_opacities", "sh_base", "sh_rest"):
+        assert torch.equal(rows[name], points.params[name].detach().repeat(2, *[1] * (rows[name].ndim - 1)))
+
+
 def test_rotate_turns_x_to_y_about_z():
     quarter = torch.tensor([[0.5**0.5, 0, 0, 0.5**0.5]])
     torch.testing.assert_close(rotate(quarter, torch.tensor([[1.0, 0, 0]])), torch.tensor([[0.0, 1, 0]]))

@@ -14,6 +14,15 @@ def test_frames_come_in_from_near_to_far():
         assert 0 <= camera < 3
 
 
+def test_while_frames_come_in_the_newest_come_up_most_and_none_is_forgotten():
+    schedule = FrameSchedule(frames=10, cameras=3, iterations=1000, progressive=0.5, seed=0)
+    drawn = [schedule.draw(250) for _ in range(600)]  # the frontier is frame 5
+    assert set(drawn) == {(frame, camera) for frame in range(6) for camera in range(3)}
+    newest = np.mean([frame > 5 - FrameSchedule.FRONTIER_FRAMES for frame, _ in drawn])
+    share = FrameSchedule.FRONTIER_SHARE
+    assert newest == pytest.approx(share + (1 - share) / 2, abs=0.06)
+
+
 @pytest.mark.parametrize("progressive", [0.0, 0.5])
 def test_after_the_warm_up_every_picture_comes_once_a_round(progressive):
     schedule = FrameSchedule(frames=5, cameras=4, iterations=100, progressive=progressive, seed=1)
