@@ -1,0 +1,154 @@
+import assert from "node:assert/strict";
+import { createHash } from "node:crypto";
+import { beforeEach, test } from "node:test";
+import { download, downloadText } from "../src/files/download";
+import { PLAIN, ReelError } from "../src/base/errors";
+import { FakeHost, pieces, ranged, status, unreachable, whole } from "./fakes/host";
+import { device, page } from "./fakes/page";
+import { FakeTime } from "./fakes/time";
+
+const URL = "https://page.example/reel/groups/0000.safetensors";
+const BODY = Uint8Array.from({ length: 1000 }, (_, i) => (7 * i) % 251);
+const source = { url: URL, bytes: BODY.length, sha256: createHash("sha256").update(BODY).digest("hex") };
+const time = new FakeTime();
+const host = new FakeHost();
+
+let received = 0;
+let troubles: string[] = [];
+let life = new AbortController();
+const watcher = { received: (bytes: number) => void (received += bytes), trouble: (why: string) => void troubles.push(why) };
+const get = (of = source): Promise<Uint8Array> => time.until(download(of, watcher, life.signal));
+/** Seconds between the requests. */
+const waits = (): number[] => host.asked.slice(1).map(({ at }, i) => (at - host.asked[i].at) / 1000);
+
+beforeEach(() => {
+  [received, troubles, life, device.onLine] = [0, [], new AbortController(), true];
+});
+
+test("a file comes at once, and its bytes are told as they come", async () => {
+  host.answer(pieces([BODY.slice(0, 300), BODY.slice(300)], "over"));
+  assert.deepEqual(await get(), BODY);
+  assert.deepEqual([received, troubles, host.asked.length, host.asked[0].range, host.asked[0].cache], [1000, [], 1, null, "default"]);
+});
+
+test("a host that fails is asked again, after waits that grow, and past what the browser has kept", async () => {
+  host.answer(status(503), status(429), unreachable, whole(BODY));
+  assert.deepEqual(await get(), BODY);
+  for (const [i, least] of [0.3, 1, 2].entries()) assert.ok(waits()[i] >= least && waits()[i] <= 1.5 * least + 0.01, `${waits()}`);
+  assert.deepEqual(host.asked.map(({ cache }) => cache), ["default", "reload", "reload", "reload"]);
+  assert.match(troubles[0], /^Trying again: it answered 503/);
+  assert.match(troubles[2], /Failed to fetch.*Check the address/);
+});
+
+test("a transfer that breaks off goes on where it was", async () => {
+  host.answer(pieces([BODY.slice(0, 400)], "broken"), pieces([BODY.slice(400, 900)], "over", 206), ranged(BODY));
+  assert.deepEqual(await get(), BODY);
+  assert.deepEqual(host.asked.map(({ range }) => range), [null, "bytes=400-", "bytes=900-"]);
+  assert.equal(received, 1000);
+  assert.match(troubles[1], /ended after 900 of 1000 bytes/);
+});
+
+test("a host that knows no ranges begins anew", async () => {
+  host.answer(pieces([BODY.slice(0, 400)], "broken"), whole(BODY), whole(BODY));
+  assert.deepEqual(await get(), BODY);
+  assert.equal(host.asked.length, 2);
+  host.answer(pieces([BODY.slice(0, 400)], "broken"), status(416), ranged(BODY));
+  assert.deepEqual(await get(), BODY);
+  assert.deepEqual(host.asked.map(({ range }) => range), [null, "bytes=400-", null]);
+});
+
+test("a transfer that stalls is broken off after eight seconds, a slow one is not", async () => {
+  host.answer(pieces([BODY.slice(0, 10)], "silent"), ranged(BODY));
+  assert.deepEqual(await get(), BODY);
+  assert.ok(waits()[0] >= 8.3 && waits()[0] <= 8.5, `${waits()}`);
+  assert.match(troubles[0], /nothing came/);
+  const slow = [...Array(10).keys()].map((i) => BODY.slice(100 * i, 100 * i + 100));
+  host.answer(pieces(slow, "over", 200, 7000));
+  troubles = [];
+  assert.deepEqual(await get(), BODY);
+  host.answer(pieces(slow, "over", 200, 7000));
+  assert.equal((await time.until(downloadText(URL, watcher, life.signal))).length, new TextDecoder().decode(BODY).length);
+  assert.deepEqual([host.asked.length, troubles], [1, []]);
+});
+
+test("after five more tries a file is given up, and whoever watches is told of the network", async () => {
+  host.answer(status(500));
+  await assert.rejects(get(), (error: ReelError) => error instanceof ReelError && error.plain === PLAIN.network && error.message.startsWith(`${URL} cannot be downloaded: it answered 500`));
+  assert.equal(host.asked.length, 6);
+  assert.equal(time.pending, 0);
+});
+
+test("what will not pass is not asked for again", async () => {
+  for (const [code, plain] of [[404, PLAIN.missing], [410, PLAIN.missing], [401, PLAIN.refused], [403, PLAIN.refused]] as const) {
+    host.answer(status(code));
+    await assert.rejects(get(), { name: "ReelError", plain });
+    assert.equal(host.asked.length, 1);
+  }
+});
+
+test("a file that is not the manifest's is asked for twice more, from its beginning", async () => {
+  const other = BODY.map((byte) => byte ^ 1);
+  for (const [wrong, message] of [[[other], /checksum/], [[BODY, BODY.slice(0, 1)], /more than the 1000 bytes/]] as const) {
+    host.answer(pieces([...wrong], "over"));
+    await assert.rejects(get(), { name: "ReelError", message, plain: PLAIN.damaged });
+    assert.deepEqual(host.asked.map(({ range }) => range), [null, null, null]);
+  }
+  host.answer(whole(other), whole(BODY));
+  assert.deepEqual(await get(), BODY);
+  host.answer(whole(other));
+  assert.deepEqual(await get({ ...source, sha256: null } as unknown as typeof source), other);
+});
+
+test("who gives up is not kept waiting, in a transfer or in a pause", async () => {
+  for (const answer of [pieces([BODY.slice(0, 10)], "silent"), status(503)]) {
+    host.answer(answer);
+    const promise = download(source, watcher, life.signal);
+    await time.pass(100);
+    life.abort();
+    await assert.rejects(promise);
+    await time.pass(60_000);
+    assert.deepEqual([host.asked.length, time.pending], [1, 0]);
+    life = new AbortController();
+  }
+  life.abort();
+  host.answer(whole(BODY));
+  await assert.rejects(download(source, watcher, life.signal), { name: "AbortError" });
+  assert.equal(host.asked.length, 0);
+});
+
+test("without a network nothing is given up, and it goes on as soon as there is one", async () => {
+  device.onLine = false;
+  host.answer(unreachable);
+  const promise = download(source, watcher, life.signal);
+  await time.pass(600_000);
+  assert.deepEqual([...new Set(troubles)], ["Offline. Waiting for the network."]);
+  assert.ok(host.asked.length > 20);
+  device.onLine = true;
+  host.answer(whole(BODY));
+  await time.pass(1); // the pause that it is in is not over
+  assert.equal(host.asked.length, 0);
+  page.dispatchEvent(new Event("online"));
+  assert.deepEqual(await promise, BODY);
+});
+
+test("a host that answers, but not to this page, is told from one that does not answer", async () => {
+  const other = { ...source, url: "https://other.example/a.bin" };
+  host.answer((options) => (options.mode === "no-cors" ? new Response() : unreachable(options)));
+  await assert.rejects(get(other), { name: "ReelError", plain: PLAIN.refused, message: /pages of https:\/\/page\.example read it.*Access-Control-Allow-Origin/ });
+  assert.deepEqual(host.asked.map(({ mode }) => mode), [undefined, "no-cors"]);
+  host.answer(unreachable);
+  await assert.rejects(get(other), { name: "ReelError", plain: PLAIN.network });
+  host.answer(unreachable);
+  await assert.rejects(get(), { plain: PLAIN.network });
+  assert.ok(host.asked.every(({ mode }) => mode === undefined), "the page's own host hides nothing");
+});
+
+test("a manifest is asked for anew each time, twice more at most, and is read across its pieces", async () => {
+  const bytes = new TextEncoder().encode("größer");
+  host.answer(status(503), pieces([bytes.slice(0, 3), bytes.slice(3)], "over"));
+  assert.equal(await time.until(downloadText(URL, watcher, life.signal)), "größer");
+  assert.deepEqual(host.asked.map(({ cache }) => cache), ["no-cache", "no-cache"]);
+  host.answer(status(503));
+  await assert.rejects(time.until(downloadText(URL, watcher, life.signal)), { name: "ReelError" });
+  assert.equal(host.asked.length, 3);
+});
