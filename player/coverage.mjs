@@ -36,7 +36,7 @@ async function linesWithCode(src, options) {
   const names = readdirSync(src, { recursive: true }).filter((name) => name.endsWith(".ts") && !name.endsWith(".d.ts")).sort();
   const contents = names.map((name) => `import ${JSON.stringify(`./${name}`)};`).join("\n");
   const stdin = { contents, resolveDir: src, loader: "ts" };
-  const { outputFiles } = await build({ ...options, stdin, outdir: join(src, "out"), treeShaking: false, sourcemap: "external", write: false });
+  const { outputFiles } = await build({ ...options, stdin, outdir: join(src, "out"), treeShaking: false, external: ["*.js"], sourcemap: "external", write: false });
   const map = JSON.parse(outputFiles.find(({ path }) => path.endsWith(".map")).text);
   const lines = new Map(names.map((name) => [name, new Set()]));
   const texts = new Map(names.map((name) => [name, readFileSync(join(src, name), "utf8").split("\n")]));

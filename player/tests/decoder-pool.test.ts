@@ -1,0 +1,162 @@
+import assert from "node:assert/strict";
+import { beforeEach, test } from "node:test";
+import { PLAIN } from "../src/base/errors";
+import { DecoderPool } from "../src/stream/decoder-pool";
+import { FakeTime } from "./fakes/time";
+import { FakeWorker, FILE } from "./fakes/workers";
+
+const time = new FakeTime();
+const source = (name: string, bytes = 1000) => ({ url: `https://page.example/${name}`, bytes, sha256: null });
+
+let pool: DecoderPool;
+let log: string[] = [];
+/** Writes down what becomes of a file. */
+const receiver = (name: string) => ({
+  received: () => void log.push(`${name} received`),
+  trouble: (why: string) => void log.push(`${name} trouble ${why}`),
+  done: () => void log.push(`${name} done`),
+  failed: (why: string, plain?: string) => void log.push(`${name} failed ${why} ${plain ?? ""}`),
+});
+const start = (name: string, points = 100): void => pool.start(name, source(name), points, receiver(name));
+/** The worker that was last asked for a file, and the number of the request. */
+const at = (name: string): { worker: FakeWorker; id: number } => {
+  for (const worker of FakeWorker.all) {
+    const request = worker.posted.findLast(({ source: of }) => of?.url.endsWith(`/${name}`));
+    if (request) return { worker, id: request.id };
+  }
+  return assert.fail(`${name} was not asked for`);
+};
+const say = (name: string, what: object): void => at(name).worker.say({ id: at(name).id, ...what });
+
+beforeEach(() => {
+  FakeWorker.all.length = 0;
+  log = [];
+  pool = new DecoderPool();
+  pool.onfree = () => void log.push("free");
+});
+
+test("one worker starts at once, the second with the second file, and there is no third", () => {
+  assert.deepEqual([FakeWorker.all.length, pool.free], [1, true]);
+  start("a");
+  assert.deepEqual([FakeWorker.all.length, pool.free], [1, true]);
+  start("b");
+  assert.deepEqual([FakeWorker.all.length, pool.free, pool.keys], [2, false, ["a", "b"]]);
+  say("a", { file: FILE, milliseconds: 1 });
+  assert.deepEqual(log, ["a done", "free"]);
+  start("c");
+  assert.deepEqual([FakeWorker.all.length, pool.free, pool.has("a"), pool.has("c")], [2, false, false, true]);
+  assert.equal(at("c").worker, at("a").worker);
+});
+
+test("a worker that was started before is the first", () => {
+  const early = new FakeWorker();
+  const other = new DecoderPool(early as unknown as Worker);
+  other.start("a", source("a"), 1, receiver("a"));
+  assert.equal(early.posted.length, 1);
+  other.destroy();
+  assert.equal(early.terminated, true);
+});
+
+test("bytes are counted as they come, over the time in which they come", () => {
+  start("a");
+  assert.equal(pool.received("a"), 0);
+  time.now += 500;
+  say("a", { received: 200 });
+  say("a", { received: 300 });
+  time.now += 500;
+  say("a", { received: 500 });
+  assert.deepEqual([pool.received("a"), pool.meter.rate, log], [1000, 8000, ["a received", "a received", "a received"]]);
+  time.now += 60_000; // decoding is no fault of the network
+  say("a", { file: FILE, milliseconds: 1 });
+  start("b");
+  time.now += 1000;
+  say("b", { received: 1000 });
+  assert.equal(pool.meter.rate, 8000);
+  assert.equal(pool.received("a"), 0, "it is not being got any more");
+});
+
+test("a file is nearly here once less is missing than comes until the next answer", () => {
+  start("a");
+  assert.equal(pool.isNearlyHere("a"), false);
+  time.now += 100;
+  say("a", { received: 100 });
+  time.now += 100;
+  say("a", { received: 300 });
+  assert.equal(pool.isNearlyHere("a"), false, "600 are missing, and 400 come in the time of an answer");
+  time.now += 1;
+  say("a", { received: 300 });
+  assert.equal(pool.isNearlyHere("a"), true);
+  time.now += 10_000;
+  assert.equal(pool.isNearlyHere("a"), false, "nothing came for long");
+  say("a", { received: 300 });
+  assert.equal(pool.isNearlyHere("a"), true, "all of it came");
+  assert.equal(pool.isNearlyHere("b"), true, "nobody gets it");
+  start("c");
+  time.now += 100;
+  say("c", { received: 500 });
+  assert.equal(pool.isNearlyHere("c"), false, "how fast it comes is not known from the first bytes");
+});
+
+test("how long a point takes to decode follows the last files", () => {
+  for (const [name, milliseconds] of [["a", 100], ["b", 200]] as const) {
+    start(name);
+    say(name, { file: FILE, milliseconds });
+  }
+  assert.deepEqual([pool.milliseconds, pool.pace], [200, 1.3]);
+  start("c", 0);
+  say("c", { file: FILE, milliseconds: 7 });
+  assert.deepEqual([pool.milliseconds, pool.pace], [7, 1.3], "a file without points says nothing");
+});
+
+test("trouble and failures reach who asked, and the worker goes on", () => {
+  start("a");
+  say("a", { trouble: "Trying again." });
+  say("a", { error: "a is damaged.", plain: PLAIN.damaged });
+  assert.deepEqual(log, ["a trouble Trying again.", `a failed a is damaged. ${PLAIN.damaged}`, "free"]);
+  start("b");
+  assert.equal(FakeWorker.all.length, 1);
+});
+
+test("a worker that dies fails its file, in words for people, and only that", () => {
+  start("a");
+  start("b");
+  at("a").worker.die();
+  assert.deepEqual(log, [`a failed https://page.example/a cannot be decoded (its script cannot be loaded). ${PLAIN.player}`, "free"]);
+  assert.deepEqual(pool.keys, ["b"]);
+  log = [];
+  start("c");
+  at("c").worker.die("out of memory");
+  assert.match(log[0], /c cannot be decoded \(out of memory\)/);
+});
+
+test("who gives a file up hears no more of it, and its worker is free once it has said so", () => {
+  start("a");
+  start("b");
+  const { worker, id } = at("a");
+  pool.cancel("a");
+  assert.deepEqual(worker.posted.at(-1), { id, cancel: true });
+  assert.deepEqual([pool.has("a"), pool.free], [false, false]);
+  worker.say({ id, received: 10 });
+  assert.equal(pool.free, false);
+  worker.say({ id, error: "it was given up" });
+  assert.deepEqual([pool.free, log], [true, ["free"]]);
+  start("c");
+  worker.say({ id, file: FILE, milliseconds: 1 }); // late, and of another file
+  assert.deepEqual([log, pool.has("c")], [["free"], true]);
+  pool.cancel("nothing");
+});
+
+test("a worker that dies while a file is given up is free all the same", () => {
+  start("a");
+  start("b");
+  pool.cancel("a");
+  at("a").worker.die();
+  assert.deepEqual([pool.free, log], [true, ["free"]]);
+});
+
+test("in the end all workers end", () => {
+  start("a");
+  start("b");
+  pool.destroy();
+  assert.deepEqual(FakeWorker.all.map(({ terminated }) => terminated), [true, true]);
+});
