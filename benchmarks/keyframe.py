@@ -18,7 +18,7 @@ from splatreel.config import Config, Quality, preset
 from splatreel.evaluation.metrics import psnr
 from splatreel.evaluation.oracle import held_out_views
 from splatreel.kernels.image import render_image
-from splatreel.motion.temporal_mean import steady
+from splatreel.motion.temporal_mean import temporal_mean
 from splatreel.recon.train.single_frame import reconstruct_single_frame
 from splatreel.scene.camera import Camera
 
@@ -41,7 +41,7 @@ def main(
     truths = source.read(0, 1, [view.name for view in views])[0].astype(np.float32) / 255
     for part in parts.split(","):
         config = changed(preset(quality), PARTS[part])
-        images = steady(frames) if config.keyframe.steady else frames[0]
+        images = temporal_mean(frames) if config.keyframe.steady else frames[0]
         runs = []
         for seed in range(seeds):
             rendered = trained(source, chosen, images, dataclasses.replace(config, seed=seed), views)

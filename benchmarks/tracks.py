@@ -26,7 +26,7 @@ from splatreel.capture.builtin.solids import HALF, POSITION, ROTATION, Shapes
 from splatreel.capture.opening import open_capture
 from splatreel.config import preset
 from splatreel.motion.flow import make_flow
-from splatreel.motion.track import Tracker, Trail, identity
+from splatreel.motion.track import PointTracks, Tracker, identity
 from splatreel.scene.camera import Camera
 from splatreel.scene.gaussians import Gaussians
 
@@ -65,11 +65,11 @@ def followed(film: Film, capture: Capture) -> dict:
     moving, static = (_points(np.concatenate([s[k] for s in seen]), SPACING * pixel) for k in (0, 1))
     started = time.monotonic()
     tracker = Tracker(static, cameras, frames, make_flow(preset("standard").layering.flow), 0.1 * float(depth))
-    trail = Trail(moving, 0)
+    track = PointTracks(moving, 0)
     for frame in range(len(frames) - 1):
-        tracker.forth([trail], frame)
+        tracker.step([track], frame)
     seconds = time.monotonic() - started
-    on = _on(film, trail.positions.astype(np.float64), pixel)
+    on = _on(film, track.positions.astype(np.float64), pixel)
     shares = {str(frame): round(float(on[frame].mean()), 4) for frame in LOOKS if frame < len(on)}
     return {
         "points": on.shape[1],

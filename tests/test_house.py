@@ -85,6 +85,19 @@ def test_imports_only_go_down_the_ladder() -> None:
     assert not faults, "\n".join(faults)
 
 
+def test_kernels_are_used_by_their_face() -> None:
+    """What lies behind it (how the CPU does it, CUDA, the twin) is imported by `kernels` alone."""
+    faces = {path.stem for path in (SOURCE / "kernels").glob("*.py")} - {"cuda", "twin", "__init__"}
+    behind = {
+        f"{path.relative_to(SOURCE)} imports {name}"
+        for path in SOURCE.rglob("*.py")
+        if room_of(path) != "kernels"
+        for name in imported_names(ast.parse(path.read_text(encoding="utf-8")))
+        if name.startswith("splatreel.kernels.") and name.split(".")[2] not in faces
+    }
+    assert not behind
+
+
 ROOMS_OF_RECON = (
     ("run", "init", "deform"),
     ("cameras", "layering"),

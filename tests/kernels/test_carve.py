@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from splatreel.kernels.cpu import carve
+from splatreel.kernels import carve
 from tests.recon.scenes import ring
 
 CAMERAS = ring(7, width=40, height=30)

@@ -1,10 +1,11 @@
-"""Rigid moves of patches, against the same said slowly, and against moves that are known."""
+"""Rigid moves of patches, against the same said slowly, and against moves that are template."""
 
 import numpy as np
 import pytest
 
-from splatreel.kernels.cpu import rigid
-from splatreel.kernels.cpu.rigid import CAP, Eyes, Known
+from splatreel.kernels import rigid
+from splatreel.kernels.cpu.rigid import CAP, PAIRS
+from splatreel.kernels.rigid import Template, Views
 from splatreel.scene import rotations
 from tests.recon.scenes import ring
 
@@ -12,10 +13,10 @@ WIDTH, HEIGHT = 96, 64
 CAMERAS = ring(4, width=WIDTH, height=HEIGHT)
 
 
-def eyes(pictures: np.ndarray, depth: float = 1e30) -> Eyes:
+def views(pictures: np.ndarray, depth: float = 1e30) -> Views:
     depths = np.full((len(CAMERAS), HEIGHT // 2, WIDTH // 2), depth, np.float32)
     poses, lenses = np.stack([c.viewmat for c in CAMERAS]), np.stack([c.K for c in CAMERAS])
-    return Eyes(poses, lenses, pictures, depths, np.float32(0.1))
+    return Views(poses, lenses, pictures, depths, np.float32(0.1))
 
 
 def noise(seed: int) -> np.ndarray:
@@ -43,14 +44,14 @@ def turned(points: np.ndarray, axis: tuple[float, ...], angle: float, shift: tup
 
 def test_points_are_seen_in_the_colours_of_their_pixels_unless_something_hides_them() -> None:
     points, pictures = cloud(10), noise(0)
-    seen, colors = rigid.look(points, eyes(pictures))
+    seen, colors = rigid.sample_colors(points, views(pictures))
     assert seen.all()
     for i, point in enumerate(points):
         for c, (row, column) in enumerate(pixels(point)):
             np.testing.assert_array_equal(colors[i, c], pictures[c, row, column])
-    wall = eyes(pictures)
+    wall = views(pictures)
     wall.depths[1] = 1.0
-    seen, hidden = rigid.look(points, wall)
+    seen, hidden = rigid.sample_colors(points, wall)
     assert not seen[:, 1].any()
     assert seen[:, [0, 2, 3]].all()
     np.testing.assert_allclose(hidden[:, 1], colors[:, [0, 2, 3]].mean(1), rtol=1e-5)
@@ -58,24 +59,24 @@ def test_points_are_seen_in_the_colours_of_their_pixels_unless_something_hides_t
 
 def test_the_difference_is_the_mean_over_points_and_views_none_more_than_the_cap() -> None:
     points, before, after = cloud(24), noise(1), noise(2)
-    seen, colors = rigid.look(points, eyes(before))
-    found = rigid.differences(points, np.arange(24)[None], Known(seen, colors, eyes(after)))
+    seen, colors = rigid.sample_colors(points, views(before))
+    found = rigid.color_differences(points, np.arange(24)[None], Template(seen, colors, views(after)))
     expected = [
         min(np.abs(before[c, row, column].astype(float) - after[c, row, column]).mean() / 255, CAP)
         for point in points
         for c, (row, column) in enumerate(pixels(point))
     ]
-    assert len(expected) <= rigid.PAIRS
+    assert len(expected) <= PAIRS
     np.testing.assert_allclose(found, np.mean(expected), rtol=1e-5)
 
 
 def test_what_hardly_any_view_sees_is_neither_right_nor_wrong_and_no_place_to_go() -> None:
     points, pictures = cloud(24), noise(3)
-    seen, colors = rigid.look(points, eyes(pictures))
-    patch, hidden = np.arange(24)[None], eyes(noise(4), depth=0.5)
-    assert rigid.differences(points, patch, Known(seen, colors, hidden))[0] == 0
-    assert rigid.differences(points + 9, patch, Known(seen, colors, eyes(noise(4))))[0] == 0
-    _, costs = rigid.start(points, points, points, patch, np.ones(1, bool), Known(seen, colors, hidden))
+    seen, colors = rigid.sample_colors(points, views(pictures))
+    patch, hidden = np.arange(24)[None], views(noise(4), depth=0.5)
+    assert rigid.color_differences(points, patch, Template(seen, colors, hidden))[0] == 0
+    assert rigid.color_differences(points + 9, patch, Template(seen, colors, views(noise(4))))[0] == 0
+    _, costs = rigid.initial_moves(points, points, points, patch, np.ones(1, bool), Template(seen, colors, hidden))
     assert costs[0] == CAP
 
 
@@ -83,25 +84,25 @@ def test_what_hardly_any_view_sees_is_neither_right_nor_wrong_and_no_place_to_go
 def test_a_patch_starts_with_the_rigid_move_that_flow_or_its_past_says(angle: float) -> None:
     here, patches = cloud(40), np.stack([np.arange(20), np.arange(20, 40)])
     there = turned(here, (1, 2, -1), angle, (0.2, -0.1, 0.3))
-    pictures = eyes(noise(4))
-    known = Known(*rigid.look(here, pictures), pictures)
-    moves, _ = rigid.start(here, here, there, patches, np.zeros(2, bool), known)
+    pictures = views(noise(4))
+    template = Template(*rigid.sample_colors(here, pictures), pictures)
+    moves, _ = rigid.initial_moves(here, here, there, patches, np.zeros(2, bool), template)
     for move, patch in zip(moves, patches, strict=True):
         np.testing.assert_allclose(here[patch] @ move[:, :3].T + move[:, 3], there[patch], atol=1e-5)
     # the pictures have not changed: of all moves, none is best, whatever flow and the past say
-    moves, costs = rigid.start(here, there, there, patches, np.ones(2, bool), known)
+    moves, costs = rigid.initial_moves(here, there, there, patches, np.ones(2, bool), template)
     assert costs.max() < 0.02
     np.testing.assert_allclose(moves[:, :, :3], np.broadcast_to(np.eye(3), (2, 3, 3)), atol=1e-6)
 
 
 def test_a_sweep_never_makes_it_worse_and_hands_good_moves_on() -> None:
     here, patches = cloud(48), np.stack([np.arange(24), np.arange(24, 48)])
-    pictures = eyes(noise(5))
-    known = Known(*rigid.look(here, pictures), pictures)
+    pictures = views(noise(5))
+    template = Template(*rigid.sample_colors(here, pictures), pictures)
     stay = np.concatenate([np.eye(3), np.zeros((3, 1))], 1).astype(np.float32)
     moves = np.stack([stay, stay])
     moves[1, :, 3] = 0.4
     costs = np.array([0.0, 0.2], np.float32)
-    rigid.sweep(here, patches, np.array([1]), np.array([[1], [0]]), moves, costs, 1.0, known)
+    rigid.refine_moves(here, patches, np.array([1]), np.array([[1], [0]]), moves, costs, 1.0, template)
     np.testing.assert_allclose(moves[1], stay, atol=1e-6)
     assert costs[1] < 1e-6

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from splatreel.kernels.cpu import sceneflow
+from splatreel.kernels import sceneflow
 from tests.recon.scenes import ring
 
 CAMERAS = ring(6, width=64, height=48)
@@ -59,13 +59,13 @@ def test_only_the_pixels_asked_for_matter() -> None:
     rng = np.random.default_rng(1)
     fields = rng.normal(0, 2, (6, 48, 64, 2)).astype(np.float16)
     depths = np.where(rng.uniform(size=OPEN.shape) < 0.3, 3.9, OPEN).astype(np.float32)
-    asked = sceneflow.asked(means, POSES, LENSES, depths, 48, 64, NEAR)
-    assert asked.shape == (6, 48, 64)
-    assert 0 < asked.sum() <= 6 * len(means)
+    needed = sceneflow.pixels_needed(means, POSES, LENSES, depths, 48, 64, NEAR)
+    assert needed.shape == (6, 48, 64)
+    assert 0 < needed.sum() <= 6 * len(means)
     motion, _ = sceneflow.solve(means, last, POSES, LENSES, fields, depths, NEAR)
-    others = np.where(asked[..., None], fields, np.float16(100))
+    others = np.where(needed[..., None], fields, np.float16(100))
     np.testing.assert_array_equal(sceneflow.solve(means, last, POSES, LENSES, others, depths, NEAR)[0], motion)
-    for camera, row, column in np.argwhere(asked)[::7]:
+    for camera, row, column in np.argwhere(needed)[::7]:
         changed = fields.copy()
         changed[camera, row, column] += 5
         assert (sceneflow.solve(means, last, POSES, LENSES, changed, depths, NEAR)[0] != motion).any()

@@ -2,10 +2,10 @@
 
 import numpy as np
 
-from splatreel.motion.appear import faults, find
-from splatreel.motion.large_displacement import leaps
+from splatreel.motion.large_displacement import large_displacements
+from splatreel.motion.new_points import error_masks, find_new_points
 from splatreel.scene.gaussians import Gaussians
-from tests.motion.test_appear import (
+from tests.motion.test_new_points import (
     BACKGROUND,
     CAMERAS,
     CENTER,
@@ -29,9 +29,9 @@ def moved(motion: np.ndarray) -> np.ndarray:
 
 def test_a_leap_farther_than_the_ball_is_large_is_found() -> None:
     here = pictures(ball())
-    wrong = np.stack([faults(EMPTY, image).wrong for image in here])
-    found = find(CAMERAS, here, sure(wrong), BACKGROUND, NEAR, NOTHING)
-    motion = leaps(found.points, found.sizes, CAMERAS, here, moved(MOTION), BACKGROUND, NEAR)
+    wrong = np.stack([error_masks(EMPTY, image).error for image in here])
+    found = find_new_points(CAMERAS, here, sure(wrong), BACKGROUND, NEAR, NOTHING)
+    motion = large_displacements(found.points, found.sizes, CAMERAS, here, moved(MOTION), BACKGROUND, NEAR)
     on_it = np.linalg.norm(found.points - CENTER, axis=1) < RADIUS + PIXEL
     assert on_it.sum() > 50
     np.testing.assert_allclose(np.median(motion[on_it], 0), MOTION, atol=2 * PIXEL)
@@ -43,13 +43,13 @@ def test_what_rests_and_what_vanishes_do_not_leap() -> None:
     sizes = np.full(len(points), 0.05, np.float32)
     empty = np.broadcast_to((EMPTY * 255).astype(np.uint8), here.shape)
     for there in (here, empty):
-        motion = leaps(points, sizes, CAMERAS, here, np.ascontiguousarray(there), BACKGROUND, NEAR)
+        motion = large_displacements(points, sizes, CAMERAS, here, np.ascontiguousarray(there), BACKGROUND, NEAR)
         assert np.abs(motion).max() < PIXEL
 
 
 def test_a_few_points_are_no_thing() -> None:
     here = pictures(ball())
     few = ball().means[:4].astype(np.float32)
-    motion = leaps(few, np.full(4, 0.05, np.float32), CAMERAS, here, moved(MOTION), BACKGROUND, NEAR)
+    motion = large_displacements(few, np.full(4, 0.05, np.float32), CAMERAS, here, moved(MOTION), BACKGROUND, NEAR)
     np.testing.assert_array_equal(motion, 0)
-    assert leaps(few[:0], np.zeros(0, np.float32), CAMERAS, here, here, BACKGROUND, NEAR).shape == (0, 3)
+    assert large_displacements(few[:0], np.zeros(0, np.float32), CAMERAS, here, here, BACKGROUND, NEAR).shape == (0, 3)

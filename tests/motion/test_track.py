@@ -8,8 +8,8 @@ from scipy.spatial import KDTree
 
 from splatreel.kernels.image import render_image
 from splatreel.motion.flow import DisFlow, Flow
-from splatreel.motion.parts import Parts
-from splatreel.motion.track import Tracker, Trail
+from splatreel.motion.rigid_patches import RigidPatches
+from splatreel.motion.track import PointTracks, Tracker
 from splatreel.scene.camera import Camera
 from splatreel.scene.gaussians import Gaussians
 from tests.recon.scenes import ring
@@ -91,11 +91,11 @@ class TrueFlow:
 
 def follow(tracker: Tracker, points: Gaussians, start: int = 0) -> np.ndarray:
     """[T, N, 3] positions at every frame of points that are in place at frame `start`."""
-    trail = Trail(points, start)
+    track = PointTracks(points, start)
     for frame in range(start, len(tracker.frames) - 1):
-        tracker.forth([trail], frame)
-    tracker.back([trail])
-    return trail.positions
+        tracker.step([track], frame)
+    tracker.track_back([track])
+    return track.positions
 
 
 def track(truth: np.ndarray, points: Gaussians, static: Gaussians = WALL, start: int = 0) -> np.ndarray:
@@ -117,12 +117,12 @@ def test_what_rested_is_followed_from_there_only() -> None:
     """Points that stood until frame 2: forth as always, and back they are where they stood, whatever flow says."""
     truth = paths(PATCH, 6, turn=0.04)
     tracker = Tracker(WALL, CAMERAS, TrueFlow(truth).frames(), TrueFlow(truth), NEAR)
-    trail = Trail(at(PATCH, truth[2]), 2, rested=True)
-    assert trail.first == 0
+    track = PointTracks(at(PATCH, truth[2]), 2, rested=True)
+    assert track.first == 0
     for frame in range(2, 5):
-        tracker.forth([trail], frame)
-    tracker.back([trail])
-    tracks = trail.positions
+        tracker.step([track], frame)
+    tracker.track_back([track])
+    tracks = track.positions
     assert tracks.shape == truth.shape
     np.testing.assert_array_equal(tracks[:3], np.broadcast_to(truth[2].astype(np.float32), (3, *truth[2].shape)))
     assert furthest(tracks[2:], truth[2:]) < 1
@@ -206,12 +206,12 @@ def test_what_is_thrown_is_kept_where_it_moves_as_far_as_it_is_large() -> None:
 
     def error(flow: Flow, patches: bool) -> np.ndarray:
         """[T] of the points in the middle of the field."""
-        tracker, trail = Tracker(WALL, CAMERAS, frames, flow, NEAR), Trail(at(small, truth[0]), 0)
+        tracker, track = Tracker(WALL, CAMERAS, frames, flow, NEAR), PointTracks(at(small, truth[0]), 0)
         if not patches:
-            trail.parts = Parts(np.zeros((0, 3), np.float32), tracker.eyes(0, tracker.depths(small)))
+            track.patches = RigidPatches(np.zeros((0, 3), np.float32), tracker.views(0, tracker.depths(small)))
         for frame in range(len(frames) - 1):
-            tracker.forth([trail], frame)
-        return np.median(np.linalg.norm(trail.positions - truth, axis=2), 1)
+            tracker.step([track], frame)
+        return np.median(np.linalg.norm(track.positions - truth, axis=2), 1)
 
     assert error(dis, patches=False).max() < 0.2
     assert error(unguided, patches=False)[-1] > 0.5
@@ -235,9 +235,9 @@ def test_tracking_holds_the_flow_of_one_pair_of_frames() -> None:
     peaks = []
     for last in (2, 23):
         tracemalloc.start()
-        trail = Trail(few, 0)
+        track = PointTracks(few, 0)
         for frame in range(last):
-            tracker.forth([trail], frame)
+            tracker.step([track], frame)
         peaks.append(tracemalloc.get_traced_memory()[1])
         tracemalloc.stop()
     pair = len(CAMERAS) * HEIGHT * WIDTH * 2 * 2

@@ -1,6 +1,7 @@
-"""How things that just appeared move: nothing is known of them, and what is fast and small flow does not find without a guess.
+"""Large displacements of new points: optical flow does not find what is fast and small unless it starts from a guess.
 
-Each thing is carried as a whole to places around it, by its own size and more, and the one where all views show the same is it.
+Each object, a connected cluster of points, is shifted as a whole to places around it, up to three times its size away. The shift
+after which all views show the same colors is its motion.
 """
 
 from __future__ import annotations
@@ -11,23 +12,24 @@ import numpy as np
 from scipy.sparse.csgraph import connected_components
 from scipy.spatial import KDTree
 
-from splatreel.kernels.cpu import match
+from splatreel.kernels import translation
 from splatreel.scene.camera import Camera
 
 LINK = 3.0
-"""Points nearer than this many times their sizes are of one thing."""
-LEAST = 8
-"""Points of the smallest thing that is looked for."""
-SAMPLES = 64
+"""Points nearer than this many times their sizes are of one object."""
+MIN_POINTS = 8
+"""Points of the smallest object that is looked for."""
+MAX_SAMPLES = 64
+"""Points by which an object is judged, at most."""
 REACH, STEPS = 3.0, 4
-"""How far a thing is looked for, in multiples of its size (the distance of its points from their mean), and in how many steps."""
+"""How far an object is looked for, in multiples of its size (the distance of its points from their mean), and in how many steps."""
 ROUNDS = 3
 """In which the steps are halved around the best place."""
 BETTER = 0.6
-"""Of the difference without any motion, what a leap must be below."""
+"""A shift must leave less than this share of the color difference without any motion."""
 
 
-def leaps(
+def large_displacements(
     points: np.ndarray,
     sizes: np.ndarray,
     cameras: list[Camera],
@@ -43,30 +45,30 @@ def leaps(
     """
     motions = np.zeros(points.shape, np.float32)
     views = np.stack([c.viewmat for c in cameras]), np.stack([c.K for c in cameras]), here, there, depths, near
-    for thing in _things(points, sizes):
-        chosen = points[thing]
+    for members in _objects(points, sizes):
+        chosen = points[members]
         size = float(np.linalg.norm(chosen - chosen.mean(0), axis=1).mean())
-        motions[thing] = _leap(chosen[:: -(-len(chosen) // SAMPLES)], size, views)
+        motions[members] = _displacement(chosen[:: -(-len(chosen) // MAX_SAMPLES)], size, views)
     return motions
 
 
-def _things(points: np.ndarray, sizes: np.ndarray) -> list[np.ndarray]:
-    """Indices of the points of each thing."""
-    if len(points) < LEAST:
+def _objects(points: np.ndarray, sizes: np.ndarray) -> list[np.ndarray]:
+    """Indices of the points of each object: connected components of points that are near each other."""
+    if len(points) < MIN_POINTS:
         return []
     near = KDTree(points).sparse_distance_matrix(KDTree(points), LINK * float(np.median(sizes)))
     _, labels = connected_components(near, directed=False)
-    return [np.flatnonzero(labels == label) for label in np.flatnonzero(np.bincount(labels) >= LEAST)]
+    return [np.flatnonzero(labels == label) for label in np.flatnonzero(np.bincount(labels) >= MIN_POINTS)]
 
 
-def _leap(points: np.ndarray, size: float, views: tuple) -> np.ndarray:
-    """The motion [3] of one thing. size: of it. views: what `match.mismatch` wants to know of them."""
+def _displacement(points: np.ndarray, size: float, views: tuple) -> np.ndarray:
+    """The motion [3] of one object. size: of it. views: the last arguments of `translation.color_differences`."""
     grid = np.array(list(product(range(-STEPS, STEPS + 1), repeat=3)), np.float32)
     none = best = np.zeros(3, np.float32)
     step = REACH * size / STEPS
     for _ in range(ROUNDS + 1):
         tried = best + step * grid
-        best = tried[match.mismatch(points, tried, *views).argmin()]
+        best = tried[translation.color_differences(points, tried, *views).argmin()]
         grid, step = grid[np.abs(grid).max(1) <= 1], step / 2
-    still, moved = match.mismatch(points, np.stack([none, best]), *views)
-    return best if moved < BETTER * still else none
+    resting, moved = translation.color_differences(points, np.stack([none, best]), *views)
+    return best if moved < BETTER * resting else none

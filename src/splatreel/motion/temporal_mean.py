@@ -1,4 +1,4 @@
-"""Pictures of a keyframe without their noise: what rests is averaged over the frames of its group."""
+"""Temporal mean of a keyframe's pictures: what does not move is averaged over the frames of its group, against noise."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ SAME = 8 / 255
 """Mean absolute difference of the colours around a pixel, from which on a frame says nothing about the keyframe."""
 
 
-def steady(frames: np.ndarray) -> np.ndarray:
+def temporal_mean(frames: np.ndarray) -> np.ndarray:
     """The keyframe's pictures, each pixel averaged over the frames in which its surroundings look as they do at the keyframe.
 
     frames: [T, C, H, W, 3] uint8, the keyframe first. Returns [C, H, W, 3] uint8. Noise falls by up to the root of T, and slow
@@ -21,10 +21,10 @@ def steady(frames: np.ndarray) -> np.ndarray:
     Tukey's bisquare of its difference: 1 where it is none, 0 from `SAME` on.
     """
     with ThreadPoolExecutor(threads.count()) as pool:
-        return np.stack(list(pool.map(lambda camera: _steady(frames[:, camera]), range(frames.shape[1]))))
+        return np.stack(list(pool.map(lambda camera: _temporal_mean(frames[:, camera]), range(frames.shape[1]))))
 
 
-def _steady(frames: np.ndarray) -> np.ndarray:
+def _temporal_mean(frames: np.ndarray) -> np.ndarray:
     """The same of one camera: [T, H, W, 3] to [H, W, 3]."""
     first = frames[0].astype(np.float32)
     total, weight = first.copy(), np.ones(first.shape[:2], np.float32)

@@ -18,7 +18,7 @@ from splatreel.config import Config
 from splatreel.kernels.image import render_image
 from splatreel.motion.flow import make_flow
 from splatreel.motion.light import changes_of_light
-from splatreel.motion.temporal_mean import steady
+from splatreel.motion.temporal_mean import temporal_mean
 from splatreel.progress import Progress, Silent
 from splatreel.recon.cameras.rig import Rig
 from splatreel.recon.coverage.coverage import Coverage, cover, load_coverage, save_coverage
@@ -205,7 +205,7 @@ class Reconstruction:
             what = "building the scene at its first frame" if first else "refining what moves at its first frame"
             self.progress.stage(self._title(span, what), iterations, self.plan.keyframe(span.index))
             self.rig.gains.restart()
-            images = steady(frames) if config.steady else frames[0]
+            images = temporal_mean(frames) if config.steady else frames[0]
             trainer = self._keyframe_trainer(scene, layout, first)
             coarse_share = config.coarse_share if first else 0.0
             train_frame(

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import numpy as np
 from numba import njit, prange
 
 from splatreel.kernels.cpu.jit import ONE, PARALLEL, ZERO, F
@@ -11,33 +10,8 @@ HIDDEN = F(1.05)
 """A place farther than this many times what a view shows there is hidden from it."""
 
 
-def disagreement(
-    places: np.ndarray,
-    own: np.ndarray,
-    viewmats: np.ndarray,
-    Ks: np.ndarray,
-    images: np.ndarray,
-    wrong: np.ndarray,
-    depths: np.ndarray,
-    near: float,
-    least: float,
-    share: float,
-) -> np.ndarray:
-    """[R, D] mean colour difference, 0..1, of places to their ray's own colour, over the views that call them wrong.
-
-    Infinite where fewer than `least` views do, or less than `share` of the views that see a place: it is in their pictures, and
-    nothing known is before it. places: [R, D, 3] world. own: [R, 3] 0..1. viewmats: [C, 4, 4]; Ks: [C, 3, 3]. images: [C, H, W, 3]
-    uint8; wrong: [C, H, W] bool; depths: [C, H, W] of what is known, infinite for nothing.
-    """
-    out = np.full(places.shape[:2], np.inf, np.float32)
-    places, own, viewmats, Ks = (np.ascontiguousarray(array, np.float32) for array in (places, own, viewmats, Ks))
-    depths = np.minimum(np.ascontiguousarray(depths, np.float32), F(1e30))  # fast mathematics knows no infinity
-    _disagreement(places, own, viewmats, Ks, images, wrong, depths, F(near), F(least), F(share), out)
-    return out
-
-
 @njit(**PARALLEL)
-def _disagreement(places, own, viewmats, Ks, images, wrong, depths, near, least, share, out):
+def disagreement(places, own, viewmats, Ks, images, wrong, depths, near, least, share, out):
     height, width = wrong.shape[1:]
     for ray in prange(places.shape[0]):
         for d in range(places.shape[1]):

@@ -15,3 +15,8 @@ PARALLEL: dict[str, Any] = {**SERIAL, "parallel": True}
 F = np.float32
 U = np.uint64  # index type: with signed indices LLVM cannot rule out wrap-around and silently stops vectorising
 ZERO, HALF, ONE, TWO = F(0), F(0.5), F(1), F(2)
+
+
+def finite(depths: np.ndarray) -> np.ndarray:
+    """Depths with 1e30 in place of infinity, which fast math does not know; float32."""
+    return np.minimum(np.ascontiguousarray(depths, np.float32), F(1e30))

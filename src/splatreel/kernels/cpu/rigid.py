@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple
-
 import numpy as np
 from numba import njit, prange
 
@@ -21,98 +19,33 @@ ROUNDS, TRIES = 3, 2
 """Of halved steps, and of moves with each."""
 
 
-class Eyes(NamedTuple):
-    """The views at one moment. viewmats: [C, 4, 4]; Ks: [C, 3, 3]; pictures: [C, H, W, 3] uint8; near: near plane.
-
-    depths: [C, ceil(H / 2), ceil(W / 2)] float32 and finite, of what may hide points.
-    """
-
-    viewmats: np.ndarray
-    Ks: np.ndarray
-    pictures: np.ndarray
-    depths: np.ndarray
-    near: np.float32
-
-
-class Known(NamedTuple):
-    """What is known of points: seen [N, C] bool and colors [N, C, 3], as `look` says, and the eyes of the moment they move to."""
-
-    seen: np.ndarray
-    colors: np.ndarray
-    eyes: Eyes
-
-
-def look(points: np.ndarray, eyes: Eyes) -> tuple[np.ndarray, np.ndarray]:
-    """Which views see points [N, 3] float32, [N, C] bool, and in which colours, [N, C, 3] float32 of 0..255; others show their mean."""
-    shape = len(points), len(eyes.Ks)
-    seen, colors = np.zeros(shape, np.bool_), np.zeros((*shape, 3), np.float32)
-    _look(points, eyes, seen, colors)
-    return seen, colors
-
-
-def differences(places: np.ndarray, patches: np.ndarray, known: Known) -> np.ndarray:
-    """[Q] mean colour difference, 0..1, of patches [Q, K] of points at places [N, 3]; 0 for those that hardly any view sees there."""
-    out = np.empty(len(patches), np.float32)
-    _differences(places, patches, known.seen, known.colors, known.eyes, out)
-    return out
-
-
-def start(
-    here: np.ndarray, last: np.ndarray, there: np.ndarray, patches: np.ndarray, judged: np.ndarray, known: Known
-) -> tuple[np.ndarray, np.ndarray]:
-    """[Q, 3, 4] how each patch moves from here to there, all [N, 3], and the difference [Q] of those that are judged [Q] bool.
-
-    last: [N, 3] where the points were before. A judged patch moves in the best of three ways: not at all, as it did, or to there.
-    """
-    moves, costs = np.empty((len(patches), 3, 4), np.float32), np.zeros(len(patches), np.float32)
-    _start(here, last, there, patches, judged, known.seen, known.colors, known.eyes, moves, costs)
-    return moves, costs
-
-
-def sweep(
-    here: np.ndarray,
-    patches: np.ndarray,
-    chosen: np.ndarray,
-    around: np.ndarray,
-    moves: np.ndarray,
-    costs: np.ndarray,
-    share: float,
-    known: Known,
-) -> None:
-    """Better moves for the chosen patches: first those of the patches around each [Q, A], then small changes of the best.
-
-    chosen: [B] int64. moves, costs: as `start` returns them, changed in place. share: of the first steps.
-    """
-    _sweep(here, patches, chosen, around, moves.copy(), F(share), known.seen, known.colors, known.eyes, moves, costs)
-
-
 @njit(inline="always")
-def _pixel(x, y, z, eyes, c):
+def _pixel(x, y, z, views, c):
     """Row and column of a place in a view; row -1 where it is outside or hidden."""
-    V, K = eyes.viewmats[c], eyes.Ks[c]
+    V, K = views.viewmats[c], views.Ks[c]
     depth = V[2, 0] * x + V[2, 1] * y + V[2, 2] * z + V[2, 3]
     row = column = -1
-    if depth > eyes.near:
+    if depth > views.near:
         across = K[0, 0] * (V[0, 0] * x + V[0, 1] * y + V[0, 2] * z + V[0, 3]) / depth + K[0, 2]
         down = K[1, 1] * (V[1, 0] * x + V[1, 1] * y + V[1, 2] * z + V[1, 3]) / depth + K[1, 2]
-        if ZERO <= across < eyes.pictures.shape[2] and ZERO <= down < eyes.pictures.shape[1]:
+        if ZERO <= across < views.pictures.shape[2] and ZERO <= down < views.pictures.shape[1]:
             row, column = int(down), int(across)
-            if depth > HIDDEN * eyes.depths[c, row // 2, column // 2]:
+            if depth > HIDDEN * views.depths[c, row // 2, column // 2]:
                 row = -1
     return row, column
 
 
 @njit(**PARALLEL)
-def _look(points, eyes, seen, colors):
+def sample_colors(points, views, seen, colors):
     for i in prange(points.shape[0]):
         mean, count = np.zeros(3, np.float32), ZERO
         for c in range(seen.shape[1]):
-            row, column = _pixel(points[i, 0], points[i, 1], points[i, 2], eyes, c)
+            row, column = _pixel(points[i, 0], points[i, 1], points[i, 2], views, c)
             if row >= 0:
                 seen[i, c] = True
                 count += ONE
                 for k in range(3):
-                    colors[i, c, k] = eyes.pictures[c, row, column, k]
+                    colors[i, c, k] = views.pictures[c, row, column, k]
                     mean[k] += colors[i, c, k]
         for c in range(seen.shape[1]):
             if not seen[i, c]:
@@ -140,7 +73,7 @@ def _pairs(patch, seen):
 
 
 @njit(**SERIAL)
-def _difference(places, move, pairs, colors, eyes, unseen=CAP):
+def _difference(places, move, pairs, colors, views, unseen=CAP):
     """Mean difference of the pairs' colours after a move; `unseen` if fewer than half of them still see it: a few prove little."""
     total, count = ZERO, 0
     for p in range(pairs.shape[0]):
@@ -149,11 +82,11 @@ def _difference(places, move, pairs, colors, eyes, unseen=CAP):
         x = move[0, 0] * a + move[0, 1] * b + move[0, 2] * d + move[0, 3]
         y = move[1, 0] * a + move[1, 1] * b + move[1, 2] * d + move[1, 3]
         z = move[2, 0] * a + move[2, 1] * b + move[2, 2] * d + move[2, 3]
-        row, column = _pixel(x, y, z, eyes, c)
+        row, column = _pixel(x, y, z, views, c)
         if row >= 0:
             difference = ZERO
             for k in range(3):
-                difference += abs(F(eyes.pictures[c, row, column, k]) - colors[i, c, k]) / F(3 * 255)
+                difference += abs(F(views.pictures[c, row, column, k]) - colors[i, c, k]) / F(3 * 255)
             total += min(difference, CAP)
             count += 1
     return total / F(count) if 2 * count > pairs.shape[0] else unseen
@@ -168,9 +101,9 @@ def _stay():
 
 
 @njit(**PARALLEL)
-def _differences(places, patches, seen, colors, eyes, out):
+def color_differences(places, patches, seen, colors, views, out):
     for t in prange(patches.shape[0]):
-        out[t] = _difference(places, _stay(), _pairs(patches[t], seen), colors, eyes, ZERO)
+        out[t] = _difference(places, _stay(), _pairs(patches[t], seen), colors, views, ZERO)
 
 
 @njit(**SERIAL)
@@ -200,14 +133,14 @@ def _rigid(a, b, patch):
 
 
 @njit(**PARALLEL)
-def _start(here, last, there, patches, judged, seen, colors, eyes, moves, costs):
+def initial_moves(here, last, there, patches, judged, seen, colors, views, moves, costs):
     for t in prange(patches.shape[0]):
         moves[t] = _rigid(here, there, patches[t])
         if judged[t]:
             pairs = _pairs(patches[t], seen)
-            costs[t] = _difference(here, moves[t], pairs, colors, eyes)
+            costs[t] = _difference(here, moves[t], pairs, colors, views)
             for move in (_stay(), _rigid(last, here, patches[t])):
-                cost = _difference(here, move, pairs, colors, eyes)
+                cost = _difference(here, move, pairs, colors, views)
                 if cost < costs[t]:
                     costs[t] = cost
                     moves[t] = move
@@ -245,13 +178,13 @@ def _extent(places, patch):
 
 
 @njit(**PARALLEL)
-def _sweep(here, patches, chosen, around, given, share, seen, colors, eyes, moves, costs):
+def refine_moves(here, patches, chosen, around, given, share, seen, colors, views, moves, costs):
     for n in prange(chosen.shape[0]):
         t = chosen[n]
         pairs = _pairs(patches[t], seen)
         best, cost = given[t].copy(), costs[t]
         for other in around[t]:
-            found = _difference(here, given[other], pairs, colors, eyes)
+            found = _difference(here, given[other], pairs, colors, views)
             if found < cost:
                 best, cost = given[other].copy(), found
         center, size = _extent(here, patches[t])
@@ -262,7 +195,7 @@ def _sweep(here, patches, chosen, around, given, share, seen, colors, eyes, move
                 for way in range(12):
                     sign, axis = F(1 - 2 * (way % 2)), way // 2
                     move = _changed(base, center, axis, sign * (shift if axis < 3 else turn))
-                    found = _difference(here, move, pairs, colors, eyes)
+                    found = _difference(here, move, pairs, colors, views)
                     if found < cost:
                         best, cost = move, found
                 if cost == before:

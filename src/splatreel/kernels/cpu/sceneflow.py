@@ -17,41 +17,9 @@ HIDDEN = 1.03
 DAMPING = 1e-3
 """Weight of the motion before, as a share of the trace of the normal matrix: it fills in what the views do not say."""
 
-FLOATS = np.arange(1 << 16, dtype=np.uint16).view(np.float16).astype(np.float32)
-"""The value of every half-precision number, which numba cannot read."""
-
-
-def solve(
-    means: np.ndarray,
-    last: np.ndarray,
-    viewmats: np.ndarray,
-    Ks: np.ndarray,
-    fields: np.ndarray,
-    depths: np.ndarray,
-    near: float,
-) -> tuple[np.ndarray, np.ndarray]:
-    """Motion [N, 3] of points to the next frame, and how well it is held [N]: views that agree, less one; 0 for not at all.
-
-    means, last: [N, 3] float32, places and the motion before. viewmats: [C, 4, 4]; Ks: [C, 3, 3]. fields: [C, H, W, 2] float16,
-    where each view's pixels go. depths: [C, ceil(H / 2), ceil(W / 2)] what each view sees, infinite for nothing.
-    """
-    motion, certainty = np.empty_like(last), np.empty(len(last), np.float32)
-    seen = np.minimum(depths, np.float32(1e30))  # fast mathematics knows no infinity
-    _solve(means, last, viewmats, Ks, fields.view(np.uint16), FLOATS, seen, near, motion, certainty)
-    return motion, certainty
-
-
-def asked(
-    means: np.ndarray, viewmats: np.ndarray, Ks: np.ndarray, depths: np.ndarray, height: int, width: int, near: float
-) -> np.ndarray:
-    """The pixels [C, height, width] bool of `fields` that `solve` looks at; as there otherwise."""
-    marks = np.zeros((len(viewmats), height, width), np.bool_)
-    _mark(means, viewmats, Ks, np.minimum(depths, np.float32(1e30)), near, marks)
-    return marks
-
 
 @njit(inline="always")
-def _meet(means, i, V, K, height, width, depth, near):
+def _project(means, i, V, K, height, width, depth, near):
     """Row and column in which one view sees point i, -1 where it does not, and the point before the view."""
     x, y, z = means[i, 0], means[i, 1], means[i, 2]
     Z = V[2, 0] * x + V[2, 1] * y + V[2, 2] * z + V[2, 3]
@@ -65,10 +33,10 @@ def _meet(means, i, V, K, height, width, depth, near):
 
 
 @njit(**PARALLEL)
-def _mark(means, viewmats, Ks, depths, near, marks):
+def mark_pixels(means, viewmats, Ks, depths, near, marks):
     for c in prange(marks.shape[0]):
         for i in range(means.shape[0]):
-            p, q, _, _, _ = _meet(means, i, viewmats[c], Ks[c], marks.shape[1], marks.shape[2], depths[c], near)
+            p, q, _, _, _ = _project(means, i, viewmats[c], Ks[c], marks.shape[1], marks.shape[2], depths[c], near)
             if p >= 0:
                 marks[c, p, q] = True
 
@@ -76,7 +44,7 @@ def _mark(means, viewmats, Ks, depths, near, marks):
 @njit(inline="always")
 def _observe(means, i, V, K, field, floats, depth, near, row):
     """Writes what one view says of point i: pixels per world unit [2, 3] and its flow [2]. Returns whether it sees the point."""
-    p, q, X, Y, Z = _meet(means, i, V, K, field.shape[0], field.shape[1], depth, near)
+    p, q, X, Y, Z = _project(means, i, V, K, field.shape[0], field.shape[1], depth, near)
     if p < 0:
         return False
     gx, gy = K[0, 0] / Z, K[1, 1] / Z
@@ -102,7 +70,7 @@ def _cholesky(A, b):
 
 
 @njit(**PARALLEL)
-def _solve(means, last, viewmats, Ks, fields, floats, depths, near, motion, certainty):
+def solve(means, last, viewmats, Ks, fields, floats, depths, near, motion, certainty):
     for i in prange(means.shape[0]):
         rows, count = np.empty((viewmats.shape[0], 8)), 0
         for c in range(viewmats.shape[0]):

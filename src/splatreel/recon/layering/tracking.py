@@ -7,11 +7,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from splatreel.motion.appear import Faults, faults, find
 from splatreel.motion.flow import Flow
-from splatreel.motion.large_displacement import leaps
+from splatreel.motion.large_displacement import large_displacements
 from splatreel.motion.lift import shares
-from splatreel.motion.track import Tracker, Trail, identity
+from splatreel.motion.new_points import ErrorMasks, error_masks, find_new_points
+from splatreel.motion.track import PointTracks, Tracker, identity
 from splatreel.progress import Progress
 from splatreel.recon.layering.relighting import RelitPoints
 from splatreel.scene.camera import Camera
@@ -69,41 +69,41 @@ def follow(
     Points come in this order: dynamic ones, those that were added, lit ones, whose light is of the same frames.
     """
     tracker = Tracker(Gaussians.concatenate([static, lit.points]), cameras, frames, flow, near)
-    watch = _Watch(tracker, gains, draw, dynamic, static, lit)
-    trails = [Trail(dynamic, 0, motion)]
+    detector = ChangeDetector(tracker, gains, draw, dynamic, static, lit)
+    tracks = [PointTracks(dynamic, 0, motion)]
     room = max(ROOM, len(dynamic))
     for frame in range(1, len(frames)):
-        tracker.forth(trails, frame - 1)
+        tracker.step(tracks, frame - 1)
         if frame % STEP == 0:
-            progress.update(frame, moving=sum(len(trail.points) for trail in trails))
-            faulty = watch.faults(trails, frame)
-            newcomers, leap = watch.appeared(trails, frame, faulty)
-            room -= len(newcomers)
-            if len(newcomers) and room >= 0:
-                trails.append(Trail(newcomers, frame, leap))
-                faulty = watch.faults(trails, frame)
-            leave = watch.leave(trails, frame, faulty)
+            progress.update(frame, moving=sum(len(track.points) for track in tracks))
+            masks = detector.error_masks(tracks, frame)
+            new, motion = detector.appeared(tracks, frame, masks)
+            room -= len(new)
+            if len(new) and room >= 0:
+                tracks.append(PointTracks(new, frame, motion))
+                masks = detector.error_masks(tracks, frame)
+            leave = detector.leave(tracks, frame, masks)
             if 0 < leave.sum() <= room:
                 room -= leave.sum()
-                trails.append(watch.depart(leave, frame))
-    tracker.back(trails)
-    return _start(trails, lit, ~watch.stays)
+                tracks.append(detector.depart(leave, frame))
+    tracker.track_back(tracks)
+    return _start(tracks, lit, ~detector.stays)
 
 
-def _start(trails: list[Trail], lit: RelitPoints, left: np.ndarray) -> Start:
-    """All trails from their places at the keyframe on, then what is lit."""
-    tracks = [trail.positions for trail in trails]
+def _start(tracks: list[PointTracks], lit: RelitPoints, left: np.ndarray) -> Start:
+    """All tracks from their places at the keyframe on, then what is lit."""
+    positions = [track.positions for track in tracks]
     starts = [
-        trail.points.moved(track[0] - trail.points.means, identity(len(trail.points)))
-        for trail, track in zip(trails[1:], tracks[1:], strict=True)
+        track.points.moved(places[0] - track.points.means, identity(len(track.points)))
+        for track, places in zip(tracks[1:], positions[1:], strict=True)
     ]
-    points = Gaussians.concatenate([trails[0].points, *starts, lit.points])
+    points = Gaussians.concatenate([tracks[0].points, *starts, lit.points])
     shades = np.zeros((len(lit.light), len(points), 3), np.float32)
     shades[:, len(points) - len(lit) :] = lit.shades
-    return Start(points, np.concatenate([*tracks, lit.tracks], axis=1), shades, left)
+    return Start(points, np.concatenate([*positions, lit.tracks], axis=1), shades, left)
 
 
-class _Watch:
+class ChangeDetector:
     """Compares the views with the scene as it is tracked. stays: [S] bool, the static points that have not left so far."""
 
     def __init__(
@@ -111,71 +111,73 @@ class _Watch:
     ) -> None:
         self.tracker, self.gains, self.draw, self.static, self.lit = tracker, gains, draw, static, lit
         self.stays = np.ones(len(static), bool)
-        self.known = self._differs(Gaussians.concatenate([static, lit.points, dynamic]), 0).wrong
-        """[C, H, W] bool: wrong already where the points were trained: mirrors, nothing new."""
+        self.known = self._compare(Gaussians.concatenate([static, lit.points, dynamic]), 0).error
+        """[C, H, W] bool: errors already where the points were trained: mirrors, nothing new."""
 
-    def faults(self, trails: list[Trail], frame: int, leave: np.ndarray | None = None) -> Faults:
+    def error_masks(self, tracks: list[PointTracks], frame: int, leave: np.ndarray | None = None) -> ErrorMasks:
         """[C, H, W]: where the views of a frame differ from the scene there, and were not wrong at the keyframe.
 
         leave: [S] bool, static points that are left out.
         """
         resting = self._resting(frame, self.stays if leave is None else self.stays & ~leave)
-        found = self._differs(Gaussians.concatenate([resting, _moved(trails)]), frame)
-        return Faults(found.wrong & ~self.known, found.doubtful & ~self.known)
+        found = self._compare(Gaussians.concatenate([resting, _moved(tracks)]), frame)
+        return ErrorMasks(found.error & ~self.known, found.uncertain & ~self.known)
 
-    def appeared(self, trails: list[Trail], frame: int, faulty: Faults) -> tuple[Gaussians, np.ndarray]:
+    def appeared(self, tracks: list[PointTracks], frame: int, masks: ErrorMasks) -> tuple[Gaussians, np.ndarray]:
         """Gaussians, in place at a frame, of what the views show there and the scene does not, and about how they move, [N, 3]."""
-        moving, tracker = _moved(trails), self.tracker
-        depths, here, first = tracker.depths(moving), tracker.frames[frame], moving.means[: len(trails[0].points)]
-        found = find(tracker.cameras, here, faulty, depths, tracker.near, first, seed=frame)
+        moving, tracker = _moved(tracks), self.tracker
+        depths, here, first = tracker.depths(moving), tracker.frames[frame], moving.means[: len(tracks[0].points)]
+        found = find_new_points(tracker.cameras, here, masks, depths, tracker.near, first, seed=frame)
         way = 1 if frame + 1 < len(tracker.frames) else -1
         there = tracker.frames[frame + way]
-        motion = way * leaps(found.points, found.sizes, tracker.cameras, here, there, depths, tracker.near)
+        motion = way * large_displacements(
+            found.points, found.sizes, tracker.cameras, here, there, depths, tracker.near
+        )
         count, bands = len(found.points), moving.sh.shape[1]
         sh = np.zeros((count, bands, 3), np.float32)
         sh[:, 0] = (found.colors - 0.5) / C0
         scales = np.repeat(found.sizes[:, None], 3, 1)
         return Gaussians(found.points, identity(count), scales, np.full(count, 0.7, np.float32), sh), motion
 
-    def leave(self, trails: list[Trail], frame: int, faulty: Faults) -> np.ndarray:
+    def leave(self, tracks: list[PointTracks], frame: int, masks: ErrorMasks) -> np.ndarray:
         """[S] bool: static points that are not there any more at a frame: nearly all that the views see of them is wrong.
 
         Masks at the keyframe miss what rests for most of the group and then leaves at once.
         """
-        moving, tracker = _moved(trails), self.tracker
+        moving, tracker = _moved(tracks), self.tracker
         leave = np.zeros(len(self.static), bool)
         for peel in range(PEELS):
             if peel:
-                faulty = self.faults(trails, frame, leave)
+                masks = self.error_masks(tracks, frame, leave)
             staying = self.stays & ~leave
             everything = Gaussians.concatenate([self._resting(frame, staying), moving])
-            smaller = faulty.wrong[:, ::2, ::2]  # tells well enough
-            found = shares(everything, tracker.lookouts, smaller, tracker.near)[: staying.sum()] > LEFT
+            smaller = masks.error[:, ::2, ::2]  # tells well enough
+            found = shares(everything, tracker.half_cameras, smaller, tracker.near)[: staying.sum()] > LEFT
             if found.sum() < FEW:
                 break
             leave[staying] = found
         return leave
 
-    def depart(self, leave: np.ndarray, frame: int) -> Trail:
+    def depart(self, leave: np.ndarray, frame: int) -> PointTracks:
         """These static points, which rested until the last look, and where they went since."""
         self.stays &= ~leave
-        self.tracker.look_past(Gaussians.concatenate([self.static[self.stays], self.lit.points]))
-        trail = Trail(self.static[leave], frame - STEP, rested=True)
+        self.tracker.set_occluders(Gaussians.concatenate([self.static[self.stays], self.lit.points]))
+        track = PointTracks(self.static[leave], frame - STEP, rested=True)
         for before in range(frame - STEP, frame):
-            self.tracker.forth([trail], before)
-        return trail
+            self.tracker.step([track], before)
+        return track
 
     def _resting(self, frame: int, staying: np.ndarray) -> Gaussians:
         """The static points that stay, [S] bool, and what is lit, in the light of a frame."""
         return Gaussians.concatenate([self.static[staying], self.lit.at(frame)])
 
-    def _differs(self, scene: Gaussians, frame: int) -> Faults:
+    def _compare(self, scene: Gaussians, frame: int) -> ErrorMasks:
         """[C, H, W]: where the views of a frame differ from a scene."""
         views = zip(self.tracker.cameras, self.tracker.frames[frame], self.gains, strict=True)
-        found = [faults(self.draw(scene, c) * gain, image) for c, image, gain in views]
-        return Faults(*(np.stack(masks) for masks in zip(*found, strict=True)))
+        found = [error_masks(self.draw(scene, c) * gain, image) for c, image, gain in views]
+        return ErrorMasks(*(np.stack(masks) for masks in zip(*found, strict=True)))
 
 
-def _moved(trails: list[Trail]) -> Gaussians:
-    """All points where the trails have come to."""
-    return Gaussians.concatenate([trail.here for trail in trails])
+def _moved(tracks: list[PointTracks]) -> Gaussians:
+    """All points where the tracks have come to."""
+    return Gaussians.concatenate([track.at_last_frame for track in tracks])

@@ -1,40 +1,15 @@
-"""Matching of points between two moments: how well a motion in space explains what all views show. One task a motion."""
+"""Color differences of points between two moments, for many shifts of all of them. One task a shift."""
 
 from __future__ import annotations
 
-import numpy as np
 from numba import njit, prange
 
 from splatreel.kernels.cpu.carve import HIDDEN
 from splatreel.kernels.cpu.jit import ONE, PARALLEL, ZERO, F
 
 
-def mismatch(
-    points: np.ndarray,
-    motions: np.ndarray,
-    viewmats: np.ndarray,
-    Ks: np.ndarray,
-    here: np.ndarray,
-    there: np.ndarray,
-    depths: np.ndarray,
-    near: float,
-) -> np.ndarray:
-    """[M] mean colour difference, 0..1, of points to where each motion takes them, over the views that see them; 1 where none does.
-
-    points: [P, 3] and motions: [M, 3], world. viewmats: [C, 4, 4]; Ks: [C, 3, 3]. here, there: [C, H, W, 3] uint8, pictures of the two
-    moments; depths: [C, H, W] of what may hide the points now, infinite for nothing.
-    """
-    points, motions, viewmats, Ks = (
-        np.ascontiguousarray(array, np.float32) for array in (points, motions, viewmats, Ks)
-    )
-    depths = np.minimum(np.ascontiguousarray(depths, np.float32), F(1e30))  # fast mathematics knows no infinity
-    out = np.ones(len(motions), np.float32)
-    _mismatch(points, motions, viewmats, Ks, here, there, depths, F(near), out)
-    return out
-
-
 @njit(**PARALLEL)
-def _mismatch(points, motions, viewmats, Ks, here, there, depths, near, out):
+def color_differences(points, motions, viewmats, Ks, here, there, depths, near, out):
     height, width = depths.shape[1:]
     for m in prange(motions.shape[0]):
         count = difference = ZERO

@@ -1,14 +1,14 @@
-"""A thin bar that swings farther than it is wide: flow does not find it, its colours in all views do."""
+"""A thin bar that swings farther than it is wide: flow does not find_new_points it, its colours in all views do."""
 
 import itertools
 
 import numpy as np
 
-from splatreel.kernels.cpu.rigid import Eyes
 from splatreel.kernels.image import render_image
+from splatreel.kernels.rigid import Views
 from splatreel.motion.flow import DisFlow
-from splatreel.motion.parts import Parts
-from splatreel.motion.track import Tracker, Trail
+from splatreel.motion.rigid_patches import RigidPatches
+from splatreel.motion.track import PointTracks, Tracker
 from splatreel.scene.camera import Camera
 from splatreel.scene.gaussians import Gaussians
 from tests.motion.test_track import NEAR, WALL, at
@@ -40,21 +40,21 @@ def pictures(means: np.ndarray) -> np.ndarray:
     return (np.clip([render_image(scene, camera, near=NEAR) for camera in CAMERAS], 0, 1) * 255).astype(np.uint8)
 
 
-def eyes(means: np.ndarray, cameras: list[Camera] = CAMERAS) -> Eyes:
+def eyes(means: np.ndarray, cameras: list[Camera] = CAMERAS) -> Views:
     depths = np.full((len(cameras), HEIGHT // 2, WIDTH // 2), 1e30, np.float32)
     poses, lenses = np.stack([c.viewmat for c in cameras]), np.stack([c.K for c in cameras])
-    return Eyes(poses, lenses, pictures(means), depths, np.float32(NEAR))
+    return Views(poses, lenses, pictures(means), depths, np.float32(NEAR))
 
 
 def test_a_bar_that_swings_is_kept() -> None:
     truth = swing(10)
     assert np.median(np.linalg.norm(truth[-1] - truth[-2], axis=1)) > 2 * 0.06, "twice its width a frame"
     frames = np.stack([pictures(means) for means in truth])
-    kept, alone = (Trail(at(bar(), truth[0]), 0) for _ in range(2))
-    alone.parts = Parts(truth[0][:2], eyes(truth[0]))  # too few points for a patch: flow only
+    kept, alone = (PointTracks(at(bar(), truth[0]), 0) for _ in range(2))
+    alone.patches = RigidPatches(truth[0][:2], eyes(truth[0]))  # too few points for a patch: flow only
     tracker = Tracker(WALL, CAMERAS, frames, DisFlow(), NEAR)
     for frame in range(len(frames) - 1):
-        tracker.forth([kept, alone], frame)
+        tracker.step([kept, alone], frame)
     errors = np.linalg.norm(kept.positions - truth, axis=2)
     assert np.median(errors, 1).max() < 0.05
     assert np.percentile(errors, 90) < 0.1
@@ -64,7 +64,7 @@ def test_a_bar_that_swings_is_kept() -> None:
 def test_colours_follow_the_light_where_flow_fits() -> None:
     truth = np.repeat(swing(2)[:1], 9, axis=0)
     light = [eyes(truth[0])._replace(pictures=(pictures(truth[0]) * (1 - 0.01 * t)).astype(np.uint8)) for t in range(9)]
-    still, parts = np.zeros_like(truth[0]), Parts(truth[0], light[0])
+    still, parts = np.zeros_like(truth[0]), RigidPatches(truth[0], light[0])
     first = parts.colors.copy()
     for now, then in itertools.pairwise(light):
         np.testing.assert_array_equal(parts.motion(truth[0], truth[0], still, now, then), still)
@@ -76,7 +76,7 @@ def test_flow_that_fits_the_pictures_stays() -> None:
     truth = swing(4)
     now, then = eyes(truth[2]), eyes(truth[3])
     flow = truth[3] - truth[2]
-    motion = Parts(truth[2], now).motion(truth[2], truth[1], flow, now, then)
+    motion = RigidPatches(truth[2], now).motion(truth[2], truth[1], flow, now, then)
     assert np.abs(motion - flow).max() < 0.06, "its width"
 
 
@@ -85,7 +85,7 @@ def test_what_vanishes_goes_where_flow_says() -> None:
     truth = swing(4)
     now, gone = eyes(truth[2]), eyes(truth[3] + [0, 90, 0])
     flow = np.full_like(truth[2], 0.01)
-    motion = Parts(truth[2], now).motion(truth[2], truth[1], flow, now, gone)
+    motion = RigidPatches(truth[2], now).motion(truth[2], truth[1], flow, now, gone)
     assert np.abs(motion - flow).max() < 0.6
     assert np.mean(np.abs(motion - flow).max(1) > 0) < 0.5
 
@@ -95,6 +95,6 @@ def test_few_points_go_with_the_flow() -> None:
     few = truth[:, :5]
     now, then = eyes(truth[0]), eyes(truth[1])
     flow = np.zeros_like(few[0])
-    np.testing.assert_array_equal(Parts(few[0], now).motion(few[0], few[0], flow, now, then), flow)
+    np.testing.assert_array_equal(RigidPatches(few[0], now).motion(few[0], few[0], flow, now, then), flow)
     nobody = np.zeros((0, 3), np.float32)
-    assert Parts(nobody, now).motion(nobody, nobody, nobody, now, then).shape == (0, 3)
+    assert RigidPatches(nobody, now).motion(nobody, nobody, nobody, now, then).shape == (0, 3)

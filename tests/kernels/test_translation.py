@@ -1,8 +1,8 @@
-"""Matching against the same in numpy."""
+"""Color differences against the same in numpy."""
 
 import numpy as np
 
-from splatreel.kernels.cpu import match
+from splatreel.kernels import translation
 from tests.recon.scenes import ring
 
 CAMERAS = ring(6, width=40, height=30)
@@ -33,7 +33,7 @@ def test_parity() -> None:
     depths = rng.uniform(3, 6, (6, 30, 40)).astype(np.float32)
     depths[depths > 5] = np.inf
     views = np.stack([c.viewmat for c in CAMERAS]), np.stack([c.K for c in CAMERAS])
-    found = match.mismatch(points, motions, *views, here, there, depths, NEAR)
+    found = translation.color_differences(points, motions, *views, here, there, depths, NEAR)
     truth = [expected(points, motion, here, there, depths) for motion in motions]
     assert truth[-1] == 1, "nobody sees what flew away"
     np.testing.assert_allclose(found, truth, rtol=1e-4)

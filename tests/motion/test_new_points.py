@@ -3,7 +3,7 @@
 import numpy as np
 
 from splatreel.kernels.image import render_image
-from splatreel.motion.appear import Faults, faults, find
+from splatreel.motion.new_points import ErrorMasks, error_masks, find_new_points
 from splatreel.scene.gaussians import Gaussians
 from tests.recon.scenes import ring
 
@@ -36,15 +36,15 @@ BACKGROUND = np.full((len(CAMERAS), HEIGHT, WIDTH), 6, np.float32)
 NOTHING = np.zeros((0, 3), np.float32)
 
 
-def sure(wrong: np.ndarray) -> Faults:
+def sure(wrong: np.ndarray) -> ErrorMasks:
     """No view has mere doubts."""
-    return Faults(wrong, wrong)
+    return ErrorMasks(wrong, wrong)
 
 
 def test_a_missing_ball_is_found_where_it_is() -> None:
     images = pictures(ball())
-    wrong = np.stack([faults(EMPTY, image).wrong for image in images])
-    found = find(CAMERAS, images, sure(wrong), BACKGROUND, NEAR, NOTHING)
+    wrong = np.stack([error_masks(EMPTY, image).error for image in images])
+    found = find_new_points(CAMERAS, images, sure(wrong), BACKGROUND, NEAR, NOTHING)
     assert len(found.points) > 100
     off = np.abs(np.linalg.norm(found.points - CENTER, axis=1) - RADIUS) / PIXEL
     assert np.median(off) < 2
@@ -59,40 +59,40 @@ def test_a_missing_ball_is_found_where_it_is() -> None:
 
 def test_the_same_seed_finds_the_same() -> None:
     images = pictures(ball())
-    wrong = np.stack([faults(EMPTY, image).wrong for image in images])
-    a, b = (find(CAMERAS, images, sure(wrong), BACKGROUND, NEAR, NOTHING, seed=3) for _ in range(2))
+    wrong = np.stack([error_masks(EMPTY, image).error for image in images])
+    a, b = (find_new_points(CAMERAS, images, sure(wrong), BACKGROUND, NEAR, NOTHING, seed=3) for _ in range(2))
     assert len(a.points)
     np.testing.assert_array_equal(a.points, b.points)
 
 
 def test_where_nothing_is_wrong_nothing_is_found() -> None:
     images = pictures(ball())
-    found = find(CAMERAS, images, sure(np.zeros((5, HEIGHT, WIDTH), bool)), BACKGROUND, NEAR, NOTHING)
+    found = find_new_points(CAMERAS, images, sure(np.zeros((5, HEIGHT, WIDTH), bool)), BACKGROUND, NEAR, NOTHING)
     assert found.points.shape == found.colors.shape == (0, 3)
     assert found.sizes.shape == (0,)
 
 
 def test_what_one_or_two_views_call_wrong_is_not_found() -> None:
     images = pictures(ball())
-    wrong = np.stack([faults(EMPTY, image).wrong for image in images])
+    wrong = np.stack([error_masks(EMPTY, image).error for image in images])
     for views in (1, 2):
         few = wrong.copy()
         few[views:] = False
-        assert len(find(CAMERAS, images, sure(few), BACKGROUND, NEAR, NOTHING).points) == 0
+        assert len(find_new_points(CAMERAS, images, sure(few), BACKGROUND, NEAR, NOTHING).points) == 0
 
 
 def test_views_that_disagree_on_the_colour_find_nothing() -> None:
     images = pictures(ball())
-    wrong = np.stack([faults(EMPTY, image).wrong for image in images])
+    wrong = np.stack([error_masks(EMPTY, image).error for image in images])
     for c, image in enumerate(images):
         image[wrong[c]] = [(0, 0, 0), (255, 255, 255), (255, 0, 0), (0, 255, 0), (0, 0, 255)][c]
-    assert len(find(CAMERAS, images, sure(wrong), BACKGROUND, NEAR, NOTHING).points) == 0
+    assert len(find_new_points(CAMERAS, images, sure(wrong), BACKGROUND, NEAR, NOTHING).points) == 0
 
 
 def test_nothing_is_found_behind_what_the_scene_shows() -> None:
     images = pictures(ball())
-    wrong = np.stack([faults(EMPTY, image).wrong for image in images])
-    found = find(CAMERAS, images, sure(wrong), np.full_like(BACKGROUND, 2.0), NEAR, NOTHING)
+    wrong = np.stack([error_masks(EMPTY, image).error for image in images])
+    found = find_new_points(CAMERAS, images, sure(wrong), np.full_like(BACKGROUND, 2.0), NEAR, NOTHING)
     for camera in CAMERAS:
         depth = found.points @ camera.viewmat[2, :3] + camera.viewmat[2, 3]
         assert (depth < 3).all(), "the ball is four units away, behind a surface at two"
@@ -101,12 +101,12 @@ def test_nothing_is_found_behind_what_the_scene_shows() -> None:
 def test_a_view_that_something_stands_before_has_no_say() -> None:
     """Somebody known stands before the ball in two of five views: these show nothing wrong, and cannot."""
     images = pictures(ball())
-    wrong = np.stack([faults(EMPTY, image).wrong for image in images])
+    wrong = np.stack([error_masks(EMPTY, image).error for image in images])
     wrong[:2] = False
-    assert len(find(CAMERAS, images, sure(wrong), BACKGROUND, NEAR, NOTHING).points) == 0
+    assert len(find_new_points(CAMERAS, images, sure(wrong), BACKGROUND, NEAR, NOTHING).points) == 0
     depths = BACKGROUND.copy()
     depths[:2] = 2.0
-    found = find(CAMERAS, images, sure(wrong), depths, NEAR, NOTHING)
+    found = find_new_points(CAMERAS, images, sure(wrong), depths, NEAR, NOTHING)
     assert len(found.points) > 50
     assert np.median(np.abs(np.linalg.norm(found.points - CENTER, axis=1) - RADIUS)) < 2 * PIXEL
 
@@ -114,16 +114,16 @@ def test_a_view_that_something_stands_before_has_no_say() -> None:
 def test_what_few_views_call_wrong_is_borne_out_by_doubts_unless_something_moves_there() -> None:
     """As with a thing that only two or three views see before a wall of another colour."""
     images = pictures(ball())
-    wrong = np.stack([faults(EMPTY, image).wrong for image in images])
-    doubtful = wrong.copy()
+    wrong = np.stack([error_masks(EMPTY, image).error for image in images])
+    uncertain = wrong.copy()
     wrong[2:] = False
-    found = find(CAMERAS, images, Faults(wrong, doubtful), BACKGROUND, NEAR, NOTHING)
+    found = find_new_points(CAMERAS, images, ErrorMasks(wrong, uncertain), BACKGROUND, NEAR, NOTHING)
     assert len(found.points) > 50
     assert np.median(np.abs(np.linalg.norm(found.points - CENTER, axis=1) - RADIUS)) < 2 * PIXEL
     there = ball().means
-    elsewhere = find(CAMERAS, images, Faults(wrong, doubtful), BACKGROUND, NEAR, there + np.float32(3))
+    elsewhere = find_new_points(CAMERAS, images, ErrorMasks(wrong, uncertain), BACKGROUND, NEAR, there + np.float32(3))
     np.testing.assert_array_equal(elsewhere.points, found.points)
-    close = find(CAMERAS, images, Faults(wrong, doubtful), BACKGROUND, NEAR, there)
+    close = find_new_points(CAMERAS, images, ErrorMasks(wrong, uncertain), BACKGROUND, NEAR, there)
     assert len(close.points) < 0.2 * len(found.points), "those that are not on the ball"
 
 
@@ -131,21 +131,21 @@ def test_a_pale_thing_is_doubted_where_it_is_not_called_wrong() -> None:
     truth = np.full((HEIGHT, WIDTH, 3), 110, np.uint8)
     picture = np.full((HEIGHT, WIDTH, 3), 110 / 255, np.float32)
     truth[20:40, 30:60] = 110 + round(0.07 * 255)
-    found = faults(picture, truth)
-    assert not found.wrong.any()
-    assert found.doubtful[23:37, 33:57].all()
-    assert found.doubtful.sum() < 24 * 34
+    found = error_masks(picture, truth)
+    assert not found.error.any()
+    assert found.uncertain[23:37, 33:57].all()
+    assert found.uncertain.sum() < 24 * 34
 
 
 def test_noise_and_thin_edges_are_not_wrong() -> None:
     truth = np.random.default_rng(0).integers(90, 130, (HEIGHT, WIDTH, 3)).astype(np.uint8)
     picture = np.full((HEIGHT, WIDTH, 3), 110 / 255, np.float32)
-    assert not faults(picture, truth).wrong.any()
+    assert not error_masks(picture, truth).error.any()
     edge = truth.copy()
     edge[:, 40] = 255
-    assert not faults(picture, edge).wrong[:, :36].any()
+    assert not error_masks(picture, edge).error[:, :36].any()
     block = truth.copy()
     block[20:40, 30:60] = 250
-    mask = faults(picture, block).wrong
+    mask = error_masks(picture, block).error
     assert mask[23:37, 33:57].all()
     assert mask.sum() < 24 * 34
