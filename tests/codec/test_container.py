@@ -11,7 +11,7 @@ from safetensors.numpy import load
 
 from splatreel.codec.container import FileHeader, pack_file, unpack_file, write_atomically
 from splatreel.codec.group_file import decode_group, decode_layer, encode_group, encode_layer
-from splatreel.codec.sections import Section
+from splatreel.codec.section import Section
 from splatreel.config import EncodeConfig
 from splatreel.errors import ReelError
 from tests.codec.reels import CONFIG, new_group, points

@@ -8,7 +8,7 @@ import pytest
 from splatreel.codec.container import pack_file, unpack_file
 from splatreel.codec.info import reel_info
 from splatreel.codec.reader import ReelReader
-from splatreel.codec.sections import Section
+from splatreel.codec.section import Section
 from splatreel.codec.verify import verify_reel
 from splatreel.errors import ReelError
 from tests.codec.reels import edit_manifest, replace_file, write_reel

@@ -9,6 +9,8 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any, Protocol
 
+import numpy as np
+
 from splatreel.errors import ReelError
 
 FLOOR = 32 << 20
@@ -17,6 +19,8 @@ A_BYTE = 256
 """as many more for each byte of its length."""
 MOST_FRAMES = 10_000
 """Frames of one group."""
+MAX_OFFSETS = 1 << 26
+"""Frames times points of one group."""
 _POINT, _VALUE, _COEFFICIENT, _COLOR, _BASIS, _PIXEL = 256, 32, 6, 6, 32, 2
 """Bytes of memory of a point; of a point at a frame; of a coefficient of a `klt` section, a number of `sh_rest` and one of a basis; of
 a pixel of a map."""
@@ -80,3 +84,17 @@ def _area(parameters: Mapping[str, Any]) -> int:
 
 def _megabytes(count: int) -> int:
     return -(-count // 1_000_000)
+
+
+def check_offsets(dx: np.ndarray, dq: np.ndarray) -> None:
+    """Raise `ReelError` for offsets dx [T, N, 3] and dq [T, N, 4] that are not finite, or more than one group may have."""
+    if not (np.isfinite(dx).all() and np.isfinite(dq).all()):
+        raise ReelError("Offsets hold NaN or infinity and cannot be encoded.")
+    if dx.shape[0] * dx.shape[1] > MAX_OFFSETS:
+        raise ReelError(f"{dx.shape[1]} points x {dx.shape[0]} frames are too many offsets. Make shorter groups.")
+
+
+def check_offset_count(frames: int, points: int) -> None:
+    """Raise `ReelError` where a file claims more offsets than are decoded."""
+    if not 1 <= frames <= MOST_FRAMES or frames * points > MAX_OFFSETS:
+        raise ReelError(f"claims {frames} frames of {points} points, more than can be decoded.")

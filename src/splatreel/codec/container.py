@@ -14,7 +14,7 @@ from splatreel.codec import budget
 from splatreel.codec.document import parse_object
 from splatreel.codec.manifest import VERSION
 from splatreel.codec.quantize import integer
-from splatreel.codec.sections import Section, Sections
+from splatreel.codec.section import Section, Sections
 from splatreel.errors import ReelError
 from splatreel.scene.atomic import replacing
 

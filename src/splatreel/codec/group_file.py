@@ -5,11 +5,17 @@ from __future__ import annotations
 import numpy as np
 
 from splatreel.codec import quantize
+from splatreel.codec.budget import check_offset_count, check_offsets
 from splatreel.codec.container import FileHeader, pack_file, unpack_file
 from splatreel.codec.light import decode_light, encode_light
-from splatreel.codec.paper import offsets
-from splatreel.codec.predictive import coder
-from splatreel.codec.sections import MAX_POINTS, Section, Sections, decode_gaussians, encode_gaussians
+from splatreel.codec.paper import offsets as paper_offsets
+from splatreel.codec.paper.gaussians import decode_gaussians, encode_gaussians
+from splatreel.codec.predictive.offsets import decode_offsets, encode_offsets
+from splatreel.codec.predictive.points import decode_points, encode_points
+from splatreel.codec.predictive.precision import COLOR
+from splatreel.codec.predictive.predictor import Predictor
+from splatreel.codec.predictive.shade import decode_shade, encode_shade
+from splatreel.codec.section import MAX_POINTS, Section, Sections
 from splatreel.config import EncodeConfig
 from splatreel.errors import ReelError
 from splatreel.scene import rotations
@@ -29,10 +35,10 @@ def encode_layer(
 ) -> tuple[bytes, np.ndarray]:
     """The file of the static points born at a group, and order [N]: the input point of each point of the file.
 
-    importance: [N, 3], see `coder.classes_of`; the paper's codec has no use for that of shape and motion.
+    importance: [N, 3], see `precision.classes_of`; the paper's codec has no use for that of shape and motion.
     """
     if config.codec == "predictive" and len(gaussians):
-        points = coder.encode_points(gaussians, importance, config, moving=False)
+        points = encode_points(gaussians, importance, config, moving=False)
         sections, order = points.sections, points.order
     else:
         sections, order = encode_gaussians(gaussians, config, weights=_colors(importance))
@@ -42,19 +48,19 @@ def encode_layer(
 def encode_group(group: Group, config: EncodeConfig, importance: np.ndarray | None = None) -> tuple[bytes, np.ndarray]:
     """The file of a group, and order [N]: the input point of each dynamic point of the file. importance: as for `encode_layer`."""
     if config.codec == "predictive" and len(group.dynamic):
-        points = coder.encode_points(group.dynamic, importance, config)
-        offsets.check(group.dx, group.dq)
-        sections = points.sections | coder.encode_offsets(group.dx, group.dq, points, config)
-        order, here = points.order, points.neighbourhood
+        points = encode_points(group.dynamic, importance, config)
+        check_offsets(group.dx, group.dq)
+        sections = points.sections | encode_offsets(group.dx, group.dq, points, config)
+        order, predictor = points.order, points.predictor
     else:
-        here = None
+        predictor = None
         sections, order = encode_gaussians(group.dynamic, config, config.source != "ori", _colors(importance))
         if len(order):
             moving = group.dx[:, order], group.dq[:, order], group.dynamic[order]
-            sections["offsets"] = Section(*offsets.encode(*moving, config))
+            sections["offsets"] = Section(*paper_offsets.encode(*moving, config))
     if group.shade is not None and len(order):
-        here = here or coder.neighbours_in_order(len(order))
-        sections |= coder.encode_shade(group.shade, order, here, config)
+        predictor = predictor or Predictor.in_file_order(len(order))
+        sections |= encode_shade(group.shade, order, predictor, config)
     if group.light is not None:
         sections |= encode_light(group.light)
     if len(group.alive):
@@ -64,7 +70,7 @@ def encode_group(group: Group, config: EncodeConfig, importance: np.ndarray | No
 
 
 def _colors(importance: np.ndarray | None) -> np.ndarray | None:
-    return None if importance is None else importance[:, coder.COLOR]
+    return None if importance is None else importance[:, COLOR]
 
 
 def decode_layer(data: bytes, source: str, most: int | None = None) -> tuple[FileHeader, Gaussians]:
@@ -84,11 +90,11 @@ def decode_group(data: bytes, source: str, most: int | None = None) -> Group:
         header, sections = unpack_file(data, most)
         if header.kind != "group":
             raise ReelError(f"is a {header.kind} file, expected a group.")
-        dynamic, dx, dq, here = _decode_moving(sections, header)
+        dynamic, dx, dq, predictor = _decode_moving(sections, header)
         shade = None
         if "shade" in sections and header.points:
-            here = here or coder.neighbours_in_order(header.points)
-            shade = coder.decode_shade(sections, header.frames, here)
+            predictor = predictor or Predictor.in_file_order(header.points)
+            shade = decode_shade(sections, header.frames, predictor)
         light = decode_light(sections, header.frames) if "light" in sections else None
         alive = np.zeros(0, bool)
         if "alive" in sections:
@@ -98,30 +104,30 @@ def decode_group(data: bytes, source: str, most: int | None = None) -> Group:
         raise ReelError(f"{source}: {error}") from error
 
 
-def _decode_points(sections: Sections, count: int) -> tuple[Gaussians, coder.Neighbourhood | None]:
-    """By the codec that the file's positions name; also what the predictive codec needs for the offsets."""
+def _decode_points(sections: Sections, count: int) -> tuple[Gaussians, Predictor | None]:
+    """By the codec that the file's positions name; also the predictor of their offsets, of the predictive codec."""
     if "means" not in sections or sections["means"].parameters.get("codec") != "lattice":
         return decode_gaussians(sections, count), None
     if not 1 <= count <= MAX_POINTS:
         raise ReelError(f"claims {count} points, a file holds 1 to {MAX_POINTS}.")
-    return coder.decode_points(sections, count)
+    return decode_points(sections, count)
 
 
-Moving = tuple[Gaussians, np.ndarray, np.ndarray, coder.Neighbourhood | None]
+Moving = tuple[Gaussians, np.ndarray, np.ndarray, Predictor | None]
 
 
 def _decode_moving(sections: Sections, header: FileHeader) -> Moving:
-    """Dynamic points, their offsets dx [T, N, 3] and dq [T, N, 4], and what the predictive codec knows of the points."""
+    """Dynamic points, their offsets dx [T, N, 3] and dq [T, N, 4], and the predictor of what else is stored of them."""
     count, frames = header.points, header.frames
-    offsets.check_size(frames, count)
-    if count and "offsets" in sections and sections["offsets"].parameters.get("codec") == offsets.ORIGINAL:
+    check_offset_count(frames, count)
+    if count and "offsets" in sections and sections["offsets"].parameters.get("codec") == paper_offsets.ORIGINAL:
         means, quats = _decode_offsets(sections["offsets"], frames, count)
         dynamic = decode_gaussians(sections, count, (means[0], quats[0]))
         back = quats[0] * np.array([1, -1, -1, -1], np.float32)
         return dynamic, means - means[0], rotations.multiply(back, quats), None
-    dynamic, here = _decode_points(sections, count)
-    if here is not None:
-        return dynamic, *coder.decode_offsets(sections, frames, dynamic.quats, here), here
+    dynamic, predictor = _decode_points(sections, count)
+    if predictor is not None:
+        return dynamic, *decode_offsets(sections, frames, dynamic.quats, predictor), predictor
     if not count:
         return dynamic, np.zeros((frames, 0, 3), np.float32), np.zeros((frames, 0, 4), np.float32), None
     if "offsets" not in sections:
@@ -131,7 +137,7 @@ def _decode_moving(sections: Sections, header: FileHeader) -> Moving:
 
 def _decode_offsets(section: Section, frames: int, count: int) -> tuple[np.ndarray, np.ndarray]:
     try:
-        return offsets.decode(section.data, section.parameters, frames, count)
+        return paper_offsets.decode(section.data, section.parameters, frames, count)
     except ReelError as error:
         raise ReelError(f"section 'offsets' {error}") from error
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from splatreel.codec import quantize
-from splatreel.codec.sections import Section, Sections, named, section_of
+from splatreel.codec.section import Section, Sections, named, section_of
 from splatreel.errors import ReelError
 
 BITS = 12

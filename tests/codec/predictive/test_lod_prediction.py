@@ -13,14 +13,14 @@ from splatreel.codec.predictive import lod_prediction
 from splatreel.errors import ReelError
 
 
-def lattice(count, seed=0, bits=12):
+def quantized(count, seed=0, bits=12):
     q = np.random.default_rng(seed).integers(0, 1 << bits, (count, 3))
     return q[np.argsort(morton.encode(q), kind="stable")]
 
 
 @pytest.mark.parametrize("count", [1, 2, 63, 64, 127, 128, 129, 1000])
 def test_every_point_is_in_one_level_and_its_neighbours_in_coarser_ones(count):
-    levels = lod_prediction.levels_of(lattice(count))
+    levels = lod_prediction.levels_of(quantized(count))
     known = np.zeros(count, bool)
     assert 1 <= levels.starts[1] < 2 * lod_prediction.FIRST_LEVEL
     assert (levels.weights[: levels.starts[1]] == 0).all()
@@ -47,7 +47,7 @@ def plain_nearest(q, point, stride):
 
 
 def test_neighbours_are_those_of_the_format():
-    q = lattice(700, bits=3)  # many are equally near
+    q = quantized(700, bits=3)  # many are equally near
     levels = lod_prediction.levels_of(q)
     for level, (first, end) in enumerate(pairwise(levels.starts)):
         stride = 2 ** (len(levels.starts) - 1 - level)
@@ -58,7 +58,7 @@ def test_neighbours_are_those_of_the_format():
 
 
 def test_neighbours_are_near():
-    q = lattice(2000)
+    q = quantized(2000)
     levels = lod_prediction.levels_of(q)
     last = slice(levels.starts[-2], None)
     near = np.linalg.norm(q[levels.neighbours[last, 0]] - q[levels.order[last]], axis=1)
@@ -71,10 +71,10 @@ def test_neighbours_are_near():
 def test_round_trip_within_the_bound(count, columns, size, seed):
     rng = np.random.default_rng(seed)
     values, classes = rng.normal(size=(count, columns)) * size, rng.integers(0, lod_prediction.MAX_CLASS + 1, count)
-    levels = lod_prediction.levels_of(lattice(count, seed))
-    data, found = lod_prediction.encode_field(values, levels, classes)
+    levels = lod_prediction.levels_of(quantized(count, seed))
+    data, found = lod_prediction.encode_lod(values, levels, classes)
     assert (np.abs(found - values) <= (1 - lod_prediction.DEAD_ZONE) * 2.0 ** classes[:, None] + 1e-6).all()
-    np.testing.assert_array_equal(lod_prediction.decode_field(data, values.shape, levels, classes), found)
+    np.testing.assert_array_equal(lod_prediction.decode_lod(data, values.shape, levels, classes), found)
 
 
 @settings(deadline=None, max_examples=25)
@@ -82,37 +82,37 @@ def test_round_trip_within_the_bound(count, columns, size, seed):
 def test_columns_past_the_end_are_zero_and_cost_no_more_than_rounding(count, columns, size, seed):
     rng = np.random.default_rng(seed)
     values, classes = rng.laplace(size=(count, columns)) * size, rng.integers(0, lod_prediction.MAX_CLASS + 1, count)
-    levels, ends = lod_prediction.levels_of(lattice(count, seed)), lod_prediction.ends_of(values, classes)
-    data, found = lod_prediction.encode_field(values, levels, classes, ends)
+    levels, ends = lod_prediction.levels_of(quantized(count, seed)), lod_prediction.ends_of(values, classes)
+    data, found = lod_prediction.encode_lod(values, levels, classes, ends)
     past = np.arange(columns) >= ends[:, None]
     assert (found[past] == 0).all()
     assert (np.abs(found - values) <= (1 - lod_prediction.DEAD_ZONE) * 2.0 ** classes[:, None] + 1e-6).all()
-    np.testing.assert_array_equal(lod_prediction.decode_field(data, values.shape, levels, classes, ends), found)
+    np.testing.assert_array_equal(lod_prediction.decode_lod(data, values.shape, levels, classes, ends), found)
 
 
 def test_smooth_values_cost_little():
-    q = lattice(3000)
+    q = quantized(3000)
     levels, flat = lod_prediction.levels_of(q), np.zeros(3000, np.int64)
     smooth = np.sin(q / 2000) * 300
     shuffled = np.random.default_rng(0).permutation(smooth)
-    sizes = [len(lod_prediction.encode_field(values, levels, flat)[0]) for values in (smooth, shuffled)]
+    sizes = [len(lod_prediction.encode_lod(values, levels, flat)[0]) for values in (smooth, shuffled)]
     assert sizes[0] < 0.75 * sizes[1]
 
 
 def test_values_that_are_too_large():
-    levels = lod_prediction.levels_of(lattice(5))
+    levels = lod_prediction.levels_of(quantized(5))
     with pytest.raises(ReelError, match="coarser step"):
-        lod_prediction.encode_field(np.full((5, 1), 1e12), levels, np.zeros(5, np.int64))
+        lod_prediction.encode_lod(np.full((5, 1), 1e12), levels, np.zeros(5, np.int64))
 
 
 @settings(deadline=None, max_examples=100)
 @given(st.data())
 def test_damage_is_a_reel_error_or_decodes(data):
-    levels, classes = lod_prediction.levels_of(lattice(150)), np.zeros(150, np.int64)
+    levels, classes = lod_prediction.levels_of(quantized(150)), np.zeros(150, np.int64)
     damaged = bytearray(
-        lod_prediction.encode_field(np.random.default_rng(0).normal(size=(150, 2)) * 40, levels, classes)[0]
+        lod_prediction.encode_lod(np.random.default_rng(0).normal(size=(150, 2)) * 40, levels, classes)[0]
     )
     for at in data.draw(st.lists(st.integers(0, len(damaged) - 1), max_size=4)):
         damaged[at] = data.draw(st.integers(0, 255))
     with contextlib.suppress(ReelError):
-        assert lod_prediction.decode_field(bytes(damaged), (150, 2), levels, classes).shape == (150, 2)
+        assert lod_prediction.decode_lod(bytes(damaged), (150, 2), levels, classes).shape == (150, 2)

@@ -12,7 +12,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from splatreel.codec.budget import MOST_FRAMES
+from splatreel.codec.budget import check_offset_count, check_offsets
 from splatreel.codec.paper import h265
 from splatreel.codec.quantize import Parameters, decode_float32, encode_float32
 from splatreel.config import EncodeConfig
@@ -26,16 +26,13 @@ NAMES = {"ofs": "h265", "ori": ORIGINAL, "dif": "h265-dif", "raw": "float32"}
 """`EncodeConfig.source` to the codec of the section."""
 _REST = np.array([1.0, 0, 0, 0])
 
-MAX_VALUES = 1 << 26
-"""Frames times points that decode at most, so that a lying header cannot ask for all memory."""
-
 
 def encode(dx: np.ndarray, dq: np.ndarray, points: Gaussians, config: EncodeConfig) -> tuple[bytes, Parameters]:
     """Encode the motion dx [T, N, 3] and dq [T, N, 4] of N >= 1 points, in Morton order, as `config.source` says.
 
     Raises `ReelError` for NaN and for more offsets than one group may have.
     """
-    check(dx, dq)
+    check_offsets(dx, dq)
     codec = NAMES[config.source]
     dq = about_identity(dq)
     if codec == "float32":
@@ -57,7 +54,7 @@ def decode(data: bytes, parameters: Parameters, frames: int, count: int) -> tupl
 
     Raises `ReelError` if data is damaged.
     """
-    check_size(frames, count)
+    check_offset_count(frames, count)
     codec = parameters.get("codec")
     if codec not in NAMES.values():
         raise ReelError(f"has the unknown offset codec {codec!r:.60}; known are {', '.join(sorted(NAMES.values()))}.")
@@ -74,20 +71,6 @@ def decode(data: bytes, parameters: Parameters, frames: int, count: int) -> tupl
             dx[frame], dq[frame] = move, turn
         dq[frame] = rotations.normalize(dq[frame])
     return dx, dq
-
-
-def check(dx: np.ndarray, dq: np.ndarray) -> None:
-    """Raise `ReelError` for offsets that cannot be encoded."""
-    if not (np.isfinite(dx).all() and np.isfinite(dq).all()):
-        raise ReelError("Offsets hold NaN or infinity and cannot be encoded.")
-    if dx.shape[0] * dx.shape[1] > MAX_VALUES:
-        raise ReelError(f"{dx.shape[1]} points x {dx.shape[0]} frames are too many offsets. Make shorter groups.")
-
-
-def check_size(frames: int, count: int) -> None:
-    """Raise `ReelError` where a file claims more offsets than are decoded."""
-    if not 1 <= frames <= MOST_FRAMES or frames * count > MAX_VALUES:
-        raise ReelError(f"claims {frames} frames of {count} points, more than can be decoded.")
 
 
 def about_identity(dq: np.ndarray) -> np.ndarray:

@@ -1,4 +1,4 @@
-"""Whole numbers of points, predicted from points nearby: the heart of the predictive codec (docs/format.md).
+"""Level-of-detail prediction: whole numbers of points, predicted from points nearby of coarser levels (docs/format.md).
 
 Points come in Morton order. Every 2^k-th of them comes first, then those half way between, and so on: a level of detail at a time.
 A point is predicted from the nearest points of the coarser levels, and what is left is entropy coded; how large it will be is told by
@@ -51,9 +51,9 @@ class Levels:
     weights: np.ndarray
 
 
-def levels_of(lattice: np.ndarray) -> Levels:
-    """The levels of points at lattice positions [N, 3] int64 below 2^21, in Morton order; every point is in one of them."""
-    count = len(lattice)
+def levels_of(quantized: np.ndarray) -> Levels:
+    """The levels of points at quantized positions [N, 3] int64 below 2^21, in Morton order; every point is in one of them."""
+    count = len(quantized)
     stride = 1
     while count // (2 * stride) >= FIRST_LEVEL:
         stride *= 2
@@ -64,12 +64,12 @@ def levels_of(lattice: np.ndarray) -> Levels:
         stride //= 2
     sizes = [len(part) for part in parts]
     order = np.concatenate(parts).astype(np.int32)
-    neighbours, weights = _nearest(np.ascontiguousarray(lattice), order, np.repeat(strides, sizes))
+    neighbours, weights = _nearest(np.ascontiguousarray(quantized), order, np.repeat(strides, sizes))
     return Levels(order, [0, *np.cumsum(sizes).tolist()], neighbours, weights)
 
 
 @njit(**EXACT)
-def _nearest(lattice, order, strides):
+def _nearest(quantized, order, strides):
     """The nearest of 16 multiples of stride around each point; ties go to the earlier. Weights fall with the distance."""
     count = len(order)
     neighbours = np.zeros((count, NEIGHBOURS), np.int32)
@@ -85,9 +85,9 @@ def _nearest(lattice, order, strides):
             candidate = slot * stride
             if candidate < 0 or candidate >= count:
                 continue
-            x = lattice[candidate, 0] - lattice[point, 0]
-            y = lattice[candidate, 1] - lattice[point, 1]
-            z = lattice[candidate, 2] - lattice[point, 2]
+            x = quantized[candidate, 0] - quantized[point, 0]
+            y = quantized[candidate, 1] - quantized[point, 1]
+            z = quantized[candidate, 2] - quantized[point, 2]
             square, k = x * x + y * y + z * z, NEIGHBOURS
             while k > 0 and square < squares[k - 1]:
                 if k < NEIGHBOURS:
@@ -107,13 +107,13 @@ def _nearest(lattice, order, strides):
     return neighbours, weights
 
 
-def encode_field(
+def encode_lod(
     values: np.ndarray, levels: Levels, classes: np.ndarray, ends: np.ndarray | None = None
 ) -> tuple[bytes, np.ndarray]:
     """Encode values [N, C], in steps, as whole numbers that are off by at most (1 - DEAD_ZONE) 2^class.
 
     classes: [N] int64, 0 to 7. ends: [N], how many of its columns a point has (`ends_of`), the others being 0; None: all.
-    Returns the bytes and the whole numbers [N, C] int32 that `decode_field` gives.
+    Returns the bytes and the whole numbers [N, C] int32 that `decode_lod` gives.
     """
     if not np.abs(values).max(initial=0) < _LIMIT / 2:
         raise ReelError("Values are too many steps from zero to be encoded. Use a coarser step.")
@@ -129,10 +129,10 @@ def encode_field(
     return encode(zigzag(residuals[:used]), contexts[:used], CONTEXTS), found
 
 
-def decode_field(
+def decode_lod(
     data: bytes, shape: tuple[int, int], levels: Levels, classes: np.ndarray, ends: np.ndarray | None = None
 ) -> np.ndarray:
-    """The whole numbers [N, C] int32 of `encode_field`. Raises `ReelError`."""
+    """The whole numbers [N, C] int32 of `encode_lod`. Raises `ReelError`."""
     stream = Stream(data, CONTEXTS)
     ends = _all(shape) if ends is None else ends
     found, sizes = _empty(shape)

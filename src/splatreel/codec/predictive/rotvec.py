@@ -6,7 +6,6 @@ import numpy as np
 from numba import njit
 
 from splatreel.codec.jit import EXACT
-from splatreel.scene import rotations
 
 
 def of_quats(quats: np.ndarray) -> np.ndarray:
@@ -22,12 +21,6 @@ def of_quats(quats: np.ndarray) -> np.ndarray:
         turns = np.rint(((before * axis).sum(-1, keepdims=True) - angle) / (2 * np.pi))
         vectors[frame] = now + axis * (2 * np.pi * turns)
     return vectors
-
-
-def to_quats(vectors: np.ndarray) -> np.ndarray:
-    """Unit quaternions [..., 4] of vectors [..., 3]."""
-    half = np.linalg.norm(vectors, axis=-1, keepdims=True) / 2
-    return rotations.normalize(np.concatenate([np.cos(half), vectors * (np.sinc(half / np.pi) / 2)], -1))
 
 
 @njit(**EXACT)

@@ -1,8 +1,6 @@
-"""Gaussians as the sections of a file (paper section 4.3): quantised attributes, SH codebook, Draco positions."""
+"""The paper's coding of Gaussians (section 4.3) as sections: quantized attributes, SH codebook, Draco positions."""
 
 from __future__ import annotations
-
-from dataclasses import dataclass
 
 import numpy as np
 
@@ -10,23 +8,11 @@ from splatreel.codec import morton, quantize
 from splatreel.codec.paper import points, vector
 from splatreel.codec.paper.attributes import decode_values, encode_values
 from splatreel.codec.quantize import Parameters, integer
+from splatreel.codec.section import MAX_POINTS, Section, Sections, named, required, section_of
 from splatreel.config import EncodeConfig
 from splatreel.errors import ReelError
 from splatreel.scene import rotations
 from splatreel.scene.gaussians import Gaussians
-
-MAX_POINTS = 1 << 23
-
-
-@dataclass(frozen=True)
-class Section:
-    """One named part of a file: its bytes, and what the header says about how to decode them."""
-
-    data: bytes
-    parameters: Parameters
-
-
-Sections = dict[str, Section]
 
 
 def encode_gaussians(
@@ -34,8 +20,8 @@ def encode_gaussians(
 ) -> tuple[Sections, np.ndarray]:
     """Sections of the points, and order [N]: order[i] is the input point that is decoded as point i.
 
-    weights: [N] >= 0, how much the pictures hang on each point's colour, for `EncodeConfig.weigh`; None: all alike.
-    placed: with `means` and `quats`; without them something else says where the points are. No point, no section.
+    weights: [N] >= 0, how much the pictures depend on each point's color, for `EncodeConfig.weigh`; None: all the same.
+    placed: with `means` and `quats`; without them another section says where the points are. No points, no sections.
     Raises `GaussiansError` for NaN and infinity.
     """
     gaussians.check_finite("Gaussians to encode")
@@ -84,7 +70,7 @@ def decode_gaussians(sections: Sections, count: int, placed: Placed | None = Non
 
 
 def _encode_means(means: np.ndarray, bits: int | None) -> tuple[Sections, np.ndarray]:
-    """Section `means` and the order of the points; float32 in the order of a lattice that nobody sees, without bits."""
+    """Section `means` and the order of the points; float32 in the order that a Draco point cloud of them would have, without bits."""
     data, parameters, order = points.encode_points(means, bits or morton.MAX_BITS)
     if bits is None:
         data, parameters = quantize.encode_float32(means[order])
@@ -92,7 +78,7 @@ def _encode_means(means: np.ndarray, bits: int | None) -> tuple[Sections, np.nda
 
 
 def _decode_means(sections: Sections, count: int) -> np.ndarray:
-    section = _section(sections, "means")
+    section = required(sections, "means")
     if section.parameters.get("codec") == "float32":
         return named("means", quantize.decode_float32, section.data, (count, 3))
     section = section_of(sections, "means", "draco")
@@ -123,7 +109,7 @@ def _decode_rest(sections: Sections, count: int) -> np.ndarray:
     rest = sections["sh_rest"]
     if rest.parameters.get("codec") != "vq":
         return _values(sections, "sh_rest", count, _coefficients(rest, "sh_rest")).reshape(count, -1, 3)
-    codebook = _section(sections, "sh_codebook")
+    codebook = required(sections, "sh_codebook")
     entries = named("sh_rest", integer, rest.parameters, "entries", 1, 65536)
     if codebook.parameters.get("entries") != entries:
         raise ReelError(
@@ -144,29 +130,6 @@ def _coefficients(section: Section, name: str) -> int:
     return 3 * ((degree + 1) ** 2 - 1)
 
 
-def _section(sections: Sections, name: str) -> Section:
-    if name not in sections:
-        raise ReelError(f"has no section {name!r}.")
-    return sections[name]
-
-
-def section_of(sections: Sections, name: str, codec: str) -> Section:
-    """The section of that name and codec. Raises `ReelError`."""
-    section = _section(sections, name)
-    found = section.parameters.get("codec")
-    if found != codec:
-        raise ReelError(f"section {name!r} has the unknown codec {found!r:.60}, expected {codec!r}.")
-    return section
-
-
 def _values(sections: Sections, name: str, rows: int, columns: int) -> np.ndarray:
-    section = _section(sections, name)
+    section = required(sections, name)
     return named(name, decode_values, section.data, section.parameters, rows, columns)
-
-
-def named(name, function, *arguments):
-    """Call function; a `ReelError` of it gets the section's name."""
-    try:
-        return function(*arguments)
-    except ReelError as error:
-        raise ReelError(f"section {name!r} {error}") from error

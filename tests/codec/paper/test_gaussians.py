@@ -5,7 +5,8 @@ import dataclasses
 import numpy as np
 import pytest
 
-from splatreel.codec.sections import Section, decode_gaussians, encode_gaussians
+from splatreel.codec.paper.gaussians import decode_gaussians, encode_gaussians
+from splatreel.codec.section import Section
 from splatreel.config import EncodeConfig
 from splatreel.errors import GaussiansError, ReelError
 from splatreel.scene.gaussians import Gaussians

@@ -1,0 +1,119 @@
+"""Points in the predictive codec: positions, shapes, opacities and colors as whole numbers, predicted and entropy coded."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from splatreel.codec.predictive import covariance
+from splatreel.codec.predictive.klt_section import blocks, decode_klt, encode_klt
+from splatreel.codec.predictive.lod_prediction import MAX_CLASS, levels_of
+from splatreel.codec.predictive.precision import COARSEST, COLOR, MOTION, RELATIVE, SHAPE, STEPS, classes_of
+from splatreel.codec.predictive.predictor import Predictor
+from splatreel.codec.predictive.quantized_positions import (
+    decode_quantized_positions,
+    decode_refinement_bits,
+    encode_quantized_positions,
+    encode_refinement_bits,
+)
+from splatreel.codec.quantize import integer
+from splatreel.codec.section import MAX_POINTS, Section, Sections, named, section_of
+from splatreel.config import EncodeConfig
+from splatreel.errors import ReelError
+from splatreel.scene.gaussians import Gaussians
+
+COLORS = np.array([[1, 1, 1], [1, 0, -1], [-1, 2, -1]]) / np.sqrt([[3], [2], [6]])
+"""Orthonormal: brightness, red against blue, green against both."""
+
+
+@dataclass(frozen=True)
+class EncodedPoints:
+    """Sections of points; order [N]: the input point of each encoded one. quats: theirs, [N, 4]. size: typical, world units."""
+
+    sections: Sections
+    order: np.ndarray
+    quats: np.ndarray
+    size: float
+    predictor: Predictor
+
+
+def encode_points(
+    gaussians: Gaussians, importance: np.ndarray | None, config: EncodeConfig, moving: bool = True
+) -> EncodedPoints:
+    """Encode points, N >= 1, finite. importance: [N, 3] >= 0, see `classes_of`; None: all the same.
+
+    moving: offsets are stored as well, so that motion has a class of its own.
+    """
+    gaussians.check_finite("Gaussians to encode")
+    if len(gaussians) > MAX_POINTS:
+        raise ReelError(f"{len(gaussians)} points are more than a file holds ({MAX_POINTS}).")
+    coarse = config.coarseness
+    size = float(np.exp(np.median(np.log(np.maximum(gaussians.scales, 1e-30)))))
+    finer = COARSEST[coarse > 1]
+    step = STEPS.position * coarse * size
+    data, parameters, order, quantized = encode_quantized_positions(gaussians.means, step * 2**finer)
+    points = gaussians[order]
+    classes = classes_of(None if importance is None else importance[order], len(order), coarse)
+    if not moving:
+        classes[:, MOTION] = classes[:, SHAPE]
+    levels = levels_of(quantized)
+    predictor = Predictor(levels, classes)
+    refinement = encode_refinement_bits(points.means, parameters, quantized, np.maximum(finer - classes[:, MOTION], 0))
+    shapes = covariance.of_shapes(points.quats, points.scales)
+    sections = {
+        "means": Section(data, parameters | {"finer": finer}),
+        "classes": Predictor(levels, np.zeros_like(classes)).encode(SHAPE, classes - classes[:, :1] * RELATIVE, 1.0),
+        "places": Section(refinement, {"codec": "plain"}),
+        "shapes": predictor.encode(SHAPE, shapes, STEPS.shape * coarse),
+        "opacities": predictor.encode(SHAPE, points.opacities[:, None], STEPS.opacity * coarse),
+        "sh_base": predictor.encode(COLOR, points.sh[:, 0] @ COLORS.T, STEPS.color * coarse),
+    }
+    if points.sh_degree and config.sh_entries:
+        rest = points.sh[:, 1:].reshape(len(points), -1).astype(np.float64)
+        section, _ = encode_klt(COLOR, rest[:, :, None], STEPS.rest * coarse, predictor)
+        sections["sh_rest"] = Section(section.data, section.parameters | {"degree": points.sh_degree})
+    return EncodedPoints(sections, order, points.quats, size, predictor)
+
+
+def decode_points(sections: Sections, count: int) -> tuple[Gaussians, Predictor]:
+    """The `count` >= 1 points of a file's sections. Raises `ReelError` that names the section."""
+    section = section_of(sections, "means", "lattice")
+    quantized = named("means", decode_quantized_positions, section.data, section.parameters, count)
+    finer = named("means", integer, section.parameters, "finer", 0, MAX_CLASS)
+    levels = levels_of(quantized)
+    flat = Predictor(levels, np.zeros((count, 3), np.int64))
+    classes = flat.decode(SHAPE, sections, "classes", 3).astype(np.int64)
+    classes += classes[:, :1] * RELATIVE
+    if (classes < 0).any() or (classes > MAX_CLASS).any():
+        raise ReelError(f"section 'classes' has classes outside 0..{MAX_CLASS}.")
+    predictor = Predictor(levels, classes)
+    bits = np.maximum(finer - classes[:, MOTION], 0)
+    means = named(
+        "places",
+        decode_refinement_bits,
+        section_of(sections, "places", "plain").data,
+        section.parameters,
+        quantized,
+        bits,
+    )
+    quats, scales = covariance.to_shapes(predictor.decode(SHAPE, sections, "shapes", covariance.NUMBERS))
+    opacities = np.clip(predictor.decode(SHAPE, sections, "opacities", 1)[:, 0], 0, 1)
+    base = predictor.decode(COLOR, sections, "sh_base", 3) @ COLORS
+    sh = _decode_rest(sections, predictor)
+    sh[:, 0] = base
+    return Gaussians(means, quats, scales, opacities, sh), predictor
+
+
+def _decode_rest(sections: Sections, predictor: Predictor) -> np.ndarray:
+    """Spherical harmonics [N, (degree + 1)^2, 3] float32, the first of which is still open. Raises `ReelError`."""
+    count = len(predictor.classes)
+    if "sh_rest" not in sections:
+        return np.empty((count, 1, 3), np.float32)
+    section = section_of(sections, "sh_rest", "klt")
+    numbers = (named("sh_rest", integer, section.parameters, "degree", 1, 3) + 1) ** 2
+    found = named("sh_rest", decode_klt, COLOR, section, 3 * (numbers - 1), 1, predictor)
+    sh = np.empty((count, numbers, 3), np.float32)
+    for some in blocks(count, numbers):
+        sh[some, 1:] = found.expand(some)[:, :, 0].T.reshape(-1, numbers - 1, 3)
+    return sh

@@ -1,0 +1,32 @@
+"""Shade in the predictive codec: changes of color and opacity over a group, coded as motion is."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from splatreel.codec.predictive.klt_section import blocks, decode_klt, encode_klt
+from splatreel.codec.predictive.points import COLORS
+from splatreel.codec.predictive.precision import COLOR, STEPS
+from splatreel.codec.predictive.predictor import Predictor
+from splatreel.codec.section import Sections, named, section_of
+from splatreel.config import EncodeConfig
+
+SHADE = np.diag([1.0, 1.0, 1.0, 2.0])
+SHADE[:3, :3] = COLORS
+"""From c_base and opacity to what is coded: opacity counts twice as much as colour, about what it changes in a picture."""
+
+
+def encode_shade(shade: np.ndarray, order: np.ndarray, predictor: Predictor, config: EncodeConfig) -> Sections:
+    """Section `shade` of changes of colour and opacity [T, N, 4], in the order of the input points."""
+    values = np.asarray(shade, np.float64)[:, order].transpose(1, 0, 2) @ SHADE.T
+    return {"shade": encode_klt(COLOR, values, STEPS.shade * config.coarseness, predictor)[0]}
+
+
+def decode_shade(sections: Sections, frames: int, predictor: Predictor) -> np.ndarray:
+    """[T, N, 4] float32. Raises `ReelError`."""
+    count, back = len(predictor.classes), np.linalg.inv(SHADE).T.astype(np.float32)
+    found = named("shade", decode_klt, COLOR, section_of(sections, "shade", "klt"), frames, 4, predictor)
+    shade = np.empty((frames, count, 4), np.float32)
+    for some in blocks(count, frames):
+        shade[:, some] = found.expand(some) @ back
+    return shade
