@@ -1,4 +1,4 @@
-"""Every package that a tested installation has is pinned, and its licence is told."""
+"""Every package that a tested installation has is pinned, and its license is told."""
 
 import json
 import re
@@ -11,7 +11,7 @@ from packaging.requirements import Requirement
 
 ROOT = Path(__file__).parent.parent.parent
 PINS = dict(re.findall(r"^([A-Za-z0-9_.-]+)==(\S+)$", (ROOT / "constraints.txt").read_text(encoding="utf-8"), re.M))
-LICENCES = (ROOT / "docs" / "licences.md").read_text(encoding="utf-8").lower()
+LICENSES = (ROOT / "docs" / "licenses.md").read_text(encoding="utf-8").lower()
 
 
 def plain(name: str) -> str:
@@ -31,17 +31,17 @@ def needed(name: str, extras: frozenset[str], seen: set[tuple[str, frozenset[str
             yield from needed(requirement.name, frozenset(requirement.extras), seen)
 
 
-def test_every_package_is_pinned_and_its_licence_told() -> None:
+def test_every_package_is_pinned_and_its_license_told() -> None:
     """Of those that are installed for the tests; extras for which somebody brings models are open."""
     found = set(needed("splatreel", frozenset({"", "recon", "dev"}), set())) - {"splatreel"}
     assert found - {plain(name) for name in PINS} == set()
-    assert {name for name in found if name not in LICENCES.replace("_", "-")} == set()
+    assert {name for name in found if name not in LICENSES.replace("_", "-")} == set()
     assert {"filelock", "markdown-it-py", "greenlet", "typeguard"} <= found
 
 
 def test_what_the_player_is_made_of_is_told() -> None:
     package = json.loads((ROOT / "player" / "package.json").read_text(encoding="utf-8"))
-    assert [name for name in package["devDependencies"] if name.lower() not in LICENCES] == []
+    assert [name for name in package["devDependencies"] if name.lower() not in LICENSES] == []
 
 
 def test_the_codecs_in_pyavs_wheel_are_told() -> None:
@@ -53,4 +53,4 @@ def test_the_codecs_in_pyavs_wheel_are_told() -> None:
     told |= dict.fromkeys(("opencore-amrnb", "opencore-amrwb"), "opencore amr") | {"sharpyuv": "libwebp"}
     found = {told.get(part, part.split("-")[0].removesuffix("mux")) for part in parts}
     ffmpeg = {part for part in found if part.startswith(("av", "sw"))}
-    assert {part for part in found - ffmpeg if part not in LICENCES} == set()
+    assert {part for part in found - ffmpeg if part not in LICENSES} == set()
