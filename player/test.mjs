@@ -16,7 +16,7 @@ const parts = process.argv.slice(2);
 const names = readdirSync(join(here, "tests"), { recursive: true })
   .filter((name) => name.endsWith(".test.ts") && (parts.length === 0 || parts.some((part) => name.includes(part))))
   .sort();
-const options = { absWorkingDir: here, bundle: true, plugins: [assembly], loader: { ".css": "text", ".svg": "text" }, format: "esm", platform: "node", target: "node20", logLevel: "warning" };
+const options = { absWorkingDir: here, bundle: true, plugins: [assembly], external: ["./player.js"], loader: { ".css": "text", ".svg": "text" }, format: "esm", platform: "node", target: "node20", logLevel: "warning" };
 try {
   const [bundles, traces] = [join(out, "bundles"), join(out, "coverage")];
   await build({ ...options, entryPoints: names.map((name) => join("tests", name)), outbase: "tests", outdir: bundles, outExtension: { ".js": ".mjs" }, sourcemap: "linked" });

@@ -6,7 +6,7 @@ import type { Manifest } from "../src/reel/manifest";
 function clockOf(live = false): Clock {
   const clock = new Clock();
   const groups = [0, 30, 60].map((firstFrame) => ({ firstFrame, frames: 30 }));
-  clock.manifest = { fps: 30, frames: 90, overlap: 5, groups, live } as Manifest;
+  clock.update({ fps: 30, frames: 90, overlap: 5, groups, live } as Manifest);
   return clock;
 }
 

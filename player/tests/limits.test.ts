@@ -54,12 +54,12 @@ test("a picture fades the more, the farther it is from where cameras looked; not
 
 test("who turns beyond the cameras is brought back once they let go, and the horizon stays level", () => {
   const camera = new OrbitCamera(manifest(given));
-  camera.held = true;
+  camera.hold();
   camera.orbit(-1.5, 0.1);
   camera.step(1 / 60);
   assert.ok(Math.abs(sideOf(eyeOf(camera.viewmat)) - 85.9) < 1);
   assert.ok(camera.beyond > 0.5);
-  camera.held = false;
+  camera.release();
   assert.ok(Math.abs(sideOf(settle(camera)) - 35) < 0.5);
   assert.ok(camera.beyond < 0.01);
   assert.ok(Math.abs(camera.viewmat[1]) < 1e-6, "right is level");
@@ -69,13 +69,13 @@ test("who turns beyond the cameras is brought back once they let go, and the hor
 
 test("below the floor one is lifted even while the hand holds, and at a limit of distance stops", () => {
   const camera = new OrbitCamera(manifest(given));
-  camera.held = true;
+  camera.hold();
   camera.walk(0, 1, 0);
   const depth = eyeOf(camera.viewmat)[1];
   for (let i = 0; i < 120; i++) camera.step(1 / 60);
   assert.ok(depth > 3.9);
   assert.ok(eyeOf(camera.viewmat)[1] < 0.51);
-  camera.held = false;
+  camera.release();
   camera.reset();
   settle(camera);
   camera.zoom(10);

@@ -70,8 +70,7 @@ test("a flick dies away", () => {
 
 test("reset glides back, and at once for people who want it calm", () => {
   for (const calm of [false, true]) {
-    const camera = new OrbitCamera(manifest);
-    camera.calm = calm;
+    const camera = new OrbitCamera(manifest, undefined, calm);
     camera.orbit(0.5, 0.2);
     camera.reset();
     let steps = 0;
@@ -83,11 +82,11 @@ test("reset glides back, and at once for people who want it calm", () => {
 
 test("a key moves the camera as long as it is down", () => {
   const camera = new OrbitCamera(manifest);
-  camera.thrust = { ...camera.thrust, forward: 0.5 };
+  camera.steer({ yaw: 0, pitch: 0, right: 0, down: 0, forward: 0.5, zoom: 0 });
   for (let i = 0; i < 30; i++) camera.step(1 / 60);
   const [, , z] = eyeOf(camera.viewmat);
   assert.ok(z > -4 && z < -2.5, String(z));
-  camera.thrust = { ...camera.thrust, forward: 0 };
+  camera.steer(null);
   let steps = 0;
   while (camera.step(1 / 60)) steps++;
   assert.ok(steps < 120);
@@ -95,11 +94,11 @@ test("a key moves the camera as long as it is down", () => {
 
 test("who goes too far is brought back once they let go", () => {
   const camera = new OrbitCamera(manifest);
-  camera.held = true;
+  camera.hold();
   camera.zoom(10);
   camera.step(1 / 60);
   assert.ok(Math.abs(length(eyeOf(camera.viewmat)) - 40) < 1e-6);
-  camera.held = false;
+  camera.release();
   while (camera.step(1 / 60));
   assert.ok(length(eyeOf(camera.viewmat)) < 6.1);
   close(pixel(camera, [0, 0, 0]), [80, 60]);
@@ -136,13 +135,12 @@ test("an upright screen shows a wide picture over most of its height, a wide one
 test("on an upright screen the focus is brought to the middle, level as it was; on a wide one all stays", () => {
   const aside = { ...manifest, presentation: { limits: { focus: [1, 0.3, 0], angle: null, distance: null, floor: null } } } as unknown as Manifest;
   close(new OrbitCamera(aside, { clientWidth: 844, clientHeight: 390 }).viewmat, viewmat);
-  const camera = new OrbitCamera(aside, { clientWidth: 390, clientHeight: 844 });
+  const camera = new OrbitCamera(aside, { clientWidth: 390, clientHeight: 844 }, true);
   const { viewmat: m, fx, cx } = camera.view(390, 844);
   const [x, z] = [0, 8].map((r) => m[r] + 0.3 * m[r + 1] + m[r + 3]);
   assert.ok(Math.abs((fx * x) / z + cx - 195) < 1e-6);
   close([m[1], m[4], m[5], m[6]], [0, 0, 1, 0]);
   camera.orbit(0.4, 0);
-  camera.calm = true;
   camera.reset();
   camera.step(1);
   close(camera.viewmat, m);

@@ -98,7 +98,7 @@ def test_one_that_comes_back_has_its_time_and_view(page: Page, site: str):
     view = [1, 0, 0, 0.25, 0, 1, 0, 0, 0, 0, 1, 3, 0, 0, 0, 1]
     page.evaluate("(viewmat) => { const [r] = reels(); r.loop = true; r.camera = {viewmat}; return r.play(); }", view)
     page.evaluate("scrollTo(0, 2500)")
-    page.wait_for_function("!reels()[0].shadowRoot.querySelector('.still') && !reels()[0].player.playback.moving")
+    page.wait_for_function("!reels()[0].shadowRoot.querySelector('.still') && !reels()[0].player.playback.advancing")
     time = page.evaluate("reels()[0].currentTime")
     page.wait_for_timeout(300)
     assert page.evaluate("reels()[0].currentTime") == time, "time stands still where nobody looks"

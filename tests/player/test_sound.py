@@ -198,7 +198,7 @@ def test_sound_pauses_where_nobody_sees_the_pictures(page: Page, server: Server)
     page.evaluate(f"{REEL}.style.marginTop = '1000vh'")
     page.wait_for_function(f"{AUDIO}.paused && !{PLAYER}.paused")
     page.evaluate(f"{REEL}.style.marginTop = ''")
-    page.wait_for_function(f"{HEARD} && {PLAYER}.playback.moving && {APART} < 0.1")
+    page.wait_for_function(f"{HEARD} && {PLAYER}.playback.advancing && {APART} < 0.1")
 
 
 def test_sound_comes_from_its_place(page: Page, server: Server):

@@ -1,5 +1,5 @@
 /** Resolves when a condition holds, looked at whenever an event comes; rejects when the player has an error. */
-export function until(player: EventTarget & { error: Error | null }, event: string, reached: () => boolean): Promise<void> {
+export function waitUntil(player: EventTarget & { error: Error | null }, event: string, reached: () => boolean): Promise<void> {
   return new Promise((resolve, reject) => {
     const check = (): void => {
       if (player.error) reject(player.error);

@@ -37,13 +37,6 @@ const STILL: Motion = { yaw: 0, pitch: 0, right: 0, down: 0, forward: 0, zoom: 0
 const AXES = Object.keys(STILL) as (keyof Motion)[];
 
 export class OrbitCamera {
-  /** No inertia, no gliding: for people who asked for less motion. */
-  calm = false;
-  /** What keys ask for; zero when none is down. */
-  thrust: Motion = { ...STILL };
-  /** A hand holds the picture: limits wait. */
-  held = false;
-
   private readonly up: Vec3;
   private readonly home: Camera;
   /** Least depth to draw, world units. */
@@ -56,14 +49,18 @@ export class OrbitCamera {
   private right: Vec3 = [1, 0, 0];
   private down: Vec3 = [0, 1, 0];
   private forward: Vec3 = [0, 0, 1];
+  /** What keys ask for; zero when none is down. */
+  private thrust: Motion = { ...STILL };
+  /** A hand holds the picture: limits wait. */
+  private held = false;
   private velocity: Motion = { ...STILL };
   private glide: { from: CameraState; to: CameraState; at: number } | null = null;
   private ride: { path: CameraPath; at: number; cut: boolean } | null = null;
   private flight: CameraPath | null = null;
   private moved = false;
 
-  /** screen: what it begins on, CSS pixels. */
-  constructor(manifest: Manifest, screen?: { clientWidth: number; clientHeight: number }) {
+  /** screen: what it begins on, CSS pixels. calm: no inertia, no gliding, for people who asked for less motion. */
+  constructor(manifest: Manifest, screen?: { clientWidth: number; clientHeight: number }, private readonly calm = false) {
     const { up, camera, cameras, near } = manifest;
     this.up = normalize(up);
     this.home = camera;
@@ -186,6 +183,22 @@ export class OrbitCamera {
     const back = subtract(this.eye, this.pivot);
     const distance = length(back);
     this.eye = add(this.pivot, scale(back, Math.max(distance * factor, 0.01 * this.limits.extent) / distance));
+  }
+
+  /** Move by itself as long as keys are down; null: none is. */
+  steer(motion: Motion | null): void {
+    this.thrust = motion ?? { ...STILL };
+  }
+
+  /** A hand is on the picture, which stands still. */
+  hold(): void {
+    this.flick(0, 0);
+    this.held = true;
+  }
+
+  /** The hand lets go. */
+  release(): void {
+    this.held = false;
   }
 
   /** Let a drag go on with this angular velocity (radians a second). */

@@ -37,9 +37,9 @@ export class Renderer {
   /** The browser draws without a graphics device. */
   readonly software: boolean;
   /** Splats thinner than a pixel are drawn fainter. */
-  antialias = false;
+  private antialias = false;
   /** Red, green and blue where nothing is drawn. */
-  background: Vec3 = [0, 0, 0];
+  private background: Vec3 = [0, 0, 0];
   /** Points in the order. */
   drawn = 0;
 
@@ -61,8 +61,9 @@ export class Renderer {
     gl.bindVertexArray(null);
   }
 
-  /** Wait for what the driver still does. Throws `ReelError` where it cannot draw the player's pictures. */
-  begin(): void {
+  /** Once it is known what is drawn: wait for what the driver still does. Throws `ReelError` where it cannot draw the player's pictures. */
+  begin(antialias: boolean, background: Vec3): void {
+    [this.antialias, this.background] = [antialias, background];
     this.project.check();
     this.splat.check();
     this.fade.check();

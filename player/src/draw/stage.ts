@@ -37,23 +37,22 @@ export class Stage {
   private dirty = false;
   private closed = false;
   private sorting: Scene | null = null;
-  private opened: Manifest | null = null;
+  private manifest: Manifest | null = null;
 
   constructor(canvas: HTMLCanvasElement, onError: (error: Error) => void) {
     this.renderer = new Renderer(canvas);
     this.sorter = new Sorter((message) => onError(new Error(message)));
   }
 
-  get manifest(): Manifest | null {
-    return this.opened;
+  /** Once its manifest is here; the graphics device and the worker get ready before. Throws `ReelError` where the device cannot draw. */
+  open(manifest: Manifest): void {
+    this.manifest = manifest;
+    this.renderer.begin(manifest.antialias === true, manifest.background ?? [0, 0, 0]);
   }
 
-  /** Set once it is here; the graphics device and the worker get ready before. Throws `ReelError` where the device cannot draw. */
-  set manifest(manifest: Manifest | null) {
-    this.opened = manifest;
-    this.renderer.antialias = manifest?.antialias === true;
-    this.renderer.background = manifest?.background ?? [0, 0, 0];
-    this.renderer.begin();
+  /** A live reel has grown. */
+  update(manifest: Manifest): void {
+    this.manifest = manifest;
   }
 
   addLayer(index: number, file: DecodedFile): void {

@@ -23,7 +23,7 @@ export function openPage(stage: Stage): void {
     const { title } = reel.player.manifest!.presentation;
     if (title) heading.textContent = document.title = title;
   });
-  reel.player.early = stage.early ?? null;
+  if (stage.early) reel.player.offer(stage.early);
   stage.append(heading, reel);
   stage.early?.image.remove(); // the element shows the same
 }

@@ -23,7 +23,7 @@ export class PlayPromises {
     if (!player.hasSource) return Promise.reject(new DOMException("There is no reel to play: the attribute src is missing.", "NotSupportedError"));
     if (player.error) return Promise.reject(new DOMException(player.error.message, "NotSupportedError"));
     player.play();
-    if (player.playback.moving) return Promise.resolve();
+    if (player.playback.advancing) return Promise.resolve();
     return new Promise((resolve, reject) => this.waiting.push({ resolve, reject }));
   }
 

@@ -1,6 +1,6 @@
 /** The picture over the canvas until the reel's own is there: the poster, or, of a reel that was put to rest, what it showed last. */
 import type { Player } from "../player/player";
-import { addressOf } from "../reel/manifest";
+import { addressOf, isSameReel } from "../reel/manifest";
 
 export class Poster {
   readonly image = document.createElement("img");
@@ -23,8 +23,7 @@ export class Poster {
   /** Show a picture of the page, or none, until there is a picture of the reel. */
   give(url: string): void {
     this.given = url;
-    const { early } = this.player;
-    this.show(url || (early?.url === this.player.address ? early.image.src : ""));
+    this.show(url || this.player.prefetchedPoster);
     if (!url) void this.useOwn();
   }
 
@@ -47,11 +46,11 @@ export class Poster {
     const poster = manifest?.presentation.poster;
     if (this.given || !manifest || !poster) return;
     const url = await addressOf(manifest, poster).catch(() => "");
-    if (manifest === this.player.manifest && !this.given) this.show(url);
+    if (isSameReel(manifest, this.player.manifest) && !this.given) this.show(url);
   }
 
   private show(url: string): void {
-    const over = this.player.playback.pictured;
+    const over = this.player.playback.hasPicture;
     if (url && !over && this.image.src !== url) this.image.src = url;
     this.image.hidden = !url || over;
   }
@@ -70,7 +69,7 @@ export class Poster {
   /** What rests is drawn: it takes the poster's place where it is most of the picture. */
   private drawn(): void {
     this.blank(false);
-    if (this.player.playback.ready || this.player.playback.layersFill) this.hide();
+    if (this.player.playback.ready || this.player.playback.isMostlyStatic) this.hide();
   }
 
   private hide(): void {

@@ -79,7 +79,7 @@ export class Visibility implements ContextHolder {
 
   /** Let the player be as is right where the element is. */
   settle(): void {
-    this.player.shown = this.connected && (this.seen || this.asked > 0);
+    this.player.show(this.connected && (this.seen || this.asked > 0));
     if (this.wanted) devices.claim(this, this.needed);
     else devices.leave(this);
   }

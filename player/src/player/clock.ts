@@ -3,30 +3,31 @@ import type { Manifest } from "../reel/manifest";
 import { momentAt, type Moment } from "../reel/timeline";
 
 export class Clock {
-  manifest: Manifest | null = null;
-  seconds = 0;
-  playing = false;
-  loop = false;
-
+  private reel: Manifest | null = null;
+  private now = 0;
+  private running = false;
   private speed = 1;
+  private loops = false;
 
-  /** Seconds; of a live reel, what there is so far. */
-  get duration(): number {
-    return this.manifest ? this.manifest.frames / this.manifest.fps : 0;
+  /** Of the reel that is open; null: there is none yet. */
+  get manifest(): Manifest | null {
+    return this.reel;
   }
 
-  get live(): boolean {
-    return this.manifest?.live === true;
+  get seconds(): number {
+    return this.now;
   }
 
-  /** Where a live reel is joined: the beginning of its last group. */
-  get edge(): number {
-    const { manifest } = this;
-    return manifest ? manifest.groups.at(-1)!.firstFrame / manifest.fps : 0;
+  get playing(): boolean {
+    return this.running;
   }
 
-  get ended(): boolean {
-    return this.duration > 0 && !this.live && this.seconds >= this.duration;
+  get loop(): boolean {
+    return this.loops;
+  }
+
+  set loop(loop: boolean) {
+    this.loops = loop;
   }
 
   get rate(): number {
@@ -37,37 +38,78 @@ export class Clock {
     this.speed = Math.min(Math.max(rate, 0), 16);
   }
 
+  /** Seconds; of a live reel, what there is so far. */
+  get duration(): number {
+    return this.reel ? this.reel.frames / this.reel.fps : 0;
+  }
+
+  get live(): boolean {
+    return this.reel?.live === true;
+  }
+
+  /** Where a live reel is joined: the beginning of its last group. */
+  get edge(): number {
+    return this.reel ? this.reel.groups.at(-1)!.firstFrame / this.reel.fps : 0;
+  }
+
+  get ended(): boolean {
+    return this.duration > 0 && !this.live && this.now >= this.duration;
+  }
+
   /** The frame of the video that shows; the last one stays on until the end of its own duration. */
   get frame(): number {
-    const { fps, frames } = this.manifest!;
-    return Math.min(this.seconds * fps, Math.max(frames - 1, 0));
+    const { fps, frames } = this.reel!;
+    return Math.min(this.now * fps, Math.max(frames - 1, 0));
   }
 
   get moment(): Moment {
-    const { groups, overlap, fps } = this.manifest!;
+    const { groups, overlap, fps } = this.reel!;
     return momentAt(groups, overlap, fps, this.frame / fps);
+  }
+
+  /** Keep the time of a reel, or, as a live one grows, of what it has become. The time stays. */
+  update(manifest: Manifest): void {
+    this.reel = manifest;
+  }
+
+  /** There is no reel for a while: time stays, and runs on with the next. */
+  forget(): void {
+    this.reel = null;
+  }
+
+  /** There is no reel any more: time is 0 and stands still. */
+  reset(): void {
+    [this.reel, this.running, this.now] = [null, false, 0];
+  }
+
+  start(): void {
+    this.running = true;
+  }
+
+  stop(): void {
+    this.running = false;
   }
 
   /** Go to a time, kept within the reel. */
   seek(seconds: number): void {
-    this.seconds = Math.min(Math.max(seconds, 0), this.duration);
+    this.now = Math.min(Math.max(seconds, 0), this.duration);
   }
 
   /** The time some frames on or back, in whole frames. */
   framesOn(frames: number): number {
-    const { fps, frames: total } = this.manifest!;
+    const { fps, frames: total } = this.reel!;
     return Math.min(Math.max(Math.round(this.frame) + frames, 0), total - 1) / fps;
   }
 
   /** Let seconds pass; false where time stands still. */
   advance(seconds: number): boolean {
-    const { duration, live, loop } = this;
-    if (live && !loop && this.seconds >= duration) return false; // wait at the edge
-    this.seconds += seconds * this.speed;
-    if (this.seconds >= duration) {
+    const { duration, live, loops } = this;
+    if (live && !loops && this.now >= duration) return false; // wait at the edge
+    this.now += seconds * this.speed;
+    if (this.now >= duration) {
       // Until more of a live reel is there, its last group goes round.
-      if (loop) this.seconds = live ? this.edge : this.seconds % duration;
-      else this.seconds = duration;
+      if (loops) this.now = live ? this.edge : this.now % duration;
+      else this.now = duration;
     }
     return true;
   }

@@ -51,7 +51,7 @@ export class Headset {
     if (!camera || !manifest) throw new ReelError("There is no reel to show in the headset yet.");
     const session = await system()!.requestSession("immersive-vr", { optionalFeatures: ["local-floor"] });
     session.addEventListener("end", () => {
-      player.presented = false;
+      player.playback.leaveHeadset();
       ended();
     });
     const gl = canvas.getContext("webgl2") as WebGL2RenderingContext & { makeXRCompatible(): Promise<void> };
@@ -62,12 +62,12 @@ export class Headset {
     const space = floor ?? (await session.requestReferenceSpace("local"));
     const room = new HeadsetSpace(manifest, camera.viewmat, floor !== null);
     session.addEventListener("select", () => (player.paused ? player.play() : player.pause()));
-    player.presented = true;
+    player.playback.enterHeadset();
     const draw = (now: number, frame: XrFrame): void => {
       if (!player.presented) return;
       session.requestAnimationFrame(draw);
       const pose = frame.getViewerPose(space);
-      if (!pose || player.manifest !== manifest) return; // taken off, or another reel was opened
+      if (!pose || player.camera !== camera) return; // taken off, or another reel was opened
       const eyes = pose.views.flatMap((view): Eye[] => {
         const port = layer.getViewport(view);
         if (!port) return [];
@@ -77,7 +77,7 @@ export class Headset {
       if (eyes.length === 0) return;
       // Of so short a lens that it leaves nothing out that an eye sees.
       const head = { ...room.view(pose.transform.inverse.matrix, pose.views[0].projectionMatrix, 1, 1, camera.near), ...WIDE };
-      player.playback.present(now, head, eyes);
+      player.playback.tickInHeadset(now, head, eyes);
     };
     session.requestAnimationFrame(draw);
     return new Headset(session);

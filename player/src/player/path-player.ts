@@ -22,7 +22,7 @@ export class PathPlayer {
   private settling = false;
 
   constructor(private readonly player: Player) {
-    player.playback.guide = (seconds) => this.step(seconds);
+    player.playback.guideCamera((seconds) => this.step(seconds));
     player.addEventListener("emptied", () => this.stop());
   }
 

@@ -20,10 +20,10 @@ const PAUSE = 2000;
 const REST = 250;
 
 export class Resolution {
-  quality: Quality = "auto";
   /** Mean milliseconds between pictures that follow each other. */
   interval = 1000 / 60;
 
+  private chosen: Quality = "auto";
   private scale = 1;
   private last = 0;
   private lastDrawn = 0;
@@ -34,14 +34,24 @@ export class Resolution {
   private patience = 2;
   private waited = 0;
 
+  /** What people chose: automatic, or a fixed share of the pixels. */
+  get quality(): Quality {
+    return this.chosen;
+  }
+
+  set quality(quality: Quality) {
+    this.chosen = quality;
+  }
+
+  /** Pixels per CSS pixel. */
   get ratio(): number {
     const device = Math.min(globalThis.devicePixelRatio || 1, 2);
-    return device * { auto: this.resting ? 1 : this.scale, full: 1, half: 0.5 }[this.quality];
+    return device * { auto: this.resting ? 1 : this.scale, full: 1, half: 0.5 }[this.chosen];
   }
 
   /** The device does not keep up, however coarse the picture may get. */
   get struggling(): boolean {
-    return this.interval > STRUGGLING && (this.quality !== "auto" || this.scale <= COARSEST);
+    return this.interval > STRUGGLING && (this.chosen !== "auto" || this.scale <= COARSEST);
   }
 
   /** Begin with few pixels: the device is known to be slow. */
@@ -61,7 +71,7 @@ export class Resolution {
 
   /** Whether the picture should be drawn once more, in full, since nothing moves. */
   rest(now: number): boolean {
-    if (this.resting || this.quality !== "auto" || this.scale === 1 || now - this.lastDrawn < REST) return false;
+    if (this.resting || this.chosen !== "auto" || this.scale === 1 || now - this.lastDrawn < REST) return false;
     this.resting = true;
     return true;
   }

@@ -13,7 +13,7 @@ export interface SessionEvents {
   /** A file was taken in. */
   arrived(): void;
   /** A live reel has more groups, or is whole. */
-  grown(): void;
+  grown(manifest: Manifest): void;
   /** Something came, went or is late. */
   progress(): void;
   failed(error: unknown): void;
@@ -26,8 +26,8 @@ export class Session {
   /** Why there is no reel yet, for people. */
   trouble: string | null = null;
   /** Nothing is taken in any more. */
-  broken = false;
-
+  private abandoned = false;
+  private files: LocalFiles | null = null;
   private readonly life = new AbortController();
 
   /** Workers start and shaders compile at once, while the manifest is on its way. worker: one that decodes, already started. Throws `ReelError` where there is no WebGL 2. */
@@ -57,7 +57,8 @@ export class Session {
   /** Begin to get the reel's files. */
   open(manifest: Manifest): void {
     const { stage, decoders, events } = this;
-    stage.manifest = manifest;
+    this.files = manifest.files;
+    stage.open(manifest);
     this.stream = new Stream(manifest, decoders, memoryBudget(), {
       layer: (index: number, file: DecodedFile) => this.take(() => stage.addLayer(index, file)),
       group: (index: number, file: DecodedFile) => this.take(() => stage.addGroup(index, file)),
@@ -65,18 +66,30 @@ export class Session {
       progress: () => events.progress(),
       failed: (error: Error) => events.failed(error),
     }, new RenditionPolicy(guessOfBrowser()));
-    void followToTheEnd(manifest, () => events.grown(), this.life.signal);
+    void followToTheEnd(manifest, (next) => this.update(next), this.life.signal);
+  }
+
+  /** Take nothing in any more: the reel has an error. */
+  abandon(): void {
+    this.abandoned = true;
   }
 
   close(): void {
     this.life.abort();
-    this.stage.manifest?.files?.close();
+    this.files?.close();
     this.decoders.destroy();
     this.stage.destroy();
   }
 
+  /** A live reel has grown. */
+  private update(manifest: Manifest): void {
+    this.stage.update(manifest);
+    this.stream?.update(manifest);
+    this.events.grown(manifest);
+  }
+
   private take(add: () => void): void {
-    if (this.broken) return;
+    if (this.abandoned) return;
     try {
       add();
     } catch (error) {

@@ -136,6 +136,11 @@ export function parseManifest(value: unknown, url: string): Manifest {
   };
 }
 
+/** Whether two manifests are of one reel: that of a live one grows. */
+export function isSameReel(a: Manifest, b: Manifest | null): boolean {
+  return a.url === b?.url && a.files === b.files;
+}
+
 /** Where to get a file of a reel: `download` takes it. */
 export function sourceOf({ url, files }: Manifest, { uri, bytes, sha256 }: Asset): Source {
   return { url: new URL(uri, url).href, bytes, sha256, part: files?.part(uri) };

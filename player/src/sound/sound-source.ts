@@ -29,7 +29,7 @@ export class SoundSource {
   private coming: { index: number; transfer: AbortController } | null = null;
 
   /** Throws `ReelError` where the browser does not play this kind of sound. */
-  constructor(audio: HTMLAudioElement, private readonly manifest: Manifest, private readonly events: SoundEvents) {
+  constructor(audio: HTMLAudioElement, private manifest: Manifest, private readonly events: SoundEvents) {
     this.feed = feedOf(audio, this.sound.type, manifest.live, () => events.renewed());
   }
 
@@ -47,13 +47,17 @@ export class SoundSource {
     if (!this.filling) void this.fill();
   }
 
+  /** A live reel has grown. */
+  update(manifest: Manifest): void {
+    this.manifest = manifest;
+  }
+
   close(): void {
     this.life.abort();
     this.coming?.transfer.abort();
     this.feed.close();
   }
 
-  /** Of a live reel the list grows. */
   private get sound(): Sound {
     return this.manifest.presentation.sound!;
   }

@@ -29,13 +29,13 @@ export class Soundtrack {
   error: Error | null = null;
   /** It is muted because the browser refused to play it, and not because anybody wanted it so. */
   blocked = false;
-  /** Where the browser refuses sound, the reel plays in silence instead of not at all. */
-  optional = false;
   readonly spatial = new SpatialSound();
 
   private manifest: Manifest | null = null;
   private source: SoundSource | null = null;
   private audio: HTMLAudioElement | null = null;
+  /** Where the browser refuses sound, the reel plays in silence instead of not at all. */
+  private optional = false;
   private loudness = 1;
   private silenced = false;
   /** The pictures' time was set: sound has to go there. */
@@ -59,6 +59,12 @@ export class Soundtrack {
     // Browsers want a touch of the page first.
     for (const name of ["pointerup", "keyup"]) addEventListener(name, () => this.enterSpace(), { signal });
     this.emit("volumechange");
+  }
+
+  /** A live reel has grown. */
+  update(manifest: Manifest): void {
+    this.manifest = manifest;
+    this.source?.update(manifest);
   }
 
   close(): void {
@@ -123,8 +129,9 @@ export class Soundtrack {
     return this.source?.trouble ?? null;
   }
 
-  /** Ask the browser whether this page may be heard: where a person asked to play, so that it counts as the person's wish. */
-  ask(): void {
+  /** Ask the browser whether this page may be heard: where a person asked to play, so that it counts as the person's wish. optional: where it may not, play in silence. */
+  ask(optional = this.optional): void {
+    this.optional = optional;
     const audio = this.heard(1) ? this.prepare() : null;
     if (!audio?.paused) return;
     this.enterSpace();

@@ -40,17 +40,20 @@ export class DecoderPool {
   milliseconds = 0;
   /** Milliseconds a point, lately; 0: nothing was decoded yet. */
   pace = 0;
-  /** Called when a worker is free again. */
-  onfree: () => void = () => undefined;
-
   private readonly workers: Worker[] = [];
   private readonly idle: Worker[] = [];
   private readonly running = new Map<string, Running>();
   private nextId = 0;
+  private onfree: () => void = () => undefined;
 
   /** One worker starts at once, while the manifest is on its way; the other when two files are wanted. */
   constructor(worker?: Worker | null) {
     this.idle.push(this.hire(worker ?? startWorker("decode-worker.js")));
+  }
+
+  /** Have something called whenever a worker is free again. */
+  whenFree(call: () => void): void {
+    this.onfree = call;
   }
 
   get free(): boolean {

@@ -15,12 +15,13 @@ export async function follow(manifest: Manifest, signal: AbortSignal): Promise<M
   }
 }
 
-/** Take what is added to a live reel into its manifest, until it is whole. */
-export async function followToTheEnd(manifest: Manifest, grown: () => void, signal: AbortSignal): Promise<void> {
-  while (manifest.live) {
-    const next = await follow(manifest, signal).catch(() => null);
+/** Tell of each manifest of a live reel that has more than the one before, until the reel is whole. */
+export async function followToTheEnd(manifest: Manifest, grown: (next: Manifest) => void, signal: AbortSignal): Promise<void> {
+  let known = manifest;
+  while (known.live) {
+    const next = await follow(known, signal).catch(() => null);
     if (next === null) return;
-    Object.assign(manifest, next);
-    grown();
+    known = next;
+    grown(next);
   }
 }

@@ -60,13 +60,13 @@ export class Stream {
 
   /** budget: bytes that groups may take. */
   constructor(
-    private readonly manifest: Manifest,
+    private manifest: Manifest,
     private readonly decoders: DecoderPool,
     private readonly budget: number,
     private readonly events: StreamEvents,
     private readonly chooser: RenditionPolicy,
   ) {
-    decoders.onfree = () => this.fill();
+    decoders.whenFree(() => this.fill());
   }
 
   /** Layers that are complete from the first on. */
@@ -126,6 +126,11 @@ export class Stream {
       else ranges.push([start, end]);
     }
     return ranges;
+  }
+
+  /** A live reel has grown. */
+  update(manifest: Manifest): void {
+    this.manifest = manifest;
   }
 
   /** Say what shows now. */

@@ -136,8 +136,7 @@ export class Controls {
   private toggleStatistics(): void {
     this.statistics.hidden = !this.statistics.hidden;
     this.showStatistics();
-    this.menu.statistics = !this.statistics.hidden;
-    this.menu.update();
+    this.menu.update({ statistics: !this.statistics.hidden });
   }
 
   private showStatistics(): void {
@@ -186,10 +185,8 @@ export class Controls {
   private update(): void {
     const { manifest } = this.player;
     this.bar.update({ full: this.full.on, fullLabel: this.full.offer, presenting: this.headset !== null });
-    this.menu.shares = this.host.hasAttribute("share") && !!manifest && !manifest.files;
-    this.menu.says = !!manifest && saysAnything(manifest.presentation);
     this.messages.update();
-    this.menu.update();
+    this.menu.update({ shares: this.host.hasAttribute("share") && !!manifest && !manifest.files, describes: !!manifest && saysAnything(manifest.presentation) });
     this.idle.update();
   }
 }

@@ -45,10 +45,9 @@ export function attachKeys(host: HTMLElement, player: Player, actions: Actions, 
   for (const [, lines] of table) for (const line of lines) for (const binding of line.bindings) for (const key of binding.keys) bindings.set(key, binding);
   const down = new Map<string, Partial<Motion>>();
   const steer = (): void => {
-    if (!player.camera) return;
     const thrust: Motion = { yaw: 0, pitch: 0, right: 0, down: 0, forward: 0, zoom: 0 };
     for (const part of down.values()) for (const [axis, value] of Object.entries(part)) thrust[axis as keyof Motion] += value;
-    player.camera.thrust = thrust;
+    player.camera?.steer(thrust);
   };
   host.addEventListener("keydown", (event) => {
     if (event.ctrlKey || event.metaKey || event.altKey || takesKeys(event)) return;

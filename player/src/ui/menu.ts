@@ -38,13 +38,18 @@ export interface MenuActions {
   loop(on: boolean): void;
 }
 
+/** What the menu cannot see in the player. */
+export interface MenuState {
+  statistics: boolean;
+  /** The page takes links to a time and a view. */
+  shares: boolean;
+  /** The reel says something of itself. */
+  describes: boolean;
+}
+
 export class Menu {
   readonly box = elementOf(`<div class="sheet menu" role="group" aria-label="Settings" hidden>${MARKUP}</div>`);
-  statistics = false;
-  /** The page takes links to a time and a view. */
-  shares = false;
-  /** The reel says something of itself. */
-  says = false;
+  private state: MenuState = { statistics: false, shares: false, describes: false };
 
   constructor(private readonly player: Player, actions: MenuActions) {
     this.input("rate").onchange = () => void (player.playbackRate = Number(this.input("rate").value));
@@ -72,7 +77,8 @@ export class Menu {
   }
 
   /** Show how things are. */
-  update(): void {
+  update(state: Partial<MenuState> = {}): void {
+    this.state = { ...this.state, ...state };
     if (!this.open) return;
     const { player } = this;
     this.input("rate").value = String(player.playbackRate);
@@ -82,9 +88,9 @@ export class Menu {
     this.input("spatial").checked = player.soundtrack.spatial.on;
     this.input("spatial").parentElement!.hidden = !player.soundtrack.placed;
     this.input("fly").checked = player.camera?.flying === true;
-    this.input("statistics").checked = this.statistics;
-    this.input("share").hidden = !this.shares;
-    this.input("about").hidden = !this.says;
+    this.input("statistics").checked = this.state.statistics;
+    this.input("share").hidden = !this.state.shares;
+    this.input("about").hidden = !this.state.describes;
   }
 
   /** Auto says what it came to; reels in one rendition have nothing to choose. */

@@ -28,10 +28,7 @@ export function attachPointerControls(surface: HTMLElement, player: Player, gest
   const down = (event: PointerEvent): void => {
     fingers.set(event.pointerId, { x: event.clientX, y: event.clientY, pan: event.button !== 0 || event.shiftKey, touch: event.pointerType === "touch" });
     surface.setPointerCapture(event.pointerId);
-    if (player.camera) {
-      player.camera.flick(0, 0);
-      player.camera.held = true;
-    }
+    player.camera?.hold();
     velocity = [0, 0];
     way = 0;
   };
@@ -62,7 +59,7 @@ export function attachPointerControls(surface: HTMLElement, player: Player, gest
     const finger = fingers.get(event.pointerId);
     fingers.delete(event.pointerId);
     if (!finger || fingers.size > 0) return;
-    if (player.camera) player.camera.held = false;
+    player.camera?.release();
     if (!finger.pan && event.timeStamp - moved < STILL) player.camera?.flick(...velocity);
     if (way < NEAR && event.type === "pointerup") tapped(event);
     player.invalidate();
