@@ -84,7 +84,11 @@ def test_the_posters_place_is_taken_by_what_rests_before_a_group_is_there(poster
     page.route("**/groups/*", lambda route: None)  # never answered
     page.goto(server.url)
     page.wait_for_function(f"document.querySelector('splat-reel')?.player && {PLAYER}.playback.hasPicture")
-    assert page.evaluate(f"[{POSTER}.hidden, {PLAYER}.canPlay, {PLAYER}.playback.isMostlyStatic]") == [True, False, True]
+    assert page.evaluate(f"[{POSTER}.hidden, {PLAYER}.canPlay, {PLAYER}.playback.isMostlyStatic]") == [
+        True,
+        False,
+        True,
+    ]
 
 
 def test_the_poster_of_the_page_goes_before_the_reels(postered: Page, server: Server):
