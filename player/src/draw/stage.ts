@@ -56,16 +56,16 @@ export class Stage {
   }
 
   addLayer(index: number, file: DecodedFile): void {
-    this.sorter.addLayer(index, this.renderer.addLayer(index, file), file);
+    this.sorter.addLayer(index, this.renderer.memory.addLayer(index, file), file);
     if (!this.scene?.current) this.resort();
   }
 
   addGroup(index: number, file: DecodedFile): void {
-    this.sorter.addGroup(index, this.renderer.addGroup(index, file), file);
+    this.sorter.addGroup(index, this.renderer.memory.addGroup(index, file), file);
   }
 
   dropGroup(index: number): void {
-    this.renderer.dropGroup(index);
+    this.renderer.memory.dropGroup(index);
     this.sorter.dropGroup(index);
   }
 
@@ -81,7 +81,7 @@ export class Stage {
 
   /** Points in the order that is drawn. */
   get points(): number {
-    return this.renderer.drawn;
+    return this.renderer.points;
   }
 
   /** The time, the camera or the size changed: sort and draw again. */
@@ -121,7 +121,7 @@ export class Stage {
     this.sorting = scene;
     const reply = await this.sorter.sort(scene, view, this.manifest!.clearance);
     this.sorting = null;
-    if (this.closed || !this.renderer.holds(scene)) return false;
+    if (this.closed || !this.renderer.memory.holds(scene)) return false;
     this.sortMilliseconds = reply.milliseconds;
     this.renderer.setOrder(reply.order, reply.count);
     this.sorter.recycle(reply.order);

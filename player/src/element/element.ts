@@ -17,6 +17,7 @@ import { FileDrop } from "../ui/file-drop";
 import { OffCameraFade } from "../ui/off-camera-fade";
 import { attachPointerControls } from "../ui/pointer-controls";
 import styles from "../ui/ui.css";
+import { MediaElement } from "./media-element";
 import { PlayPromises } from "./play-promises";
 import { Poster } from "./poster";
 import { Visibility } from "./visibility";
@@ -28,22 +29,16 @@ EVENTS.push("timeupdate", "progress", "seeking", "seeked", "ratechange", "volume
 const sheet = new CSSStyleSheet();
 sheet.replaceSync(styles);
 
-export class SplatReelElement extends HTMLElement {
+export class SplatReelElement extends MediaElement {
   static readonly observedAttributes = ["src", "poster", "loop", "muted", "controls", "loading"];
-
-  /** As of HTMLMediaElement, for `networkState`. */
-  static readonly NETWORK_EMPTY = 0;
-  static readonly NETWORK_IDLE = 1;
-  static readonly NETWORK_LOADING = 2;
-  static readonly NETWORK_NO_SOURCE = 3;
 
   /** The player behind the element. */
   readonly player: Player;
   readonly pathPlayer: PathPlayer;
   private readonly canvas = document.createElement("canvas");
   private readonly picture: Poster;
-  private readonly presence: Visibility;
-  private readonly pending: PlayPromises;
+  private readonly visibility: Visibility;
+  private readonly promises: PlayPromises;
   private files: LocalFiles | null = null;
   private controlsShown: Controls | null = null;
   /** While the element is in a page. */
@@ -57,8 +52,8 @@ export class SplatReelElement extends HTMLElement {
     this.player = new Player(this.canvas);
     this.pathPlayer = new PathPlayer(this.player);
     this.picture = new Poster(this.player);
-    this.presence = new Visibility(this, this.player, this.picture);
-    this.pending = new PlayPromises(this.player);
+    this.visibility = new Visibility(this, this.player, this.picture);
+    this.promises = new PlayPromises(this.player);
     const root = this.attachShadow({ mode: "open" });
     root.adoptedStyleSheets = [sheet]; // not a style element, which a page's policy may forbid
     root.append(this.canvas, new OffCameraFade(this.player).box, this.picture.image);
@@ -80,7 +75,7 @@ export class SplatReelElement extends HTMLElement {
     resize.observe(canvas);
     signal.addEventListener("abort", () => resize.disconnect());
     addEventListener("hashchange", () => this.hasAttribute("share") && this.follow(location.href), { signal });
-    for (const name of ["pointerdown", "focusin"]) this.addEventListener(name, () => this.presence.use(), { signal });
+    for (const name of ["pointerdown", "focusin"]) this.addEventListener(name, () => this.visibility.use(), { signal });
     this.showControls();
     if (this.hasAttribute("drop")) new FileDrop(this, this.shadowRoot!, signal);
     this.watch();
@@ -120,15 +115,15 @@ export class SplatReelElement extends HTMLElement {
     if (source) void player.load(source, this.hasAttribute("share") ? startOf(location.href) : null);
     else player.close();
     this.picture.give(this.poster);
-    this.presence.settle();
+    this.visibility.settle();
     const calm = matchMedia("(prefers-reduced-motion: reduce)").matches;
     if (source && this.autoplay && !calm) player.play(true);
   }
 
   /** Resolves once time goes on. Rejects with a `NotSupportedError` where there is no reel to play, with a `NotAllowedError` where the browser does not let it be heard, with an `AbortError` where `pause` or another reel comes first. */
   play(): Promise<void> {
-    this.presence.use();
-    return this.pending.play();
+    this.visibility.use();
+    return this.promises.play();
   }
 
   pause(): void {
@@ -137,15 +132,7 @@ export class SplatReelElement extends HTMLElement {
 
   /** Pause, go to a time, and take a picture of exactly this pose and size. */
   renderAt(seconds: number, pose: Pose, width: number, height: number): Promise<Picture> {
-    return this.presence.attend(() => this.player.renderAt(seconds, pose, width, height));
-  }
-
-  get src(): string {
-    return this.getAttribute("src") ?? "";
-  }
-
-  set src(value: string) {
-    this.setAttribute("src", value);
+    return this.visibility.attend(() => this.player.renderAt(seconds, pose, width, height));
   }
 
   /** A reel on this machine; it goes before `src`. */
@@ -160,157 +147,6 @@ export class SplatReelElement extends HTMLElement {
 
   get currentSrc(): string {
     return this.files ? "" : this.src && new URL(this.src, document.baseURI).href;
-  }
-
-  get poster(): string {
-    return this.getAttribute("poster") ?? "";
-  }
-
-  set poster(value: string) {
-    this.setAttribute("poster", value);
-  }
-
-  /** "eager", or "lazy": files are got and pictures drawn only where people may soon see them. */
-  get loading(): string {
-    return this.getAttribute("loading") === "eager" ? "eager" : "lazy";
-  }
-
-  set loading(value: string) {
-    this.setAttribute("loading", value);
-  }
-
-  get autoplay(): boolean {
-    return this.hasAttribute("autoplay");
-  }
-
-  set autoplay(on: boolean) {
-    this.toggleAttribute("autoplay", on);
-  }
-
-  get loop(): boolean {
-    return this.hasAttribute("loop");
-  }
-
-  set loop(on: boolean) {
-    this.toggleAttribute("loop", on);
-  }
-
-  get controls(): boolean {
-    return this.hasAttribute("controls");
-  }
-
-  set controls(on: boolean) {
-    this.toggleAttribute("controls", on);
-  }
-
-  /** Seconds. */
-  get currentTime(): number {
-    return this.player.currentTime;
-  }
-
-  set currentTime(seconds: number) {
-    this.player.currentTime = seconds;
-  }
-
-  /** Seconds, NaN until the manifest is here; of a live reel, what there is so far. */
-  get duration(): number {
-    return this.player.manifest ? this.player.duration : NaN;
-  }
-
-  get paused(): boolean {
-    return this.player.paused;
-  }
-
-  get ended(): boolean {
-    return this.player.ended;
-  }
-
-  get seeking(): boolean {
-    return this.player.seeking;
-  }
-
-  /** Whether groups are still being added to the reel. */
-  get live(): boolean {
-    return this.player.live;
-  }
-
-  get playbackRate(): number {
-    return this.player.playbackRate;
-  }
-
-  set playbackRate(rate: number) {
-    this.player.playbackRate = rate;
-  }
-
-  /** Of the sound, 0 to 1. */
-  get volume(): number {
-    return this.player.soundtrack.volume;
-  }
-
-  set volume(volume: number) {
-    this.player.soundtrack.volume = volume;
-  }
-
-  get muted(): boolean {
-    return this.player.soundtrack.muted;
-  }
-
-  set muted(muted: boolean) {
-    this.player.soundtrack.muted = muted;
-  }
-
-  /** The attribute `muted`: whether it begins in silence. */
-  get defaultMuted(): boolean {
-    return this.hasAttribute("muted");
-  }
-
-  set defaultMuted(on: boolean) {
-    this.toggleAttribute("muted", on);
-  }
-
-  /** Names of what there is to choose from, best first; empty where there is one rendition only. */
-  get renditions(): string[] {
-    return this.player.renditions;
-  }
-
-  /** A rendition's name, or "auto" for whichever does best. */
-  get rendition(): string {
-    return this.player.rendition ?? "auto";
-  }
-
-  set rendition(name: string) {
-    this.player.rendition = name === "auto" ? null : name;
-  }
-
-  get buffered(): TimeRanges {
-    const ranges = this.player.buffered;
-    return { length: ranges.length, start: (i: number) => ranges[i][0], end: (i: number) => ranges[i][1] };
-  }
-
-  /** As of HTMLMediaElement: 0 nothing, 1 metadata, 2 the present picture, 3 a little more, 4 enough. */
-  get readyState(): number {
-    const { player } = this;
-    if (!player.manifest) return 0;
-    if (!player.canPlay || player.waiting) return 1;
-    const left = player.duration - player.currentTime;
-    return player.ahead >= Math.min(left, 1) ? 4 : player.ahead > 0.1 ? 3 : 2;
-  }
-
-  /** As of HTMLMediaElement: 0 no reel, 1 nothing is being got, 2 something is, 3 the reel cannot be had. */
-  get networkState(): number {
-    const { player } = this;
-    if (!player.hasSource) return SplatReelElement.NETWORK_EMPTY;
-    if (player.error && !player.manifest) return SplatReelElement.NETWORK_NO_SOURCE;
-    return player.busy ? SplatReelElement.NETWORK_LOADING : SplatReelElement.NETWORK_IDLE;
-  }
-
-  /** Of the bytes that people wait for now, the part that is here, 0..1. */
-  get progress(): number {
-    return this.player.progress;
-  }
-
-  get error(): Error | null {
-    return this.player.error;
   }
 
   /** The view as the manifest writes cameras; set `viewmat` [16] (world to camera, OpenCV) to move. Null until there is a manifest. */
@@ -377,7 +213,7 @@ export class SplatReelElement extends HTMLElement {
   private watch(): void {
     this.watching.abort();
     this.watching = new AbortController();
-    this.presence.watch(this.loading === "eager", this.watching.signal);
+    this.visibility.watch(this.loading === "eager", this.watching.signal);
   }
 
   private showControls(): void {

@@ -5,9 +5,10 @@ import { EMBEDDED, embeddedReel } from "../files/embedded";
 import type { LocalFiles } from "../files/local-files";
 import { loadManifest, readManifest, type Manifest } from "../reel/manifest";
 import { DecoderPool } from "../stream/decoder-pool";
+import { memoryBudget } from "../stream/file-cache";
 import { follow, followToTheEnd } from "../stream/live-manifest";
 import { RenditionPolicy, guessOfBrowser } from "../stream/rendition-policy";
-import { memoryBudget, Stream } from "../stream/stream";
+import { Stream } from "../stream/stream";
 
 export interface SessionEvents {
   /** A file was taken in. */
