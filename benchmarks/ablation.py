@@ -18,7 +18,8 @@ from splatreel.capture.opening import open_capture
 from splatreel.cli.main import keep_freed_memory
 from splatreel.cli.options import parse_frames
 from splatreel.codec.info import reel_info
-from splatreel.config import Config, Quality, preset
+from splatreel.config import Quality, preset
+from splatreel.config.settings import changed
 from splatreel.evaluation.moving import median_pictures, moving_pixels
 from splatreel.evaluation.oracle import Gallery, held_out_views
 from splatreel.evaluation.yardstick import Score
@@ -28,42 +29,32 @@ from splatreel.recon.pipeline import Result, reconstruct
 
 PARTS: dict[str, dict[str, Any]] = {
     "all": {},
-    "no-tracks": {"group.track": False},
+    "no-tracks": {"group.tracks": False},
     "no-antialias": {"antialias": False},
-    "no-shade": {"group.shade": False},
-    "no-light": {"layering.light": False},
+    "no-shade": {"group.appearance": False},
+    "no-light": {"layering.relighting": False},
     "no-conversion": {"layering.adapt_every": 0},
     "faint-kept": {"group.faint_share": 0.0},
     "one-flow": {"layering.flow_frames": 1},
     "no-gains": {"correct_colors": False},
     "poses-as-said": {"check_poses": False},
     "uneven-exposure": {"even_exposure": False},
-    "in-step": {"group.delays": False},
+    "in-step": {"group.time_offsets": False},
     "no-arap": {"group.lambda_arap": 0.0},
     "sh-degree-1": {"keyframe.sh_degree": 1},
     "no-price": {"keyframe.lambda_opacity": 0.0},
     "no-sh-price": {"group.lambda_sh": 0.0},
     "no-spread": {"keyframe.lambda_spread": 0.0},
-    "no-roughness": {"keyframe.lambda_rough": 0.0},
-    "converted-anywhere": {"layering.adapt_changes": 0.0},
-    "not-steady": {"keyframe.steady": False},
+    "no-roughness": {"keyframe.lambda_roughness": 0.0},
+    "converted-anywhere": {"layering.adapt_changed_share": 0.0},
+    "not-steady": {"keyframe.temporal_mean": False},
     "no-coarse": {"keyframe.coarse_share": 0.0},
-    "progressive": {"group.progressive": 0.5},
+    "progressive": {"group.progressive_share": 0.5},
     "hashgrid": {"group.deformation": "hashgrid"},
 }
 """By name the fields that differ from the preset."""
 EVERY = 3
 """Frames that are looked at."""
-
-
-def changed(config: Config, fields: dict[str, Any]) -> Config:
-    """A configuration with other values of fields, named as `group.track`."""
-    for name, value in fields.items():
-        section, _, field = name.rpartition(".")
-        if section:
-            field, value = section, dataclasses.replace(getattr(config, section), **{field: value})
-        config = dataclasses.replace(config, **{field: value})
-    return config
 
 
 def main(

@@ -9,12 +9,13 @@ from pathlib import Path
 import numpy as np
 import tyro
 
-from ablation import PARTS, changed
+from ablation import PARTS
 from record import record
 from splatreel.capture.base import Capture
 from splatreel.capture.opening import open_capture
 from splatreel.cli.main import keep_freed_memory
 from splatreel.config import Config, Quality, preset
+from splatreel.config.settings import changed
 from splatreel.evaluation.metrics import psnr
 from splatreel.evaluation.oracle import held_out_views
 from splatreel.kernels.image import render_image
@@ -41,7 +42,7 @@ def main(
     truths = source.read(0, 1, [view.name for view in views])[0].astype(np.float32) / 255
     for part in parts.split(","):
         config = changed(preset(quality), PARTS[part])
-        images = temporal_mean(frames) if config.keyframe.steady else frames[0]
+        images = temporal_mean(frames) if config.keyframe.temporal_mean else frames[0]
         runs = []
         for seed in range(seeds):
             rendered = trained(source, chosen, images, dataclasses.replace(config, seed=seed), views)

@@ -239,9 +239,13 @@ def test_functions_fit_a_screen() -> None:
 
 
 def test_room_inits_hold_no_logic() -> None:
+    """A docstring; that of `config` also shows the names of its own files, which everything imports."""
     for path in SOURCE.glob("*/**/__init__.py"):
-        body = ast.parse(path.read_text(encoding="utf-8")).body
-        assert all(isinstance(n, ast.Expr) and isinstance(n.value, ast.Constant) for n in body), path
+        for node in ast.parse(path.read_text(encoding="utf-8")).body:
+            shown = isinstance(node, ast.ImportFrom) and str(node.module).startswith("splatreel.config.")
+            listed = isinstance(node, ast.Assign) and ast.unparse(node.targets[0]) == "__all__"
+            document = isinstance(node, ast.Expr) and isinstance(node.value, ast.Constant)
+            assert document or (path.parent == SOURCE / "config" and (shown or listed)), path
     assert not list(SOURCE.rglob("utils.py"))
 
 

@@ -7,15 +7,13 @@ import pytest
 
 from splatreel.cli import demo
 from splatreel.cli.main import main
-from splatreel.config import Config, GroupConfig, KeyframeConfig
+from tests.recon.small import small
 
 
 @pytest.fixture
 def tiny(monkeypatch: pytest.MonkeyPatch) -> None:
-    config = Config(
-        keyframe=KeyframeConfig(first_iterations=150, refine_iterations=20, max_points=3000),
-        group=GroupConfig(length=4, overlap=1, iterations_per_frame=5),
-    )
+    few = {"keyframe.first_iterations": 150, "keyframe.refine_iterations": 20, "keyframe.max_points": 3000}
+    config = small({**few, "keyframe.sh_degree": 3, "group.length": 4, "group.iterations_per_frame": 5})
     monkeypatch.setattr(demo, "configure", lambda *_: config)
 
 

@@ -10,16 +10,16 @@ import pytest
 from splatreel.cli.main import main
 from splatreel.codec.reader import ReelReader
 from splatreel.codec.verify import verify_reel
-from splatreel.config import Config, KeyframeConfig
 from splatreel.recon.pipeline import reconstruct
 from splatreel.recon.run.run_lock import hold
 from tests.recon.captures import WallCapture
+from tests.recon.small import small
 
 
 @pytest.fixture(scope="module")
 def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
     out = tmp_path_factory.mktemp("made") / "run"
-    reconstruct(WallCapture(1), out, Config(keyframe=KeyframeConfig(first_iterations=4, sh_degree=1)))
+    reconstruct(WallCapture(1), out, small({"keyframe.first_iterations": 4}))
     return out
 
 

@@ -21,11 +21,9 @@ from tests.recon.captures import WallCapture
 SHORT = """
 import sys
 from splatreel import config
-from splatreel.config import Config, GroupConfig, KeyframeConfig, LayeringConfig
+from tests.recon.small import small
 
-keyframe = KeyframeConfig(first_iterations=30, refine_iterations=10, densify_every=10, sh_degree=0)
-group = GroupConfig(length=3, overlap=1, iterations_per_frame=4)
-config.preset = lambda quality: Config(LayeringConfig(flow_frames=2), keyframe, group)
+config.preset = lambda quality: small({"group.length": 3, "group.iterations_per_frame": 4, "keyframe.refine_iterations": 10})
 
 from splatreel.cli.main import main
 sys.exit(main())

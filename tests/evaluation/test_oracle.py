@@ -9,7 +9,7 @@ import pytest
 import torch
 
 from splatreel.codec.writer import ReelWriter
-from splatreel.config import Config, EncodeConfig, KeyframeConfig
+from splatreel.config import Config, EncodeConfig
 from splatreel.errors import UsageError
 from splatreel.evaluation.oracle import oracle
 from splatreel.progress import Silent, Span
@@ -17,8 +17,9 @@ from splatreel.recon.encode.importance import weigh
 from splatreel.recon.train.single_frame import reconstruct_single_frame
 from splatreel.scene.group import Group
 from tests.recon.captures import WallCapture
+from tests.recon.small import small
 
-CONFIG = Config(keyframe=KeyframeConfig(first_iterations=20, densify_every=5, sh_degree=1))
+CONFIG = small({"keyframe.first_iterations": 20})
 FRAMES = 7
 
 
@@ -85,7 +86,7 @@ def test_a_killed_run_continues(out: Path, tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("capture", "config", "difference"),
     [
-        (HeldOutWall(), Config(keyframe=CONFIG.keyframe, seed=1), "config.seed is 0 there, 1 now"),
+        (HeldOutWall(), small({"keyframe.first_iterations": 20, "seed": 1}), "config.seed is 0 there, 1 now"),
         (HeldOutWall("cam02"), CONFIG, r'capture.held_out is \["cam01"\] there, \["cam02"\] now'),
     ],
 )
@@ -131,11 +132,14 @@ def still_reel(path: Path, capture: HeldOutWall, cameras: str = "training") -> P
         bounds=np.array(layout.bounds),
         up=np.array(layout.up),
         near=layout.near,
+        antialias=CONFIG.antialias,
+        background=layout.background,
         camera=views[0],
         cameras=views,
         config=EncodeConfig(),
     )
-    writer.add_layer(0, 0, gaussians, weigh([gaussians], capture.training_cameras, layout.near, torch.device("cpu")))
+    shows = weigh([gaussians], capture.training_cameras, layout.near, torch.device("cpu"), CONFIG.antialias)
+    writer.add_layer(0, 0, gaussians, shows)
     nothing = gaussians[:0]
     offsets = np.zeros((FRAMES, 0, 3), np.float32), np.zeros((FRAMES, 0, 4), np.float32)
     writer.add_group(Group(0, 0, nothing, *offsets, np.ones(len(gaussians), bool)))

@@ -21,10 +21,10 @@ FLOATS = dict.fromkeys(("position_bits", "quat_bits", "opacity_bits", "scale_bit
 CONFIGURATIONS = {
     "predictive": EncodeConfig(coarseness=1.0),
     "h265": PAPER,
-    "ori": dataclasses.replace(PAPER, source="ori", sh_entries=None),
-    "dif": dataclasses.replace(PAPER, source="dif", fold=False, sh_entries=0),
-    "raw": dataclasses.replace(PAPER, source="raw", **FLOATS),
-    "pictures": dataclasses.replace(PAPER, crf_attributes=20),
+    "ori": dataclasses.replace(PAPER.with_h265(source="ori"), sh_entries=None),
+    "dif": dataclasses.replace(PAPER.with_h265(source="dif", fold=False), sh_entries=0),
+    "raw": PAPER.with_h265(source="raw", **FLOATS),
+    "pictures": PAPER.with_h265(crf_attributes=20),
 }
 POINTS, FRAMES = 12, 3
 

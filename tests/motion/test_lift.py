@@ -1,17 +1,21 @@
-from dataclasses import replace
-
 import numpy as np
 import pytest
 
 from splatreel.config import LayeringConfig
 from splatreel.errors import ReconstructionError
-from splatreel.motion.lift import lift, shares
+from splatreel.motion import lift as lifting
+from splatreel.motion.lift import DYNAMIC, lift, shares
 from splatreel.scene.camera import Camera
 from splatreel.scene.gaussians import Gaussians
 
 VOTE = LayeringConfig(lift="vote")
-OPTIMISE = LayeringConfig(lift="optimise", lift_iterations=120)
+OPTIMISE = LayeringConfig(lift="optimize")
 NEAR = 0.1
+
+
+@pytest.fixture(autouse=True)
+def quick(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(lifting, "ITERATIONS", 120)
 
 
 def cameras() -> list[Camera]:
@@ -44,7 +48,7 @@ def right_masks() -> np.ndarray:
     return masks
 
 
-@pytest.mark.parametrize("config", [VOTE, OPTIMISE], ids=["vote", "optimise"])
+@pytest.mark.parametrize("config", [VOTE, OPTIMISE], ids=["vote", "optimize"])
 def test_labels_follow_the_masks(config: LayeringConfig) -> None:
     points = wall()
     moving = points.means[:, 0] > 0.5
@@ -54,10 +58,10 @@ def test_labels_follow_the_masks(config: LayeringConfig) -> None:
     assert labels.max() <= 1
     visible = (np.abs(points.means[:, 0]) < 1.5) & (np.abs(points.means[:, 1]) < 1.2) & (points.means[:, 2] > 0)
     sure = visible & (np.abs(points.means[:, 0] - 0.5) > 0.3)
-    assert ((labels > config.label_threshold) == moving)[sure].mean() > 0.98
+    assert ((labels > DYNAMIC) == moving)[sure].mean() > 0.98
 
 
-@pytest.mark.parametrize("config", [VOTE, OPTIMISE], ids=["vote", "optimise"])
+@pytest.mark.parametrize("config", [VOTE, OPTIMISE], ids=["vote", "optimize"])
 def test_nothing_moves_and_everything_moves(config: LayeringConfig) -> None:
     points = wall()
     nothing = lift(points, cameras(), np.zeros((3, 48, 64), bool), NEAR, config)
@@ -65,11 +69,12 @@ def test_nothing_moves_and_everything_moves(config: LayeringConfig) -> None:
     assert (nothing == 0).all()
     everything = lift(points, cameras(), np.ones((3, 48, 64), bool), NEAR, config)
     seen = (np.abs(points.means[:, 0]) < 1.5) & (np.abs(points.means[:, 1]) < 1.2) & (points.means[:, 2] > 0)
-    assert (everything[seen] > config.label_threshold).all()
+    assert (everything[seen] > DYNAMIC).all()
     assert everything[-1] == 0, "a point that no camera sees is static"
 
 
-def test_a_hidden_point_is_not_moved_by_what_is_in_front() -> None:
+def test_a_hidden_point_is_not_moved_by_what_is_in_front(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(lifting, "NEIGHBORS", 0)
     """Votes are weighted by what reaches the pixel: a moving wall in front says nothing about one far behind it."""
     front, points = wall(), wall()
     behind = Gaussians(
@@ -79,7 +84,7 @@ def test_a_hidden_point_is_not_moved_by_what_is_in_front() -> None:
     masks = np.zeros((3, 48, 64), bool)
     for mask, camera in zip(masks, cameras(), strict=True):
         mask[:, : round((0.25 - camera.center[0]) / 4 * 60 + 32)] = True
-    labels = lift(Gaussians.concatenate([left, behind]), cameras(), masks, NEAR, replace(VOTE, neighbours=0))
+    labels = lift(Gaussians.concatenate([left, behind]), cameras(), masks, NEAR, VOTE)
     far_right = behind.means[:, 0] > 1.5
     assert (labels[len(left) :][far_right] < 0.1).all()
     seen = (np.abs(left.means[:, 0]) < 1.2) & (np.abs(left.means[:, 1]) < 1)

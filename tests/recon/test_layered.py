@@ -5,7 +5,6 @@ import pytest
 import torch
 from torch import Tensor
 
-from splatreel.config import Config, GroupConfig
 from splatreel.kernels import splat
 from splatreel.recon.cameras.color_gains import CameraGains
 from splatreel.recon.deform.trajectory import Trajectory
@@ -14,6 +13,7 @@ from splatreel.recon.train.group import GroupFrames, GroupTrainer
 from splatreel.recon.train.render import View, draw
 from tests.recon.captures import blots
 from tests.recon.scenes import random_gaussians, ring
+from tests.recon.small import plain
 
 CPU, NEAR, UNIT, FRAMES = torch.device("cpu"), 0.1, 4.0, 6
 CAMERAS = ring(3, width=150, height=100)
@@ -29,7 +29,7 @@ def trainer(seed: int, speed: float) -> GroupTrainer:
     frames = GroupFrames(images, [View.of(camera, CPU) for camera in CAMERAS], NEAR, UNIT)
     gains = CameraGains(len(CAMERAS), CPU)
     gains.load(torch.from_numpy(rng.uniform(0.9, 1.1, (len(CAMERAS), 3)).astype(np.float32)))
-    config = Config(group=GroupConfig(length=FRAMES, overlap=0, deformation="trajectory", iterations_per_frame=10))
+    config = plain({"group.length": FRAMES, "group.overlap": 0, "group.iterations_per_frame": 10})
     return GroupTrainer(frames, Start(thing, tracks), static, np.ones(len(static), bool), gains, config, seed)
 
 

@@ -16,7 +16,7 @@ import pytest
 
 from splatreel.codec.reader import ReelReader
 from splatreel.codec.verify import verify_reel
-from splatreel.config import Config, GroupConfig, KeyframeConfig, LayeringConfig
+from splatreel.config import Config
 from splatreel.errors import CaptureError, ReconstructionError, ReelError, SplatreelError, UsageError
 from splatreel.evaluation.uncompressed import undecoded_frames
 from splatreel.kernels.image import render_image
@@ -24,13 +24,11 @@ from splatreel.progress import Silent, Span
 from splatreel.recon.pipeline import Result, reconstruct
 from splatreel.scene import atomic
 from tests.recon.captures import WallCapture
+from tests.recon.small import small
 
-CONFIG = Config(
-    keyframe=KeyframeConfig(first_iterations=30, refine_iterations=8, coarse_share=0.5, densify_every=5, sh_degree=1),
-    group=GroupConfig(length=2, overlap=1, iterations_per_frame=3),
-    layering=LayeringConfig(adapt_every=4, flow_frames=2),
-)
+CONFIG = small()
 FRAMES = 4
+RUNS = Path(__file__).parent.parent / "data" / "runs"
 
 
 def content(reel: Path) -> dict[str, str]:
@@ -73,7 +71,8 @@ def test_groups_are_published_with_what_moves_in_them(whole: Result) -> None:
     group = reel.group(0)
     assert 0 < len(group.dynamic) < group.alive.sum()
     assert np.abs(group.dx).max() > 0
-    assert set(whole.seconds) == {"points", "exposure", "poses", "keyframe", "layering", "group", "encode"}
+    stages = {"points", "exposure", "poses", "keyframe", "layering", "tracking", "group", "encode"}
+    assert set(whole.seconds) == stages
     assert whole.device in ("cpu", "cuda")
 
 
@@ -93,7 +92,7 @@ def test_progress_knows_the_whole_job(tmp_path: Path) -> None:
     trace = Trace()
     reconstruct(WallCapture(FRAMES), tmp_path, CONFIG, progress=trace)
     shares = [span for _, _, span in trace.stages if span is not None]
-    assert len(shares) == len(trace.stages) == 12
+    assert len(shares) == len(trace.stages) == 14
     assert shares[0][0] == 0
     assert shares[-1][1] == pytest.approx(1)
     assert all(a[1] == pytest.approx(b[0]) for a, b in pairwise(shares))
@@ -171,7 +170,7 @@ def test_killed_at_any_write_the_run_ends_as_if_it_had_not_been(
     monkeypatch.setattr(atomic.os, "replace", replace_once)
     run = tmp_path / "run"
     met = finish_despite(lambda: reconstruct(WallCapture(FRAMES), run, CONFIG), KeyboardInterrupt, run / "reel")
-    assert len(met) == 17  # 4 for the run, 11 for the two groups, and the manifest twice more
+    assert len(met) == 23  # 4 for the run, 17 for the two groups, and the manifest twice more
     assert content(run / "reel") == content(whole.reel)
     assert [file for file in run.rglob("*") if ".tmp" in file.name] == []
 
@@ -270,14 +269,23 @@ def test_the_folder_of_another_run_is_refused(
 def test_a_run_of_a_version_without_a_setting_goes_on_where_the_setting_is_off(copy: Path) -> None:
     path = copy / "work" / "run.json"
     record = json.loads(path.read_text())
-    assert record["config"]["keyframe"].pop("average_share") == KeyframeConfig().average_share
+    assert record["config"]["keyframe"].pop("average_share") == CONFIG.keyframe.average_share
     path.write_text(json.dumps(record))
     before = content(copy / "reel")
-    on = replace(CONFIG, keyframe=replace(CONFIG.keyframe, average_share=0.5))
-    with pytest.raises(ReconstructionError, match=re.escape("config.keyframe.average_share is 0.0 there, 0.5 now")):
-        reconstruct(WallCapture(FRAMES), copy, on)
-    reconstruct(WallCapture(FRAMES), copy, CONFIG)
+    with pytest.raises(ReconstructionError, match=re.escape("config.keyframe.average_share is 0.0 there, 0.1 now")):
+        reconstruct(WallCapture(FRAMES), copy, CONFIG)
+    reconstruct(WallCapture(FRAMES), copy, small({"keyframe.average_share": 0.0}))
     assert content(copy / "reel") == before
+
+
+def test_a_run_of_0_1_goes_on(copy: Path, whole: Result) -> None:
+    """Its run.json has other names of settings, and some that are constants now."""
+    path = copy / "work" / "run.json"
+    old = json.loads((RUNS / "small.json").read_text())
+    path.write_text(json.dumps(old | {"capture": json.loads(path.read_text())["capture"]}))
+    (copy / "work" / "group0001" / "group.safetensors").unlink()
+    reconstruct(WallCapture(FRAMES), copy, CONFIG)
+    assert content(copy / "reel") == content(whole.reel)
 
 
 def test_a_reel_without_its_checkpoints_is_not_overwritten(copy: Path) -> None:
@@ -336,8 +344,8 @@ def test_everything_moves(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> No
 
 def test_the_light_changes_everywhere(tmp_path: Path) -> None:
     capture = WallCapture(3, speed=0, dims=True)
-    assert verify_reel(reconstruct(capture, tmp_path / "a", CONFIG).reel).groups == 1
-    result = reconstruct(capture, tmp_path / "b", replace(CONFIG, even_exposure=True))
+    assert verify_reel(reconstruct(capture, tmp_path / "a", small({"even_exposure": False})).reel).groups == 1
+    result = reconstruct(capture, tmp_path / "b", CONFIG)
     group = ReelReader(result.reel).group(0)
     assert len(group.dynamic) == 0
     assert group.light is not None

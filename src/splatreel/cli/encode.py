@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
 from pathlib import Path
 from typing import Any, Literal
 
@@ -12,12 +11,11 @@ from splatreel.cli.info import describe
 from splatreel.cli.options import parse_renditions
 from splatreel.cli.output import say
 from splatreel.cli.reconstruct import Codec
-from splatreel.config import COARSENESS, ENCODE_LIMITS, EncodeConfig, Rate
+from splatreel.config import COARSENESS, EncodeConfig, Rate
+from splatreel.config.settings import changed
 from splatreel.errors import UsageError
 
 Source = Literal["ofs", "ori", "dif", "raw"]
-PAPERS = {"crf", "position_bits", "scale_bits", "source"}
-"""What only the paper's codec looks at; asking for one of them is asking for that codec."""
 
 
 def encode(
@@ -57,17 +55,15 @@ def encode(
     from splatreel.recon.run.run_lock import hold
 
     _check_folder(run, out)
-    asked = {"crf": crf, "position_bits": position_bits, "scale_bits": scale_bits, "sh_entries": sh_entries}
-    given: dict[str, Any] = {name: value for name, value in asked.items() if value is not None}
-    for name, value in given.items():
-        low, high = ENCODE_LIMITS[name]
-        if not low <= value <= high:
-            raise UsageError(f"--{name.replace('_', '-')} {value} is out of range. Choose {low} to {high}.")
-    given |= {"source": source} if source else {}
-    codec = codec or ("h265" if PAPERS & set(given) else "predictive")
-    config = EncodeConfig(codec=codec, coarseness=COARSENESS[rate or "medium"], renditions=parse_renditions(renditions))
-    config = dataclasses.replace(config, **given)
-    _check_rate(config, rate, target_mbps, PAPERS & set(given))
+    asked = {"crf": crf, "position_bits": position_bits, "scale_bits": scale_bits, "source": source}
+    paper: dict[str, Any] = {f"h265.{name}": value for name, value in asked.items() if value is not None}
+    config = EncodeConfig(
+        codec=codec or ("h265" if paper else "predictive"),
+        coarseness=COARSENESS[rate or "medium"],
+        renditions=parse_renditions(renditions),
+    )
+    config = changed(config, paper | ({} if sh_entries is None else {"sh_entries": sh_entries}))
+    _check_rate(config, rate, target_mbps, set(paper))
     progress = console()
     try:
         with hold(out):
@@ -98,7 +94,8 @@ def _check_rate(config: EncodeConfig, rate: Rate | None, mbps: float | None, pap
         raise UsageError("--renditions names all rates. Leave out --rate and --target-mbps.")
     if config.codec == "predictive" and papers:
         raise UsageError(
-            f"--{min(papers).replace('_', '-')} is of the paper's codec. Choose --codec h265, or leave it out."
+            f"--{min(papers).removeprefix('h265.').replace('_', '-')} is of the paper's codec. "
+            "Choose --codec h265, or leave it out."
         )
     if mbps is not None and (rate is not None or not 0 < mbps < 1e5):
         raise UsageError(f"--target-mbps {mbps:g}: give a positive rate, and no --rate beside it.")

@@ -54,10 +54,10 @@ def encode_group(group: Group, config: EncodeConfig, importance: np.ndarray | No
         order, predictor = points.order, points.predictor
     else:
         predictor = None
-        sections, order = encode_gaussians(group.dynamic, config, config.source != "ori", _colors(importance))
+        sections, order = encode_gaussians(group.dynamic, config, config.h265.source != "ori", _colors(importance))
         if len(order):
             moving = group.dx[:, order], group.dq[:, order], group.dynamic[order]
-            sections["offsets"] = Section(*paper_offsets.encode(*moving, config))
+            sections["offsets"] = Section(*paper_offsets.encode(*moving, config.h265))
     if group.shade is not None and len(order):
         predictor = predictor or Predictor.in_file_order(len(order))
         sections |= encode_shade(group.shade, order, predictor, config)

@@ -9,6 +9,7 @@ from typing import Any
 
 from splatreel.capture.base import Capture
 from splatreel.config import Config
+from splatreel.config.records import updated
 from splatreel.errors import UsageError
 from splatreel.evaluation.yardstick import StillFrame
 from splatreel.recon.run import checkpoint
@@ -38,7 +39,9 @@ class Ledger:
 
     def _load(self) -> dict[int, StillFrame]:
         found = checkpoint.load_json(self.path)
-        theirs = found if isinstance(found, dict) else {}
+        theirs: dict[str, Any] = found if isinstance(found, dict) else {}
+        settings = updated(theirs.get("config"))
+        theirs = theirs | {"config": {name: settings[name] for name in DECIDING}}
         others = differences({name: theirs.get(name) for name in self.record}, self.record)
         if others:
             raise UsageError(

@@ -26,14 +26,14 @@ from splatreel.progress import Progress, Silent
 from splatreel.recon.encode.publisher import encode
 from splatreel.scene.gaussians import Gaussians
 
-PAPER = EncodeConfig(codec="h265", weigh=False)
+PAPER = EncodeConfig(codec="h265").with_h265(weighted_codebook=False)
 """The paper's codec with logarithms of scales and folded bytes, which cost nothing; `PRINTED` is without them."""
-PRINTED = dataclasses.replace(PAPER, log_scales=False, fold=False)
+PRINTED = PAPER.with_h265(log_scales=False, fold=False)
 CONFIGURATIONS: dict[str, EncodeConfig] = {
     "paper": PAPER,
-    "paper, CRF 14": dataclasses.replace(PAPER, crf=14),
-    "paper, CRF 28": dataclasses.replace(PAPER, crf=28),
-    "paper, CRF 36": dataclasses.replace(PAPER, crf=36),
+    "paper, CRF 14": PAPER.with_h265(crf=14),
+    "paper, CRF 28": PAPER.with_h265(crf=28),
+    "paper, CRF 36": PAPER.with_h265(crf=36),
     "h265, its codebook weighed": EncodeConfig(codec="h265"),
     **{f"predictive {value:g} (--rate {rate})": EncodeConfig(coarseness=value) for rate, value in COARSENESS.items()},
     **{f"predictive {value:g}": EncodeConfig(coarseness=value) for value in (0.8, 1.2, 4.0)},

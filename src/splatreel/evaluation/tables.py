@@ -16,25 +16,25 @@ from splatreel.evaluation.rates import PRINTED, Row, Sweep
 from splatreel.recon.encode.publisher import UncompressedReel
 from splatreel.recon.run import checkpoint
 
-FLOATS = replace(PRINTED, position_bits=None, quat_bits=None, opacity_bits=None, scale_bits=None, color_bits=None)
-UNQUANTISED = replace(FLOATS, sh_entries=None, source="raw")
-V3 = replace(PRINTED, source="ori", crf_attributes=20, log_scales=True)
+FLOATS = PRINTED.with_h265(position_bits=None, quat_bits=None, opacity_bits=None, scale_bits=None, color_bits=None)
+UNQUANTIZED = replace(FLOATS.with_h265(source="raw"), sh_entries=None)
+V3 = PRINTED.with_h265(source="ori", crf_attributes=20, log_scales=True)
 TABLE_9: dict[tuple[str, ...], EncodeConfig] = {
     ("-", "-", "-", "-", "-"): replace(FLOATS, sh_entries=None),
     ("-", "-", "-", "-", "2^10"): FLOATS,
-    ("8", "8", "12", "8", "2^10"): replace(PRINTED, position_bits=None),
-    ("8", "8", "8", "8", "2^10"): replace(PRINTED, position_bits=None, scale_bits=8),
-    ("8", "8", "12", "8", "2^8"): replace(PRINTED, position_bits=None, sh_entries=256),
-    ("8", "8", "12", "8", "No SH"): replace(PRINTED, position_bits=None, sh_entries=0),
+    ("8", "8", "12", "8", "2^10"): PRINTED.with_h265(position_bits=None),
+    ("8", "8", "8", "8", "2^10"): PRINTED.with_h265(position_bits=None, scale_bits=8),
+    ("8", "8", "12", "8", "2^8"): replace(PRINTED.with_h265(position_bits=None), sh_entries=256),
+    ("8", "8", "12", "8", "No SH"): replace(PRINTED.with_h265(position_bits=None), sh_entries=0),
 }
 TABLE_10: dict[tuple[str, ...], EncodeConfig] = {
-    ("-", "-", "-"): replace(PRINTED, source="raw", position_bits=None),
-    ("ofs", "20", "-"): replace(PRINTED, position_bits=None),
+    ("-", "-", "-"): PRINTED.with_h265(source="raw", position_bits=None),
+    ("ofs", "20", "-"): PRINTED.with_h265(position_bits=None),
     ("ofs", "20", "20"): PRINTED,
-    ("ofs", "20", "12"): replace(PRINTED, position_bits=12),
-    ("ofs", "30", "12"): replace(PRINTED, position_bits=12, crf=30),
-    ("ori", "20", "20"): replace(PRINTED, source="ori"),
-    ("dif", "20", "20"): replace(PRINTED, source="dif"),
+    ("ofs", "20", "12"): PRINTED.with_h265(position_bits=12),
+    ("ofs", "30", "12"): PRINTED.with_h265(position_bits=12, crf=30),
+    ("ori", "20", "20"): PRINTED.with_h265(source="ori"),
+    ("dif", "20", "20"): PRINTED.with_h265(source="dif"),
 }
 
 
@@ -45,7 +45,7 @@ def paper_tables(sweep: Sweep, first: Sweep) -> str:
         first.measure(f"table 9: {' '.join(key)}", config, lambda reel, c: write_still(first.run, reel, c))
         for key, config in TABLE_9.items()
     ]
-    plain = sweep.measure("table 8: layers, float32", UNQUANTISED)
+    plain = sweep.measure("table 8: layers, float32", UNQUANTIZED)
     v3 = sweep.measure("table 4: V3", V3, lambda reel, c: write_unlayered(sweep.run, reel, c))
     undecoded = UncompressedReel(sweep.run / "work", sweep.run / "reel")
     sizes = float32_bytes(undecoded, len(ReelReader(sweep.run / "reel").manifest.groups))

@@ -17,6 +17,12 @@ from splatreel.scene.gaussians import Gaussians
 LEAST_CONTRIBUTION = 0.05
 """Pixels, summed over all cameras; a point that contributes less counts as never seen."""
 LIFT_RATE = 0.05
+ITERATIONS = 400
+"""Of the paper's lifting, one view each: on twenty cameras every view is looked at twenty times. Fewer leave labels between 0 and 1."""
+NEIGHBORS = 8
+"""Nearest points whose labels count as well: the paper's number (section 5.1)."""
+DYNAMIC = 0.5
+"""Labels above it are dynamic: the middle of 0, static, and 1. A lower one makes more points dynamic, which costs bytes."""
 
 
 class Splats(NamedTuple):
@@ -53,7 +59,7 @@ def lift(
     device: torch.device | str = "cpu",
     seed: int = 0,
 ) -> np.ndarray:
-    """How much each point moves, [N] float32 in 0..1; above `config.label_threshold` it is dynamic.
+    """How much each point moves, [N] float32 in 0..1; above `DYNAMIC` it is dynamic.
 
     masks: [C, H, W] bool, of the cameras' size. near: near plane, world units. Points that no camera sees are static (0). Raises
     `ReconstructionError` if masks and cameras do not fit.
@@ -69,7 +75,7 @@ def lift(
     targets = torch.from_numpy(np.asarray(masks, np.float32)).to(device)
     weights = _contributions(splats, cameras, targets, near)
     if config.lift == "vote":
-        labels = _vote(splats.means, weights, config.neighbours)
+        labels = _vote(splats.means, weights, NEIGHBORS)
     else:
         labels = _optimise(splats, cameras, targets, near, config, seed)
     return torch.where(weights.seen, labels, 0).cpu().numpy().astype(np.float32)
@@ -144,14 +150,14 @@ def _optimise(
     labels = torch.full((count,), 0.5, device=splats.means.device, requires_grad=True)
     nearest = splat.nearest_neighbours(splats.means, 1)[0][:, 0] if count > 1 else torch.zeros(1, dtype=torch.int64)
     optimizer = torch.optim.Adam([labels], lr=LIFT_RATE)
-    for iteration in range(config.lift_iterations):
+    for iteration in range(ITERATIONS):
         view = int(rng.integers(len(cameras)))
         rendered = _draw(splats, labels[:, None], cameras[view], near)[..., 0]
         alike = (labels - labels[nearest]).abs().sum()
         moving = (labels - 1).abs().sum()
         loss = (rendered - masks[view]).abs().sum()
         loss = loss + (config.lambda_nn * alike + config.lambda_dyn * moving) / len(cameras)
-        optimizer.param_groups[0]["lr"] = LIFT_RATE * 0.1 ** (iteration / config.lift_iterations)
+        optimizer.param_groups[0]["lr"] = LIFT_RATE * 0.1 ** (iteration / ITERATIONS)
         optimizer.zero_grad()
         loss.backward()
         optimizer.step()

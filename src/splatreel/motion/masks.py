@@ -21,6 +21,9 @@ LEAST_FLOW = 0.5
 """Pixels; shorter flow is not told from noise, however small the images."""
 ENOUGH_FRAMES = 0.4
 """Share of the selected frames in which a pixel must move to be labelled without a flow that returns."""
+CHANGED = 6 / 255
+"""Flow counts only where the two images also differ by this much, in 0..1: flow on flat walls is noise. Lower lets noise of the
+cameras in, higher loses what moves before something of its own color."""
 RETURN_GAP = 0.15
 """How far from its start, relative to its length, a flow forth and back may end."""
 
@@ -64,7 +67,7 @@ def motion_masks(frames: np.ndarray, flow: Flow, config: LayeringConfig) -> np.n
             other = _smaller(frames[t, c], halvings)
             vectors = flow(first, other)
             moves = np.hypot(vectors[..., 0], vectors[..., 1]) > threshold
-            moves &= _difference(first, other) >= config.photometric_threshold
+            moves &= _difference(first, other) >= CHANGED
             evidence += moves
             if enough > 1:
                 evidence[moves & _returns(vectors, flow(other, first))] = enough

@@ -205,7 +205,7 @@ class Reconstruction:
             what = "building the scene at its first frame" if first else "refining what moves at its first frame"
             self.progress.stage(self._title(span, what), iterations, self.plan.keyframe(span.index))
             self.rig.gains.restart()
-            images = temporal_mean(frames) if config.steady else frames[0]
+            images = temporal_mean(frames) if config.temporal_mean else frames[0]
             trainer = self._keyframe_trainer(scene, layout, first)
             coarse_share = config.coarse_share if first else 0.0
             train_frame(
@@ -229,7 +229,7 @@ class Reconstruction:
             return first_keyframe_trainer(
                 seeds["points"], seeds["colors"], layout, self.rig.cameras, self.rig.gains, self.config
             )
-        rates = default_rates(layout.unit, self.config.keyframe.pace)
+        rates = default_rates(layout.unit, self.config.keyframe.rate_scale)
         points = TrainablePoints.from_gaussians(scene.dynamic, rates, self.device)
         return KeyframeTrainer(
             points,
@@ -251,7 +251,7 @@ class Reconstruction:
             if span.index:
                 moves[: len(scene.dynamic)] |= crowding(scene.dynamic.means, self.rig.cameras, layout.clearance)
             light = np.zeros((span.count, len(everything)), np.float32)
-            if self.config.layering.light:
+            if self.config.layering.relighting:
                 still = everything[~moves]
                 light[:, ~moves] = changes_of_light(still, self.rig.cameras, frames, layout.near, self.device)
             layers = separate(scene.static, scene.alive, scene.dynamic, moves, light)
@@ -282,7 +282,7 @@ class Reconstruction:
 
     def _follow(self, span: Span, scene: Scene, lit: RelitPoints, frames: np.ndarray, layout: Layout) -> Start:
         """Tracks of the dynamic points, to start their deformation from, and new points for what appears."""
-        if not self.config.group.track or span.count < 2:
+        if not self.config.group.tracks or span.count < 2:
             return Start(Gaussians.concatenate([scene.dynamic, lit.points]))
         with self._timed("tracking"):
             self.progress.stage(self._title(span, "following what moves"), span.count, self.plan.tracking(span.index))
@@ -308,7 +308,7 @@ class Reconstruction:
 
     def _convertible(self, scene: Scene, frames: np.ndarray, layout: Layout) -> np.ndarray:
         """[S] bool: the static points that adaptive conversion may make dynamic."""
-        least, allowed = self.config.layering.adapt_changes, scene.alive.copy()
+        least, allowed = self.config.layering.adapt_changed_share, scene.alive.copy()
         if least:
             living = scene.static[scene.alive]
             allowed[scene.alive] = convertible(living, self.rig.cameras, frames, layout.near, least, self.device)

@@ -1,5 +1,4 @@
 import re
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -7,7 +6,7 @@ import pytest
 import torch
 
 from splatreel.capture.poses import inverted
-from splatreel.config import Config, GroupConfig
+from splatreel.config import Config
 from splatreel.errors import ReconstructionError
 from splatreel.progress import Silent
 from splatreel.recon.cameras.findings import Findings
@@ -16,9 +15,10 @@ from splatreel.recon.run import checkpoint
 from tests.recon.cameras.test_poses import apart, turned
 from tests.recon.captures import WallCapture
 from tests.recon.corner import arc, pictures
+from tests.recon.small import plain
 
 CPU = torch.device("cpu")
-CONFIG = Config(check_poses=True, even_exposure=True, group=GroupConfig(delays=True))
+CONFIG = Config()
 CAPTURE = WallCapture(6, speed=0.0, drift=0.1)
 CAMERAS = CAPTURE.cameras
 NAMES = [camera.name for camera in CAMERAS]
@@ -88,7 +88,7 @@ def test_light_is_taken_out_and_goes_on_from_group_to_group(tmp_path: Path) -> N
 @pytest.mark.parametrize("restored", [False, True])
 def test_what_is_off_is_not_written_and_changes_nothing(tmp_path: Path, restored: bool) -> None:
     rig, notes = (
-        Rig(CAMERAS, replace(CONFIG, check_poses=False, even_exposure=False, group=GroupConfig()), CPU),
+        Rig(CAMERAS, plain(), CPU),
         Notes(),
     )
     frames = CAPTURE.read(0, 6, NAMES)

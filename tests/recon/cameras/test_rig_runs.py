@@ -18,8 +18,7 @@ from tests.recon.test_pipeline import CONFIG, FRAMES, Stop, content, finish_desp
 
 def test_exposures_and_delays_are_followed_from_group_to_group_and_over_interruptions(tmp_path: Path) -> None:
     capture = WallCapture(FRAMES, drift=0.08)
-    config = replace(CONFIG, even_exposure=True, group=replace(CONFIG.group, delays=True))
-    undisturbed = reconstruct(capture, tmp_path / "undisturbed", config)
+    undisturbed = reconstruct(capture, tmp_path / "undisturbed", CONFIG)
     for index, first in enumerate((0, 2)):
         found = load_arrays(undisturbed.work / f"group{index:04d}" / "exposure.safetensors")["change"]
         true = [
@@ -32,7 +31,7 @@ def test_exposures_and_delays_are_followed_from_group_to_group_and_over_interrup
     seen: set[object] = set()
     disturbed = tmp_path / "disturbed"
     finish_despite(
-        lambda: reconstruct(capture, disturbed, config, progress=Stop(seen)), KeyboardInterrupt, disturbed / "reel"
+        lambda: reconstruct(capture, disturbed, CONFIG, progress=Stop(seen)), KeyboardInterrupt, disturbed / "reel"
     )
     assert content(disturbed / "reel") == content(undisturbed.reel)
 
@@ -53,14 +52,14 @@ def test_cameras_that_do_not_fit_are_mended_or_left_out_over_interruptions(
         return replace(camera, viewmat=viewmat)
 
     monkeypatch.setattr(rig, "check_poses", findings)
-    capture, config = WallCapture(FRAMES, cameras=5), replace(CONFIG, check_poses=True)
-    undisturbed = reconstruct(capture, tmp_path / "undisturbed", config)
+    capture = WallCapture(FRAMES, cameras=5)
+    undisturbed = reconstruct(capture, tmp_path / "undisturbed", CONFIG)
     cameras = ReelReader(undisturbed.reel).manifest.cameras
     first, _, third, *others = capture.cameras
     assert [camera.name for camera in cameras] == [camera.name for camera in (first, third, *others)]
     assert np.allclose(cameras[1].viewmat, moved(third).viewmat)
     disturbed, seen = tmp_path / "disturbed", set[object]()
     finish_despite(
-        lambda: reconstruct(capture, disturbed, config, progress=Stop(seen)), KeyboardInterrupt, disturbed / "reel"
+        lambda: reconstruct(capture, disturbed, CONFIG, progress=Stop(seen)), KeyboardInterrupt, disturbed / "reel"
     )
     assert content(disturbed / "reel") == content(undisturbed.reel)

@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 import torch
 
-from splatreel.config import Config, GroupConfig, LayeringConfig
 from splatreel.kernels.image import render_image
 from splatreel.progress import Silent
 from splatreel.recon.cameras.color_gains import CameraGains
@@ -18,6 +17,7 @@ from splatreel.recon.train.render import View
 from splatreel.scene.gaussians import Gaussians
 from tests.recon.captures import blots
 from tests.recon.scenes import ring
+from tests.recon.small import plain
 
 CPU = torch.device("cpu")
 CAMERAS = ring(4, width=48, height=32)
@@ -44,8 +44,8 @@ def trained(
             pictures[t, c] = (np.clip(render_image(scene, camera, near=NEAR), 0, 1) * 255).round()
     views = [View.of(camera, CPU) for camera in CAMERAS]
     tracks = np.stack([moved(t).means for t in range(FRAMES)]).astype(np.float32)
-    group = GroupConfig(length=FRAMES, overlap=0, iterations_per_frame=60, deformation=deformation)
-    config = Config(LayeringConfig(adapt_every=0), group=group)
+    group = {"length": FRAMES, "overlap": 0, "iterations_per_frame": 60, "deformation": deformation}
+    config = plain({"layering.adapt_every": 0, **{f"group.{name}": value for name, value in group.items()}})
     gains, delays = CameraGains(len(CAMERAS), CPU, enabled=False), TimeOffsets(len(CAMERAS), enabled)
     trainer = GroupTrainer(
         GroupFrames(torch.from_numpy(pictures), views, NEAR, UNIT),

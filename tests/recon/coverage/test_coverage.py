@@ -8,7 +8,6 @@ import pytest
 import torch
 
 from splatreel.codec.reader import ReelReader
-from splatreel.config import Config, KeyframeConfig
 from splatreel.errors import ReconstructionError
 from splatreel.progress import Silent
 from splatreel.recon import pipeline
@@ -19,6 +18,7 @@ from splatreel.scene.camera import Camera
 from tests.recon import corner
 from tests.recon.captures import WallCapture
 from tests.recon.scenes import look_at
+from tests.recon.small import small
 
 
 class Notes(Silent):
@@ -103,11 +103,10 @@ def test_a_reel_holds_people_closer_where_the_trial_failed(tmp_path: Path, monke
     names = [camera.name for camera in WallCapture(1).cameras]
     failed = Coverage(names, [20.0] * 4, [0] * 4, 0, Trial(names[1], 14.0, 11.2, 13.0, 9.5))
     monkeypatch.setattr(pipeline, "cover", lambda *_, **__: failed)
-    keyframe = KeyframeConfig(first_iterations=20, densify_every=5, sh_degree=1)
     angles = []
     for tried in (True, False):
         out, heard = tmp_path / str(tried), Notes()
-        config = Config(keyframe=keyframe, check_coverage=tried)
+        config = small({"check_coverage": tried})
         result = pipeline.reconstruct(WallCapture(1), out, config, device="cpu", progress=heard)
         limits = ReelReader(result.reel).manifest.presentation.limits
         assert limits is not None

@@ -4,7 +4,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from splatreel.config import Config, GroupConfig, preset
+from splatreel.config import Config, preset
+from splatreel.config.settings import changed
 from splatreel.recon.run.plan import Plan
 
 
@@ -22,7 +23,7 @@ def test_stages_follow_each_other_and_fill_the_job(counts, quality):
 
 def test_more_iterations_are_a_larger_share():
     def share(iterations):
-        config = Config(group=GroupConfig(iterations_per_frame=iterations))
+        config = changed(Config(), {"group.iterations_per_frame": iterations})
         begin, end = Plan([30], config).motion(0)
         return end - begin
 

@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 import torch
 
-from splatreel.config import Config, GroupConfig, KeyframeConfig, LayeringConfig
+from splatreel.config import Config
+from splatreel.config.settings import changed
 from splatreel.kernels.image import render_image
 from splatreel.progress import Silent
 from splatreel.recon.cameras.color_gains import CameraGains
@@ -19,6 +20,7 @@ from splatreel.scene.gaussians import Gaussians
 from splatreel.scene.group import Group
 from tests.recon.captures import blots
 from tests.recon.scenes import ring
+from tests.recon.small import plain
 
 CPU = torch.device("cpu")
 CAMERAS = ring(4, width=48, height=32)
@@ -46,9 +48,11 @@ def filmed() -> GroupFrames:
 
 
 def config(deformation="trajectory", iterations=30, **layering) -> Config:
-    return Config(
-        LayeringConfig(**{"adapt_every": 0, **layering}),
-        group=GroupConfig(length=FRAMES, overlap=0, deformation=deformation, iterations_per_frame=iterations),
+    group = {"length": FRAMES, "overlap": 0, "deformation": deformation, "iterations_per_frame": iterations}
+    layering = {"adapt_every": 0, **layering}
+    return plain(
+        {f"group.{name}": value for name, value in group.items()}
+        | {f"layering.{name}": value for name, value in layering.items()}
     )
 
 
@@ -114,9 +118,9 @@ def test_a_thing_that_darkens_and_fades_needs_shade() -> None:
     images = [[render_image(scene, camera, near=NEAR) for camera in CAMERAS] for scene in scenes]
     pixels = torch.from_numpy((np.clip(images, 0, 1) * 255).round().astype(np.uint8))
     dark = GroupFrames(pixels, [View.of(camera, CPU) for camera in CAMERAS], NEAR, UNIT)
-    plain = config(iterations=60)
-    with_shade = with_group(plain, shade=True)
-    without, found = (trainer(dark, c).train(Silent()) for c in (plain, with_shade))
+    whole = config(iterations=60)
+    with_shade = with_group(whole, appearance=True)
+    without, found = (trainer(dark, c).train(Silent()) for c in (whole, with_shade))
     assert without.shade is None
     assert found.shade is not None
     assert found.shade.shape == (FRAMES, len(found.dynamic), 4)
@@ -164,7 +168,7 @@ def test_a_static_point_where_the_picture_moves_becomes_dynamic(filmed: GroupFra
     """A few of the thing's points were called static: they are found, and nothing of the wall is."""
     few = np.arange(len(THING)) % 8 == 0
     static = Gaussians.concatenate([WALL, THING[few]])
-    group = trainer(filmed, config(iterations=60, adapt_every=30, adapt_neighbours=0.4), THING[~few], static)
+    group = trainer(filmed, config(iterations=60, adapt_every=30, adapt_neighbors=0.4), THING[~few], static)
     result = group.train(Silent())
     converted = ~result.alive
     assert converted[len(WALL) :].mean() > 0.7
@@ -176,7 +180,7 @@ def test_a_static_point_where_the_picture_moves_becomes_dynamic(filmed: GroupFra
 def test_a_pull_alone_makes_a_static_point_dynamic(filmed: GroupFrames) -> None:
     few = np.arange(len(THING)) % 8 == 0
     static = Gaussians.concatenate([WALL, THING[few]])
-    settings = {"adapt_every": 40, "adapt_neighbours": 2.0}
+    settings = {"adapt_every": 40, "adapt_neighbors": 2.0}
     strict = trainer(filmed, config(iterations=40, adapt_gradient=1e9, **settings), THING[~few], static)
     assert strict.train(Silent()).alive.all(), "nothing is converted, nor by its neighbours"
     loose = trainer(filmed, config(iterations=40, adapt_gradient=3e-4, **settings), THING[~few], static)
@@ -186,7 +190,7 @@ def test_a_pull_alone_makes_a_static_point_dynamic(filmed: GroupFrames) -> None:
 
 
 def test_what_must_stay_is_not_converted(filmed: GroupFrames) -> None:
-    settings = config(iterations=8, adapt_every=10, adapt_gradient=0.0, adapt_neighbours=2.0)
+    settings = config(iterations=8, adapt_every=10, adapt_gradient=0.0, adapt_neighbors=2.0)
     may = np.arange(len(WALL)) % 2 == 0
     alive = trainer(filmed, settings, convertible=may).train(Silent()).alive
     assert alive[~may].all()
@@ -194,7 +198,7 @@ def test_what_must_stay_is_not_converted(filmed: GroupFrames) -> None:
 
 
 def test_points_join_up_to_the_room_there_is(filmed: GroupFrames) -> None:
-    group = trainer(filmed, config(iterations=8, adapt_every=10, adapt_gradient=0.0, adapt_neighbours=2.0))
+    group = trainer(filmed, config(iterations=8, adapt_every=10, adapt_gradient=0.0, adapt_neighbors=2.0))
     group.room = 50
     before = len(group.points)
     result = group.train(Silent())
@@ -226,7 +230,7 @@ def test_what_is_large_may_be_far_away_but_not_near(filmed: GroupFrames) -> None
     wide = 0.8 * filmed.unit
     two = replace(THING[:2], means=np.array([[0, 0, 0], [0, 0, 4 * filmed.unit]], np.float32))
     two = replace(two, scales=np.full((2, 3), wide, np.float32), opacities=np.full(2, 0.9, np.float32))
-    group = trainer(filmed, replace(config(), keyframe=KeyframeConfig(reach=8.0)), two)
+    group = trainer(filmed, changed(config(), {"keyframe.far_step_scale": 8.0}), two)
     group._prune()
     np.testing.assert_allclose(group.points.means[:, 2].detach(), [4 * filmed.unit], atol=1e-5)
 

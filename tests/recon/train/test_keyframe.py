@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 import torch
 
-from splatreel.config import KeyframeConfig
 from splatreel.kernels.image import render_image
 from splatreel.progress import Silent
 from splatreel.recon.cameras.color_gains import CameraGains
@@ -19,6 +18,7 @@ from splatreel.scene.camera import Camera
 from splatreel.scene.gaussians import C0, Gaussians
 from tests.recon.captures import blots
 from tests.recon.scenes import look_at, ring
+from tests.recon.small import plain
 
 CPU, NEAR, UNIT = torch.device("cpu"), 0.1, 4.0
 CAMERAS = ring(4, width=48, height=32)
@@ -26,7 +26,7 @@ UNSEEN = look_at([0.6, 0.0, -3.9], width=48, height=32)
 WALL = blots(400, [-3, -2, 0.9], [3, 2, 1.0], 0.14, 0)
 THING = blots(60, [-0.8, -0.6, -0.4], [0.2, 0.6, 0.2], 0.12, 1)
 SCENE = Gaussians.concatenate([WALL, THING])
-CONFIG = KeyframeConfig(sh_degree=1, densify_every=40)
+CONFIG = plain({"keyframe.sh_degree": 1, "keyframe.densify_every": 40}).keyframe
 
 
 def stage(scene: Gaussians = SCENE) -> Stage:
@@ -110,7 +110,7 @@ def test_the_backdrop_stays_and_only_the_others_learn() -> None:
     """The wall is frozen; what stands before it is learned on top of it."""
     grey = Gaussians(THING.means, THING.quats, THING.scales, THING.opacities, np.zeros_like(THING.sh))
     points = TrainablePoints.from_gaussians(grey, default_rates(UNIT), CPU)
-    trainer = KeyframeTrainer(points, gains(), KeyframeConfig(sh_degree=0), backdrop=WALL, max_points=200)
+    trainer = KeyframeTrainer(points, gains(), plain({"keyframe.sh_degree": 0}).keyframe, backdrop=WALL, max_points=200)
     before = psnr(Gaussians.concatenate([WALL, grey]), UNSEEN)
     trainer.train(stage(), 150, 150, Silent())
     after = psnr(Gaussians.concatenate([WALL, trainer.points.gaussians()]), UNSEEN)
@@ -139,7 +139,7 @@ def test_what_explains_nothing_fades_when_opacity_has_a_price() -> None:
     places = np.concatenate([rough_start().means.detach().numpy(), hidden])
 
     def left(price: float) -> Gaussians:
-        config = replace(CONFIG, lambda_opacity=price, pace=4.0)
+        config = replace(CONFIG, lambda_opacity=price, rate_scale=4.0)
         points = starting_points(places, np.full(places.shape, 0.5), config, UNIT, CPU)
         trainer = KeyframeTrainer(points, gains(), config, max_points=len(places))
         trainer.train(stage(), 150, 150, Silent())
@@ -180,7 +180,7 @@ def test_depths_do_not_spread_where_that_costs() -> None:
     before = np.random.default_rng(3).uniform([-0.6, -0.6, -1.5], [0.6, 0.6, -0.8], (30, 3))
 
     def trained(weight: float) -> TrainablePoints:
-        config = replace(CONFIG, lambda_spread=weight, pace=4.0)
+        config = replace(CONFIG, lambda_spread=weight, rate_scale=4.0)
         places = np.concatenate([rough_start().means.detach().numpy(), before])
         points = starting_points(places, np.full(places.shape, 0.5), config, UNIT, CPU)
         trainer = KeyframeTrainer(points, gains(), config, max_points=len(places))
@@ -198,7 +198,7 @@ def test_far_points_go_farther_in_a_step() -> None:
     points = starting_points(
         np.array([[0, 0, 0], [0, 0, 3 * UNIT], [0, 0, 99 * UNIT]]), np.ones((3, 3)), CONFIG, UNIT, CPU
     )
-    trainer = KeyframeTrainer(points, gains(), replace(CONFIG, reach=8.0), max_points=3)
+    trainer = KeyframeTrainer(points, gains(), replace(CONFIG, far_step_scale=8.0), max_points=3)
     trainer._stride(stage())
     near, far, farthest = trainer.strides[:, 0].tolist()
     assert 1 <= near < far < farthest == 8

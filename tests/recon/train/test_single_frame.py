@@ -3,14 +3,14 @@ from pathlib import Path
 
 import numpy as np
 
-from splatreel.config import Config, KeyframeConfig
 from splatreel.progress import Silent
 from splatreel.recon.pipeline import reconstruct
 from splatreel.recon.run import checkpoint
 from splatreel.recon.train.single_frame import reconstruct_single_frame
 from tests.recon.captures import WallCapture
+from tests.recon.small import small
 
-CONFIG = Config(keyframe=KeyframeConfig(first_iterations=40, coarse_share=0.5, densify_every=5, sh_degree=1))
+CONFIG = small({"keyframe.first_iterations": 40})
 
 
 class Trace(Silent):
@@ -47,7 +47,7 @@ def test_a_frame_alone_is_the_first_keyframe_of_a_run(tmp_path: Path) -> None:
 
 def test_cameras_that_do_not_agree_are_told_of() -> None:
     capture, heard = WallCapture(1), Notes()
-    config = replace(CONFIG, keyframe=replace(CONFIG.keyframe, first_iterations=150, pace=4.0))
+    config = replace(CONFIG, keyframe=replace(CONFIG.keyframe, first_iterations=150, rate_scale=4.0))
     shown = images(capture, 0)
     reconstruct_single_frame(capture.cameras, shown, config, progress=heard)
     assert not heard.notes

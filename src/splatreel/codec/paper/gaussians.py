@@ -20,7 +20,7 @@ def encode_gaussians(
 ) -> tuple[Sections, np.ndarray]:
     """Sections of the points, and order [N]: order[i] is the input point that is decoded as point i.
 
-    weights: [N] >= 0, how much the pictures depend on each point's color, for `EncodeConfig.weigh`; None: all the same.
+    weights: [N] >= 0, how much the pictures depend on each point's color, for `H265Config.weighted_codebook`; None: all the same.
     placed: with `means` and `quats`; without them another section says where the points are. No points, no sections.
     Raises `GaussiansError` for NaN and infinity.
     """
@@ -29,19 +29,21 @@ def encode_gaussians(
         raise ReelError(f"{len(gaussians)} points are more than a file holds ({MAX_POINTS}).")
     if not len(gaussians):
         return {}, np.zeros(0, np.int64)
-    sections, order = _encode_means(gaussians.means, config.position_bits if placed else None)
+    how = config.h265
+    sections, order = _encode_means(gaussians.means, how.position_bits if placed else None)
     ordered = gaussians[order]
     quats = rotations.normalize(ordered.quats)
-    sections["quats"] = Section(*encode_values(np.where(quats[:, :1] < 0, -quats, quats), config.quat_bits))
+    sections["quats"] = Section(*encode_values(np.where(quats[:, :1] < 0, -quats, quats), how.quat_bits))
     if not placed:
         sections = {}
-    crf = config.crf_attributes
-    log = config.log_scales
-    sections["scales"] = Section(*encode_values(ordered.scales, config.scale_bits, log=log, crf=crf))
-    sections["opacities"] = Section(*encode_values(ordered.opacities[:, None], config.opacity_bits, crf=crf))
-    sections["sh_base"] = Section(*encode_values(ordered.sh[:, 0], config.color_bits, crf=crf))
+    crf, log = how.crf_attributes, how.log_scales
+    sections["scales"] = Section(*encode_values(ordered.scales, how.scale_bits, log=log, crf=crf))
+    sections["opacities"] = Section(*encode_values(ordered.opacities[:, None], how.opacity_bits, crf=crf))
+    sections["sh_base"] = Section(*encode_values(ordered.sh[:, 0], how.color_bits, crf=crf))
     if ordered.sh_degree and config.sh_entries != 0:
-        sections |= _encode_rest(ordered, config, weights[order] if config.weigh and weights is not None else None)
+        sections |= _encode_rest(
+            ordered, config, weights[order] if how.weighted_codebook and weights is not None else None
+        )
     return sections, order
 
 
@@ -89,8 +91,9 @@ def _encode_rest(gaussians: Gaussians, config: EncodeConfig, weights: np.ndarray
     """`sh_rest`, by itself or as indices into `sh_codebook`; few points get few entries, so that it does not outweigh the indices."""
     rest = gaussians.sh[:, 1:].reshape(len(gaussians), -1)
     degree: Parameters = {"degree": gaussians.sh_degree}
-    if config.sh_entries is None or config.crf_attributes is not None:
-        data, parameters = encode_values(rest, config.color_bits, crf=config.crf_attributes)
+    how = config.h265
+    if config.sh_entries is None or how.crf_attributes is not None:
+        data, parameters = encode_values(rest, how.color_bits, crf=how.crf_attributes)
         return {"sh_rest": Section(data, parameters | degree)}
     entries = min(config.sh_entries, max(1, len(gaussians) // 4))
     if weights is not None:
@@ -100,7 +103,7 @@ def _encode_rest(gaussians: Gaussians, config: EncodeConfig, weights: np.ndarray
     bits = max(1, (len(codebook) - 1).bit_length())
     data, packed = quantize.deflate(quantize.pack(nearest, bits))
     indices = Section(data, {"codec": "vq", "entries": len(codebook), "bits": bits, "deflate": packed})
-    data, parameters = encode_values(codebook, config.color_bits)
+    data, parameters = encode_values(codebook, how.color_bits)
     return {"sh_rest": indices, "sh_codebook": Section(data, parameters | {"entries": len(codebook)} | degree)}
 
 

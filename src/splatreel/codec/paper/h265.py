@@ -12,11 +12,11 @@ import numpy as np
 from splatreel.codec.paper import maps
 from splatreel.codec.paper.hevc import MAX_PIXELS, decode_tracks, encode_tracks
 from splatreel.codec.quantize import Parameters, boolean, numbers
-from splatreel.config import EncodeConfig
+from splatreel.config import H265Config
 from splatreel.errors import ReelError
 
 
-def encode(dx: np.ndarray, dq: np.ndarray, config: EncodeConfig) -> tuple[bytes, Parameters]:
+def encode(dx: np.ndarray, dq: np.ndarray, config: H265Config) -> tuple[bytes, Parameters]:
     """Encode values of positions dx [T, N, 3] and of quaternions dq [T, N, 4], N >= 1, points in Morton order."""
     count = dx.shape[1]
     if 4 * (2 * count + maps.MAX_SLACK) > 2 * MAX_PIXELS:

@@ -15,7 +15,7 @@ import numpy as np
 from splatreel.codec.budget import check_offset_count, check_offsets
 from splatreel.codec.paper import h265
 from splatreel.codec.quantize import Parameters, decode_float32, encode_float32
-from splatreel.config import EncodeConfig
+from splatreel.config import H265Config
 from splatreel.errors import ReelError
 from splatreel.scene import rotations
 from splatreel.scene.gaussians import Gaussians
@@ -23,11 +23,11 @@ from splatreel.scene.gaussians import Gaussians
 ORIGINAL = "h265-ori"
 """The codec whose first frame is the canonical points."""
 NAMES = {"ofs": "h265", "ori": ORIGINAL, "dif": "h265-dif", "raw": "float32"}
-"""`EncodeConfig.source` to the codec of the section."""
+"""`H265Config.source` to the codec of the section."""
 _REST = np.array([1.0, 0, 0, 0])
 
 
-def encode(dx: np.ndarray, dq: np.ndarray, points: Gaussians, config: EncodeConfig) -> tuple[bytes, Parameters]:
+def encode(dx: np.ndarray, dq: np.ndarray, points: Gaussians, config: H265Config) -> tuple[bytes, Parameters]:
     """Encode the motion dx [T, N, 3] and dq [T, N, 4] of N >= 1 points, in Morton order, as `config.source` says.
 
     Raises `ReelError` for NaN and for more offsets than one group may have.

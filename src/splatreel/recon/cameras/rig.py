@@ -41,7 +41,7 @@ class Rig:
         count, config = len(self.cameras), self.config
         self.gains = CameraGains(count, self.device, config.correct_colors)
         self.exposure, self.light = np.zeros((count, 3), np.float32), np.zeros(3, np.float32)
-        self.delays = TimeOffsets(count, config.group.delays)
+        self.delays = TimeOffsets(count, config.group.time_offsets)
         self.ends: list[np.ndarray] = []
 
     @property

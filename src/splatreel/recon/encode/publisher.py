@@ -133,7 +133,7 @@ def importance(writer: ReelWriter, static: Gaussians, group: Group, device: torc
     None where the writer's codec has no use for it; nothing for static points that are not alive.
     """
     config = writer.config
-    if config.codec == "h265" and not (config.weigh and config.sh_entries):
+    if config.codec == "h265" and not (config.h265.weighted_codebook and config.sh_entries):
         return None, None
     times = np.linspace(0, group.frames - 1, min(MOMENTS, group.frames))
     moments = (Gaussians.concatenate([group.at(time), static[group.alive]]) for time in times)

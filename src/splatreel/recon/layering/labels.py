@@ -10,7 +10,7 @@ import torch
 from splatreel.config import LayeringConfig
 from splatreel.motion.change import changes
 from splatreel.motion.flow import make_flow
-from splatreel.motion.lift import lift, shares
+from splatreel.motion.lift import DYNAMIC, lift, shares
 from splatreel.motion.masks import make_segmenter, motion_masks
 from splatreel.recon.init.planesweep import inside, project
 from splatreel.recon.layering.relighting import RelitPoints
@@ -53,7 +53,7 @@ def label_points(
     if not masks.any():
         return np.zeros(len(points), bool)
     labels = lift(points, cameras, masks, near, config, device)
-    return labels > config.label_threshold
+    return labels > DYNAMIC
 
 
 def crowding(points: np.ndarray, cameras: list[Camera], clearance: Clearance) -> np.ndarray:

@@ -31,7 +31,7 @@ class Plan:
         for group, count in enumerate(counts):
             self._costs[f"keyframe {group}"] = keyframe.refine_iterations if group else first
             self._costs[f"layering {group}"] = LAYERING_COST
-            self._costs[f"tracking {group}"] = TRACKING_COST * count if motion.track else 0.0
+            self._costs[f"tracking {group}"] = TRACKING_COST * count if motion.tracks else 0.0
             self._costs[f"motion {group}"] = each * count
 
     def points(self) -> Span:

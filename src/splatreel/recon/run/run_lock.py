@@ -11,6 +11,7 @@ from typing import Any
 
 from splatreel.capture.base import Capture
 from splatreel.config import Config
+from splatreel.config.records import updated
 from splatreel.errors import ReconstructionError
 from splatreel.recon.run import checkpoint
 from splatreel.scene.atomic import lock, sweep
@@ -59,9 +60,8 @@ class RunLock:
         path = self.work / "run.json"
         if path.exists():
             theirs = checkpoint.load_json(path)
-            # What an earlier version did not know is as if it had been left alone: new settings are off unless a preset says so.
-            known = {"config": json.loads(Config().to_json()), "sound": "auto"}
-            found = differences(_filled(theirs if isinstance(theirs, dict) else {}, known), self.record)
+            theirs = {"sound": "auto"} | (theirs if isinstance(theirs, dict) else {})
+            found = differences(theirs | {"config": updated(theirs.get("config"))}, self.record)
             if found:
                 more = [f"and {len(found) - SHOWN} more"] if len(found) > SHOWN else []
                 raise ReconstructionError(
@@ -117,15 +117,6 @@ def hold(reel: Path) -> Iterator[None]:
             os.close(handle)
 
 
-def _filled(record: dict[str, Any], defaults: dict[str, Any]) -> dict[str, Any]:
-    """A nested record with what it lacks of the defaults."""
-    filled = {**defaults, **record}
-    for name, value in defaults.items():
-        if isinstance(value, dict) and isinstance(record.get(name), dict):
-            filled[name] = _filled(record[name], value)
-    return filled
-
-
 def differences(theirs: dict[str, Any], mine: dict[str, Any], prefix: str = "") -> list[str]:
     """What two nested records say differently, such as `config.seed is 1 there, 0 now`; the fingerprint only if nothing else."""
     found = []
@@ -134,7 +125,8 @@ def differences(theirs: dict[str, Any], mine: dict[str, Any], prefix: str = "") 
         if isinstance(a, dict) and isinstance(b, dict):
             found += differences(a, b, f"{prefix}{name}.")
         elif a != b:
-            found.append(f"{prefix}{name} is {json.dumps(a):.60} there, {json.dumps(b):.60} now")
+            now = json.dumps(b) if name in mine else "not to be set"
+            found.append(f"{prefix}{name} is {json.dumps(a):.60} there, {now:.60} now")
     if not found and theirs.get(FINGERPRINT) != mine.get(FINGERPRINT):
         found.append(f"the {prefix.rstrip('.')} has other files or camera poses")
     return found

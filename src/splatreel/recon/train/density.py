@@ -9,6 +9,10 @@ from torch import Tensor
 
 from splatreel.recon.train.points import TrainablePoints
 
+CULL_OPACITY = 0.05
+"""Points fainter than this are removed (the paper's section 5.1): they hardly show and cost bytes and time."""
+GROWTH_GRADIENT = 2e-4
+"""Points that images pull at by more than this, in normalized device units, are densified: the number of 3DGS. Lower makes more."""
 LARGEST = 0.5
 """Largest scale that a point may have, in typical viewing distances, times as much as it is farther away."""
 

@@ -10,6 +10,7 @@ from torch import Tensor
 
 from splatreel.config import Config
 from splatreel.kernels import splat
+from splatreel.motion.lift import NEIGHBORS
 from splatreel.progress import Progress
 from splatreel.recon.cameras.color_gains import CameraGains
 from splatreel.recon.cameras.time_offsets import TimeOffsets, slope
@@ -19,7 +20,7 @@ from splatreel.recon.deform.protocol import Deformation
 from splatreel.recon.deform.trajectory import Trajectory
 from splatreel.recon.layering.tracking import Start
 from splatreel.recon.train import losses
-from splatreel.recon.train.density import GradientMeter, too_large
+from splatreel.recon.train.density import CULL_OPACITY, GradientMeter, too_large
 from splatreel.recon.train.points import TrainablePoints
 from splatreel.recon.train.render import (
     Drawing,
@@ -60,6 +61,9 @@ FAINT_PICTURES = 60
 
 MEASURE_EVERY = 8
 """Iterations between two that draw the whole picture, to measure how much the static points are pulled at."""
+
+TEMPORAL_WINDOW = 2
+"""Frames over which motion is to be smooth: the paper's number (section 5.1)."""
 
 SHOW_EVERY = 50
 """Iterations between two that say their loss."""
@@ -129,10 +133,12 @@ class GroupTrainer:
         fixed = None if shades is None else shades.any(2).any(0)
         self.model = make_deformation(config.group.deformation, self.points.means.detach(), frames, seed, tracks, fixed)
         self.shade = None
-        if config.group.shade:
+        if config.group.appearance:
             self.shade = Appearance(frames.count, len(self.points), device, shades, detect_cuts(frames.images))
         self.iterations = config.group.iterations_per_frame * frames.count
-        self.schedule = FrameSchedule(frames.count, len(frames.views), self.iterations, config.group.progressive, seed)
+        self.schedule = FrameSchedule(
+            frames.count, len(frames.views), self.iterations, config.group.progressive_share, seed
+        )
         self.rng = np.random.default_rng(seed)
         self.room = max(2000, len(self.points) // 2)
         self._watch()
@@ -227,8 +233,8 @@ class GroupTrainer:
             costs.append(losses.arap(self.points.means, dx, dq, other, weights, self.frames.unit))
         if group.lambda_temporal and self.frames.count > 2 and iteration % 8 == 1:
             last = min(self.schedule.frontier(iteration), self.frames.count - 1)
-            start = min(frame, max(last - group.temporal_window, 0))
-            end = min(start + group.temporal_window, last)
+            start = min(frame, max(last - TEMPORAL_WINDOW, 0))
+            end = min(start + TEMPORAL_WINDOW, last)
             if end > start:
                 delta = float(self.rng.uniform())
                 smooth = losses.temporal(self.model, self.points.means, start, end, delta, self.frames.unit)
@@ -248,7 +254,7 @@ class GroupTrainer:
         self.moving_meter = GradientMeter(count, device)
         self.static_meter = GradientMeter(len(self.backdrop), device)
         if count > 1:
-            k = min(self.config.layering.neighbours, count - 1)
+            k = min(NEIGHBORS, count - 1)
             neighbours, distance = splat.nearest_neighbours(self.points.means.detach(), k)
             reach = 2 * distance[:, -1:].median().clamp_min(1e-9)
             closeness = torch.exp(-((distance / reach) ** 2))  # rows of one rank each, as an iteration draws them
@@ -277,12 +283,12 @@ class GroupTrainer:
         """[S] bool: static points with more than lambda_adp^nn of their nearest neighbours dynamic."""
         index = torch.nonzero(alive)[:, 0]
         everything = torch.cat([self.backdrop.means[index], self.points.means.detach()])
-        k = min(self.config.layering.neighbours, len(everything) - 1)
+        k = min(NEIGHBORS, len(everything) - 1)
         surrounded = torch.zeros_like(alive)
         if len(index) and k > 0:
             neighbours = splat.nearest_neighbours(everything, k)[0][: len(index)]
             dynamic = (neighbours >= len(index)).float().mean(1)
-            surrounded[index] = dynamic > self.config.layering.adapt_neighbours
+            surrounded[index] = dynamic > self.config.layering.adapt_neighbors
         return surrounded
 
     def _clone(self, index: Tensor) -> None:
@@ -310,8 +316,8 @@ class GroupTrainer:
         with torch.no_grad():
             highest = 0 if self.shade is None else self.shade.highest
             opacities = (self.points.params["logit_opacities"] + highest).sigmoid()
-            keep = opacities >= config.cull_opacity
-            farther = relative_distances(self.points.means, frames.views, frames.unit, config.reach)
+            keep = opacities >= CULL_OPACITY
+            farther = relative_distances(self.points.means, frames.views, frames.unit, config.far_step_scale)
             keep &= ~too_large(self.points.scales, farther, frames.unit)
         if not bool(keep.all()) and bool(keep.any()):
             self._keep(torch.nonzero(keep)[:, 0])

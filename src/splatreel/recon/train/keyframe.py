@@ -14,7 +14,14 @@ from splatreel.kernels import splat
 from splatreel.progress import Progress
 from splatreel.recon.cameras.color_gains import CameraGains
 from splatreel.recon.train.average import Average
-from splatreel.recon.train.density import GradientMeter, children, select_growth, too_large
+from splatreel.recon.train.density import (
+    CULL_OPACITY,
+    GROWTH_GRADIENT,
+    GradientMeter,
+    children,
+    select_growth,
+    too_large,
+)
 from splatreel.recon.train.losses import Depths, psnr, roughness, spread
 from splatreel.recon.train.points import TrainablePoints, default_rates
 from splatreel.recon.train.render import Splats, StaticCache, View, deformed, draw, halved, relative_distances
@@ -64,7 +71,7 @@ def starting_points(
         "sh_base": base[:, None],
         "sh_rest": torch.zeros(count, (config.sh_degree + 1) ** 2 - 1, 3, device=device),
     }
-    return TrainablePoints(params, default_rates(unit, config.pace))
+    return TrainablePoints(params, default_rates(unit, config.rate_scale))
 
 
 GROWTH = 0.6
@@ -144,7 +151,9 @@ class KeyframeTrainer:
         return float(np.mean(values))
 
     def _stride(self, stage: Stage) -> None:
-        self.strides = relative_distances(self.points.means, stage.views, stage.unit, self.config.reach)[:, None]
+        self.strides = relative_distances(self.points.means, stage.views, stage.unit, self.config.far_step_scale)[
+            :, None
+        ]
 
     def _step(self, stage: Stage, camera: int, behind: StaticCache | None, share: float) -> tuple[Tensor, Tensor]:
         """share: of training that is over. Returns the loss and the gradient of the places on the image."""
@@ -165,11 +174,11 @@ class KeyframeTrainer:
         config, view, cost = self.config, stage.views[camera], 0.0
         if config.lambda_opacity and share > GROWTH:
             cost = config.lambda_opacity * self.points.opacities.sum() / (view.width * view.height)
-        priced = config.lambda_spread or config.lambda_rough
+        priced = config.lambda_spread or config.lambda_roughness
         if priced and share > SURFACES_FROM and self.done % SURFACES_EVERY == 0:
             depths = Depths.of(points, view, stage.near)
             rough = roughness(depths, stage.images[camera], stage.unit / stage.near)
-            cost = cost + SURFACES_EVERY * (config.lambda_spread * spread(depths) + config.lambda_rough * rough)
+            cost = cost + SURFACES_EVERY * (config.lambda_spread * spread(depths) + config.lambda_roughness * rough)
         return cost
 
     def _anneal(self, share: float) -> None:
@@ -180,7 +189,7 @@ class KeyframeTrainer:
     def _densify(self, meter: GradientMeter, unit: float, share: float) -> None:
         points = self.points
         room = self.max_points - len(points)
-        grow = select_growth(meter, self.config.densify_gradient, room)
+        grow = select_growth(meter, GROWTH_GRADIENT, room)
         doomed = self._doomed(unit, share)
         large = points.scales.detach().amax(1) > 0.01 * unit
         split, clone = grow & large & ~doomed, grow & ~large & ~doomed
@@ -194,7 +203,7 @@ class KeyframeTrainer:
 
         In the end size does not matter: nothing could fill the hole that a plain wall would have.
         """
-        faint = self.config.cull_opacity * min(1.0, max(0.1, 2 * share))
+        faint = CULL_OPACITY * min(1.0, max(0.1, 2 * share))
         with torch.no_grad():
             doomed = self.points.opacities < faint
             if share < 1:

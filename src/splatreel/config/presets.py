@@ -1,0 +1,84 @@
+"""The qualities: `standard` is `Config()`, the others are differences from it."""
+
+from __future__ import annotations
+
+from typing import Any, Literal
+
+from splatreel.config.config import Config
+from splatreel.config.settings import changed
+from splatreel.errors import UsageError
+
+Quality = Literal["draft", "standard", "paper"]
+
+DRAFT: dict[str, Any] = {
+    "keyframe.first_iterations": 1000,
+    "keyframe.refine_iterations": 250,
+    "keyframe.max_points": 30_000,
+    "group.iterations_per_frame": 15,
+}
+
+TABLE_11: dict[str, Any] = {
+    "group.lambda_dssim": 0.2,
+    "group.lambda_arap": 0.01,
+    "group.lambda_temporal": 0.01,
+    "layering.flow_threshold": 2.0,
+    "layering.lambda_dyn": 0.3,
+    "layering.lambda_nn": 0.5,
+    "layering.adapt_gradient": 3e-4,
+    "layering.adapt_neighbors": 0.6,
+}
+"""The paper's Table 11, in its order. `standard` has the same values."""
+
+SECTION_5_1: dict[str, Any] = {
+    "keyframe.first_iterations": 20_000,
+    "keyframe.refine_iterations": 5_000,
+    "keyframe.rate_scale": 1.0,
+    "layering.flow_frames": 1,
+    "layering.segment": "grabcut",
+    "layering.lift": "optimize",
+    "group.iterations_per_frame": 400,
+    "group.deformation": "hashgrid",
+    "group.progressive_share": 0.5,
+    "encode.codec": "h265",
+}
+"""Where the paper does something else than `standard`, its sections 4 and 5.1."""
+
+BEYOND_THE_PAPER: dict[str, Any] = {
+    "layering.adapt_changed_share": 0.0,
+    "layering.relighting": False,
+    "keyframe.coarse_share": 0.0,
+    "keyframe.temporal_mean": False,
+    "keyframe.far_step_scale": 1.0,
+    "keyframe.max_points": 1_000_000,
+    "keyframe.points_per_pixel": 2.0,
+    "keyframe.lambda_opacity": 0.0,
+    "keyframe.lambda_spread": 0.0,
+    "keyframe.lambda_roughness": 0.0,
+    "keyframe.average_share": 0.0,
+    "group.coarse_share": 0.0,
+    "group.tracks": False,
+    "group.appearance": False,
+    "group.time_offsets": False,
+    "group.faint_share": 0.0,
+    "group.lambda_sh": 0.0,
+    "correct_colors": False,
+    "check_poses": False,
+    "check_coverage": False,
+    "even_exposure": False,
+    "antialias": False,
+    "background": False,
+}
+"""What the paper does not have, turned off."""
+
+PRESETS: dict[Quality, dict[str, Any]] = {
+    "draft": DRAFT,
+    "standard": {},
+    "paper": TABLE_11 | SECTION_5_1 | BEYOND_THE_PAPER,
+}
+
+
+def preset(quality: Quality) -> Config:
+    """The configuration of one `--quality`. Raises `UsageError` for an unknown name."""
+    if quality not in PRESETS:
+        raise UsageError(f"Unknown quality {quality!r}. Choose draft, standard or paper.")
+    return changed(Config(), PRESETS[quality])

@@ -1,0 +1,121 @@
+"""Settings by name, such as `group.lambda_arap`: what there is, with its documentation, and configs with some of them changed."""
+
+from __future__ import annotations
+
+import ast
+import dataclasses
+import difflib
+import inspect
+import textwrap
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import dataclass
+from functools import cache
+from operator import attrgetter
+from typing import Any, TypeVar, cast, get_type_hints
+
+from splatreel.config.config import Config
+from splatreel.config.values import Kind, kinds
+from splatreel.errors import UsageError
+
+T = TypeVar("T")
+NEAREST = 3
+"""Names that an error suggests."""
+LIKE = 0.7
+"""How much they are like what was asked for, 0..1, as difflib measures it."""
+
+
+@dataclass(frozen=True)
+class Setting:
+    """name: with its sections. doc: what it does."""
+
+    name: str
+    kind: Kind
+    doc: str
+
+    @property
+    def section(self) -> str:
+        return self.name.rpartition(".")[0]
+
+    def of(self, config: Config) -> Any:
+        return attrgetter(self.name)(config)
+
+
+@cache
+def settings() -> dict[str, Setting]:
+    """All settings by name, in the order of the classes."""
+    return {setting.name: setting for setting in _settings_of(Config, "")}
+
+
+def _settings_of(section: type, prefix: str) -> Iterator[Setting]:
+    hints, own, docs = get_type_hints(section), kinds(section), _docs(section)
+    for field in dataclasses.fields(section):
+        if field.name in own:
+            yield Setting(prefix + field.name, own[field.name], docs[field.name])
+        else:
+            yield from _settings_of(hints[field.name], f"{prefix}{field.name}.")
+
+
+def _docs(section: type) -> dict[str, str]:
+    """The string after each field of a class."""
+    body = ast.parse(textwrap.dedent(inspect.getsource(section))).body[0]
+    assert isinstance(body, ast.ClassDef)
+    found, name = dict[str, str](), None
+    for node in body.body:
+        if isinstance(node, ast.AnnAssign) and isinstance(node.target, ast.Name):
+            name = node.target.id
+        elif isinstance(node, ast.Expr) and isinstance(node.value, ast.Constant) and name is not None:
+            found[name] = " ".join(str(node.value.value).split())
+    return found
+
+
+def changed(config: T, values: Mapping[str, Any]) -> T:
+    """A config, or a section of one, with other values of some settings, by name, all at once.
+
+    Raises `UsageError` for values that no run can have.
+    """
+    own = {name: value for name, value in values.items() if "." not in name}
+    return dataclasses.replace(cast(Any, config), **own | _sections(config, values))
+
+
+def _sections(owner: Any, values: Mapping[str, Any]) -> dict[str, Any]:
+    """The sections of `owner` that settings with a dot in their name change."""
+    inner: dict[str, dict[str, Any]] = {}
+    for name, value in values.items():
+        section, dot, rest = name.partition(".")
+        if dot:
+            inner.setdefault(section, {})[rest] = value
+    found = {}
+    for section, some in inner.items():
+        mine = getattr(owner, section)
+        own = {name: value for name, value in some.items() if "." not in name}
+        found[section] = dataclasses.replace(mine, **own | _sections(mine, some))
+    return found
+
+
+def parse_settings(texts: Iterable[str]) -> dict[str, Any]:
+    """`group.tracks=false` and the like, by name. Raises `UsageError` for what is no setting, or no value of it."""
+    found = {}
+    for text in texts:
+        name, equals, value = text.partition("=")
+        name = name.strip()
+        if not equals:
+            raise UsageError(f"{text!r:.60} has no value. Write NAME=VALUE, such as group.lambda_arap=0.")
+        if name not in settings():
+            raise UsageError(f"{name!r:.60} is no setting. {_suggestion(name)}`splatreel config` lists all.")
+        if name in found:
+            raise UsageError(f"{name} is set twice.")
+        kind = settings()[name].kind
+        found[name] = kind.parse(name, value)
+        kind.check(name, found[name])
+    return found
+
+
+def _suggestion(name: str) -> str:
+    """Settings with that name in a section, else with nearly that name."""
+    ends = {known: known.rpartition(".")[2] for known in settings()}
+    near = [known for known, end in ends.items() if end == name]
+    if not near:
+        alike = difflib.get_close_matches(name.rpartition(".")[2], set(ends.values()), NEAREST, LIKE)
+        near = [known for end in alike for known, its in ends.items() if its == end]
+        near += difflib.get_close_matches(name, settings(), NEAREST, LIKE)
+    return f"Did you mean {' or '.join(list(dict.fromkeys(near))[:NEAREST])}? " if near else ""

@@ -1,0 +1,125 @@
+"""What a setting may be: its type, its range, its choices; checked when a config is made, and read from text."""
+
+from __future__ import annotations
+
+import math
+import types
+from dataclasses import dataclass, fields, is_dataclass
+from functools import cache
+from typing import Annotated, Any, Literal, Union, get_args, get_origin, get_type_hints
+
+from splatreel.errors import UsageError
+
+
+@dataclass(frozen=True)
+class Range:
+    """Numbers from low to high, both included. high: None is no limit."""
+
+    low: float
+    high: float | None = None
+
+    def holds(self, value: float) -> bool:
+        return self.low <= value and (self.high is None or value <= self.high)
+
+    def __str__(self) -> str:
+        return f"{self.low} or more" if self.high is None else f"{self.low} to {self.high}"
+
+
+Count = Annotated[int, Range(1)]
+Share = Annotated[float, Range(0, 1)]
+Weight = Annotated[float, Range(0)]
+"""Of a term of a loss, or a threshold; 0 turns it off."""
+Bits = Annotated[int, Range(1, 16)]
+Crf = Annotated[int, Range(0, 51)]
+
+
+@dataclass(frozen=True)
+class Kind:
+    """The type of a setting. choices: all that there are. several: a tuple of them. optional: None is possible."""
+
+    base: type
+    limits: Range | None = None
+    choices: tuple[str, ...] = ()
+    several: bool = False
+    optional: bool = False
+
+    def __str__(self) -> str:
+        """What to write, in words."""
+        if self.choices:
+            text = f"{'some' if self.several else 'one'} of {', '.join(self.choices)}"
+        elif self.base is bool:
+            text = "true or false"
+        else:
+            text = "a whole number" if self.base is int else "a number"
+            text += f" from {self.limits}" if self.limits and self.limits.high is not None else ""
+            text += f", {self.limits}" if self.limits and self.limits.high is None else ""
+        return f"{text}, or none" if self.optional else text
+
+    def check(self, name: str, value: Any) -> None:
+        """Raises `UsageError` for a value that is out of range or no choice."""
+        if self.optional and value is None:
+            return
+        if self.limits is not None and not self.limits.holds(value):
+            raise UsageError(f"{name} {value} is out of range. Choose {self.limits}.")
+        wrong = [v for v in (value if self.several else (value,)) if self.choices and v not in self.choices]
+        if wrong:
+            raise UsageError(f"{name} {wrong[0]!r} is unknown. Choose {self}.")
+
+    def parse(self, name: str, text: str) -> Any:
+        """The value that is written so. Raises `UsageError`."""
+        text = text.strip()
+        if self.optional and text.lower() == "none":
+            return None
+        if self.several:
+            return tuple(part.strip() for part in text.split(",") if part.strip())
+        read = {bool: _truth, int: _whole, float: _real, str: str}[self.base]
+        value = read(text)
+        if value is None:
+            raise UsageError(f"{name} {text!r:.60} is not {self}.")
+        return value
+
+
+def _truth(text: str) -> bool | None:
+    return {"true": True, "1": True, "false": False, "0": False}.get(text.lower())
+
+
+def _whole(text: str) -> int | None:
+    try:
+        return int(text)
+    except ValueError:
+        return None
+
+
+def _real(text: str) -> float | None:
+    try:
+        value = float(text)
+    except ValueError:
+        return None
+    return value if math.isfinite(value) else None
+
+
+def kind_of(hint: Any) -> Kind:
+    """The kind of a field, by its annotation."""
+    if get_origin(hint) is Annotated:
+        return Kind(get_args(hint)[0], limits=get_args(hint)[1])
+    if get_origin(hint) is Literal:
+        return Kind(str, choices=get_args(hint))
+    if get_origin(hint) is tuple:
+        return Kind(str, choices=get_args(get_args(hint)[0]), several=True)
+    if get_origin(hint) in (Union, types.UnionType):
+        inner = kind_of(next(part for part in get_args(hint) if part is not type(None)))
+        return Kind(inner.base, inner.limits, inner.choices, inner.several, optional=True)
+    return Kind(hint)
+
+
+@cache
+def kinds(section: type) -> dict[str, Kind]:
+    """By name the kinds of a section's own settings, without those of sections in it."""
+    hints = get_type_hints(section, include_extras=True)
+    return {field.name: kind_of(hints[field.name]) for field in fields(section) if not is_dataclass(hints[field.name])}
+
+
+def check(section: Any, prefix: str) -> None:
+    """Raises `UsageError` for a setting of a section that is out of range or unknown. prefix: such as `group.`."""
+    for name, kind in kinds(type(section)).items():
+        kind.check(prefix + name, getattr(section, name))

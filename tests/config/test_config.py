@@ -1,0 +1,93 @@
+import dataclasses
+import json
+from typing import Any, get_args
+
+import pytest
+
+from splatreel.config import Config, EncodeConfig, GroupConfig, H265Config, Quality, preset
+from splatreel.config.presets import BEYOND_THE_PAPER, SECTION_5_1, TABLE_11
+from splatreel.config.settings import changed
+from splatreel.errors import UsageError
+
+LEAST = {
+    "seed": 0,
+    "keyframe.first_iterations": 1,
+    "keyframe.refine_iterations": 1,
+    "keyframe.densify_every": 1,
+    "keyframe.rate_scale": 0.001,
+    "keyframe.far_step_scale": 1,
+    "keyframe.max_points": 1,
+    "layering.adapt_every": 0,
+    "group.iterations_per_frame": 1,
+    "group.length": 1,
+    "group.overlap": 0,
+}
+
+
+@pytest.mark.parametrize("name", LEAST)
+def test_a_count_below_its_least_is_refused_by_name_and_value(name: str) -> None:
+    least = LEAST[name]
+    with pytest.raises(UsageError, match=rf"^{name} {least - 1} is out of range. Choose {least} or more"):
+        changed(Config(), {name: least - 1})
+    with pytest.raises(UsageError, match=rf"^{name} -7 "):
+        changed(Config(), {name: -7})
+
+
+@pytest.mark.parametrize("name", [name for name in LEAST if name != "group.length"])
+def test_the_least_count_is_taken(name: str) -> None:
+    assert changed(Config(), {name: LEAST[name]}) != changed(Config(), {name: LEAST[name] + 1})
+
+
+@pytest.mark.parametrize(
+    ("section", "values", "message"),
+    [
+        (GroupConfig, {"coarse_share": 1.5}, "group.coarse_share 1.5 is out of range. Choose 0 to 1."),
+        (GroupConfig, {"lambda_arap": float("nan")}, "group.lambda_arap nan is out of range. Choose 0 or more."),
+        (
+            GroupConfig,
+            {"deformation": "rigid"},
+            "group.deformation 'rigid' is unknown. Choose one of trajectory, hashgrid.",
+        ),
+        (
+            EncodeConfig,
+            {"renditions": ("low", "ultra")},
+            "encode.renditions 'ultra' is unknown. Choose some of high, medium, low.",
+        ),
+        (H265Config, {"crf": 52}, "encode.h265.crf 52 is out of range. Choose 0 to 51."),
+    ],
+)
+def test_each_section_checks_what_it_is_given(section: type, values: dict[str, Any], message: str) -> None:
+    with pytest.raises(UsageError) as error:
+        section(**values)
+    assert str(error.value) == message
+
+
+def test_an_overlap_as_long_as_a_group_is_refused() -> None:
+    with pytest.raises(UsageError, match=r"group\.overlap 5 does not fit group\.length 5"):
+        Config(group=GroupConfig(length=5, overlap=5))
+    assert Config(group=GroupConfig(length=1, overlap=0)).group.length == 1
+
+
+def test_a_change_by_replace_is_judged_too() -> None:
+    with pytest.raises(UsageError, match="seed -1"):
+        dataclasses.replace(Config(), seed=-1)
+
+
+def test_every_quality_has_a_preset_of_its_own_and_no_other_has_one() -> None:
+    presets = [preset(quality) for quality in get_args(Quality)]
+    assert len({p.to_json() for p in presets}) == 3
+    with pytest.raises(UsageError, match="Unknown quality 'best'"):
+        preset("best")  # pyright: ignore[reportArgumentType]
+
+
+def test_the_defaults_are_standard_and_the_paper_is_three_tables() -> None:
+    assert preset("standard") == Config()
+    assert changed(Config(), TABLE_11) == Config(), "standard has the paper's Table 11"
+    assert not set(TABLE_11) & set(SECTION_5_1) | set(SECTION_5_1) & set(BEYOND_THE_PAPER)
+
+
+def test_the_written_form_tells_configurations_apart() -> None:
+    written = json.loads(Config(seed=3).to_json())
+    assert written["seed"] == 3
+    assert written["group"]["length"] == Config().group.length
+    assert Config(seed=3).to_json() != Config(seed=4).to_json()
