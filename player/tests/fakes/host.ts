@@ -9,7 +9,7 @@ export interface Asked {
   at: number;
 }
 
-export type Answer = (options: RequestInit) => Response;
+export type Answer = (options: RequestInit, url: string) => Response;
 
 /** In place of fetch, from when it is made. */
 export class FakeHost {
@@ -22,7 +22,7 @@ export class FakeHost {
       const range = new Headers(options.headers).get("range");
       this.asked.push({ url: String(url), range, cache: options.cache, mode: options.mode, at: performance.now() });
       options.signal?.throwIfAborted();
-      return (this.answers.length > 1 ? this.answers.shift()! : this.answers[0])(options);
+      return (this.answers.length > 1 ? this.answers.shift()! : this.answers[0])(options, String(url));
     };
   }
 

@@ -1,0 +1,255 @@
+import assert from "node:assert/strict";
+import { afterEach, beforeEach, mock, test } from "node:test";
+import type { Sound } from "../src/reel/presentation";
+import { Soundtrack } from "../src/sound/soundtrack";
+import { FakeAudio, FakeMediaSource } from "./fakes/audio";
+import { FakeHost, status, type Answer } from "./fakes/host";
+import { manifestOf } from "./fakes/reel";
+import { FakeTime } from "./fakes/time";
+
+const time = new FakeTime();
+const host = new FakeHost();
+mock.method(console, "warn", () => undefined);
+
+/** Segments of two seconds whose bytes are their start and length. */
+const segments = [...Array(60).keys()].map((index) => ({ uri: `sound/${index}.m4s`, bytes: 2, sha256: null, start: 2 * index, seconds: 2 }));
+const answers: Answer = (_, url) => {
+  const index = /(\d+)\.m4s$/.exec(url)?.[1];
+  return new Response(index === undefined ? new Uint8Array(1) : Uint8Array.of(2 * Number(index), 2));
+};
+const asked = (): string[] => host.asked.map(({ url }) => url.replace("https://page.example/reel/sound/", ""));
+
+let events: string[] = [];
+let track: Soundtrack;
+const clock = { seconds: 0, rate: 1, loop: false, live: false };
+const soundOf = (more: Partial<Sound> = {}): Sound => ({ type: 'audio/mp4; codecs="opus"', rate: 48000, channels: 2, init: { uri: "sound/init.mp4", bytes: 1, sha256: null }, segments, position: null, ...more });
+const openReel = (sound: Sound | null = soundOf(), live = false): void => {
+  const manifest = manifestOf({ live });
+  track.open({ ...manifest, presentation: { ...manifest.presentation, sound } });
+};
+/** Have sound from now on, and the browser ready to take it. */
+const begin = async (pictures = true): Promise<void> => {
+  track.want(clock, pictures);
+  FakeMediaSource.last.open();
+  await time.pass(0);
+  await time.pass(0);
+};
+const pass = (passed: number): number => track.pass(clock, true, time.now / 1000, passed, 0);
+
+afterEach(() => track.close());
+
+beforeEach(() => {
+  Object.assign(clock, { seconds: 0, rate: 1, loop: false, live: false });
+  Object.assign(globalThis, { MediaSource: FakeMediaSource });
+  FakeAudio.plays = "";
+  events = [];
+  track = new Soundtrack((event) => events.push(event), () => events.push("stop"));
+  host.answer(answers);
+});
+
+test("a reel without sound is silent, and goes by the clock on the wall", () => {
+  openReel(null);
+  assert.deepEqual([track.available, track.late(clock), pass(0.02)], [false, false, 0.02]);
+  track.want(clock, true);
+  assert.deepEqual(asked(), []);
+});
+
+test("nothing is downloaded before it is to be heard; then what is heard first comes first, ten seconds ahead", async () => {
+  openReel();
+  assert.deepEqual([track.available, track.placed, asked()], [true, false, []]);
+  await begin();
+  assert.deepEqual(asked(), ["init.mp4", "0.m4s", "1.m4s", "2.m4s", "3.m4s", "4.m4s"]);
+});
+
+test("before there are pictures only what is heard now is asked for", async () => {
+  openReel();
+  clock.seconds = 7;
+  await begin(false);
+  assert.deepEqual(asked(), ["init.mp4", "3.m4s"]);
+});
+
+test("pictures wait for sound that is late, then for its first moment, and follow it from then on", async () => {
+  openReel();
+  track.want(clock, true);
+  assert.deepEqual([track.late(clock), pass(0.02)], [true, 0]);
+  await begin();
+  assert.equal(track.late(clock), false);
+  assert.equal(pass(0.02), 0, "it starts");
+  const audio = FakeAudio.last;
+  assert.deepEqual([audio.paused, audio.currentTime], [false, 0]);
+  for (let i = 1; i <= 100; i++) {
+    time.now += 20;
+    audio.currentTime = (0.9 * time.now) / 1000 - (0.9 * (time.now - 20 * i)) / 1000; // a sound card that is slow
+    clock.seconds += pass(0.02);
+  }
+  assert.ok(Math.abs(clock.seconds - audio.currentTime) < 0.03, `${clock.seconds} and ${audio.currentTime}`);
+});
+
+test("what is at another rate is played at it; too slow for browsers is silence", async () => {
+  openReel();
+  clock.rate = 2;
+  await begin();
+  pass(0.02);
+  assert.equal(FakeAudio.last.playbackRate, 2);
+  clock.rate = 0.05;
+  assert.deepEqual([track.late(clock), pass(0.02), FakeAudio.last.paused], [false, 0.02, true]);
+});
+
+test("after a seek sound is where the pictures are, and gets what is heard there first", async () => {
+  openReel();
+  await begin();
+  pass(0.02);
+  host.answer((options, url) => {
+    if (url.endsWith("/20.m4s")) track.want({ ...clock, seconds: 80 }, true); // once more, while it comes
+    return answers(options, url);
+  });
+  clock.seconds = 40.5;
+  track.seek();
+  track.want(clock, true);
+  await time.pass(0);
+  assert.deepEqual(asked().slice(0, 2), ["20.m4s", "40.m4s"], "what nobody waits for any more is given up");
+  clock.seconds = 80.5;
+  assert.equal(track.late(clock), false);
+  track.seek();
+  pass(0.02);
+  assert.equal(FakeAudio.last.currentTime, 80.5);
+  clock.seconds = 80.55;
+  track.seek();
+  pass(0.02);
+  assert.equal(FakeAudio.last.currentTime, 80.55, "also where it is not far");
+});
+
+test("no more is held than is good", async () => {
+  openReel();
+  await begin();
+  for (clock.seconds = 0; clock.seconds < 118; clock.seconds += 2) {
+    track.want(clock, true);
+    await time.pass(0);
+  }
+  const held = FakeMediaSource.last.buffer.ranges.map(([start]) => start);
+  assert.ok(held.length < 60 && !held.includes(0) && held.includes(100), String(held));
+});
+
+test("where there is no sound, and after its end, pictures go on by themselves", async () => {
+  openReel(soundOf({ segments: [segments[0], segments[3]] }));
+  await begin();
+  for (const seconds of [3, 7.95, 50]) {
+    clock.seconds = seconds;
+    assert.deepEqual([track.late(clock), pass(0.02)], [false, 0.02], `at ${seconds} s`);
+  }
+});
+
+test("standing still is silent", async () => {
+  openReel();
+  await begin();
+  pass(0.02);
+  assert.equal(FakeAudio.last.paused, false);
+  assert.equal(track.pass(clock, false, 0, 0.02, 0), 0);
+  assert.equal(FakeAudio.last.paused, true);
+  pass(0.02);
+  document.dispatchEvent(new Event("visibilitychange"));
+  assert.equal(FakeAudio.last.paused, true);
+});
+
+test("a browser that refuses sound stops a person's play, and makes a page's silent", async () => {
+  for (const [optional, expected] of [[false, ["notallowed", "stop"]], [true, ["volumechange", "volumechange"]]] as const) {
+    track = new Soundtrack((event) => events.push(event), () => events.push("stop"));
+    openReel();
+    await begin();
+    FakeAudio.last.refuses = "NotAllowedError";
+    events = [];
+    track.ask(optional);
+    await time.pass(0);
+    assert.deepEqual([events, track.muted, track.blocked], [expected, optional, optional]);
+  }
+  FakeAudio.last.refuses = "AbortError";
+  track.muted = false;
+  assert.equal(track.blocked, false);
+  events = [];
+  track.ask(false);
+  await time.pass(0);
+  assert.deepEqual(events, [], "it was paused meanwhile");
+});
+
+test("volume and mute", async () => {
+  openReel();
+  await begin();
+  pass(0.02);
+  const audio = FakeAudio.last;
+  events = [];
+  track.volume = 0.5;
+  assert.deepEqual([track.volume, audio.volume, events], [0.5, 0.5, ["volumechange"]]);
+  track.volume = 0.5;
+  track.muted = false;
+  assert.deepEqual(events, ["volumechange"], "nothing changed");
+  for (const wrong of [-0.1, 1.1, NaN]) assert.throws(() => (track.volume = wrong), { name: "IndexSizeError" });
+  track.toggle();
+  assert.deepEqual([track.muted, audio.paused, pass(0.02)], [true, true, 0.02]);
+  track.toggle();
+  assert.deepEqual([track.muted, track.volume], [false, 0.5]);
+  track.volume = 0;
+  track.toggle();
+  assert.deepEqual([track.muted, track.volume], [false, 1], "what was turned down to nothing comes back loud");
+});
+
+test("a segment that cannot be had ends the sound, and the pictures go on", async () => {
+  const cases: [RegExp, number, Answer][] = [
+    [/0\.m4s cannot be downloaded/, 2, status(404)],
+    [/0\.m4s does not hold the sound from 0 s on/, 2, () => new Response(Uint8Array.of(9, 9))],
+    [/The sound is damaged/, 3, () => new Response(Uint8Array.of(0, 2, 0))],
+  ];
+  for (const [message, bytes, bad] of cases) {
+    track = new Soundtrack((event) => events.push(event), () => events.push("stop"));
+    openReel(soundOf({ segments: [{ ...segments[0], bytes }] }));
+    host.answer((options, url) => (url.endsWith("init.mp4") ? answers(options, url) : bad(options, url)));
+    events = [];
+    await begin();
+    await time.pass(60_000);
+    assert.deepEqual([track.available, pass(0.02)], [false, 0.02]);
+    assert.match(track.error!.message, message);
+    assert.deepEqual(events.at(-1), "volumechange");
+    track.close();
+    assert.equal(track.error, null);
+  }
+});
+
+test("why it is late is told", async () => {
+  openReel();
+  host.answer(status(503));
+  track.want(clock, true);
+  await time.pass(100);
+  assert.match(track.trouble!, /^Trying again/);
+  assert.equal(events.at(-1), "progress");
+  host.answer(answers);
+  await time.pass(1000);
+  assert.equal(track.trouble, null);
+});
+
+test("a browser without media sources plays the whole sound as one file, once it is whole", async () => {
+  Object.assign(globalThis, { MediaSource: undefined });
+  FakeAudio.plays = "probably";
+  openReel(soundOf({ segments: segments.slice(0, 3) }));
+  track.want(clock, true);
+  FakeAudio.last.currentTime = 0.95;
+  assert.equal(track.late(clock), true);
+  await time.pass(0);
+  await time.pass(0);
+  assert.deepEqual(asked(), ["init.mp4", "0.m4s", "1.m4s", "2.m4s"]);
+  assert.deepEqual([track.late(clock), FakeAudio.last.src], [false, "blob:sound"]);
+  clock.seconds = 1;
+  pass(0.02);
+  assert.equal(FakeAudio.last.currentTime, 1, "the element begins anew: its time is set");
+  track.close();
+  assert.equal(FakeAudio.last.src, "");
+});
+
+test("sound that a browser cannot play is none, and says why", () => {
+  Object.assign(globalThis, { MediaSource: undefined });
+  for (const [live, message] of [[false, /does not play sound of the type audio\/mp4; codecs="opus"/], [true, /only once the reel is whole/]] as const) {
+    track = new Soundtrack((event) => events.push(event), () => undefined);
+    openReel(soundOf(), live);
+    track.want(clock, true);
+    assert.deepEqual([track.available, track.late(clock)], [false, false]);
+    assert.match(track.error!.message, message);
+  }
+});
