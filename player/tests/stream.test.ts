@@ -1,8 +1,10 @@
 import assert from "node:assert/strict";
 import { beforeEach, test } from "node:test";
 import { DecoderPool } from "../src/stream/decoder-pool";
+import { costOf, memoryBudget } from "../src/stream/file-cache";
+import type { Demand } from "../src/stream/queue";
 import { RenditionPolicy } from "../src/stream/rendition-policy";
-import { costOf, memoryBudget, Stream, type Demand } from "../src/stream/stream";
+import { Stream } from "../src/stream/stream";
 import { device } from "./fakes/page";
 import { manifestOf, type Plan } from "./fakes/reel";
 import { FakeTime } from "./fakes/time";
