@@ -14,11 +14,8 @@ from splatreel.codec.verify import verify_reel
 from splatreel.config import EncodeConfig
 from splatreel.errors import ReelError
 from tests.codec.reels import new_group, new_writer, points, write_reel
+from tests.files import contents
 from tests.golden import camera
-
-
-def published(path):
-    return {file.relative_to(path).as_posix(): file.read_bytes() for file in path.rglob("*") if file.is_file()}
 
 
 def assert_same(a, b):
@@ -71,7 +68,7 @@ def test_manifest_grows_and_is_finished(tmp_path):
 
 
 def test_same_input_same_reel(tmp_path):
-    assert published(write_reel(tmp_path / "a")) == published(write_reel(tmp_path / "b"))
+    assert contents(write_reel(tmp_path / "a")) == contents(write_reel(tmp_path / "b"))
 
 
 @pytest.mark.parametrize(("static", "dynamic", "frames"), [(0, 0, 1), (0, 3, 1), (3, 0, 4), (1, 1, 1)])
@@ -99,7 +96,7 @@ def test_resume_goes_on_where_it_stopped(tmp_path):
     writer.add_layer(2, 4, points(0))
     writer.add_group(new_group(2, 15, 30))
     writer.finish()
-    assert published(whole) == published(tmp_path / "cut")
+    assert contents(whole) == contents(tmp_path / "cut")
 
 
 def test_adding_an_earlier_group_drops_the_later_ones(tmp_path):
@@ -181,7 +178,7 @@ def test_a_scene_may_be_of_any_unit(tmp_path, unit):
 
 def test_without_resume_an_old_reel_is_dropped(tmp_path):
     new_writer(write_reel(tmp_path))
-    assert published(tmp_path) == {}
+    assert contents(tmp_path) == {}
 
 
 @pytest.mark.parametrize("alive", [0, 19, 21])

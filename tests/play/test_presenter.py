@@ -15,6 +15,7 @@ from splatreel.play import jpeg
 from splatreel.play.presenter import Presenter
 from splatreel.play.timeline import open_reel
 from tests.codec.reels import new_group, new_writer, points
+from tests.files import contents
 
 
 def add_groups(writer: ReelWriter, numbers: range, present: Presenter) -> None:
@@ -29,10 +30,6 @@ def add_groups(writer: ReelWriter, numbers: range, present: Presenter) -> None:
 def complete(writer: ReelWriter, present: Presenter) -> None:
     present(writer, None)
     writer.finish()
-
-
-def contents(reel: Path) -> dict[str, bytes]:
-    return {path.relative_to(reel).as_posix(): path.read_bytes() for path in reel.rglob("*") if path.is_file()}
 
 
 def test_the_poster_is_there_with_the_first_group_and_shows_what_the_start_camera_sees(tmp_path: Path) -> None:

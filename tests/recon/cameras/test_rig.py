@@ -8,10 +8,10 @@ import torch
 from splatreel.capture.poses import inverted
 from splatreel.config import Config
 from splatreel.errors import ReconstructionError
-from splatreel.progress import Silent
 from splatreel.recon.cameras.findings import Findings
 from splatreel.recon.cameras.rig import Rig
 from splatreel.recon.run import checkpoint
+from tests.notes import Notes
 from tests.recon.cameras.test_poses import apart, turned
 from tests.recon.captures import WallCapture
 from tests.recon.corner import arc, pictures
@@ -24,14 +24,6 @@ CAMERAS = CAPTURE.cameras
 NAMES = [camera.name for camera in CAMERAS]
 CORNER = arc(9)
 PICTURES = np.stack([pictures(CORNER)] * 2)
-
-
-class Notes(Silent):
-    def __init__(self) -> None:
-        self.lines: list[str] = []
-
-    def note(self, text: str) -> None:
-        self.lines.append(text)
 
 
 def test_exposures_go_on_from_group_to_group_and_a_restored_rig_knows_as_much(tmp_path: Path) -> None:

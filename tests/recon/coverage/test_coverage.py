@@ -15,19 +15,11 @@ from splatreel.recon.coverage import trial
 from splatreel.recon.coverage.coverage import Coverage, cover, load_coverage, save_coverage
 from splatreel.recon.coverage.trial import Trial
 from splatreel.scene.camera import Camera
+from tests.notes import Notes
 from tests.recon import corner
 from tests.recon.captures import WallCapture
 from tests.recon.scenes import look_at
 from tests.recon.small import small
-
-
-class Notes(Silent):
-    def __init__(self) -> None:
-        self.lines: list[str] = []
-
-    def note(self, text: str) -> None:
-        self.lines.append(text)
-
 
 CPU = torch.device("cpu")
 

@@ -14,6 +14,7 @@ from splatreel.recon.encode import publisher
 from splatreel.recon.encode.publisher import Publisher, encode, open_writer, save_group, save_header
 from splatreel.recon.run import checkpoint
 from tests.codec.reels import new_group, points
+from tests.files import contents
 from tests.golden import camera, weights
 
 GROUPS = 4
@@ -40,10 +41,6 @@ def work(tmp_path: Path) -> Path:
     return folder
 
 
-def files(reel: Path) -> dict[str, bytes]:
-    return {path.relative_to(reel).as_posix(): path.read_bytes() for path in reel.rglob("*") if path.is_file()}
-
-
 @pytest.fixture(autouse=True)
 def no_pictures(monkeypatch: pytest.MonkeyPatch) -> None:
     def weigh(*_: object) -> None:
@@ -64,7 +61,7 @@ def test_groups_that_wait_are_encoded_together_as_one_by_one(
     for index in range(GROUPS):
         one.publish(index)
     writer.finish()
-    assert files(tmp_path / "together") == files(tmp_path / "single")
+    assert contents(tmp_path / "together") == contents(tmp_path / "single")
     found = verify_reel(tmp_path / "together")
     assert (found.groups, found.layers, found.points) == (GROUPS, 2, 50 + 40 * GROUPS)
 

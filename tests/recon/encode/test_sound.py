@@ -19,19 +19,12 @@ from splatreel.recon.encode.sound import hear, load_sound, save_sound
 from splatreel.recon.pipeline import reconstruct
 from tests import flashes
 from tests.capture.films import film
+from tests.notes import Notes
 from tests.recon.captures import WallCapture
 from tests.recon.test_pipeline import CONFIG, content
 
 CLICKS = {"cam1": 0.25, "cam2": 0.75}
 """Seconds into its video of each camera's click; the frames begin 0.15 s into it, or 0.65 s."""
-
-
-class Notes(Silent):
-    def __init__(self) -> None:
-        self.notes: list[str] = []
-
-    def note(self, text: str) -> None:
-        self.notes.append(text)
 
 
 class Loud(WallCapture):
@@ -60,7 +53,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def whole(folder: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     notes, capture = Notes(), Loud(folder)
     result = reconstruct(capture, tmp_path_factory.mktemp("whole") / "run", CONFIG, progress=notes)
-    assert notes.notes[0] == f"Sound: camera {capture.first} (the loudest without distortion)"
+    assert notes.lines[0] == f"Sound: camera {capture.first} (the loudest without distortion)"
     return result.reel.parent
 
 
@@ -116,7 +109,7 @@ def test_what_cannot_be_heard_is_said_before_anything_is_written(folder: Path, t
 def test_a_silent_run_keeps_nothing(tmp_path: Path, wanted: str) -> None:
     notes = Notes()
     save_sound(tmp_path, hear(tmp_path, WallCapture(2), wanted, notes))
-    assert notes.notes == ["Sound: none" if wanted == "none" else "Sound: none, no video has any"]
+    assert notes.lines == ["Sound: none" if wanted == "none" else "Sound: none, no video has any"]
     assert list(tmp_path.iterdir()) == []
 
 

@@ -7,6 +7,7 @@ from splatreel.progress import Silent
 from splatreel.recon.pipeline import reconstruct
 from splatreel.recon.run import checkpoint
 from splatreel.recon.train.single_frame import reconstruct_single_frame
+from tests.notes import Notes
 from tests.recon.captures import WallCapture
 from tests.recon.small import small
 
@@ -20,14 +21,6 @@ class Trace(Silent):
 
     def update(self, done: int, **numbers: float) -> None:
         self.done = done
-
-
-class Notes(Silent):
-    def __init__(self) -> None:
-        self.notes: list[str] = []
-
-    def note(self, text: str) -> None:
-        self.notes.append(text)
 
 
 def images(capture: WallCapture, frame: int) -> np.ndarray:
@@ -50,7 +43,7 @@ def test_cameras_that_do_not_agree_are_told_of() -> None:
     config = replace(CONFIG, keyframe=replace(CONFIG.keyframe, first_iterations=150, rate_scale=4.0))
     shown = images(capture, 0)
     reconstruct_single_frame(capture.cameras, shown, config, progress=heard)
-    assert not heard.notes
+    assert not heard.lines
     noise = np.random.default_rng(0).integers(0, 256, shown.shape).astype(np.uint8)
     reconstruct_single_frame(capture.cameras, noise, config, progress=heard)
-    assert "do not agree" in heard.notes[0]
+    assert "do not agree" in heard.lines[0]

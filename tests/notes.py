@@ -1,0 +1,13 @@
+"""Remembers what a run says beside its bar."""
+
+from splatreel.progress import Silent
+
+
+class Notes(Silent):
+    """lines: the notes, the first first."""
+
+    def __init__(self) -> None:
+        self.lines: list[str] = []
+
+    def note(self, text: str) -> None:
+        self.lines.append(text)
