@@ -1,0 +1,62 @@
+"""The tree and the table of typical changes in docs/design.md are those of the repository."""
+
+import re
+from pathlib import Path
+
+import pytest
+
+from tests.test_house import ROOMS_OF_RECON, ROOMS_OF_THE_PLAYER, RUNGS
+
+ROOT = Path(__file__).parent.parent.parent
+SOURCE = ROOT / "src" / "splatreel"
+DESIGN = (ROOT / "docs" / "design.md").read_text(encoding="utf-8")
+WHERE = DESIGN.partition("## Where is what")[2].partition("\n## ")[0]
+FOLDER = re.compile(r"^    ((?:  )*)(\S+)/  +(\S.*)$", re.MULTILINE)
+PATH = re.compile(r"`([\w./-]+/[\w./-]*)`")
+
+
+def folders_of_the_tree() -> dict[str, str]:
+    """What each folder in the tree is said to hold; a folder lies in the last one before it that is indented less."""
+    found: dict[str, str] = {}
+    above: list[str] = []
+    for indent, name, holds in FOLDER.findall(WHERE):
+        above = [*above[: len(indent) // 2], name]
+        found["/".join(above)] = holds
+    return found
+
+
+def folders_of_the_repository() -> set[str]:
+    """Those with Python files, the built player, and those of the player's source."""
+    python = {path.parent for path in SOURCE.rglob("*.py")}
+    typescript = {path.parent for path in (ROOT / "player" / "src").rglob("*.ts")}
+    return {path.relative_to(ROOT).as_posix() for path in python | typescript | {SOURCE / "play" / "static"}}
+
+
+def changes() -> list[list[str]]:
+    """The cells of the table's rows."""
+    table = WHERE.partition("| to change |")[2].partition("\n\n")[0].splitlines()[2:]
+    return [[cell.strip() for cell in line.strip("|").split("|")] for line in table]
+
+
+def test_the_tree_is_that_of_the_repository() -> None:
+    assert set(folders_of_the_tree()) == folders_of_the_repository()
+
+
+@pytest.mark.parametrize("cells", changes(), ids=lambda cells: cells[0])
+def test_a_change_leads_to_files_that_exist(cells: list[str]) -> None:
+    assert len(cells) == 3
+    paths = PATH.findall(cells[1] + cells[2])
+    assert PATH.search(cells[1]), "where to start"
+    assert [path for path in paths if not (ROOT / path).exists() and not (SOURCE / path).exists()] == []
+
+
+def test_there_are_enough_changes() -> None:
+    assert len(changes()) >= 12
+
+
+def test_the_order_of_imports_is_the_one_that_is_checked() -> None:
+    player = [", ".join(rooms) for rooms in ROOMS_OF_THE_PLAYER]
+    recon = [", ".join(rooms) for rooms in ROOMS_OF_RECON]
+    rungs = [", ".join(name for name in RUNGS if RUNGS[name] == rung) for rung in range(RUNGS["cli"] + 1)]
+    for order in (rungs, recon, player):
+        assert " < ".join(order) in DESIGN
