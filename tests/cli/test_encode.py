@@ -163,3 +163,23 @@ def test_of_two_at_once_the_second_is_told(run: Path, capsys: pytest.CaptureFixt
     left.write_bytes(b"half")
     assert main(["encode", "run", "--out", "other"]) == 0
     assert verify_reel("other").strangers == []
+
+
+def test_settings_of_a_codec(run: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """One of the paper's codec asks for that codec, as its options do."""
+    assert (
+        main(["encode", "run", "--out", "six", "--set", "encode.h265.scale_bits=6", "--set", "encode.sh_entries=0"])
+        == 0
+    )
+    assert main(["encode", "run", "--out", "same", "--scale-bits", "6", "--sh-entries", "0"]) == 0
+    assert points_of("six") == points_of("same")
+    capsys.readouterr()
+    refused = {
+        "group.length=3": "--set group.length: is decided when points are trained. Here --set takes settings of encode.",
+        "encode.h265.crf=52": "--set encode.h265.crf 52 is out of range. Choose 0 to 51.",
+    }
+    for text, message in refused.items():
+        assert main(["encode", "run", "--out", "x", "--set", text]) == 2
+        assert capsys.readouterr().err == f"Error: {message}\n"
+    assert main(["encode", "run", "--out", "x", "--rate", "low", "--set", "encode.h265.crf=30"]) == 2
+    assert not Path("x").exists()

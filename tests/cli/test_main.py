@@ -22,6 +22,7 @@ VERBS = [
     "demo",
     "capture",
     "reconstruct",
+    "config",
     "encode",
     "edit",
     "info",

@@ -2,7 +2,8 @@ from pathlib import Path
 
 import pytest
 
-from splatreel.cli.options import parse_frames, parse_held_out, parse_names, parse_numbers, reel_folder
+from splatreel.cli.options import parse_frames, parse_held_out, parse_names, parse_numbers, reel_folder, with_set
+from splatreel.config import Config
 from splatreel.errors import UsageError
 
 
@@ -50,3 +51,13 @@ def test_no_camera_may_be_held_out() -> None:
     assert parse_held_out(None) is None
     assert parse_held_out("none") == []
     assert parse_held_out("cam00,none") == ["cam00", "none"]
+
+
+def test_settings() -> None:
+    config = with_set(Config(), ("group.lambda_arap=0", "keyframe.sh_degree=1"))
+    assert (config.group.lambda_arap, config.keyframe.sh_degree) == (0, 1)
+    assert with_set(Config(), ()) == Config()
+    with pytest.raises(UsageError, match=r"^--set 'group.tracked' is no setting. Did you mean group.tracks\?"):
+        with_set(Config(), ("group.tracked=true",))
+    with pytest.raises(UsageError, match=r"^--set group.overlap 5 does not fit group.length 5"):
+        with_set(Config(), ("group.length=5",))

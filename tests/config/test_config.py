@@ -51,7 +51,7 @@ def test_the_least_count_is_taken(name: str) -> None:
         (
             EncodeConfig,
             {"renditions": ("low", "ultra")},
-            "encode.renditions 'ultra' is unknown. Choose some of high, medium, low.",
+            "encode.renditions 'ultra' is unknown. Choose some of high, medium, low, or none.",
         ),
         (H265Config, {"crf": 52}, "encode.h265.crf 52 is out of range. Choose 0 to 51."),
     ],

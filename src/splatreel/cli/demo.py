@@ -6,8 +6,9 @@ import sys
 import time
 from pathlib import Path
 
+from splatreel.cli.options import Set, with_set
 from splatreel.cli.output import say, serving
-from splatreel.cli.reconstruct import Device, configure
+from splatreel.cli.reconstruct import Device, configure, with_renditions
 from splatreel.config import Quality
 from splatreel.threads import use as use_threads
 
@@ -28,6 +29,7 @@ def demo(
     height: int = 192,
     frames: int = 60,
     seed: int = 0,
+    settings: Set = (),
     threads: int | None = None,
 ) -> None:
     """Film a small scene, reconstruct it, evaluate the decoded reel and play it in the browser.
@@ -41,10 +43,11 @@ def demo(
         height: Height of the videos in pixels, even.
         frames: Length of the videos, 30 frames a second.
         seed: Seed of everything random.
+        settings: Any setting that `splatreel config` lists, such as group.lambda_arap=0; as often as you like.
         threads: How many threads to use; as many as there are cores by default.
     """
     use_threads(threads)
-    config = configure(quality, None, None, seed)
+    config = with_renditions(with_set(configure(quality, None, None, seed), settings), ())
     from splatreel.capture.builtin.synthetic import make_capture
     from splatreel.capture.opening import open_capture
     from splatreel.evaluation.evaluate import evaluate

@@ -8,11 +8,12 @@ from typing import Any, Literal
 from tyro.conf import Positional
 
 from splatreel.cli.info import describe
-from splatreel.cli.options import parse_renditions
+from splatreel.cli.options import Set, parse_renditions, parse_set
 from splatreel.cli.output import say
 from splatreel.cli.reconstruct import Codec
 from splatreel.config import COARSENESS, EncodeConfig, Rate
 from splatreel.config.settings import changed
+from splatreel.config.settings import settings as known_settings
 from splatreel.errors import UsageError
 
 Source = Literal["ofs", "ori", "dif", "raw"]
@@ -31,6 +32,7 @@ def encode(
     scale_bits: int | None = None,
     sh_entries: int | None = None,
     source: Source | None = None,
+    settings: Set = (),
 ) -> None:
     """Encode a finished reconstruction again with other settings, without training.
 
@@ -47,6 +49,7 @@ def encode(
         sh_entries: Size of the codebook of view-dependent colour; 0 drops it.
         source: What of the motion becomes video: ofs, the offsets; ori, where points are; dif, differences from frame to frame; or
             raw, offsets as float32. The web player plays ofs only.
+        settings: Any setting of encode that `splatreel config` lists, such as encode.h265.crf_rotation=30; as often as you like.
     """
     from splatreel.codec.info import reel_info
     from splatreel.play.presenter import Presenter
@@ -55,15 +58,22 @@ def encode(
     from splatreel.recon.run.run_lock import hold
 
     _check_folder(run, out)
-    asked = {"crf": crf, "position_bits": position_bits, "scale_bits": scale_bits, "source": source}
-    paper: dict[str, Any] = {f"h265.{name}": value for name, value in asked.items() if value is not None}
-    config = EncodeConfig(
-        codec=codec or ("h265" if paper else "predictive"),
+    options = {
+        "h265.crf": crf,
+        "h265.position_bits": position_bits,
+        "h265.scale_bits": scale_bits,
+        "h265.source": source,
+    }
+    options |= {"sh_entries": sh_entries, "codec": codec}
+    asked = _asked(options, settings)
+    papers = sorted(option for name, (option, _) in asked.items() if name.startswith("h265."))
+    start = EncodeConfig(
+        codec="h265" if papers else "predictive",
         coarseness=COARSENESS[rate or "medium"],
         renditions=parse_renditions(renditions),
     )
-    config = changed(config, paper | ({} if sh_entries is None else {"sh_entries": sh_entries}))
-    _check_rate(config, rate, target_mbps, set(paper))
+    config = changed(start, {name: value for name, (_, value) in asked.items()})
+    _check_rate(config, rate, target_mbps, papers)
     progress = console()
     try:
         with hold(out):
@@ -72,6 +82,21 @@ def encode(
     finally:
         progress.close()
     say(describe(str(out), reel_info(out)))
+
+
+def _asked(options: dict[str, Any], settings: tuple[str, ...]) -> dict[str, tuple[str, Any]]:
+    """By name in `EncodeConfig` each setting that is asked for: the option that does, and the value."""
+    found: dict[str, tuple[str, Any]] = {}
+    for name, value in options.items():
+        if value is not None:
+            option = f"--{name.removeprefix('h265.').replace('_', '-')}"
+            known_settings()[f"encode.{name}"].kind.check(option, value)
+            found[name] = option, value
+    for name, value in parse_set(settings).items():
+        if not name.startswith("encode."):
+            raise UsageError(f"--set {name}: is decided when points are trained. Here --set takes settings of encode.")
+        found[name.removeprefix("encode.")] = f"--set {name}", value
+    return found
 
 
 def _words_of(run: Path) -> dict[str, str]:
@@ -85,7 +110,7 @@ def _words_of(run: Path) -> dict[str, str]:
     return {name: text for name in MAX_TEXT if (text := getattr(presentation, name))}
 
 
-def _check_rate(config: EncodeConfig, rate: Rate | None, mbps: float | None, papers: set[str]) -> None:
+def _check_rate(config: EncodeConfig, rate: Rate | None, mbps: float | None, papers: list[str]) -> None:
     if config.codec == "h265" and (rate or config.renditions or mbps is not None):
         raise UsageError(
             "--rate, --renditions and --target-mbps are of the predictive codec. Leave out --codec h265 and the paper's options."
@@ -93,10 +118,7 @@ def _check_rate(config: EncodeConfig, rate: Rate | None, mbps: float | None, pap
     if config.renditions and (rate or mbps is not None):
         raise UsageError("--renditions names all rates. Leave out --rate and --target-mbps.")
     if config.codec == "predictive" and papers:
-        raise UsageError(
-            f"--{min(papers).removeprefix('h265.').replace('_', '-')} is of the paper's codec. "
-            "Choose --codec h265, or leave it out."
-        )
+        raise UsageError(f"{papers[0]} is of the paper's codec. Choose --codec h265, or leave it out.")
     if mbps is not None and (rate is not None or not 0 < mbps < 1e5):
         raise UsageError(f"--target-mbps {mbps:g}: give a positive rate, and no --rate beside it.")
 

@@ -11,6 +11,7 @@ from tyro.extras import SubcommandApp
 
 from splatreel.cli import bench
 from splatreel.cli.capture import capture_calibrate, capture_check, capture_sync
+from splatreel.cli.config import config
 from splatreel.cli.demo import demo
 from splatreel.cli.edit import edit
 from splatreel.cli.encode import encode
@@ -35,7 +36,7 @@ def build() -> SubcommandApp:
     app = SubcommandApp()
     app.command(demo)
     app.command(capture, name="capture")
-    for verb in (reconstruct, encode, edit, info, verify, serve, view, export, evaluate):
+    for verb in (reconstruct, config, encode, edit, info, verify, serve, view, export, evaluate):
         app.command(verb)
     app.command(bench.build(), name="bench")
     return app

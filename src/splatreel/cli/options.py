@@ -4,9 +4,33 @@ from __future__ import annotations
 
 import re
 from pathlib import Path
+from typing import Annotated, Any
 
-from splatreel.config import COARSENESS, Rate
+import tyro
+
+from splatreel.config import COARSENESS, Config, Rate
+from splatreel.config.settings import changed, parse_settings
 from splatreel.errors import UsageError
+
+Set = Annotated[tuple[str, ...], tyro.conf.UseAppendAction, tyro.conf.arg(name="set", metavar="NAME=VALUE")]
+"""--set NAME=VALUE, as often as one likes."""
+
+
+def parse_set(texts: tuple[str, ...]) -> dict[str, Any]:
+    """Settings by name. Raises `UsageError` for what is no setting, or no value of it."""
+    try:
+        return parse_settings(texts)
+    except UsageError as error:
+        raise UsageError(f"--set {error}") from error
+
+
+def with_set(config: Config, texts: tuple[str, ...]) -> Config:
+    """The config with the settings of --set. Raises `UsageError` where they do not fit."""
+    values = parse_set(texts)
+    try:
+        return changed(config, values)
+    except UsageError as error:
+        raise UsageError(f"--set {error}") from error
 
 
 def parse_frames(text: str | None) -> tuple[int, int] | None:

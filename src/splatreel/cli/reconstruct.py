@@ -8,7 +8,7 @@ from typing import Literal
 
 from tyro.conf import OmitArgPrefixes, Positional
 
-from splatreel.cli.options import parse_frames, parse_held_out, parse_renditions
+from splatreel.cli.options import Set, parse_frames, parse_held_out, parse_renditions, with_set
 from splatreel.cli.output import say, serving
 from splatreel.cli.words import Words
 from splatreel.config import Config, Quality, Rate, preset
@@ -35,6 +35,7 @@ def reconstruct(
     renditions: str | None = None,
     deformation: Deformation | None = None,
     seed: int = 0,
+    settings: Set = (),
     threads: int | None = None,
     profile: bool = False,
     words: OmitArgPrefixes[Words] = Words(),  # noqa: B008 - it is frozen
@@ -55,12 +56,14 @@ def reconstruct(
         renditions: Rates, such as high,medium,low, that all groups are written in for a player to choose from.
         deformation: How points move; what the quality says by default.
         seed: Seed of everything random.
+        settings: Any setting that `splatreel config` lists, such as group.lambda_arap=0; as often as you like.
         threads: How many threads to use; as many as there are cores by default.
         profile: Measure where the time goes, and write it to OUT/profile.md.
     """
     use_threads(threads)
     span, held_out = parse_frames(frames), parse_held_out(hold_out)
-    config = with_renditions(configure(quality, codec, deformation, seed), parse_renditions(renditions))
+    config = with_set(configure(quality, codec, deformation, seed), settings)
+    config = with_renditions(config, parse_renditions(renditions))
     given = words.given()
     from splatreel.capture.opening import open_capture
     from splatreel.evaluation.profile import profiled
@@ -83,6 +86,7 @@ def reconstruct(
 
 def with_renditions(config: Config, renditions: tuple[Rate, ...]) -> Config:
     """Raises `UsageError` where the codec has none."""
+    renditions = renditions or config.encode.renditions
     if renditions and config.encode.codec != "predictive":
         raise UsageError("--renditions are of the predictive codec. Choose --codec predictive.")
     return dataclasses.replace(config, encode=dataclasses.replace(config.encode, renditions=renditions))

@@ -16,10 +16,10 @@ from splatreel.config.values import Range, check
 
 @dataclass(frozen=True)
 class Config:
-    """Everything that decides what a reconstruction looks like; as it stands here it is `--quality standard`.
+    """Everything that decides what a reconstruction looks like.
 
-    It is plain data, written next to the checkpoints, so that a run continued by the same command can tell that it is the same run.
-    Raises `UsageError` for numbers that no run can have.
+    As it stands here it is `--quality standard`. It is plain data, written next to the checkpoints, so that a run continued by the same
+    command can tell that it is the same run. Raises `UsageError` for numbers that no run can have.
     """
 
     layering: LayeringConfig = field(default_factory=LayeringConfig)

@@ -46,6 +46,19 @@ def settings() -> dict[str, Setting]:
     return {setting.name: setting for setting in _settings_of(Config, "")}
 
 
+@cache
+def sections() -> dict[str, str]:
+    """What each section is for, by name, in the order of the classes; the settings outside of all sections under an empty name."""
+    return dict(_sections_in(Config, ""))
+
+
+def _sections_in(section: type, name: str) -> Iterator[tuple[str, str]]:
+    yield name, (section.__doc__ or "").partition("\n")[0]
+    for field, hint in get_type_hints(section).items():
+        if dataclasses.is_dataclass(hint) and isinstance(hint, type):
+            yield from _sections_in(hint, f"{name}.{field}".removeprefix("."))
+
+
 def _settings_of(section: type, prefix: str) -> Iterator[Setting]:
     hints, own, docs = get_type_hints(section), kinds(section), _docs(section)
     for field in dataclasses.fields(section):

@@ -53,7 +53,7 @@ class Kind:
             text = "a whole number" if self.base is int else "a number"
             text += f" from {self.limits}" if self.limits and self.limits.high is not None else ""
             text += f", {self.limits}" if self.limits and self.limits.high is None else ""
-        return f"{text}, or none" if self.optional else text
+        return f"{text}, or none" if self.optional or self.several else text
 
     def check(self, name: str, value: Any) -> None:
         """Raises `UsageError` for a value that is out of range or no choice."""
@@ -68,8 +68,8 @@ class Kind:
     def parse(self, name: str, text: str) -> Any:
         """The value that is written so. Raises `UsageError`."""
         text = text.strip()
-        if self.optional and text.lower() == "none":
-            return None
+        if text.lower() == "none" and (self.optional or self.several):
+            return () if self.several else None
         if self.several:
             return tuple(part.strip() for part in text.split(",") if part.strip())
         read = {bool: _truth, int: _whole, float: _real, str: str}[self.base]

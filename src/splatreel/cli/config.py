@@ -1,0 +1,49 @@
+"""`splatreel config`."""
+
+from __future__ import annotations
+
+import json as json_format
+import shutil
+import textwrap
+from typing import Any
+
+from splatreel.cli.output import say
+from splatreel.config import Config, Quality, preset
+from splatreel.config.settings import sections, settings
+
+WIDEST = 120
+"""Columns of the list; wider lines are hard to read."""
+
+
+def config(quality: Quality = "standard", json: bool = False) -> None:
+    """List every setting of a reconstruction, with its value and what it does; --set changes them.
+
+    Args:
+        quality: Whose values to show; where they are not those of standard, these are shown as well.
+        json: Print everything as JSON.
+    """
+    chosen, standard = preset(quality), Config()
+    if json:
+        rows = {
+            name: {"value": setting.of(chosen), "takes": str(setting.kind), "doc": setting.doc}
+            for name, setting in settings().items()
+        }
+        return say(json_format.dumps({"quality": quality, "settings": rows}, indent=1))
+    width = min(shutil.get_terminal_size((WIDEST, 24)).columns, WIDEST)
+    say(f"What --quality {quality} does. Change any of it with --set NAME=VALUE, such as --set group.lambda_arap=0.")
+    for section, purpose in sections().items():
+        say("\n" + textwrap.fill(f"{section or 'general'}: {purpose}", width, subsequent_indent="    "))
+        for setting in settings().values():
+            if setting.section == section:
+                value, usual = shown(setting.of(chosen)), shown(setting.of(standard))
+                say(f"\n  {setting.name} = {value}{'' if value == usual else f'   (standard: {usual})'}")
+                text = f"{setting.doc} Takes {setting.kind}."
+                say(textwrap.fill(text, width, initial_indent="      ", subsequent_indent="      "))
+    return None
+
+
+def shown(value: Any) -> str:
+    """A value as --set takes it."""
+    if isinstance(value, tuple):
+        return ",".join(value) or "none"
+    return str(value).lower() if value is None or isinstance(value, bool) else str(value)
