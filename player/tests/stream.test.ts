@@ -8,20 +8,21 @@ import { Stream } from "../src/stream/stream";
 import { device } from "./fakes/page";
 import { manifestOf, type Plan } from "./fakes/reel";
 import { FakeTime } from "./fakes/time";
-import { FakeWorker, FILE } from "./fakes/workers";
+import { FakeWorker, Transfers } from "./fakes/workers";
 
 const time = new FakeTime();
 /** Bytes of memory that a group takes. */
 const GROUP = costOf({ points: 100, frames: 10 });
 
 /** A stream whose files come when a test says so. */
-class World {
+class World extends Transfers {
   readonly log: string[] = [];
   readonly pool: DecoderPool;
   readonly stream: Stream;
   private demand: Demand = { current: 0, previous: null, inUse: [], loop: false, frame: 0, rate: 1 };
 
   constructor(plan: Plan = {}, groupsInMemory = 100) {
+    super();
     FakeWorker.all.length = 0;
     this.pool = new DecoderPool();
     this.stream = new Stream(manifestOf(plan), this.pool, groupsInMemory * GROUP, {
@@ -33,42 +34,10 @@ class World {
     }, new RenditionPolicy(5e6));
   }
 
-  /** What is being got, in the order in which it was asked for: groups/1.bin. */
-  get coming(): string[] {
-    return this.requests.filter(({ given }) => !given).sort((a, b) => a.id - b.id).map(({ uri }) => uri);
-  }
-
-  /** What was given up since the last time that this was asked. */
-  get givenUp(): string[] {
-    const found = this.requests.filter(({ given, worker }) => given && !worker.posted.some(({ over }) => over === given.id));
-    for (const { given, worker } of found) worker.posted.push({ over: given.id });
-    return found.map(({ uri }) => uri);
-  }
-
   want(demand: Partial<Demand>): void {
     const current = demand.current ?? this.demand.current;
     this.demand = { ...this.demand, frame: 10 * current, ...demand };
     this.stream.want(this.demand);
-  }
-
-  say(uri: string, what: object): void {
-    const { worker, id } = this.requests.findLast((request) => request.uri === uri && !request.given) ?? assert.fail(`nobody gets ${uri}, but ${this.coming}`);
-    if ("file" in what || "error" in what) worker.posted.splice(worker.posted.findIndex((request) => request.id === id), 1);
-    worker.say({ id, ...what });
-  }
-
-  bytes(uri: string, received: number): void {
-    this.say(uri, { received });
-  }
-
-  /** Files come, whole. */
-  give(...uris: string[]): void {
-    for (const uri of uris) this.say(uri, { file: FILE, milliseconds: 0 });
-  }
-
-  /** All files come that are asked for. */
-  giveAll(): void {
-    while (this.coming.length > 0) this.give(this.coming[0]);
   }
 
   /** The first layer comes, at 16 kbit/s. */
@@ -77,20 +46,6 @@ class World {
     time.now += 250;
     this.bytes("layers/0.bin", 500);
     this.give("layers/0.bin");
-  }
-
-  /** The workers have seen that files are given up. */
-  confirm(): void {
-    for (const { worker, id, given } of this.requests) if (given) worker.say({ id, error: "given up" });
-  }
-
-  private get requests(): { uri: string; id: number; worker: FakeWorker; given: { id: number } | null }[] {
-    return FakeWorker.all.flatMap((worker) =>
-      worker.posted.flatMap(({ id, source }) => {
-        const given = worker.posted.find((request) => request.cancel && request.id === id) ?? null;
-        return source ? [{ uri: new URL(source.url).pathname.replace("/reel/", ""), id, worker, given }] : [];
-      }),
-    );
   }
 }
 
