@@ -63,9 +63,12 @@ test("time runs while it plays, at its rate, and ends at the end", async () => {
 
 test("a reel that goes round begins again without an end", async () => {
   const fake = await started();
+  let sought = 0;
+  fake.player.soundtrack.seek = () => void sought++;
   fake.player.loop = true;
   fake.player.play();
   await fake.pass(4500);
+  assert.equal(sought, 1, "sound goes there, too");
   near(fake.player.currentTime, 1.5, 0.1);
   assert.deepEqual(fake.heard(...OFTEN), ["play", "playing"]);
 });
@@ -124,6 +127,53 @@ test("a seek is over once the picture of its time is there; until then the last 
   assert.equal(fake.player.currentTime, 20);
 });
 
+test("while it plays a seek waits for its picture, and time goes on from there", async () => {
+  const fake = new FakePlayer({ groups: 20 });
+  await fake.open();
+  fake.files.give("layers/0.bin", "groups/0.bin");
+  await fake.pass(60);
+  fake.player.play();
+  fake.player.currentTime = 0.5;
+  assert.equal(fake.player.seeking, true);
+  await fake.pass(20);
+  assert.equal(fake.player.currentTime, 0.5, "its picture is sorted first");
+  fake.player.currentTime = 15.5;
+  await fake.pass(500);
+  assert.equal(fake.player.currentTime, 15.5);
+  fake.files.confirm();
+  fake.files.give("groups/15.bin");
+  await fake.pass(220);
+  near(fake.player.currentTime, 15.7);
+});
+
+test("what failed and rests is asked for again, also while nothing moves", async () => {
+  const fake = new FakePlayer({ groups: 3 });
+  await fake.open();
+  fake.files.give("layers/0.bin", "groups/0.bin");
+  fake.files.say("groups/1.bin", { error: "no" });
+  await fake.pass(9000, 100);
+  assert.ok(!fake.files.coming.includes("groups/1.bin"));
+  await fake.pass(5000, 100);
+  assert.ok(fake.files.coming.includes("groups/1.bin"));
+});
+
+test("each layer that comes before the first group shows at once", async () => {
+  const fake = new FakePlayer({ groups: 2, layers: [0, 0] });
+  await fake.open();
+  for (const [uri, points] of [["layers/1.bin", 0], ["layers/0.bin", 200]] as const) {
+    fake.files.give(uri);
+    await fake.pass(40);
+    assert.equal(fake.stage.points, points);
+  }
+  const other = new FakePlayer({ groups: 2, layers: [0, 0] });
+  await other.open();
+  for (const [uri, points] of [["layers/0.bin", 100], ["layers/1.bin", 200]] as const) {
+    other.files.give(uri);
+    await other.pass(40);
+    assert.equal(other.stage.points, points);
+  }
+});
+
 test("a group fades in over the one before it: both are sorted, and both are kept", async () => {
   const fake = await started();
   fake.player.currentTime = 1.1;
@@ -155,6 +205,9 @@ test("a reel that cannot be had says why; trying again goes on where it was", as
   fake.files.say("groups/15.bin", { error: "groups/15.bin is damaged.", plain: PLAIN.damaged });
   assert.deepEqual(fake.heard(...OFTEN), ["seeking", "error"]);
   assert.ok(fake.player.error instanceof ReelError && fake.player.error.plain === PLAIN.damaged);
+  fake.files.give("groups/14.bin");
+  fake.player.canvas.dispatchEvent(new Event("webglcontextlost"));
+  assert.deepEqual(fake.heard(), [], "nothing is taken in any more, and one error is enough");
   fake.player.play();
   await fake.pass(200);
   assert.equal(fake.player.currentTime, 15, "nothing plays");
@@ -200,6 +253,14 @@ test("a device that is lost is no fault of the reel, and it goes on when it is b
   assert.equal(fake.player.canPlay, true);
 });
 
+test("what fails because the device is lost is called by that", async () => {
+  const fake = new FakePlayer();
+  await fake.open();
+  fake.device.lost = true;
+  fake.files.say("layers/0.bin", { error: "no" });
+  assert.ok(fake.player.error instanceof DeviceLostError);
+});
+
 test("what is closed in the middle of coming ends, and says nothing any more", async () => {
   const fake = new FakePlayer({ groups: 3 });
   await fake.open();
@@ -213,18 +274,20 @@ test("what is closed in the middle of coming ends, and says nothing any more", a
   assert.deepEqual(fake.heard(), []);
 });
 
-test("another reel takes the place of one that is still asked for", async () => {
-  const fake = new FakePlayer({ groups: 3 });
-  let answer: (text: string) => void = () => undefined;
-  host.answer(() => new Response(new ReadableStream({ start: (controller) => void (answer = (text) => (controller.enqueue(new TextEncoder().encode(text)), controller.close())) })));
-  void fake.player.load("https://page.example/first/manifest.json");
-  await time.pass(0);
-  host.answer(whole(JSON.stringify(documentOf({ groups: 7 }))));
-  await fake.open();
-  assert.equal(fake.player.duration, 7);
-  answer(JSON.stringify(documentOf({ groups: 2 })));
-  await time.pass(0);
-  assert.deepEqual([fake.player.duration, fake.player.error], [7, null]);
+test("another reel takes the place of one that is still asked for, whatever becomes of that", async () => {
+  for (const late of [JSON.stringify(documentOf({ groups: 2 })), "{}"]) {
+    const fake = new FakePlayer({ groups: 3 });
+    let answer: (text: string) => void = () => undefined;
+    host.answer(() => new Response(new ReadableStream({ start: (controller) => void (answer = (text) => (controller.enqueue(new TextEncoder().encode(text)), controller.close())) })));
+    void fake.player.load("https://page.example/first/manifest.json");
+    await time.pass(0);
+    host.answer(whole(JSON.stringify(documentOf({ groups: 7 }))));
+    await fake.open();
+    assert.equal(fake.player.duration, 7);
+    answer(late);
+    await time.pass(0);
+    assert.deepEqual([fake.player.duration, fake.player.error], [7, null]);
+  }
 });
 
 test("where nobody looks everything is given back, and it goes on from there without asking for the manifest", async () => {
@@ -282,6 +345,20 @@ test("a closed live reel is not asked for any more", async () => {
   assert.ok(host.asked.length <= 2, `${host.asked.length} requests`);
 });
 
+test("what a live reel was asked for when it was closed comes to nothing", async () => {
+  const fake = new FakePlayer({ groups: 2, live: true });
+  await fake.open();
+  let answer = (): void => undefined;
+  host.answer(() => new Response(new ReadableStream({ start: (controller) => void (answer = () => (controller.enqueue(new TextEncoder().encode(JSON.stringify(documentOf({ groups: 3, live: true })))), controller.close())) })));
+  await fake.pass(3000, 100);
+  assert.equal(host.asked.length, 1);
+  fake.player.close();
+  fake.heard();
+  answer();
+  await time.pass(10_000);
+  assert.deepEqual([fake.heard(), fake.player.duration, host.asked.length], [[], 0, 1]);
+});
+
 test("a picture is taken of a time and a pose, and nothing else is drawn meanwhile", async () => {
   const fake = await started();
   const { camera } = fake.player.manifest!;
@@ -299,8 +376,9 @@ test("a rendition that people choose stays chosen, also for the next reel, where
   fake.files.give("layers/0.bin");
   assert.deepEqual(fake.files.coming, ["groups/0.low.bin"]);
   fake.player.rendition = "none of these";
+  await fake.open();
   fake.files.giveAll();
-  assert.equal(fake.player.rendition, "none of these");
+  assert.deepEqual([fake.player.rendition, fake.player.shownRendition], ["none of these", "high"]);
 });
 
 test("numbers on how it does", async () => {

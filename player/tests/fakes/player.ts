@@ -46,7 +46,7 @@ class FakeDevice {
 }
 
 /** Points in a row before the start camera, each in its own place; frames: of a group. */
-function pointsOf(count: number, frames: number, alive: number): object {
+export function pointsOf(count: number, frames: number, alive: number): object {
   const fill = (numbers: number, value: number): Float32Array => new Float32Array(numbers).fill(value);
   const means = Float32Array.from({ length: 3 * count }, (_, i) => (i % 3 === 2 ? i / (3 * count) : 0));
   const points = { count, means, quats: fill(4 * count, 0.5), scales: fill(3 * count, 0.01), opacities: fill(count, 0.5), shBase: fill(3 * count, 0), shRest: new Uint16Array(count), codebook: new Float32Array(), shDegree: 0 };
