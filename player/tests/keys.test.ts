@@ -1,0 +1,101 @@
+import assert from "node:assert/strict";
+import { test } from "node:test";
+import { attachKeys, type Actions } from "../src/ui/keys";
+import { page } from "./fakes/page";
+import { FakePlayer } from "./fakes/player";
+
+/** An element that has the keys. */
+class Target extends EventTarget {
+  isContentEditable = false;
+  constructor(private readonly kind: string) {
+    super();
+  }
+  /** Of a list of selectors, whether one is this kind. */
+  matches(selectors: string): boolean {
+    return selectors.split(/,\s*(?![^(]*\))/).some((selector) => (selector.startsWith("input:not") ? this.kind === "input[type=text]" : this.kind.includes(selector.split(":")[0])));
+  }
+}
+Object.assign(globalThis, { HTMLElement: Target });
+
+interface Keyboard {
+  fake: FakePlayer;
+  done: string[];
+  /** Whether the page was kept from doing anything with the key. */
+  press(key: string, more?: object, target?: EventTarget): boolean;
+  release(key: string): void;
+}
+
+async function keyboard(): Promise<Keyboard> {
+  const fake = new FakePlayer({ groups: 60 });
+  await fake.start();
+  const [host, done] = [new EventTarget(), [] as string[]];
+  const actions = Object.fromEntries(["toggle", "fullscreen", "headset", "reset", "fly", "statistics", "picture", "help", "escape"].map((name) => [name, () => void done.push(name)]));
+  const life = new AbortController();
+  attachKeys(host as HTMLElement, fake.player, actions as unknown as Actions, life.signal);
+  const send = (type: string, key: string, more: object, target: EventTarget): boolean => {
+    const event = Object.assign(new Event(type, { cancelable: true }), { key, code: `Key ${key}`, ctrlKey: false, metaKey: false, altKey: false, shiftKey: false, ...more });
+    Object.assign(event, { composedPath: () => [target] });
+    host.dispatchEvent(event);
+    return event.defaultPrevented;
+  };
+  return { fake, done, press: (key, more = {}, target = host) => send("keydown", key, more, target), release: (key) => void send("keyup", key, {}, host) };
+}
+
+test("keys go through time, and no farther than it goes", async () => {
+  const { fake, press } = await keyboard();
+  const times: [string, number][] = [["5", 30], ["ArrowRight", 35], ["l", 45], ["j", 35], ["ArrowLeft", 30], ["End", 60], ["ArrowRight", 60], ["Home", 0], ["ArrowLeft", 0], [".", 0.1], [",", 0]];
+  for (const [key, seconds] of times) {
+    assert.equal(press(key), true);
+    assert.ok(Math.abs(fake.player.currentTime - seconds) < 1e-9, `${key}: ${fake.player.currentTime}`);
+  }
+});
+
+test("faster and slower go through the rates, from one that is none of them too", async () => {
+  const { fake, press } = await keyboard();
+  for (const [key, rate] of [[">", 1.25], [">", 1.5], [">", 2], [">", 2], ["<", 1.5]] as const) {
+    press(key);
+    assert.equal(fake.player.playbackRate, rate);
+  }
+  fake.player.playbackRate = 0.6;
+  press("<");
+  assert.equal(fake.player.playbackRate, 0.5);
+});
+
+test("each action has its key, in either case", async () => {
+  const { press, done } = await keyboard();
+  for (const key of [" ", "K", "f", "v", "r", "c", "i", "p", "?", "Escape"]) press(key);
+  assert.deepEqual(done, ["toggle", "toggle", "fullscreen", "headset", "reset", "fly", "statistics", "picture", "help", "escape"]);
+  assert.equal(press("x"), false, "it means nothing here");
+});
+
+test("keys of the browser and of what has the focus are left alone", async () => {
+  const { press, done } = await keyboard();
+  for (const held of ["ctrlKey", "metaKey", "altKey"]) assert.equal(press("f", { [held]: true }), false);
+  const text = new Target("input[type=text]");
+  assert.equal(press("f", {}, text), false);
+  assert.equal(press("Escape", {}, text), true);
+  const button = new Target("button");
+  for (const [key, ours] of [[" ", false], ["Enter", false], ["f", true]] as const) assert.equal(press(key, {}, button), ours, key);
+  assert.equal(press(" ", {}, new Target("[type=checkbox]")), false);
+  assert.deepEqual(done, ["escape", "fullscreen"]);
+});
+
+test("the camera goes as long as keys are down, and stops when they are let go or the page is left", async () => {
+  const { fake, press, release } = await keyboard();
+  const x = (): number => fake.player.camera!.viewmat[3];
+  const moves = async (): Promise<number> => {
+    const before = x();
+    await fake.pass(1000);
+    return before - x();
+  };
+  press("d");
+  assert.ok((await moves()) > 0.5);
+  press("a");
+  await fake.pass(1000);
+  assert.ok(Math.abs(await moves()) < 0.01, "both at a time are none");
+  release("a");
+  assert.ok((await moves()) > 0.3);
+  page.dispatchEvent(new Event("blur"));
+  await fake.pass(1000);
+  assert.ok(Math.abs(await moves()) < 0.01);
+});

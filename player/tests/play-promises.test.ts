@@ -1,0 +1,46 @@
+import assert from "node:assert/strict";
+import { test } from "node:test";
+import { PlayPromises } from "../src/element/play-promises";
+import { status } from "./fakes/host";
+import { FakePlayer } from "./fakes/player";
+
+const { host, time } = FakePlayer;
+
+test("play() resolves once time goes on, also for who asks later", async () => {
+  const fake = new FakePlayer({ groups: 3 });
+  const promises = new PlayPromises(fake.player);
+  await fake.open();
+  let played = 0;
+  const first = promises.play().then(() => played++);
+  const second = promises.play().then(() => played++);
+  await fake.pass(200);
+  assert.equal(played, 0);
+  fake.files.giveAll();
+  await fake.pass(200);
+  await Promise.all([first, second]);
+  await promises.play();
+  assert.equal(played, 2);
+});
+
+test("play() is refused where it comes to nothing, by the name that media elements use", async () => {
+  const fake = new FakePlayer({ groups: 3 });
+  const promises = new PlayPromises(fake.player);
+  await assert.rejects(promises.play(), { name: "NotSupportedError", message: /src is missing/ });
+  const cases: [string, () => void][] = [
+    ["AbortError", () => fake.player.pause()],
+    ["AbortError", () => fake.player.close()],
+    ["NotAllowedError", () => fake.player.emit("notallowed")],
+  ];
+  for (const [name, act] of cases) {
+    await fake.open();
+    const refused = assert.rejects(promises.play(), { name });
+    act();
+    await refused;
+    fake.player.pause();
+  }
+  host.answer(status(404));
+  const refused = assert.rejects((void fake.player.load("https://page.example/none.json"), promises.play()), { name: "NotSupportedError", message: /none\.json cannot be downloaded/ });
+  await time.pass(0);
+  await refused;
+  await assert.rejects(promises.play(), { name: "NotSupportedError", message: /none\.json/ });
+});
