@@ -35,13 +35,13 @@ def waits(monkeypatch: pytest.MonkeyPatch) -> dict[str, list[Counter[str]]]:
     for trainer in (KeyframeTrainer, GroupTrainer):
         counts[trainer.__name__] = counted = []
 
-        def step(*arguments: Any, original: Any = trainer._step, counted: list[Counter[str]] = counted) -> Any:
+        def step(*arguments: Any, original: Any = trainer.step, counted: list[Counter[str]] = counted) -> Any:
             before = WAITS.copy()
             result = original(*arguments)
             counted.append(WAITS - before)
             return result
 
-        monkeypatch.setattr(trainer, "_step", step)
+        monkeypatch.setattr(trainer, "step", step)
     return counts
 
 

@@ -9,7 +9,8 @@ from splatreel.kernels import splat
 from splatreel.recon.cameras.color_gains import CameraGains
 from splatreel.recon.deform.trajectory import Trajectory
 from splatreel.recon.layering.tracking import Start
-from splatreel.recon.train.group import GroupFrames, GroupTrainer
+from splatreel.recon.train.group import GroupTrainer
+from splatreel.recon.train.pictures import Pictures
 from splatreel.recon.train.render import View, draw
 from tests.recon.captures import blots
 from tests.recon.scenes import random_gaussians, ring
@@ -26,7 +27,7 @@ def trainer(seed: int, speed: float) -> GroupTrainer:
     static = random_gaussians(250, seed, sh_degree=0, spread=2.0)
     tracks = np.stack([thing.means + np.array([speed * t, 0, 0]) for t in range(FRAMES)]).astype(np.float32)
     images = torch.from_numpy(rng.integers(0, 256, (FRAMES, len(CAMERAS), 100, 150, 3), dtype=np.uint8))
-    frames = GroupFrames(images, [View.of(camera, CPU) for camera in CAMERAS], NEAR, UNIT)
+    frames = Pictures(images, [View.of(camera, CPU) for camera in CAMERAS], NEAR, UNIT)
     gains = CameraGains(len(CAMERAS), CPU)
     gains.load(torch.from_numpy(rng.uniform(0.9, 1.1, (len(CAMERAS), 3)).astype(np.float32)))
     config = plain({"group.length": FRAMES, "group.overlap": 0, "group.iterations_per_frame": 10})
@@ -35,15 +36,15 @@ def trainer(seed: int, speed: float) -> GroupTrainer:
 
 def gradients(group: GroupTrainer, frame: int, camera: int, layered: bool) -> tuple[float, list[Tensor], Tensor | None]:
     """The loss, its gradients to every parameter of the points and of their motion, and the tiles drawn."""
-    assert isinstance(group.model, Trajectory)
-    group.model.evaluations.clear()
-    group.points.clear()
-    view, target = group.frames.views[camera], group.frames.images[frame, camera]
-    drawing = draw(group._at(frame, view), view, group.backdrop.view(camera), layered=layered)
+    assert isinstance(group.points.deformation, Trajectory)
+    group.points.deformation.evaluations.clear()
+    group.points.canonical.clear()
+    view, target = group.pictures.views[camera], group.pictures.images[frame, camera]
+    drawing = draw(group.points.at(frame, view, NEAR), view, group.static.view(camera), layered=layered)
     gain = group.gains.values.detach()[camera]
     loss = splat.photometric_loss(drawing.image, target, 0.2, gain, drawing.tiles)
     loss.backward()
-    leaves = [*group.points.params.values(), *group.model.evaluations[0][2:]]
+    leaves = [*group.points.canonical.params.values(), *group.points.deformation.evaluations[0][2:]]
     found = [leaf.grad.clone() for leaf in leaves if leaf.grad is not None]
     assert len(found) == len(leaves)
     return loss.item(), found, drawing.tiles
@@ -72,15 +73,16 @@ def test_gradients_are_those_of_the_whole_picture(seed: int) -> None:
     assert 0 < np.mean(shares) < 0.6
     assert min(shares) < 0.5 * max(shares), "some leave the picture"
     for change in (
-        lambda: group._convert(torch.arange(0, 250, 9)),
-        lambda: group._clone(torch.arange(0, 40, 3)),
-        lambda: group._keep(torch.arange(1, len(group.points), 2)),
+        lambda: group.density.convert(torch.arange(0, 250, 9)),
+        lambda: group.points.clone(torch.arange(0, 40, 3)),
+        lambda: group.points.keep(torch.arange(1, len(group.points), 2)),
     ):
         before = len(group.points)
         change()
         assert len(group.points) != before
-        group._watch()
-        group._step(0)
+        group.density.restart()
+        group.find_neighbors()
+        group.step(0)
         shares = assert_same_gradients(group)
         assert 0 < np.mean(shares) < 1
 

@@ -24,7 +24,9 @@ from splatreel.recon.init.layout import Layout
 from splatreel.recon.layering.tracking import Start
 from splatreel.recon.pipeline import Result, reconstruct
 from splatreel.recon.run import checkpoint
-from splatreel.recon.train.group import MEASURE_EVERY, GroupFrames, GroupTrainer
+from splatreel.recon.train.group import GroupTrainer
+from splatreel.recon.train.group_density import MEASURE_EVERY
+from splatreel.recon.train.pictures import Pictures
 from splatreel.recon.train.render import View, draw
 
 BATCH = 8
@@ -101,9 +103,9 @@ def trainer_of(capture: Capture, work: Path, config: Config, device: torch.devic
         layering=dataclasses.replace(config.layering, adapt_every=1),
         group=dataclasses.replace(config.group, coarse_share=0.0),
     )
-    frames = GroupFrames(images, views, layout.near, layout.unit)
+    pictures = Pictures(images, views, layout.near, layout.unit)
     start = Start(group.dynamic, group.dynamic.means + group.dx)
-    return GroupTrainer(frames, start, load_static(work, 0), group.alive, rig.gains, config, config.seed)
+    return GroupTrainer(pictures, start, load_static(work, 0), group.alive, rig.gains, config, config.seed)
 
 
 def iteration_row(trainer: GroupTrainer, repeats: int) -> Row:
@@ -114,17 +116,17 @@ def iteration_row(trainer: GroupTrainer, repeats: int) -> Row:
     """
     middle = trainer.iterations // 2 // MEASURE_EVERY * MEASURE_EVERY
     layered, whole = (_batch(trainer, at) for at in (middle + MEASURE_EVERY // 2, middle))  # the same regularisers
-    layered()  # until every view has drawn its backdrop
-    for camera in range(len(trainer.frames.views)):
-        trainer.backdrop.view(camera)
+    layered()  # until every view has drawn its static points
+    for camera in range(len(trainer.pictures.views)):
+        trainer.static.view(camera)
     works, threads = [layered, whole], numba.get_num_threads()
-    if trainer.frames.images.device.type == "cpu":
+    if trainer.pictures.images.device.type == "cpu":
         works.append(lambda: on_one_thread(layered, threads))
     times = medians(works, repeats)
     row: Row = {
         "what": "group iteration",
         "points": len(trainer.points),
-        "still": int(trainer.backdrop.alive.sum()),
+        "still": int(trainer.static.alive.sum()),
         "ms": round(times[0] / BATCH, 3),
         "undivided": ratio(times[1], times[0]),
         "tiles": round(_tiles(trainer), 3),
@@ -135,7 +137,7 @@ def iteration_row(trainer: GroupTrainer, repeats: int) -> Row:
 def _batch(trainer: GroupTrainer, iteration: int) -> Callable[[], None]:
     def work() -> None:
         for _ in range(BATCH):
-            trainer._step(iteration)
+            trainer.step(iteration)
 
     return work
 
@@ -144,9 +146,9 @@ def _batch(trainer: GroupTrainer, iteration: int) -> Callable[[], None]:
 def _tiles(trainer: GroupTrainer) -> float:
     """Share of the tiles that something moves in."""
     shares = []
-    for camera, view in enumerate(trainer.frames.views):
-        moving = trainer._at(camera % trainer.frames.count, view)
-        tiles = draw(moving, view, trainer.backdrop.view(camera)).tiles
+    for camera, view in enumerate(trainer.pictures.views):
+        moving = trainer.points.at(camera % trainer.pictures.count, view, trainer.pictures.near)
+        tiles = draw(moving, view, trainer.static.view(camera)).tiles
         assert tiles is not None
         shares.append(float(tiles.float().mean()))
     return sum(shares) / len(shares)

@@ -50,8 +50,9 @@ from splatreel.recon.run.plan import Plan
 from splatreel.recon.run.requirements import check_capture, check_pictures
 from splatreel.recon.run.run_lock import RunLock
 from splatreel.recon.run.spans import Span, spans
-from splatreel.recon.train.group import GroupFrames, GroupTrainer
+from splatreel.recon.train.group import GroupTrainer
 from splatreel.recon.train.keyframe import KeyframeTrainer
+from splatreel.recon.train.pictures import Pictures
 from splatreel.recon.train.points import TrainablePoints, default_rates
 from splatreel.recon.train.render import View
 from splatreel.recon.train.single_frame import first_keyframe_trainer, lay_out, train_frame
@@ -164,7 +165,7 @@ class Reconstruction:
         with self._timed("group"):
             iterations = self.config.group.iterations_per_frame * span.count
             self.progress.stage(self._title(span, "learning how it moves"), iterations, self.plan.motion(span.index))
-            data = GroupFrames(self._on_device(frames), self._views(layout), layout.near, layout.unit)
+            data = Pictures(self._on_device(frames), self._views(layout), layout.near, layout.unit)
             trainer = GroupTrainer(
                 data,
                 start,
@@ -208,16 +209,8 @@ class Reconstruction:
             images = temporal_mean(frames) if config.temporal_mean else frames[0]
             trainer = self._keyframe_trainer(scene, layout, first)
             coarse_share = config.coarse_share if first else 0.0
-            train_frame(
-                trainer,
-                self.rig.cameras,
-                images,
-                layout,
-                iterations,
-                coarse_share,
-                self.config.antialias,
-                self.progress,
-            )
+            cameras, antialias = self.rig.cameras, self.config.antialias
+            train_frame(trainer, cameras, images, layout, iterations, coarse_share, antialias, self.progress)
             points = trainer.points.gaussians()
         points.check_finite(f"Keyframe {span.index}")
         checkpoint.save_arrays(path, checkpoint.pack(points) | self.rig.packed_gains())
@@ -235,7 +228,7 @@ class Reconstruction:
             points,
             self.rig.gains,
             self.config.keyframe,
-            backdrop=scene.static[scene.alive],
+            static=scene.static[scene.alive],
             max_points=len(points) + max(1000, len(points) // 3),
             seed=self.config.seed,
         )

@@ -12,7 +12,8 @@ from splatreel.recon.cameras.color_gains import CameraGains
 from splatreel.recon.cameras.time_offsets import MOST, SURE, TimeOffsets, slope
 from splatreel.recon.deform.trajectory import Trajectory
 from splatreel.recon.layering.tracking import Start
-from splatreel.recon.train.group import GroupFrames, GroupTrainer
+from splatreel.recon.train.group import GroupTrainer
+from splatreel.recon.train.pictures import Pictures
 from splatreel.recon.train.render import View
 from splatreel.scene.gaussians import Gaussians
 from tests.recon.captures import blots
@@ -48,7 +49,7 @@ def trained(
     config = plain({"layering.adapt_every": 0, **{f"group.{name}": value for name, value in group.items()}})
     gains, delays = CameraGains(len(CAMERAS), CPU, enabled=False), TimeOffsets(len(CAMERAS), enabled)
     trainer = GroupTrainer(
-        GroupFrames(torch.from_numpy(pictures), views, NEAR, UNIT),
+        Pictures(torch.from_numpy(pictures), views, NEAR, UNIT),
         Start(THING, tracks),
         WALL,
         np.ones(len(WALL), bool),

@@ -14,7 +14,9 @@ from splatreel.recon.cameras.color_gains import CameraGains
 from splatreel.recon.deform.hashgrid import HashGrid
 from splatreel.recon.deform.trajectory import Trajectory
 from splatreel.recon.layering.tracking import Start
-from splatreel.recon.train.group import GroupFrames, GroupResult, GroupTrainer
+from splatreel.recon.train.export import GroupResult
+from splatreel.recon.train.group import GroupTrainer
+from splatreel.recon.train.pictures import Pictures
 from splatreel.recon.train.render import View
 from splatreel.scene.gaussians import Gaussians
 from splatreel.scene.group import Group
@@ -35,15 +37,15 @@ def moved(points: Gaussians, frame: float) -> Gaussians:
     return Gaussians(means, points.quats, points.scales, points.opacities, points.sh)
 
 
-def frames(thing: Gaussians = THING, count: int = FRAMES) -> GroupFrames:
+def frames(thing: Gaussians = THING, count: int = FRAMES) -> Pictures:
     scenes = [Gaussians.concatenate([WALL, moved(thing, t)]) for t in range(count)]
     images = [[render_image(scene, camera, near=NEAR) for camera in CAMERAS] for scene in scenes]
     pixels = torch.from_numpy((np.clip(images, 0, 1) * 255).round().astype(np.uint8))
-    return GroupFrames(pixels, [View.of(camera, CPU) for camera in CAMERAS], NEAR, UNIT)
+    return Pictures(pixels, [View.of(camera, CPU) for camera in CAMERAS], NEAR, UNIT)
 
 
 @pytest.fixture(scope="module")
-def filmed() -> GroupFrames:
+def filmed() -> Pictures:
     return frames()
 
 
@@ -57,7 +59,7 @@ def config(deformation="trajectory", iterations=30, **layering) -> Config:
 
 
 def trainer(
-    filmed: GroupFrames,
+    filmed: Pictures,
     config: Config,
     dynamic: Gaussians = THING,
     static: Gaussians = WALL,
@@ -81,7 +83,7 @@ class Losses(Silent):
         self.values.append(numbers["loss"])
 
 
-def quality(filmed: GroupFrames, result: GroupResult, static: Gaussians = WALL) -> float:
+def quality(filmed: Pictures, result: GroupResult, static: Gaussians = WALL) -> float:
     """PSNR over all frames and cameras, as the viewer will draw them."""
     squares = []
     group = Group(0, 0, result.dynamic, result.dx, result.dq, result.alive, result.shade)
@@ -95,9 +97,9 @@ def quality(filmed: GroupFrames, result: GroupResult, static: Gaussians = WALL) 
 
 
 @pytest.mark.parametrize(("deformation", "least"), [("trajectory", 28), ("hashgrid", 30)])
-def test_motion_is_learned(filmed: GroupFrames, deformation: str, least: float) -> None:
+def test_motion_is_learned(filmed: Pictures, deformation: str, least: float) -> None:
     group, losses = trainer(filmed, config(deformation, 60)), Losses()
-    assert isinstance(group.model, HashGrid if deformation == "hashgrid" else Trajectory)
+    assert isinstance(group.points.deformation, HashGrid if deformation == "hashgrid" else Trajectory)
     assert quality(filmed, group.result()) < 27, "standing still is not good enough"
     result = group.train(losses)
     assert quality(filmed, result) > least
@@ -117,7 +119,7 @@ def test_a_thing_that_darkens_and_fades_needs_shade() -> None:
         scenes.append(Gaussians.concatenate([WALL, THING.shaded(shade.astype(np.float32))]))
     images = [[render_image(scene, camera, near=NEAR) for camera in CAMERAS] for scene in scenes]
     pixels = torch.from_numpy((np.clip(images, 0, 1) * 255).round().astype(np.uint8))
-    dark = GroupFrames(pixels, [View.of(camera, CPU) for camera in CAMERAS], NEAR, UNIT)
+    dark = Pictures(pixels, [View.of(camera, CPU) for camera in CAMERAS], NEAR, UNIT)
     whole = config(iterations=60)
     with_shade = with_group(whole, appearance=True)
     without, found = (trainer(dark, c).train(Silent()) for c in (whole, with_shade))
@@ -128,24 +130,24 @@ def test_a_thing_that_darkens_and_fades_needs_shade() -> None:
     assert quality(dark, found) > quality(dark, without) + 3
 
 
-def test_training_starts_with_small_pictures(filmed: GroupFrames, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_training_starts_with_small_pictures(filmed: Pictures, monkeypatch: pytest.MonkeyPatch) -> None:
     group = trainer(filmed, with_group(config(iterations=60), coarse_share=0.25))
-    heights, step = [], group._step
-    monkeypatch.setattr(group, "_step", lambda n: heights.append(group.frames.images.shape[2]) or step(n))
+    heights, step = [], group.step
+    monkeypatch.setattr(group, "step", lambda n: heights.append(group.pictures.images.shape[2]) or step(n))
     result = group.train(Silent())
     assert heights == [16] * 75 + [32] * 225
     assert quality(filmed, result) > 28
 
 
 @pytest.mark.parametrize("deformation", ["trajectory", "hashgrid"])
-def test_true_tracks_are_a_good_start(filmed: GroupFrames, deformation: str) -> None:
+def test_true_tracks_are_a_good_start(filmed: Pictures, deformation: str) -> None:
     tracks = np.stack([moved(THING, t).means for t in range(FRAMES)])
     group = trainer(filmed, config(deformation), tracks=tracks)
     assert quality(filmed, group.result()) > 35
     assert group.psnr() > 35
 
 
-def test_colours_depend_less_on_the_view_where_that_costs(filmed: GroupFrames) -> None:
+def test_colours_depend_less_on_the_view_where_that_costs(filmed: Pictures) -> None:
     """The thing looks alike from everywhere, and starts as if it did not."""
     sheen = np.full((len(THING), 3, 3), 0.1, np.float32)
     sheeny = replace(THING, sh=np.concatenate([THING.sh, sheen], 1))
@@ -158,13 +160,13 @@ def test_colours_depend_less_on_the_view_where_that_costs(filmed: GroupFrames) -
     assert quality(filmed, priced) > quality(filmed, free) - 0.5
 
 
-def test_the_same_seed_learns_the_same(filmed: GroupFrames) -> None:
+def test_the_same_seed_learns_the_same(filmed: Pictures) -> None:
     a, b = (trainer(filmed, config(iterations=6)).train(Silent()) for _ in range(2))
     np.testing.assert_array_equal(a.dx, b.dx)
     np.testing.assert_array_equal(a.dynamic.means, b.dynamic.means)
 
 
-def test_a_static_point_where_the_picture_moves_becomes_dynamic(filmed: GroupFrames) -> None:
+def test_a_static_point_where_the_picture_moves_becomes_dynamic(filmed: Pictures) -> None:
     """A few of the thing's points were called static: they are found, and nothing of the wall is."""
     few = np.arange(len(THING)) % 8 == 0
     static = Gaussians.concatenate([WALL, THING[few]])
@@ -177,7 +179,7 @@ def test_a_static_point_where_the_picture_moves_becomes_dynamic(filmed: GroupFra
     assert result.dx.shape[1] == len(result.dynamic)
 
 
-def test_a_pull_alone_makes_a_static_point_dynamic(filmed: GroupFrames) -> None:
+def test_a_pull_alone_makes_a_static_point_dynamic(filmed: Pictures) -> None:
     few = np.arange(len(THING)) % 8 == 0
     static = Gaussians.concatenate([WALL, THING[few]])
     settings = {"adapt_every": 40, "adapt_neighbors": 2.0}
@@ -189,7 +191,7 @@ def test_a_pull_alone_makes_a_static_point_dynamic(filmed: GroupFrames) -> None:
     assert (~alive[: len(WALL)]).mean() < 0.05, "the wall stands still"
 
 
-def test_what_must_stay_is_not_converted(filmed: GroupFrames) -> None:
+def test_what_must_stay_is_not_converted(filmed: Pictures) -> None:
     settings = config(iterations=8, adapt_every=10, adapt_gradient=0.0, adapt_neighbors=2.0)
     may = np.arange(len(WALL)) % 2 == 0
     alive = trainer(filmed, settings, convertible=may).train(Silent()).alive
@@ -197,18 +199,18 @@ def test_what_must_stay_is_not_converted(filmed: GroupFrames) -> None:
     assert not alive[may].all()
 
 
-def test_points_join_up_to_the_room_there_is(filmed: GroupFrames) -> None:
+def test_points_join_until_the_budget_is_spent(filmed: Pictures) -> None:
     group = trainer(filmed, config(iterations=8, adapt_every=10, adapt_gradient=0.0, adapt_neighbors=2.0))
-    group.room = 50
+    group.density.budget = 50
     before = len(group.points)
     result = group.train(Silent())
     assert before < len(result.dynamic) <= before + 50
-    assert group.room == 0
+    assert group.density.budget == 0
     assert len(result.dynamic) >= before + (~result.alive).sum() - 5
 
 
 @pytest.mark.parametrize("deformation", ["trajectory", "hashgrid"])
-def test_pruning_keeps_the_rows_of_points_and_motion_together(filmed: GroupFrames, deformation: str) -> None:
+def test_pruning_keeps_the_rows_of_points_and_motion_together(filmed: Pictures, deformation: str) -> None:
     """Every third point fades; the others keep their place and their motion."""
     tracks = np.stack([moved(THING, t).means for t in range(FRAMES)])
     tracks[..., 1] += np.linspace(0, 0.1, FRAMES)[:, None] * np.arange(len(THING))  # every point goes its own way
@@ -216,35 +218,36 @@ def test_pruning_keeps_the_rows_of_points_and_motion_together(filmed: GroupFrame
     before = group.result()
     faint = torch.arange(len(THING)) % 3 == 0
     with torch.no_grad():
-        group.points.params["logit_opacities"][faint] = -8
-    group._prune()
+        group.points.canonical.params["logit_opacities"][faint] = -8
+    group.density.prune(group.pictures)
     after, kept = group.result(), ~faint.numpy()
     np.testing.assert_array_equal(after.dynamic.means, before.dynamic.means[kept])
     np.testing.assert_allclose(after.dx, before.dx[:, kept], atol=1e-6)
-    group._watch()
-    group._step(0)  # the optimisers still fit
+    group.density.restart()
+    group.find_neighbors()
+    group.step(0)  # the optimisers still fit
 
 
-def test_what_is_large_may_be_far_away_but_not_near(filmed: GroupFrames) -> None:
+def test_what_is_large_may_be_far_away_but_not_near(filmed: Pictures) -> None:
     """A far wall that became dynamic, for somebody's shadow on it, would leave a hole."""
     wide = 0.8 * filmed.unit
     two = replace(THING[:2], means=np.array([[0, 0, 0], [0, 0, 4 * filmed.unit]], np.float32))
     two = replace(two, scales=np.full((2, 3), wide, np.float32), opacities=np.full(2, 0.9, np.float32))
     group = trainer(filmed, changed(config(), {"keyframe.far_step_scale": 8.0}), two)
-    group._prune()
+    group.density.prune(group.pictures)
     np.testing.assert_allclose(group.points.means[:, 2].detach(), [4 * filmed.unit], atol=1e-5)
 
 
-def test_a_group_keeps_a_point_even_if_all_are_faint(filmed: GroupFrames) -> None:
+def test_a_group_keeps_a_point_even_if_all_are_faint(filmed: Pictures) -> None:
     group = trainer(filmed, config(), THING.faded(0.001))
-    group._prune()
+    group.density.prune(group.pictures)
     assert len(group.points) == len(THING)
     group = trainer(filmed, config(), moved(THING, 1e4))
-    group._drop_faint()
+    group.density.drop_faint(group.pictures)
     assert len(group.points) == len(THING), "out of sight"
 
 
-def test_points_that_fill_nothing_go_and_the_picture_stays(filmed: GroupFrames) -> None:
+def test_points_that_fill_nothing_go_and_the_picture_stays(filmed: Pictures) -> None:
     """Some were put behind the wall, where no camera sees them."""
     hidden = blots(30, [-0.8, -0.6, 1.3], [0.2, 0.6, 1.5], 0.05, 2)
     tracks = np.stack([moved(Gaussians.concatenate([THING, hidden]), t).means for t in range(FRAMES)])
@@ -252,7 +255,7 @@ def test_points_that_fill_nothing_go_and_the_picture_stays(filmed: GroupFrames) 
     wall = Gaussians(WALL.means, WALL.quats, WALL.scales, np.full(len(WALL), 0.999), WALL.sh)
     group = trainer(filmed, settings, Gaussians.concatenate([THING, hidden]), wall, tracks)
     assert quality(filmed, group.result(), wall) > 38
-    group._drop_faint()
+    group.density.drop_faint(group.pictures)
     result = group.result()
     assert len(result.dynamic) < len(THING) + 0.5 * len(hidden)
     assert (result.dynamic.means[:, 2] < 1).sum() > 0.8 * len(THING)
@@ -260,7 +263,7 @@ def test_points_that_fill_nothing_go_and_the_picture_stays(filmed: GroupFrames) 
 
 
 @pytest.mark.parametrize("deformation", ["trajectory", "hashgrid"])
-def test_a_group_in_which_nothing_moves(filmed: GroupFrames, deformation: str) -> None:
+def test_a_group_in_which_nothing_moves(filmed: Pictures, deformation: str) -> None:
     notes = Losses()
     result = trainer(filmed, config(deformation), Gaussians.empty(0)).train(notes)
     assert len(result.dynamic) == 0
@@ -278,7 +281,7 @@ def test_one_moving_point_and_no_static_one() -> None:
     assert np.isfinite(result.dx).all()
 
 
-def test_gains_are_applied_and_left_as_they_are(filmed: GroupFrames) -> None:
+def test_gains_are_applied_and_left_as_they_are(filmed: Pictures) -> None:
     """A camera that records half as bright is no fault of the scene."""
     dim = replace(filmed, images=(filmed.images * torch.tensor([1, 1, 0.5, 1])[:, None, None, None]).round().byte())
     gains = CameraGains(len(CAMERAS), CPU)

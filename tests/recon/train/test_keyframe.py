@@ -10,10 +10,11 @@ from splatreel.kernels.image import render_image
 from splatreel.progress import Silent
 from splatreel.recon.cameras.color_gains import CameraGains
 from splatreel.recon.train.average import EVERY
-from splatreel.recon.train.keyframe import KeyframeTrainer, Stage, starting_points
-from splatreel.recon.train.losses import Depths, spread
+from splatreel.recon.train.keyframe import KeyframeTrainer, starting_points
+from splatreel.recon.train.pictures import Pictures
 from splatreel.recon.train.points import TrainablePoints, default_rates
 from splatreel.recon.train.render import View, deformed
+from splatreel.recon.train.surfaces import Depths, spread
 from splatreel.scene.camera import Camera
 from splatreel.scene.gaussians import C0, Gaussians
 from tests.recon.captures import blots
@@ -29,10 +30,10 @@ SCENE = Gaussians.concatenate([WALL, THING])
 CONFIG = plain({"keyframe.sh_degree": 1, "keyframe.densify_every": 40}).keyframe
 
 
-def stage(scene: Gaussians = SCENE) -> Stage:
+def pictures(scene: Gaussians = SCENE) -> Pictures:
     images = np.stack([render_image(scene, camera, near=NEAR) for camera in CAMERAS]).clip(0, 1)
     views = [View.of(camera, CPU) for camera in CAMERAS]
-    return Stage(views, torch.from_numpy((images * 255).round().astype(np.uint8)), NEAR, UNIT)
+    return Pictures(torch.from_numpy((images * 255).round().astype(np.uint8))[None], views, NEAR, UNIT)
 
 
 def psnr(points: Gaussians, camera: Camera, scene: Gaussians = SCENE) -> float:
@@ -72,7 +73,7 @@ def test_very_few_points_start_too(count: int) -> None:
 def test_a_keyframe_is_learned_for_views_it_has_not_seen() -> None:
     trainer = KeyframeTrainer(rough_start(), gains(), CONFIG, max_points=3000)
     start = psnr(trainer.points.gaussians(), CAMERAS[0])
-    trainer.train(stage(), 300, 300, Silent())
+    trainer.train(pictures(), 300, 300, Silent())
     points = trainer.points.gaussians()
     points.check_finite()
     assert start < 16
@@ -84,7 +85,7 @@ def test_a_keyframe_is_learned_for_views_it_has_not_seen() -> None:
 def test_the_last_iterations_are_averaged(monkeypatch: pytest.MonkeyPatch) -> None:
     points = TrainablePoints.from_gaussians(SCENE, default_rates(UNIT), CPU)
     trainer = KeyframeTrainer(points, gains(), replace(CONFIG, average_share=0.2), max_points=len(SCENE))
-    step, seen = trainer._step, []
+    step, seen = trainer.step, []
 
     def watched(*arguments):
         taken = step(*arguments)
@@ -92,8 +93,8 @@ def test_the_last_iterations_are_averaged(monkeypatch: pytest.MonkeyPatch) -> No
             seen.append(trainer.points.gaussians().sh.copy())
         return taken
 
-    monkeypatch.setattr(trainer, "_step", watched)
-    trainer.train(stage(), 100, 100, Silent())
+    monkeypatch.setattr(trainer, "step", watched)
+    trainer.train(pictures(), 100, 100, Silent())
     assert len(seen) == 20 // EVERY
     assert np.ptp(seen, axis=0).max() > 1e-3, "they differ"
     np.testing.assert_allclose(trainer.points.gaussians().sh, np.mean(seen, axis=0), atol=1e-5)
@@ -102,17 +103,17 @@ def test_the_last_iterations_are_averaged(monkeypatch: pytest.MonkeyPatch) -> No
 def test_no_more_points_than_allowed() -> None:
     limit = len(SCENE) + 20
     trainer = KeyframeTrainer(rough_start(), gains(), CONFIG, max_points=limit)
-    trainer.train(stage(), 200, 200, Silent())
+    trainer.train(pictures(), 200, 200, Silent())
     assert len(SCENE) - 60 < len(trainer.points) <= limit
 
 
-def test_the_backdrop_stays_and_only_the_others_learn() -> None:
+def test_static_points_stay_and_only_the_others_learn() -> None:
     """The wall is frozen; what stands before it is learned on top of it."""
     grey = Gaussians(THING.means, THING.quats, THING.scales, THING.opacities, np.zeros_like(THING.sh))
     points = TrainablePoints.from_gaussians(grey, default_rates(UNIT), CPU)
-    trainer = KeyframeTrainer(points, gains(), plain({"keyframe.sh_degree": 0}).keyframe, backdrop=WALL, max_points=200)
+    trainer = KeyframeTrainer(points, gains(), plain({"keyframe.sh_degree": 0}).keyframe, static=WALL, max_points=200)
     before = psnr(Gaussians.concatenate([WALL, grey]), UNSEEN)
-    trainer.train(stage(), 150, 150, Silent())
+    trainer.train(pictures(), 150, 150, Silent())
     after = psnr(Gaussians.concatenate([WALL, trainer.points.gaussians()]), UNSEEN)
     assert after > before + 5
 
@@ -124,12 +125,12 @@ def test_faint_points_and_monsters_are_pruned_but_never_all() -> None:
     trainer = KeyframeTrainer(
         TrainablePoints.from_gaussians(sick, default_rates(UNIT), CPU), gains(), CONFIG, max_points=200
     )
-    trainer._prune(UNIT, 0.9)
+    trainer.density.prune(UNIT, 0.9)
     np.testing.assert_allclose(trainer.points.gaussians().means, THING.means[15:])
     for _ in range(2):
         with torch.no_grad():
             trainer.points.params["logit_opacities"].fill_(-9)
-        trainer._prune(UNIT, 1.0)
+        trainer.density.prune(UNIT, 1.0)
         assert len(trainer.points) == len(THING) - 15
 
 
@@ -142,7 +143,7 @@ def test_what_explains_nothing_fades_when_opacity_has_a_price() -> None:
         config = replace(CONFIG, lambda_opacity=price, rate_scale=4.0)
         points = starting_points(places, np.full(places.shape, 0.5), config, UNIT, CPU)
         trainer = KeyframeTrainer(points, gains(), config, max_points=len(places))
-        trainer.train(stage(), 150, 150, Silent())
+        trainer.train(pictures(), 150, 150, Silent())
         return trainer.points.gaussians()
 
     free, priced = left(0.0), left(0.3)
@@ -162,7 +163,7 @@ def test_what_hides_nothing_else_is_not_made_to_hide_things() -> None:
         points.params["logit_opacities"][len(scene) :] = 0.4  # each 60 %
     config = replace(CONFIG, lambda_spread=1.0, densify_every=1000)
     trainer = KeyframeTrainer(points, gains(), config, max_points=len(start))
-    trainer.train(stage(scene), 200, 200, Silent())
+    trainer.train(pictures(scene), 200, 200, Silent())
     assert psnr(trainer.points.gaussians(), UNSEEN, scene) > 28
 
 
@@ -171,7 +172,7 @@ def test_large_points_that_a_plain_wall_needs_stay_in_the_end() -> None:
     wall = replace(wall, scales=np.full_like(wall.scales, 0.7 * UNIT), opacities=np.full(4, 0.9, np.float32))
     points = TrainablePoints.from_gaussians(wall, default_rates(UNIT, 1.0), CPU)
     trainer = KeyframeTrainer(points, gains(), CONFIG, max_points=4)
-    trainer.train(stage(), 10, 10, Silent())
+    trainer.train(pictures(), 10, 10, Silent())
     assert len(trainer.points) == 4
 
 
@@ -184,7 +185,7 @@ def test_depths_do_not_spread_where_that_costs() -> None:
         places = np.concatenate([rough_start().means.detach().numpy(), before])
         points = starting_points(places, np.full(places.shape, 0.5), config, UNIT, CPU)
         trainer = KeyframeTrainer(points, gains(), config, max_points=len(places))
-        trainer.train(stage(), 300, 300, Silent())
+        trainer.train(pictures(), 300, 300, Silent())
         return trainer.points
 
     view = View.of(UNSEEN, CPU)
@@ -199,19 +200,19 @@ def test_far_points_go_farther_in_a_step() -> None:
         np.array([[0, 0, 0], [0, 0, 3 * UNIT], [0, 0, 99 * UNIT]]), np.ones((3, 3)), CONFIG, UNIT, CPU
     )
     trainer = KeyframeTrainer(points, gains(), replace(CONFIG, far_step_scale=8.0), max_points=3)
-    trainer._stride(stage())
-    near, far, farthest = trainer.strides[:, 0].tolist()
+    trainer.density.restart(pictures())
+    near, far, farthest = trainer.density.distances.tolist()
     assert 1 <= near < far < farthest == 8
     before = points.means.detach().clone()
     points.means.grad = torch.ones(3, 3)
-    points.step(trainer.strides)
+    points.step(trainer.density.distances[:, None])
     moved = (points.means.detach() - before)[:, 0]
-    torch.testing.assert_close(moved / moved[0], trainer.strides[:, 0] / near, rtol=1e-3, atol=0)
+    torch.testing.assert_close(moved / moved[0], trainer.density.distances / near, rtol=1e-3, atol=0)
 
 
-def test_training_in_two_stages_goes_on_where_it_was() -> None:
+def test_training_at_two_resolutions_goes_on_where_it_was() -> None:
     trainer = KeyframeTrainer(rough_start(), gains(), CONFIG, max_points=1000)
-    trainer.train(stage(), 10, 20, Silent())
+    trainer.train(pictures(), 10, 20, Silent())
     assert trainer.done == 10
-    trainer.train(stage(), 10, 20, Silent())
+    trainer.train(pictures(), 10, 20, Silent())
     assert trainer.done == 20

@@ -1,183 +1,91 @@
-import dataclasses
+"""The lists of losses: which run when, with what weight, and what they leave."""
+
+from dataclasses import fields
 
 import numpy as np
 import pytest
 import torch
 
-from splatreel.evaluation.bench import front_camera
-from splatreel.recon.deform.trajectory import Trajectory
-from splatreel.recon.train import losses
-from splatreel.recon.train.density import rotate
-from splatreel.recon.train.render import Splats, View, splats
-from splatreel.scene.camera import Camera
+from splatreel.config import GroupConfig, KeyframeConfig
+from splatreel.recon.layering.tracking import Start
+from splatreel.recon.train.losses import GROUP, KEYFRAME, KEYFRAME_BEFORE_STATIC, GroupStep, Loss, backward
+from splatreel.recon.train.moving import MovingPoints
+from splatreel.recon.train.pictures import Pictures
+from splatreel.recon.train.regularizers import Neighbors
+from splatreel.recon.train.render import View, draw
+from tests.recon.scenes import random_gaussians, ring
+
+CPU = torch.device("cpu")
 
 
-def grid():
-    axis = torch.linspace(-1, 1, 4)
-    return torch.stack(torch.meshgrid(axis, axis, axis, indexing="ij"), -1).reshape(-1, 3)
-
-
-def arap(means, dx, dq, unit=1.0):
-    neighbour = torch.arange(1, len(means) + 1) % len(means)
-    return losses.arap(means, dx, dq, neighbour, torch.ones(len(means)), unit)
-
-
-def test_a_rigid_motion_costs_nothing():
-    means = grid()
-    dq = torch.tensor([[0.8, 0.0, 0.6, 0.0]]).expand(len(means), 4)
-    dx = rotate(dq, means) + torch.tensor([0.3, -0.2, 0.5]) - means
-    assert arap(means, dx, dq) < 1e-4
-
-
-@pytest.mark.parametrize("kind", ["stretch", "twist"])
-def test_stretching_and_twisting_cost(kind):
-    means = grid()
-    dq = torch.tensor([[1.0, 0, 0, 0]]).repeat(len(means), 1)
-    dx = torch.zeros_like(means)
-    if kind == "stretch":
-        dx = 0.2 * means
-    else:
-        dq[::2] = torch.tensor([0.8, 0.6, 0, 0])
-    assert arap(means, dx, dq) > 0.05
-
-
-def test_the_unit_makes_the_loss_independent_of_scale():
-    means, dx = grid(), 0.1 * grid().sin()
-    dq = torch.tensor([[1.0, 0, 0, 0]]).repeat(len(means), 1)
-    small, large = arap(means, dx, dq), arap(1000 * means, 1000 * dx, dq, 1000.0)
-    torch.testing.assert_close(small, large, rtol=1e-3, atol=1e-6)
-
-
-class Polynomial:
-    """Offsets t^power."""
-
-    def __init__(self, power):
-        self.power = power
-
-    def offsets(self, means, frame):
-        return torch.full_like(means, float(frame) ** self.power), torch.ones(len(means), 4)
-
-
-def test_constant_velocity_costs_nothing_and_acceleration_does():
-    means = grid()
-    assert losses.temporal(Polynomial(1), means, 2, 4, 0.3, 1.0) < 1e-5
-    expected = 3 * abs(0.7 * 4 + 0.3 * 16 - 2.6**2)
-    torch.testing.assert_close(
-        losses.temporal(Polynomial(2), means, 2, 4, 0.3, 1.0).item(), expected, rtol=1e-4, atol=0
+def group_step(iteration: int, share: float = 0.5, frames: int = 4, seed: int = 0) -> GroupStep:
+    """Of some points before nothing, with what they are drawn on."""
+    views = [View.of(camera, CPU) for camera in ring(1, width=32, height=32)]
+    pictures = Pictures(torch.zeros(frames, 1, 32, 32, 3, dtype=torch.uint8), views, 0.1, 4.0)
+    points = MovingPoints.of(Start(random_gaussians(20, seed)), pictures, GroupConfig(), seed)
+    changes = points.changes(0.0)
+    drawing = draw(points.splats(changes, views[0], 0.1), views[0])
+    return GroupStep(
+        iteration=iteration,
+        share=share,
+        view=views[0],
+        drawing=drawing,
+        target=pictures.images[0, 0],
+        gain=None,
+        tiles=None,
+        lambda_dssim=0.2,
+        unit=4.0,
+        points=points,
+        changes=changes,
+        neighbors=Neighbors.of(points.means, 8),
+        frame=0,
+        frames=frames,
+        last=frames - 1,
+        rng=np.random.default_rng(seed),
     )
 
 
-def test_the_losses_reach_the_parameters():
-    means = grid()
-    model = Trajectory(means, 10, 1.0)
-    dx, dq = model.offsets(means, 3)
-    loss = arap(means, dx + 0.1 * means, dq) + losses.temporal(model, means, 2, 4, 0.5, 1.0)
-    loss.backward()
-    grads = [leaf.grad for _, _, *offsets in model.evaluations for leaf in offsets]
-    assert grads
-    assert all(grad is not None and torch.isfinite(grad).all() for grad in grads)
+@pytest.mark.parametrize(
+    ("losses", "config"), [(KEYFRAME, KeyframeConfig), (KEYFRAME_BEFORE_STATIC, KeyframeConfig), (GROUP, GroupConfig)]
+)
+def test_every_weight_is_a_field_of_the_configuration(losses: tuple[Loss, ...], config: type) -> None:
+    known = {field.name for field in fields(config)}
+    assert {loss.weight for loss in losses if loss.weight} <= known
+    assert len({loss.name for loss in losses}) == len(losses)
 
 
-def seen(depths: list[float], opacities: list[float], scale: float = 1.0) -> tuple[Splats, View, torch.Tensor]:
-    """Splats that each fill the view of one camera, as it sees them, and their opacities, which get gradients."""
-    camera = front_camera(32, 24)
-    center, forward = camera.center * scale, camera.forward
-    pose = np.eye(4)
-    pose[:3, :3], pose[:3, 3] = camera.viewmat[:3, :3], -camera.viewmat[:3, :3] @ center
-    view = View.of(Camera("a", pose, camera.K, 32, 24), torch.device("cpu"))
-    count = len(depths)
-    means = torch.from_numpy(np.stack([center + scale * depth * forward for depth in depths])).float()
-    given = torch.tensor(opacities, requires_grad=True)
-    quats = torch.tensor([[1.0, 0, 0, 0]]).expand(count, 4).contiguous()
-    scales = scale * 20 * torch.tensor(depths)[:, None].expand(count, 3).contiguous()
-    colors = torch.zeros(count, 1, 3), torch.zeros(count, 0, 3)
-    return splats(means, quats, scales, given, colors, view, 0.1 * scale), view, given
+def test_a_loss_that_runs_seldom_counts_more() -> None:
+    loss = Loss("some", lambda step, weight: None, "lambda_arap", every=8, first=1)
+    config = GroupConfig(lambda_arap=0.25)
+    assert [loss.weight_at(group_step(n), config) for n in (0, 1, 2, 9)] == [0, 2, 0, 2]
+    late = Loss("some", lambda step, weight: None, after=0.5)
+    assert [late.weight_at(group_step(0, share), config) for share in (0.4, 0.5, 0.6)] == [0, 0, 1]
 
 
-def test_what_is_at_one_depth_does_not_spread():
-    points, view, _ = seen([3.0, 3.0], [0.6, 0.9])
-    assert losses.spread(losses.Depths.of(points, view, 0.1)) < 1e-4
+def test_losses_of_a_group_take_turns_and_those_without_a_weight_rest() -> None:
+    config = GroupConfig(lambda_sh=0.0)
+    assert set(backward(GROUP, group_step(0), config)) == {"photometric", "rigidity"}
+    assert set(backward(GROUP, group_step(1), config)) == {"photometric", "smoothness"}
+    assert set(backward(GROUP, group_step(3), config)) == {"photometric"}
+    assert set(backward(GROUP, group_step(0), GroupConfig(lambda_arap=0.0))) == {"photometric"}
+    assert set(backward(GROUP, group_step(1, frames=2), config)) == {"photometric"}
 
 
-@pytest.mark.parametrize("scale", [1.0, 1000.0])
-@pytest.mark.parametrize("behind", [2.5, 4.0])
-def test_what_is_before_a_surface_pays_by_its_distance(scale: float, behind: float) -> None:
-    points, view, opacities = seen([2.0, behind], [0.2, 0.9], scale)
-    spread = losses.spread(losses.Depths.of(points, view, 0.1 * scale))
-    first, second, apart = 0.2, 0.8 * 0.9, np.log(behind / 2)
-    share = second / (first + second)
-    assert spread.item() == pytest.approx(first * share**2 * min(apart, losses.APART) ** 2, rel=0.02)
-    spread.backward()
-    assert opacities.grad is not None
-    assert opacities.grad[0] > 0, "the floater shall fade"
-    assert opacities.grad[0] > opacities.grad[1]
+def test_a_price_is_added_to_the_gradients_that_are_there() -> None:
+    free, priced = group_step(3), group_step(3)
+    backward(GROUP, free, GroupConfig(lambda_sh=0.0))
+    assert set(backward(GROUP, priced, GroupConfig(lambda_sh=2.0))) == {"photometric"}
+    rest, before = (step.points.canonical.params["sh_rest"] for step in (priced, free))
+    assert rest.grad is not None
+    assert before.grad is not None
+    torch.testing.assert_close(rest.grad - before.grad, rest.detach().sign() * 2 / (32 * 32))
 
 
-@pytest.mark.parametrize("mist", [0.1, 0.4, 0.6, 0.9])
-def test_mist_before_a_surface_fades_however_thick_it_is(mist: float) -> None:
-    """The variance of depths, which is symmetric, would have it fill the pixel from half of it on, and hide what is behind."""
-    points, view, opacities = seen([1.0, 4.0], [mist, 0.95])
-    losses.spread(losses.Depths.of(points, view, 0.1)).backward()
-    assert opacities.grad is not None
-    assert opacities.grad[0] > 0
-    assert opacities.grad[1] <= 0, "the surface stays"
-
-
-def test_the_spread_of_many_layers_and_of_none_is_finite() -> None:
-    for depths, shown in (
-        ([0.2, 1.0, 1.1, 3.0, 40.0], [0.3] * 5),
-        ([2.0, 3.0], [0.0, 0.0]),
-        ([2.0, 2.0000001], [0.5, 0.5]),
-    ):
-        points, view, opacities = seen(depths, shown)
-        spread = losses.spread(losses.Depths.of(points, view, 0.1))
-        spread.backward()
-        assert opacities.grad is not None
-        assert torch.isfinite(spread)
-        assert torch.isfinite(opacities.grad).all()
-
-
-def corrugated(amplitude: float, slope: float = 0.0) -> tuple[Splats, View, torch.Tensor]:
-    """A wall of small splats before one camera, which leans by `slope` and every other column of which stands out."""
-    camera = front_camera(48, 32)
-    columns, rows = np.meshgrid(np.arange(1, 48, 2.0), np.arange(1, 32, 2.0))
-    depth = 1 / (0.3 + slope * columns + amplitude * (np.arange(columns.shape[1]) % 2))
-    local = np.stack([(columns - 24) / camera.K[0, 0], (rows - 16) / camera.K[1, 1], np.ones_like(depth)], -1)
-    means = (local * depth[..., None]).reshape(-1, 3) @ camera.viewmat[:3, :3] + camera.center
-    count = len(means)
-    given = torch.full((count,), 0.9, requires_grad=True)
-    quats = torch.tensor([[1.0, 0, 0, 0]]).expand(count, 4).contiguous()
-    scales = torch.from_numpy(depth.reshape(-1, 1) / camera.K[0, 0]).float().expand(count, 3).contiguous()
-    view = View.of(camera, torch.device("cpu"))
-    colors = torch.zeros(count, 1, 3), torch.zeros(count, 0, 3)
-    return splats(torch.from_numpy(means).float(), quats, scales, given, colors, view, 0.1), view, given
-
-
-def rough(amplitude: float, slope: float = 0.0, edges: bool = False) -> torch.Tensor:
-    points, view, _ = corrugated(amplitude, slope)
-    picture = torch.zeros(view.height, view.width, 3, dtype=torch.uint8)
-    if edges:
-        picture[:, 2::4] = picture[:, 3::4] = 255
-    return losses.roughness(losses.Depths.of(points, view, 0.1), picture, 30.0)
-
-
-def test_a_plane_is_not_rough_however_it_leans_and_what_bends_is() -> None:
-    assert rough(0.0) < 1e-4
-    leaning, bent = rough(0.0, 0.004), rough(0.01)
-    assert leaning < 0.3 * bent, "all that bends is its steps from splat to splat"
-    assert rough(0.02) > 1.5 * bent
-
-
-def test_depth_may_bend_where_the_picture_has_edges() -> None:
-    assert rough(0.02, edges=True) < 0.2 * rough(0.02)
-
-
-def test_a_plate_before_a_plain_wall_fades() -> None:
-    points, view, opacities = corrugated(0.0)
-    near = torch.zeros(len(opacities), dtype=torch.bool)
-    near[len(opacities) // 2 + 8 : len(opacities) // 2 + 14] = True  # a few in the middle of a row, half as far
-    lifted = dataclasses.replace(points, depths=torch.where(near, points.depths / 2, points.depths))
-    losses.roughness(losses.Depths.of(lifted, view, 0.1), torch.zeros(32, 48, 3, dtype=torch.uint8), 30.0).backward()
-    assert opacities.grad is not None
-    assert opacities.grad[near].sum() > 0
-    assert opacities.grad[near].mean() > 5 * opacities.grad[~near].mean()
+def test_the_losses_that_ran_are_those_whose_gradients_are_left() -> None:
+    step = group_step(0)
+    left, right = (Loss(name, lambda step, weight: weight * step.points.means.sum()) for name in ("left", "right"))
+    nothing = Loss("nothing", lambda step, weight: None)
+    found = backward((left, nothing, right), step, GroupConfig())
+    assert list(found) == ["left", "right"]
+    assert step.points.means.grad is not None
+    assert (step.points.means.grad == 2).all()

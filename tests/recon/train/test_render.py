@@ -5,8 +5,9 @@ import pytest
 import torch
 
 from splatreel.recon.init.layout import measure
+from splatreel.recon.train.pictures import halved
 from splatreel.recon.train.points import TrainablePoints, default_rates
-from splatreel.recon.train.render import Splats, StaticCache, View, contributions, draw, halved, splats
+from splatreel.recon.train.render import Splats, StaticCache, View, contributions, draw, splats
 from splatreel.scene.clearance import Clearance
 from splatreel.scene.gaussians import Gaussians
 from tests.recon.captures import blots
@@ -23,17 +24,17 @@ def moving(view: View, thing: Gaussians = THING) -> tuple[TrainablePoints, Splat
     return p, splats(p.means, p.quats, p.scales, p.opacities, p.sh, view, NEAR)
 
 
-def backdrop(points: Gaussians = WALL) -> StaticCache:
+def static_cache(points: Gaussians = WALL) -> StaticCache:
     return StaticCache(points, VIEWS, NEAR, CPU)
 
 
 @pytest.mark.parametrize("camera", range(3))
 def test_layered_and_whole_drawing_agree(camera: int) -> None:
-    """Picture, alpha and gradients of the moving points; only a whole drawing says how the scenery is pulled."""
+    """Picture, alpha and gradients of the moving points; only a whole drawing says how static points are pulled."""
     results = []
     for layered in (True, False):
         points, seen = moving(VIEWS[camera])
-        drawing = draw(seen, VIEWS[camera], backdrop().view(camera), layered=layered)
+        drawing = draw(seen, VIEWS[camera], static_cache().view(camera), layered=layered)
         weights = torch.rand(drawing.image.shape, generator=torch.Generator().manual_seed(0))
         (drawing.image * weights).sum().backward()
         assert drawing.moving == len(THING)
@@ -48,7 +49,7 @@ def test_layered_and_whole_drawing_agree(camera: int) -> None:
         torch.testing.assert_close(tensor.grad, whole_points.params[name].grad, atol=1e-3, rtol=1e-3)
     assert part.index is None
     assert part.tiles is not None
-    assert 0 < part.tiles.float().mean() < 1, "scenery far from what moves is not drawn again"
+    assert 0 < part.tiles.float().mean() < 1, "static points far from what moves is not drawn again"
     assert whole.index is not None
     assert len(whole_grad) == len(THING) + len(whole.index)
     assert whole.tiles is None
@@ -64,7 +65,7 @@ def test_what_rests_is_not_drawn_close_to_a_view_and_what_moves_is() -> None:
     seen = StaticCache(WALL, [view], NEAR, CPU).view(0)
     assert 0 < len(seen.index) <= len(far)
     expected = StaticCache(far, VIEWS, NEAR, CPU).view(0)
-    drawn = [draw(moving(view, near)[1], view, scenery).image for scenery in (seen, expected)]
+    drawn = [draw(moving(view, near)[1], view, static).image for static in (seen, expected)]
     torch.testing.assert_close(*drawn, atol=1e-6, rtol=0)
     assert (drawn[0] - draw(moving(view, near[:0])[1], view, expected).image).abs().max() > 0.1
 
@@ -78,8 +79,8 @@ def test_a_background_shows_through_what_is_drawn(layered: bool) -> None:
     results = []
     for seen_by in (view, plain):
         points, seen = moving(seen_by)
-        scenery = StaticCache(WALL[:40], [seen_by] * 3, NEAR, CPU).view(1)
-        drawing = draw(seen, seen_by, scenery, layered=layered)
+        static = StaticCache(WALL[:40], [seen_by] * 3, NEAR, CPU).view(1)
+        drawing = draw(seen, seen_by, static, layered=layered)
         image = drawing.image if seen_by is view else drawing.image + (1 - drawing.alpha[..., None]) * color
         weights = torch.rand(image.shape, generator=torch.Generator().manual_seed(0))
         (image * weights).sum().backward()
@@ -92,7 +93,7 @@ def test_a_background_shows_through_what_is_drawn(layered: bool) -> None:
 
 def test_without_scenery_only_what_moves_is_drawn() -> None:
     _, seen = moving(VIEWS[0])
-    alone, before_nothing = draw(seen, VIEWS[0]), draw(seen, VIEWS[0], backdrop(Gaussians.empty(0)).view(0))
+    alone, before_nothing = draw(seen, VIEWS[0]), draw(seen, VIEWS[0], static_cache(Gaussians.empty(0)).view(0))
     assert alone.index is None
     torch.testing.assert_close(alone.image, before_nothing.image, atol=1e-6, rtol=0)
     assert (alone.alpha == 0).any()
@@ -101,28 +102,28 @@ def test_without_scenery_only_what_moves_is_drawn() -> None:
 @pytest.mark.parametrize("drawn_before", [True, False])
 def test_the_scenery_shows_the_living_points_only(drawn_before: bool) -> None:
     alive = torch.from_numpy(WALL.means[:, 0] < 0.3)
-    behind = backdrop()
+    behind = static_cache()
     if drawn_before:
         assert len(behind.view(1).index) > int(alive.sum()) // 2
     behind.set_alive(alive)
-    scenery, expected = behind.view(1), backdrop(WALL[alive.numpy()]).view(1)
-    assert bool(alive[scenery.index].all())
-    np.testing.assert_array_equal(torch.nonzero(alive)[:, 0][expected.index], scenery.index)
-    torch.testing.assert_close(scenery.frozen.image, expected.frozen.image, atol=1e-6, rtol=0)
-    torch.testing.assert_close(scenery.frozen.alpha, expected.frozen.alpha, atol=1e-6, rtol=0)
-    assert len(scenery.index) == len(scenery.splats.means2d)
-    assert (backdrop().view(1).frozen.image - scenery.frozen.image).abs().max() > 0.1
+    static, expected = behind.view(1), static_cache(WALL[alive.numpy()]).view(1)
+    assert bool(alive[static.index].all())
+    np.testing.assert_array_equal(torch.nonzero(alive)[:, 0][expected.index], static.index)
+    torch.testing.assert_close(static.frozen.image, expected.frozen.image, atol=1e-6, rtol=0)
+    torch.testing.assert_close(static.frozen.alpha, expected.frozen.alpha, atol=1e-6, rtol=0)
+    assert len(static.index) == len(static.splats.means2d)
+    assert (static_cache().view(1).frozen.image - static.frozen.image).abs().max() > 0.1
 
 
 def test_the_callers_mask_stays_his_own() -> None:
-    behind, alive = backdrop(), torch.ones(len(WALL), dtype=torch.bool)
+    behind, alive = static_cache(), torch.ones(len(WALL), dtype=torch.bool)
     behind.set_alive(alive)
     alive[0] = False
     assert bool(behind.alive.all())
 
 
 def test_scenery_is_drawn_once() -> None:
-    behind = backdrop()
+    behind = static_cache()
     first = behind.view(2)
     assert behind.view(2) is first
     behind.set_alive(torch.ones(len(WALL), dtype=torch.bool))
@@ -132,16 +133,16 @@ def test_scenery_is_drawn_once() -> None:
 def test_what_a_point_fills_is_what_is_seen_of_it() -> None:
     """One splat in front of a wall and the same behind it: there it fills what it adds to the wall's alpha."""
     wall = Gaussians(WALL.means, WALL.quats, WALL.scales, np.full(len(WALL), 0.999), WALL.sh)
-    view, scenery = VIEWS[0], backdrop(wall).view(0)
+    view, static = VIEWS[0], static_cache(wall).view(0)
     one = THING[:1]
     _, before = moving(view, one)
     alone = float(draw(before, view).alpha.sum().detach())
     _, behind = moving(view, Gaussians(one.means + np.array([0, 0, 3]), one.quats, one.scales, one.opacities, one.sh))
     assert alone > 1
-    torch.testing.assert_close(contributions(before, view, scenery), torch.tensor([alone]), atol=1e-3, rtol=1e-3)
-    through = (draw(behind, view, scenery).alpha - scenery.frozen.alpha).sum().detach()
+    torch.testing.assert_close(contributions(before, view, static), torch.tensor([alone]), atol=1e-3, rtol=1e-3)
+    through = (draw(behind, view, static).alpha - static.frozen.alpha).sum().detach()
     assert through < 0.5 * alone
-    torch.testing.assert_close(contributions(behind, view, scenery), through[None], atol=1e-3, rtol=1e-3)
+    torch.testing.assert_close(contributions(behind, view, static), through[None], atol=1e-3, rtol=1e-3)
 
 
 def test_small_pictures_are_what_their_views_see() -> None:

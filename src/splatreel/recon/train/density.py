@@ -1,4 +1,4 @@
-"""Adaptive density control of 3DGS: clone and split where the image pulls at a point, prune what is not seen."""
+"""What the density control of keyframes and of groups is made of (3DGS): how images pull at points, and what follows from it."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ LARGEST = 0.5
 
 
 class GradientMeter:
-    """Mean length of the screen-space positional gradient of every point, in normalised device units, over its views."""
+    """Mean length of the screen-space positional gradient of every point, in normalized device units, over its views."""
 
     def __init__(self, count: int, device: torch.device) -> None:
         self.sum = torch.zeros(count, device=device)
@@ -38,21 +38,21 @@ class GradientMeter:
         return self.sum / self.seen.clamp_min(1)
 
 
-def select_growth(meter: GradientMeter, threshold: float, room: int) -> Tensor:
-    """Mask of the points to densify: gradient above threshold, the strongest first if there is room for few only."""
+def select_growth(meter: GradientMeter, threshold: float, budget: int) -> Tensor:
+    """Mask of the points to densify: gradient above threshold, the `budget` strongest at most."""
     gradient = meter.mean()
     grow = gradient > threshold
-    if int(grow.sum()) > room:
-        if room <= 0:
+    if int(grow.sum()) > budget:
+        if budget <= 0:
             return torch.zeros_like(grow)
-        cut = torch.topk(gradient, room).values[-1]
+        cut = torch.topk(gradient, budget).values[-1]
         grow &= gradient >= cut
     return grow
 
 
-def too_large(scales: Tensor, strides: Tensor, unit: float) -> Tensor:
-    """Mask [N] of points absurdly large for where they are. scales: [N, 3]. strides: [N], see `drawing.strides`, as is unit."""
-    return scales.amax(1) > LARGEST * unit * strides
+def too_large(scales: Tensor, distances: Tensor, unit: float) -> Tensor:
+    """Mask [N] of points absurdly large for where they are. scales: [N, 3]. distances, unit: see `relative_distances`."""
+    return scales.amax(1) > LARGEST * unit * distances
 
 
 def children(points: TrainablePoints, split: Tensor, generator: torch.Generator) -> dict[str, Tensor]:

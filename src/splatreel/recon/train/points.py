@@ -1,4 +1,4 @@
-"""Trainable Gaussians: leaf tensors, their optimiser, and row surgery that keeps the two together."""
+"""Trainable Gaussians: leaf tensors, their optimizer, and row surgery that keeps the two together."""
 
 from __future__ import annotations
 
@@ -63,13 +63,13 @@ class TrainablePoints:
         for name, adam in self.adams.items():
             adam.rate = self.base_rates[name] * factors.get(name, default)
 
-    def step(self, strides: Tensor | None = None) -> None:
-        """Follow the gradients. strides: [N, 1], by what the steps of the places are multiplied."""
-        before = None if strides is None else self.means.detach().clone()
+    def step(self, position_scale: Tensor | None = None) -> None:
+        """Follow the gradients and clear them. position_scale: [N, 1], by what the steps of positions are multiplied."""
+        before = None if position_scale is None else self.means.detach().clone()
         step(self.adams.values())
-        if before is not None and strides is not None:
+        if before is not None and position_scale is not None:
             with torch.no_grad():
-                self.means.copy_(torch.lerp(before, self.means, strides))
+                self.means.copy_(torch.lerp(before, self.means, position_scale))
 
     def price_sh(self, price: float) -> None:
         """Let the higher SH bands cost `price` times the sum of their absolute values, on top of the gradient that they have."""
@@ -83,17 +83,17 @@ class TrainablePoints:
             adam.tensor.grad = None
 
     def keep(self, index: Tensor) -> None:
-        """Keep the rows that an index or mask selects, in its order, with their optimiser state."""
+        """Keep the rows that an index or mask selects, in its order, with their optimizer state."""
         for adam in self.adams.values():
             adam.rewrite(lambda rows: rows[index], lambda rows: rows[index])
 
     def append(self, params: Mapping[str, Tensor]) -> None:
-        """Add rows; their optimiser state starts at zero."""
+        """Add rows; their optimizer state starts at zero."""
         for name, adam in self.adams.items():
             new = params[name].detach()
-            still = torch.zeros_like(new)
+            zeros = torch.zeros_like(new)
             adam.rewrite(
-                lambda rows, new=new: torch.cat([rows, new]), lambda rows, still=still: torch.cat([rows, still])
+                lambda rows, new=new: torch.cat([rows, new]), lambda rows, zeros=zeros: torch.cat([rows, zeros])
             )
 
     def rows(self, index: Tensor) -> dict[str, Tensor]:

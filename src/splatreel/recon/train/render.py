@@ -1,4 +1,4 @@
-"""Drawing the scene while it trains: moving points in front of and behind a frozen backdrop."""
+"""Drawing the scene while it trains: moving points in front of, between and behind static ones, which are drawn once."""
 
 from __future__ import annotations
 
@@ -67,7 +67,7 @@ class Splats:
         return Splats(*[tensor.index_select(0, index) for tensor in self.tensors])
 
     def relative_to(self, background: Tensor | None) -> Splats:
-        """With colours relative to a background's [3]: blended, they are what a picture differs by, and `draw` adds it again.
+        """With colors relative to a background's [3]: blended, they are what a picture differs by, and `draw` adds it again.
 
         That blends the background behind everything without a look at alpha: sum w c + (1 - sum w) b = sum w (c - b) + b.
         """
@@ -91,7 +91,7 @@ class StaticView:
 class Drawing:
     """image: [H, W, 3]; alpha: [H, W]. means2d: [M, 2], a tensor of the graph that keeps its gradient (pixels).
 
-    Its first `moving` rows are the moving points in their order; where everything was drawn, the backdrop's points `index` follow.
+    Its first `moving` rows are the moving points in their order; where everything was drawn, the static points `index` follow.
     tiles: [ceil(H / 16), ceil(W / 16)] bool, all that was drawn anew and has a gradient; None if everything was.
     """
 
@@ -106,16 +106,10 @@ class Drawing:
 def relative_distances(means: Tensor, views: list[View], unit: float, reach: float) -> Tensor:
     """[N] distances of points [N, 3] to the nearest view in typical viewing distances `unit`, 1 to `reach`.
 
-    What is far may go as much farther in a step, and be as much larger: it is as many pixels at any distance.
+    Farther points may go as much farther in a step, and be as much larger: in pixels it is the same at any distance.
     """
     centers = torch.stack([view.center for view in views])
     return (torch.cdist(means.detach(), centers).amin(1) / unit).clamp(1, reach)
-
-
-def halved(images: Tensor) -> Tensor:
-    """Images [C, H, W, 3] uint8 at half size, averaged over blocks of 2 x 2; an odd row or column is cut off."""
-    small = torch.nn.functional.avg_pool2d(images.permute(0, 3, 1, 2).float(), 2)
-    return small.round().to(torch.uint8).permute(0, 2, 3, 1).contiguous()
 
 
 def splats(
@@ -127,7 +121,7 @@ def splats(
     view: View,
     near: float,
 ) -> Splats:
-    """Project points and evaluate their colours for a view. sh: [N, 1, 3] and [N, K - 1, 3]; other shapes as in `Gaussians`."""
+    """Project points and evaluate their colors for a view. sh: [N, 1, 3] and [N, K - 1, 3]; other shapes as in `Gaussians`."""
     pinhole = view.viewmat, view.K, view.width, view.height
     projected = splat.project(means, quats, scales, *pinhole, near, view.antialias)
     colors = splat.view_colors(means, view.center, *sh)
@@ -148,7 +142,7 @@ def deformed(
 
 
 class StaticCache:
-    """Static points: frozen, so that each view projects, colours and draws them once and keeps the result."""
+    """Static points, which do not change: each view projects, colors and draws them once and keeps the result."""
 
     def __init__(self, gaussians: Gaussians, views: list[View], near: float, device: torch.device) -> None:
         self.views = views
@@ -201,21 +195,21 @@ def activate(params: dict[str, Tensor]) -> tuple[Tensor, Tensor, Tensor, Tensor,
     return params["means"], params["quats"], params["log_scales"].exp(), params["logit_opacities"].sigmoid(), sh
 
 
-def draw(moving: Splats, view: View, scenery: StaticView | None = None, layered: bool = True) -> Drawing:
-    """Rasterize moving points together with a view's scenery.
+def draw(moving: Splats, view: View, static: StaticView | None = None, layered: bool = True) -> Drawing:
+    """Rasterize moving points together with a view's static ones.
 
-    layered: draw only the tiles that a moving point touches, and keep the scenery's picture in the others. Picture and gradients of
-    the moving points are the same; scenery gets no gradient.
+    layered: draw only the tiles that a moving point touches, and keep the static picture in the others. Picture and gradients of
+    the moving points are the same; static ones get no gradient.
     """
     count = len(moving.means2d)
-    parts = moving if scenery is None or layered else Splats.join(moving, scenery.splats)
+    parts = moving if static is None or layered else Splats.join(moving, static.splats)
     if parts.means2d.requires_grad:
         parts.means2d.retain_grad()
-    if scenery is not None and layered:
-        image, alpha, tiles = splat.rasterize_among(*parts.tensors, scenery.frozen)
+    if static is not None and layered:
+        image, alpha, tiles = splat.rasterize_among(*parts.tensors, static.frozen)
         return Drawing(_add_background(view.background, image), alpha, parts.means2d, count, tiles=tiles)
     image, alpha = splat.rasterize(*parts.tensors, view.width, view.height)
-    index = None if scenery is None else scenery.index
+    index = None if static is None else static.index
     return Drawing(_add_background(view.background, image), alpha, parts.means2d, count, index)
 
 
@@ -224,10 +218,10 @@ def _add_background(background: Tensor | None, image: Tensor) -> Tensor:
     return image if background is None else image + background
 
 
-def contributions(moving: Splats, view: View, scenery: StaticView) -> Tensor:
+def contributions(moving: Splats, view: View, static: StaticView) -> Tensor:
     """[N] how much of a view's picture every moving point fills, in pixels: its blending weights, summed."""
     marks = torch.zeros_like(moving.colors, requires_grad=True)
     marked = replace(moving, means2d=moving.means2d.detach().requires_grad_(), colors=marks)
-    draw(marked, replace(view, background=None), scenery).image[..., 0].sum().backward()
+    draw(marked, replace(view, background=None), static).image[..., 0].sum().backward()
     assert marks.grad is not None
     return marks.grad[:, 0]

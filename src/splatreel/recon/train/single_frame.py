@@ -12,7 +12,8 @@ from splatreel.progress import Progress, Silent
 from splatreel.recon.cameras.color_gains import CameraGains
 from splatreel.recon.init.initialise import InitialPoints, initial_points, near_plane
 from splatreel.recon.init.layout import Layout, border_color, measure
-from splatreel.recon.train.keyframe import KeyframeTrainer, Stage, starting_points
+from splatreel.recon.train.keyframe import KeyframeTrainer, starting_points
+from splatreel.recon.train.pictures import Pictures
 from splatreel.recon.train.render import View
 from splatreel.scene.camera import Camera
 from splatreel.scene.gaussians import Gaussians
@@ -95,12 +96,12 @@ def train_frame(
     """Train on one frame, the first `coarse_share` of the iterations at half size. images: [C, H, W, 3] uint8."""
     device = trainer.points.means.device
     views = [View.of(camera, device, antialias, layout) for camera in cameras]
-    stage = Stage(views, torch.from_numpy(images).to(device), layout.near, layout.unit)
+    pictures = Pictures(torch.from_numpy(images).to(device)[None], views, layout.near, layout.unit)
     coarse = round(iterations * coarse_share)
     if coarse:
-        trainer.train(stage.halved(), coarse, iterations, progress)
-    trainer.train(stage, iterations - coarse, iterations, progress)
+        trainer.train(pictures.halved(), coarse, iterations, progress)
+    trainer.train(pictures, iterations - coarse, iterations, progress)
     progress.update(iterations, points=len(trainer.points))
-    if trainer.static is None and (psnr := trainer.psnr(stage)) < POOR:
+    if trainer.static is None and (psnr := trainer.psnr(pictures)) < POOR:
         why = "the cameras do not agree on what they see. Are their poses, lenses and clocks right?"
         progress.note(f"the pictures that were trained on come out with {psnr:.1f} dB only: {why}")
