@@ -202,6 +202,21 @@ def test_no_import_within_the_player_goes_in_a_circle() -> None:
     assert sorter_of(imports_of_the_player())
 
 
+def test_the_players_documentation_names_each_of_its_files() -> None:
+    text = (ROOT / "docs" / "player.md").read_text(encoding="utf-8")
+    rows = [line for line in text.splitlines() if line.startswith("|")]
+    room, told = "", set()
+    for row in rows:
+        first, files, *_ = [cell.strip() for cell in row.strip("|").split("|")] + [""]
+        room = first.strip("`") if first.startswith("`") and first.endswith("/`") else room if not first else ""
+        told |= (
+            {(room + name).replace(f"{room}../", "") for name in re.findall(r"`([\w./-]+)`", files)} if room else set()
+        )
+    files = {file.removesuffix(".ts") for file in imports_of_the_player()} - {"files.d"}
+    assert not files - told, "in no row of docs/player.md"
+    assert not {name for name in told - files if name != "wasm"}, "not in player/src"
+
+
 def sorter_of(graph: dict[str, set[str]]) -> list[str]:
     """The nodes, each after those that it imports. Raises `CycleError`."""
     return list(graphlib.TopologicalSorter(graph).static_order())

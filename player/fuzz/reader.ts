@@ -112,7 +112,7 @@ function check(error: unknown, manifest: boolean): void {
   if (!manifest && !error.message.startsWith(NAME)) throw new Error(`The error does not name the file: ${error.message}`);
 }
 
-/** Grey pictures in place of a video decoder, which belongs to somebody else and has no way to be guided. */
+/** Gray pictures in place of a video decoder, which belongs to somebody else and has no way to be guided. */
 async function decodeTrack(track: Track): Promise<Uint8Array> {
   return new Uint8Array(track.width * track.height * track.samples.length).fill(128);
 }

@@ -1,6 +1,6 @@
 /** As a module: defines <splat-reel>. In the bundled page: opens its reel. */
 import { SplatReelElement } from "./element/element";
-import { openPage, type Stage } from "./element/page";
+import { openPage, type PageRoot } from "./element/page";
 
 export type { Camera, Manifest } from "./reel/manifest";
 export { Player } from "./player/player";
@@ -11,5 +11,5 @@ export { SplatReelElement };
 
 if (!customElements.get("splat-reel")) customElements.define("splat-reel", SplatReelElement);
 
-const stage = document.querySelector<Stage>("main[data-splatreel-page]");
-if (stage) openPage(stage);
+const root = document.querySelector<PageRoot>("main[data-splatreel-page]");
+if (root) openPage(root);

@@ -42,10 +42,10 @@ test("a line that rests may be better than it was", () => {
   meter.begin(0);
   meter.came(125_000, 1000);
   meter.end(1000);
-  near(meter.hope(1000), 1e6);
-  near(meter.hope(11_000), 4e6);
+  near(meter.optimisticRate(1000), 1e6);
+  near(meter.optimisticRate(11_000), 4e6);
   meter.begin(20_000);
-  assert.equal(meter.hope(21_000), meter.rate);
+  assert.equal(meter.optimisticRate(21_000), meter.rate);
   meter.came(125_000, 20_100);
   near(meter.rate, 1e7);
 });

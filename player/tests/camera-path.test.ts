@@ -3,7 +3,7 @@ import { readFileSync } from "node:fs";
 import { join } from "node:path";
 import { test } from "node:test";
 import { eyeOf, length, subtract } from "../src/base/matrix";
-import { CameraPath, inOrder, parsePath, type Keyframe, type PathFile } from "../src/camera/camera-path";
+import { CameraPath, nearestFirst, parsePath, type Keyframe, type PathFile } from "../src/camera/camera-path";
 
 const IDENTITY = [1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1];
 const at = (x: number, y = 0): number[] => IDENTITY.map((value, i) => (i === 3 ? -x : i === 7 ? -y : value));
@@ -41,7 +41,7 @@ test("a loop that ends where it began has no kink there, and begins again", () =
 });
 
 test("through the cameras: the nearest that was not passed, there and back, without a stop", () => {
-  assert.deepEqual(inOrder(at(0), [at(3), at(0), at(1), at(2)]).map((m) => eyeOf(m)[0] + 0), [0, 1, 2, 3]);
+  assert.deepEqual(nearestFirst(at(0), [at(3), at(0), at(1), at(2)]).map((m) => eyeOf(m)[0] + 0), [0, 1, 2, 3]);
   const path = CameraPath.through(at(0), [at(3), at(0), at(1), at(2)]);
   assert.deepEqual(path.keyframes.map(({ viewmat }) => eyeOf(viewmat)[0] + 0), [0, 1, 2, 3, 2, 1, 0]);
   assert.ok(path.loop);

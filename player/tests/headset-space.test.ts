@@ -15,15 +15,15 @@ const close = (a: number[], b: number[]): void => a.forEach((value, i) => assert
 
 test("people stand where the view was, with their eyes 1.6 m above the floor", () => {
   const room = new HeadsetSpace(MANIFEST, VIEWMAT, true);
-  assert.equal(room.metres, 0.5); // the cameras' four units are two metres
+  assert.equal(room.meters, 0.5); // the cameras' four units are two meters
   const view = room.view(eyeAt(0, 1.6, 0), PROJECTION, 200, 100, 0.01);
   close(view.viewmat, VIEWMAT);
   close([view.fx, view.fy, view.cx, view.cy], [100, 50, 100, 50]);
 });
 
-test("a step in the room is a step in the world, in metres", () => {
+test("a step in the room is a step in the world, in meters", () => {
   const room = new HeadsetSpace(MANIFEST, VIEWMAT, true);
-  // A metre to the right, half a metre up and a metre ahead of where people began.
+  // A meter to the right, half a meter up and a meter ahead of where people began.
   close(eyeOf(room.view(eyeAt(1, 2.1, -1), PROJECTION, 200, 100, 0.01).viewmat), [2, -1, -2]);
 });
 

@@ -99,28 +99,28 @@ function both<T>(run: (kernels: Kernels) => T): T | string {
 
 test("levels and fields of random points", () => {
   for (const count of [1, 2, 3, 127, 128, 129, 1000]) {
-    const lattice = randomLattice(count);
-    const levels = plain.levelsOf(lattice);
-    assert.deepEqual(fast.levelsOf(lattice), levels);
+    const quantized = randomLattice(count);
+    const levels = plain.levelsOf(quantized);
+    assert.deepEqual(fast.levelsOf(quantized), levels);
     for (const columns of [1, 3]) {
       const data = randomField(count * columns);
       const shifts = Uint8Array.from({ length: count }, () => random(8));
-      const found = both((kernels) => kernels.decodeField(data, columns, levels, shifts));
+      const found = both((kernels) => kernels.decodeLod(data, columns, levels, shifts));
       assert.ok(found instanceof Int32Array && new Set(found).size > (count > 100 ? 20 : 0), String(found));
     }
   }
 });
 
 test("coinciding points", () => {
-  const lattice = new Float64Array(3 * 500).fill(7);
-  assert.deepEqual(fast.levelsOf(lattice), plain.levelsOf(lattice));
+  const quantized = new Float64Array(3 * 500).fill(7);
+  assert.deepEqual(fast.levelsOf(quantized), plain.levelsOf(quantized));
 });
 
 test("textures and rows of random coefficients", () => {
   const forms: [Form, number][] = [
     [{ turn: "nothing", rest: [0, 0, 0, 0], most: 65535 }, 3],
     [{ turn: "quaternion", rest: [1, 0, 0, 0], most: 255 }, 3],
-    [{ turn: "colour", rest: [0, 0, 0, 0], most: 255 }, 4],
+    [{ turn: "color", rest: [0, 0, 0, 0], most: 255 }, 4],
   ];
   for (const [frames, K] of [[1, 1], [2, 2], [5, 3], [30, 17]]) {
     for (const [form, channels] of forms) {
@@ -141,7 +141,7 @@ test("textures and rows of random coefficients", () => {
 test("streams that end too early, run too long or hold too much", () => {
   const levels = plain.levelsOf(randomLattice(200));
   const shifts = new Uint8Array(200);
-  const run = (data: Uint8Array): unknown => both((kernels) => kernels.decodeField(data, 1, levels, shifts));
+  const run = (data: Uint8Array): unknown => both((kernels) => kernels.decodeLod(data, 1, levels, shifts));
   assert.match(run(randomField(150)) as string, /ends too early|damaged/);
   assert.match(run(randomField(250)) as string, /damaged/);
   const cut = encode(new Array(200).fill(40), 0); // plain bits that are not there

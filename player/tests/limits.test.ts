@@ -58,10 +58,10 @@ test("who turns beyond the cameras is brought back once they let go, and the hor
   camera.orbit(-1.5, 0.1);
   camera.step(1 / 60);
   assert.ok(Math.abs(sideOf(eyeOf(camera.viewmat)) - 85.9) < 1);
-  assert.ok(camera.beyond > 0.5);
+  assert.ok(camera.offCameraFade > 0.5);
   camera.release();
   assert.ok(Math.abs(sideOf(settle(camera)) - 35) < 0.5);
-  assert.ok(camera.beyond < 0.01);
+  assert.ok(camera.offCameraFade < 0.01);
   assert.ok(Math.abs(camera.viewmat[1]) < 1e-6, "right is level");
   const { viewmat: m } = camera;
   assert.ok(length([m[3], m[7], m[11] - 4]) < 0.05, "the middle is still in the middle");
@@ -87,6 +87,6 @@ test("a pose that a page sets is neither moved nor faded", () => {
   const behind = lookAt([0, 2, 30]);
   camera.viewmat = behind;
   assert.equal(camera.step(1), false);
-  assert.equal(camera.beyond, 0);
+  assert.equal(camera.offCameraFade, 0);
   assert.ok(camera.viewmat.every((value, i) => Math.abs(value - behind[i]) < 1e-9));
 });

@@ -5,15 +5,15 @@ import { test } from "node:test";
 import { deflateRawSync } from "node:zlib";
 import { download } from "../src/files/download";
 import { LocalFiles } from "../src/files/local-files";
-import type { Part, Source } from "../src/files/source";
+import type { LocalFile, Source } from "../src/files/source";
 import { readManifest, sourceOf } from "../src/reel/manifest";
 
 const GOLDEN = join(process.cwd(), "../tests/data/golden");
 const quiet = { received: () => undefined, trouble: () => undefined };
 
-const plain = (bytes: Uint8Array | string): Part => ({ blob: new Blob([bytes as BlobPart]), deflated: false });
-const packed = (bytes: Uint8Array): Part => ({ blob: new Blob([deflateRawSync(bytes) as BlobPart]), deflated: true });
-const golden = (pack: (bytes: Uint8Array) => Part): LocalFiles => new LocalFiles("golden", (uri) => pack(readFileSync(join(GOLDEN, uri))));
+const plain = (bytes: Uint8Array | string): LocalFile => ({ blob: new Blob([bytes as BlobPart]), deflated: false });
+const packed = (bytes: Uint8Array): LocalFile => ({ blob: new Blob([deflateRawSync(bytes) as BlobPart]), deflated: true });
+const golden = (pack: (bytes: Uint8Array) => LocalFile): LocalFiles => new LocalFiles("golden", (uri) => pack(readFileSync(join(GOLDEN, uri))));
 const read = (source: Source): Promise<Uint8Array> => download(source, quiet, new AbortController().signal);
 
 test("a reel on this machine is read as one on the network, packed or not", async () => {

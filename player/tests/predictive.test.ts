@@ -54,16 +54,16 @@ test("the golden reel decodes to the numbers that Python decodes", async () => {
     const file = await decode(read(entry.uri));
     comparePoints(`group${index}.dynamic`, file);
     compare(`group${index}.alive`, file.alive);
-    const { dx, dxMin, dxStep, dq, dqMin, dqStep, worldly, shade } = file.offsets!;
+    const { dx, dxMin, dxStep, dq, dqMin, dqStep, worldly, appearance } = file.offsets!;
     assert.ok(worldly);
     const plain = (q: ArrayLike<number>, channels: number, min: number[], step: number[]): number[] =>
       Array.from({ length: (q.length / 4) * channels }, (_, i) => min[i % channels] + step[i % channels] * q[4 * Math.floor(i / channels) + (i % channels)]);
     compare(`group${index}.dx`, plain(dx, 3, dxMin, dxStep), (i) => dxStep[i % 3] / 2);
     compare(`group${index}.dq`, local(plain(dq, 4, dqMin, dqStep), file.points.quats), () => Math.hypot(...dqStep) / 2);
-    assert.equal(shade !== null, index === 1);
+    assert.equal(appearance !== null, index === 1);
     assert.equal(file.light !== null, index === 1);
     if (file.light) compare(`group${index}.light`, file.light);
-    if (shade) compare(`group${index}.shade`, plain(shade.data, 4, shade.min, shade.step), (i) => shade.step[i % 4] / 2);
+    if (appearance) compare(`group${index}.shade`, plain(appearance.data, 4, appearance.min, appearance.step), (i) => appearance.step[i % 4] / 2);
   }
 });
 

@@ -47,7 +47,7 @@ test("a very slow device gets coarse after three pictures, a known one at once",
   draw(slow, 4, 800);
   assert.equal(slow.ratio, 0.5);
   const known = new Resolution();
-  known.hesitate();
+  known.startCoarse();
   assert.equal(known.ratio, 0.5);
   draw(known, 2000, 16.7);
   assert.equal(known.ratio, 1);
@@ -57,16 +57,16 @@ test("what stands still is drawn in full, once, until it moves", () => {
   const resolution = new Resolution();
   let now = draw(resolution, 30, 90);
   assert.equal(resolution.ratio, 0.5);
-  assert.ok(!resolution.rest(now + 100));
-  assert.ok(resolution.rest((now += 400)));
+  assert.ok(!resolution.becomesStill(now + 100));
+  assert.ok(resolution.becomesStill((now += 400)));
   assert.equal(resolution.ratio, 1);
   resolution.drawn(true, (now += 1000)); // the full picture, which took a second
-  assert.ok(!resolution.rest(now + 5000));
+  assert.ok(!resolution.becomesStill(now + 5000));
   resolution.move();
   assert.equal(resolution.ratio, 0.5);
   const { interval } = resolution;
   resolution.drawn(true, now + 900);
   assert.equal(resolution.interval, interval, "the full picture does not count");
   resolution.quality = "half";
-  assert.ok(!resolution.rest(now + 9000));
+  assert.ok(!resolution.becomesStill(now + 9000));
 });

@@ -80,7 +80,7 @@ test("static and moving points together are far to near, however they are merged
 });
 
 test("what reaches into the picture is kept, what lies beyond its margin is not", () => {
-  // A camera that looks along x from (-10, 0, 0), as in the shader: the linearised splat's reach about its centre.
+  // A camera that looks along x from (-10, 0, 0), as in the shader: the linearized splat's reach about its center.
   const viewmat = [0, -1, 0, 0, 0, 0, -1, 0, 1, 0, 0, 10, 0, 0, 0, 1];
   const [fx, fy, cx, cy, width, height] = [500, 400, 300, 250, 640, 480];
   const view = frustumOf({ viewmat, fx, fy, cx, cy, width, height, near: 0.1 });
@@ -97,8 +97,8 @@ test("what reaches into the picture is kept, what lies beyond its margin is not"
     const [x, y, z] = [-means[3 * i + 1], -means[3 * i + 2], means[3 * i] + 10];
     const slope = [(x / z) * fx, (y / z) * fy].map((value, a) => Math.min(Math.max(value, [-cx, -cy][a] - 0.15 * [width, height][a]), [width - cx, height - cy][a] + 0.15 * [width, height][a]));
     const reach = [0, 1].map((a) => EXTENT * Math.sqrt(scales[i] ** 2 * ([fx, fy][a] ** 2 + slope[a] ** 2) / z ** 2 + 0.3));
-    const centre = [(x / z) * fx + cx, (y / z) * fy + cy];
-    const seen = z >= 0.1 && centre.every((at, a) => at + reach[a] >= 0 && at - reach[a] <= [width, height][a]);
+    const center = [(x / z) * fx + cx, (y / z) * fy + cy];
+    const seen = z >= 0.1 && center.every((at, a) => at + reach[a] >= 0 && at - reach[a] <= [width, height][a]);
     if (seen) assert.ok(kept.has(i), `${i} reaches into the picture`);
     else outside++;
   }

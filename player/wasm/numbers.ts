@@ -4,7 +4,7 @@
  * read or written: words and bits are counted against their ends, contexts and neighbours are made here or by the caller.
  */
 
-/** What `field` returns. */
+/** What `lod` returns. */
 const FINE: u32 = 0;
 const ENDS_EARLY: u32 = 1;
 const TOO_LARGE: u32 = 2;
@@ -26,7 +26,7 @@ export function begin(): usize {
   return __heap_base;
 }
 
-// The stream that `field` reads.
+// The stream that `lod` reads.
 let lookup: usize = 0;
 let states: usize = 0;
 let lanes: u32 = 0;
@@ -50,7 +50,7 @@ export function open(lookupAt: usize, statesAt: usize, laneCount: u32, wordsAt: 
  * found: i32 [count, columns] of zeros, what is decoded; sizes: u16 [count, columns] of zeros, scratch; contextOf: u8 [4096]; order: u32 [count];
  * neighbours: u32 [count, 4]; weights: u16 [count, 4]; shifts: u8 [count]; ends: i32 [count], or 0 where all points have all columns.
  */
-export function field(found: usize, sizes: usize, contextOf: usize, order: usize, neighbours: usize, weights: usize, shifts: usize, ends: usize, count: u32, columns: u32): u32 {
+export function lod(found: usize, sizes: usize, contextOf: usize, order: usize, neighbours: usize, weights: usize, shifts: usize, ends: usize, count: u32, columns: u32): u32 {
   let word = words;
   let bit: u32 = 0;
   let lane: u32 = 0;
@@ -126,10 +126,10 @@ export function field(found: usize, sizes: usize, contextOf: usize, order: usize
   return FINE;
 }
 
-/** Neighbours u32 [4] and weights u16 [4] of a point of a level: the nearest of 16 multiples of stride in lattice i32 [count, 3], and weights that fall with the distance. */
-function nearest(lattice: usize, count: i32, point: i32, stride: i32, neighbours: usize, weights: usize): void {
+/** Neighbours u32 [4] and weights u16 [4] of a point of a level: the nearest of 16 multiples of stride in positions i32 [count, 3], and weights that fall with the distance. */
+function nearest(quantized: usize, count: i32, point: i32, stride: i32, neighbours: usize, weights: usize): void {
   const middle = point / stride;
-  const here = lattice + 12 * point;
+  const here = quantized + 12 * point;
   const x = <f64>load<i32>(here);
   const y = <f64>load<i32>(here, 4);
   const z = <f64>load<i32>(here, 8);
@@ -139,7 +139,7 @@ function nearest(lattice: usize, count: i32, point: i32, stride: i32, neighbours
   const last = min<i32>(middle + REACH, (count - 1) / stride);
   for (let slot = first; slot <= last; slot++) {
     const candidate = slot * stride;
-    const there = lattice + 12 * candidate;
+    const there = quantized + 12 * candidate;
     const dx = <f64>load<i32>(there) - x;
     const dy = <f64>load<i32>(there, 4) - y;
     const dz = <f64>load<i32>(there, 8) - z;
@@ -175,14 +175,14 @@ function nearest(lattice: usize, count: i32, point: i32, stride: i32, neighbours
   store<i32>(neighbours, w3 > 0 ? i3 : 0, 12);
 }
 
-/** As `levelsOf`: order u32 [count], neighbours u32 [count, 4] and weights u16 [count, 4], the last two of zeros, of a lattice i32 [count, 3]. */
-export function levels(lattice: usize, count: i32, firstStride: i32, order: usize, neighbours: usize, weights: usize): void {
+/** As `levelsOf`: order u32 [count], neighbours u32 [count, 4] and weights u16 [count, 4], the last two of zeros, of quantized positions i32 [count, 3]. */
+export function levels(quantized: usize, count: i32, firstStride: i32, order: usize, neighbours: usize, weights: usize): void {
   let at: usize = 0;
   for (let i = 0; i < count; i += firstStride, at++) store<i32>(order + 4 * at, i);
   for (let stride = firstStride; stride > 1; stride >>= 1) {
     for (let i = stride >> 1; i < count; i += stride, at++) {
       store<i32>(order + 4 * at, i);
-      nearest(lattice, count, i, stride, neighbours + 16 * at, weights + 8 * at);
+      nearest(quantized, count, i, stride, neighbours + 16 * at, weights + 8 * at);
     }
   }
 }

@@ -3,10 +3,10 @@
 @external("env", "sin") declare function sin(x: f64): f64;
 @external("env", "cos") declare function cos(x: f64): f64;
 
-/** own f64 [rows, 4]: the first `end` i32 coefficients of a point at their places, i32 [end], and zeros. */
-function gather(from: usize, end: i32, places: usize, rows: i32, own: usize): void {
+/** own f64 [rows, 4]: the first `end` i32 coefficients of a point at their slots, i32 [end], and zeros. */
+function gather(from: usize, end: i32, slots: usize, rows: i32, own: usize): void {
   memory.fill(own, 0, 32 * rows);
-  for (let at = 0; at < end; at++) store<f64>(own + 8 * load<i32>(places + 4 * at), <f64>load<i32>(from + 4 * at));
+  for (let at = 0; at < end; at++) store<f64>(own + 8 * load<i32>(slots + 4 * at), <f64>load<i32>(from + 4 * at));
 }
 
 @inline function narrowed(low: v128, high: v128): v128 {
@@ -15,16 +15,16 @@ function gather(from: usize, end: i32, places: usize, rows: i32, own: usize): vo
 
 /**
  * result f32 [D, count, 4] of `count` points u32: sums over k of basis f64 [D, K] times found i32 [N, columns], 3 or 4 channels. ends: i32 [N];
- * places i32 [columns], rows i32 [columns + 1]: see placesOf; own: f64 [K, 4], scratch.
+ * slots i32 [columns], rows i32 [columns + 1]: see slotsOf; own: f64 [K, 4], scratch.
  */
-export function expand(found: usize, ends: usize, points: usize, count: i32, columns: i32, places: usize, rows: usize, basis: usize, dimensions: i32, K: i32, own: usize, result: usize): void {
+export function expand(found: usize, ends: usize, points: usize, count: i32, columns: i32, slots: usize, rows: usize, basis: usize, dimensions: i32, K: i32, own: usize, result: usize): void {
   const across = 16 * count;
   const last = dimensions - 1;
   for (let n = 0; n < count; n++, result += 16) {
     const point = load<u32>(points + 4 * n);
     const end = load<i32>(ends + 4 * point);
     const used = load<i32>(rows + 4 * end);
-    gather(found + 4 * columns * point, end, places, used, own);
+    gather(found + 4 * columns * point, end, slots, used, own);
     // Four dimensions at a time: what is read of the point serves all. The last may come twice.
     for (let first = 0; first < dimensions; first += 4) {
       const d = max<i32>(min<i32>(first, dimensions - 4), 0);
@@ -131,7 +131,7 @@ export function range(values: usize, count: i32, ranges: usize): void {
  * data [frames, rows, 4] of u16, or of u8 where bytes is 4, becomes `stay`, and at the `count` points (value - least) * share, rounded. values: f32
  * [frames, count, 4]; scale: f64 [2, 4] (least, share).
  */
-export function quantise(values: usize, frames: i32, points: usize, count: i32, rows: i32, scale: usize, stay: usize, data: usize, bytes: i32): void {
+export function quantize(values: usize, frames: i32, points: usize, count: i32, rows: i32, scale: usize, stay: usize, data: usize, bytes: i32): void {
   if (count < rows) {
     const end = data + bytes * rows * frames;
     if (bytes == 8) for (let at = data; at < end; at += 8) store<u64>(at, load<u64>(stay));

@@ -33,7 +33,7 @@ def test_who_turns_beyond_the_cameras_sees_less_is_told_and_comes_back(page: Pag
     assert color.startswith("rgba(255, 128, 0,")
     page.mouse.up()
     words.wait_for(state="hidden")
-    page.wait_for_function(f"{PLAYER}.camera.beyond < 0.001")
+    page.wait_for_function(f"{PLAYER}.camera.offCameraFade < 0.001")
 
 
 def test_a_pose_that_a_page_sets_is_shown_as_it_is(page: Page, server: Server):
@@ -42,4 +42,4 @@ def test_a_pose_that_a_page_sets_is_shown_as_it_is(page: Page, server: Server):
     page.evaluate("viewmat => { document.querySelector('splat-reel').camera = { viewmat } }", pose)
     page.wait_for_timeout(300)
     assert page.evaluate(f"{PLAYER}.camera.viewmat") == pytest.approx(pose, abs=1e-6)
-    assert page.evaluate(f"{PLAYER}.camera.beyond") == 0
+    assert page.evaluate(f"{PLAYER}.camera.offCameraFade") == 0

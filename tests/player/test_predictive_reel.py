@@ -28,7 +28,7 @@ const {compile, Instance} = WebAssembly;
 WebAssembly.compile = (bytes) => ALLOWED ? compile(bytes) : Promise.reject(new Error("not by this page's policy"));
 WebAssembly.Instance = function (...parts) {
   const instance = new Instance(...parts);
-  console.log(Object.keys(instance.exports).includes("field") ? "kernels started" : "something else started");
+  console.log(Object.keys(instance.exports).includes("lod") ? "kernels started" : "something else started");
   return instance;
 };
 """

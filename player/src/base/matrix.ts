@@ -30,7 +30,7 @@ export function viewmatOf(eye: Vec3, right: Vec3, down: Vec3, forward: Vec3): nu
   return [...row(right), ...row(down), ...row(forward), 0, 0, 0, 1];
 }
 
-/** Optical centre of a world-to-camera matrix [16]. */
+/** Optical center of a world-to-camera matrix [16]. */
 export function eyeOf(m: number[]): Vec3 {
   const at = (i: number): number => -(m[i] * m[3] + m[4 + i] * m[7] + m[8 + i] * m[11]);
   return [at(0), at(1), at(2)];

@@ -49,7 +49,7 @@ export class CameraPath {
 
   /** There and back through cameras, viewmats [16], from a view and always on to the nearest that was not passed. No time of the reel. */
   static through(start: number[], cameras: number[][]): CameraPath {
-    const stops = inOrder(start, cameras);
+    const stops = nearestFirst(start, cameras);
     const back = stops.slice(0, -1).reverse();
     return new CameraPath([...stops, ...back].map((viewmat, i) => ({ at: LEG * i, time: 0, viewmat })), true);
   }
@@ -89,7 +89,7 @@ export class CameraPath {
 }
 
 /** Cameras, viewmats [16], from a start and always on to the nearest that was not passed; one that stands at the start is. */
-export function inOrder(start: number[], cameras: number[][]): number[][] {
+export function nearestFirst(start: number[], cameras: number[][]): number[][] {
   const way = (a: number[], b: number[]): number => length(subtract(eyeOf(a), eyeOf(b)));
   const left = cameras.filter((camera) => way(camera, start) > 1e-6);
   const stops = [start];

@@ -1,16 +1,16 @@
-/** How a reel lies in the room of a headset, which has metres, y up, its floor at 0, and people who look along -z. */
+/** How a reel lies in the room of a headset, which has meters, y up, its floor at 0, and people who look along -z. */
 import { add, cross, dot, eyeOf, length, normalize, scale, subtract, type Vec3 } from "../base/matrix";
 import type { View } from "../base/view";
 import type { Manifest } from "../reel/manifest";
 
-/** Metres from the middle of the scene at which the capture's cameras stand, in the median: as people stand around something. */
+/** Meters from the middle of the scene at which the capture's cameras stand, in the median: as people stand around something. */
 const DISTANCE = 2;
-/** Metres of the eyes above the floor. */
+/** Meters of the eyes above the floor. */
 const EYES = 1.6;
 
 export class HeadsetSpace {
-  /** Metres a world unit. */
-  readonly metres: number;
+  /** Meters a world unit. */
+  readonly meters: number;
 
   /** The room's axes in the world, and where its origin lies. */
   private readonly axes: [Vec3, Vec3, Vec3];
@@ -20,7 +20,7 @@ export class HeadsetSpace {
   constructor({ bounds, up, camera, cameras }: Manifest, viewmat: number[], floor: boolean) {
     const middle = scale(add(...bounds), 0.5);
     const distances = (cameras.length > 0 ? cameras : [camera]).map(({ viewmat: m }) => length(subtract(eyeOf(m), middle))).sort((a, b) => a - b);
-    this.metres = DISTANCE / Math.max(distances[distances.length >> 1], 1e-6);
+    this.meters = DISTANCE / Math.max(distances[distances.length >> 1], 1e-6);
     const y = normalize(up);
     const level = (v: Vec3): Vec3 => subtract(v, scale(y, dot(v, y)));
     const [ahead, above]: Vec3[] = [[viewmat[8], viewmat[9], viewmat[10]], [-viewmat[4], -viewmat[5], -viewmat[6]]];
@@ -28,16 +28,16 @@ export class HeadsetSpace {
     const forward = normalize(length(level(ahead)) > 0.05 ? level(ahead) : level(scale(above, -Math.sign(dot(ahead, y)))));
     const z = scale(forward, -1);
     this.axes = [cross(y, z), y, z];
-    this.origin = subtract(eyeOf(viewmat), scale(y, floor ? EYES / this.metres : 0));
+    this.origin = subtract(eyeOf(viewmat), scale(y, floor ? EYES / this.meters : 0));
   }
 
   /** What a view of the headset sees, in world units. inverse [16]: room to eye; projection [16]; both column by column, as of WebXR. */
   view(inverse: ArrayLike<number>, projection: ArrayLike<number>, width: number, height: number, near: number): View {
-    const { axes, origin, metres } = this;
+    const { axes, origin, meters } = this;
     const rows = [0, 1, 2].map((i) => {
       const sign = i === 0 ? 1 : -1; // y and z point the other way
       const row = axes.reduce((sum, axis, a) => add(sum, scale(axis, sign * inverse[4 * a + i])), [0, 0, 0] as Vec3);
-      return [...row, (sign * inverse[12 + i]) / metres - dot(row, origin)];
+      return [...row, (sign * inverse[12 + i]) / meters - dot(row, origin)];
     });
     const P = projection;
     return {

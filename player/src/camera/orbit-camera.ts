@@ -55,8 +55,8 @@ export class OrbitCamera {
   private held = false;
   private velocity: Motion = { ...STILL };
   private glide: { from: CameraState; to: CameraState; at: number } | null = null;
-  private ride: { path: CameraPath; at: number; cut: boolean } | null = null;
-  private flight: CameraPath | null = null;
+  private followed: { path: CameraPath; at: number; cut: boolean } | null = null;
+  private flythrough: CameraPath | null = null;
   private moved = false;
 
   /** screen: what it begins on, CSS pixels. calm: no inertia, no gliding, for people who asked for less motion. */
@@ -87,7 +87,7 @@ export class OrbitCamera {
   }
 
   set state(state: CameraState) {
-    [this.glide, this.ride, this.moved] = [null, null, false];
+    [this.glide, this.followed, this.moved] = [null, null, false];
     this.velocity = { ...STILL };
     this.place(state);
   }
@@ -120,23 +120,23 @@ export class OrbitCamera {
 
   /** The path that it follows, and the seconds of it that have passed. */
   get following(): Readonly<{ path: CameraPath; at: number }> | null {
-    return this.ride;
+    return this.followed;
   }
 
   /** Follow a path from some seconds on, until a hand is on the camera; null: stop. cut: from keyframe to keyframe without a move. */
   follow(path: CameraPath | null, at = 0, cut = false): void {
-    [this.glide, this.moved, this.ride] = [null, false, path && { path, at, cut }];
+    [this.glide, this.moved, this.followed] = [null, false, path && { path, at, cut }];
     this.velocity = { ...STILL };
   }
 
   get flying(): boolean {
-    return this.flight !== null && this.ride?.path === this.flight;
+    return this.flythrough !== null && this.followed?.path === this.flythrough;
   }
 
   /** Fly through the cameras of the capture, or stop. */
   fly(on: boolean): void {
-    this.flight = on && this.poses.length > 1 ? CameraPath.through(this.viewmat, this.poses.map(viewmatOfState)) : null;
-    this.follow(this.flight, 0, this.calm);
+    this.flythrough = on && this.poses.length > 1 ? CameraPath.through(this.viewmat, this.poses.map(viewmatOfState)) : null;
+    this.follow(this.flythrough, 0, this.calm);
   }
 
   /** Turn to a point seen at camera coordinates, and orbit about it from now on. */
@@ -208,7 +208,7 @@ export class OrbitCamera {
 
   /** Advance what moves by itself; true while the camera does. */
   step(seconds: number): boolean {
-    if (this.ride) return this.stepAlong(this.ride, seconds);
+    if (this.followed) return this.stepAlong(this.followed, seconds);
     if (this.glide) return this.stepGlide(seconds);
     const { velocity, thrust } = this;
     const gain = this.calm ? 1 : 1 - Math.exp(-FRICTION * seconds);
@@ -251,7 +251,7 @@ export class OrbitCamera {
 
   /** A hand is on it: nothing else moves it any more. */
   private touch(): void {
-    [this.glide, this.ride, this.moved] = [null, null, true];
+    [this.glide, this.followed, this.moved] = [null, null, true];
   }
 
   private place({ eye, turn, distance }: CameraState): void {
@@ -281,16 +281,16 @@ export class OrbitCamera {
     return true;
   }
 
-  private stepAlong(ride: { path: CameraPath; at: number; cut: boolean }, seconds: number): boolean {
-    ride.at += seconds;
-    const { path, at, cut } = ride;
+  private stepAlong(followed: { path: CameraPath; at: number; cut: boolean }, seconds: number): boolean {
+    followed.at += seconds;
+    const { path, at, cut } = followed;
     this.place(this.stateOf(path.at(at, cut)));
-    if (!path.loop && at >= path.seconds) this.ride = null;
+    if (!path.loop && at >= path.seconds) this.followed = null;
     return true;
   }
 
   /** How much of the picture is to fade, 0 to 1, because people went where no camera looked from. */
-  get beyond(): number {
+  get offCameraFade(): number {
     return this.moved ? this.limits.fade(this.eye) : 0;
   }
 

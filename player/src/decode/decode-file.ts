@@ -1,7 +1,7 @@
 /** One file of a reel, decoded. */
 import { ReelError, inSection, messageOf } from "../base/errors";
 import { parseContainer, type Container } from "../reel/container";
-import { decodeAppearance, inOrder } from "./appearance";
+import { decodeAppearance, neighboursInOrder } from "./appearance";
 import { flags, tensor } from "./dequantize";
 import { decodeGaussians, type DecodePoints, type Gaussians } from "./gaussians";
 import { decodeOffsets, type DecodeTrack } from "./h265-offsets";
@@ -16,7 +16,7 @@ export interface DecodedFile {
   alive: Uint8Array;
   /** Groups with dynamic points. */
   offsets: Offsets | null;
-  /** Groups whose light changes: [T, 3] factors of all colours. */
+  /** Groups whose light changes: [T, 3] factors of all colors. */
   light: Float32Array | null;
 }
 
@@ -41,7 +41,7 @@ async function decodePredicted(file: Container, kernels: Kernels): Promise<Movin
   const { points, here } = await decodePredictive(file, kernels);
   if (file.kind !== "group") return { points, offsets: null };
   const motion = await decodeMotion(file, here);
-  return { points, offsets: { ...motion, shade: await decodeAppearance(file, motion.frames, here) } };
+  return { points, offsets: { ...motion, appearance: await decodeAppearance(file, motion.frames, here) } };
 }
 
 async function decodePaper(file: Container, decodePoints: DecodePoints, decodeTrack: DecodeTrack, kernels: Kernels): Promise<Moving> {
@@ -54,7 +54,7 @@ async function decodePaper(file: Container, decodePoints: DecodePoints, decodeTr
     decodeGaussians(file, decodePoints),
     section && file.points > 0 ? inSection("offsets", () => decodeOffsets(tensor(file, "offsets"), section, file, decodeTrack)) : null,
   ]);
-  return { points, offsets: offsets && { ...offsets, shade: file.sections.shade ? await decodeAppearance(file, offsets.frames, inOrder(file.points, kernels)) : null } };
+  return { points, offsets: offsets && { ...offsets, appearance: file.sections.shade ? await decodeAppearance(file, offsets.frames, neighboursInOrder(file.points, kernels)) : null } };
 }
 
 /** The buffers of a decoded file, to be handed to another thread without copying. */
@@ -65,6 +65,6 @@ export function buffersOf(file: DecodedFile): ArrayBuffer[] {
   };
   collect(file.points);
   if (file.offsets) collect(file.offsets);
-  if (file.offsets?.shade) collect(file.offsets.shade);
+  if (file.offsets?.appearance) collect(file.offsets.appearance);
   return [...new Set(arrays.map((array) => array.buffer as ArrayBuffer))];
 }

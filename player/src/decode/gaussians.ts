@@ -84,7 +84,7 @@ async function decodeRest(file: Container, count: number): Promise<Pick<Gaussian
   const codebook = sectionOf(file, "sh_codebook", "linear");
   const shDegree = await inSection("sh_codebook", () => whole(codebook, "degree", 1, 3));
   const shRest = await integers(file, "sh_rest", bits, count);
-  if (shRest.some((entry) => entry >= entries)) throw new ReelError(`section sh_rest: it names a colour beyond its codebook of ${entries}`);
+  if (shRest.some((entry) => entry >= entries)) throw new ReelError(`section sh_rest: it names a color beyond its codebook of ${entries}`);
   return { shRest, shDegree, codebook: await linear(file, "sh_codebook", entries, 3 * ((shDegree + 1) ** 2 - 1)) };
 }
 

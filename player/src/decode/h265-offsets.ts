@@ -14,7 +14,7 @@ const MAX_SLACK = 4096;
 /** Frames times points. */
 export const MAX_VALUES = 2 ** 26;
 
-export async function decodeOffsets(bytes: Uint8Array, section: Section, file: Container, decodeTrack: DecodeTrack): Promise<Omit<Offsets, "shade">> {
+export async function decodeOffsets(bytes: Uint8Array, section: Section, file: Container, decodeTrack: DecodeTrack): Promise<Omit<Offsets, "appearance">> {
   const { points: count, frames } = file;
   const width = whole(section, "width", BLOCK, 8192);
   const height = whole(section, "height", BLOCK, 8192);

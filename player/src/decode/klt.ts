@@ -1,7 +1,7 @@
 /** Sums over the basis of a `klt` section, and what textures hold of them (docs/format.md). */
-import { decodeField, type Levels } from "./lod-prediction";
+import { decodeLod, type Levels } from "./lod-prediction";
 
-/** Of brightness, red against blue, and green against both in the three colours. */
+/** Of brightness, red against blue, and green against both in the three colors. */
 export const SHARES = [1 / Math.sqrt(3), 1 / Math.sqrt(2), 1 / Math.sqrt(6)];
 
 /** A section whose coefficients are still coded. */
@@ -22,7 +22,7 @@ export interface Klt {
 
 /** What becomes of the sums, and of what points have that have none. */
 export interface Form {
-  turn: "nothing" | "quaternion" | "colour";
+  turn: "nothing" | "quaternion" | "color";
   rest: [number, number, number, number];
   /** Whole numbers go from 0 to it: 255 or 65535. */
   most: number;
@@ -57,27 +57,27 @@ export function decodeTexture(klt: Klt, form: Form): Texture {
   const values = new Float32Array(4 * klt.dimensions * points.length);
   expand(klt, points, values, 4 * points.length, 4);
   if (form.turn === "quaternion") quaternions(values);
-  if (form.turn === "colour") colors(values);
+  if (form.turn === "color") colors(values);
   return wholes(values, form, points, klt.dimensions, klt.ends.length);
 }
 
 /** Where coefficients go in rows of `across` channels, a row a vector of the basis, and how many rows the first 0, 1, ... L of them reach. */
-export function placesOf(columns: Uint8Array, across: number): { places: Int32Array; rows: Int32Array } {
-  const places = new Int32Array(columns.length);
+export function slotsOf(columns: Uint8Array, across: number): { slots: Int32Array; rows: Int32Array } {
+  const slots = new Int32Array(columns.length);
   const rows = new Int32Array(columns.length + 1);
   const vectors = new Int32Array(across);
   columns.forEach((channel, at) => {
-    places[at] = across * vectors[channel]++ + channel;
+    slots[at] = across * vectors[channel]++ + channel;
     rows[at + 1] = Math.max(rows[at], vectors[channel]);
   });
-  return { places, rows };
+  return { slots, rows };
 }
 
 /** The sum of dimension d, the n-th of the points and channel c goes to d across + n along + c. */
 function expand({ data, ends, columns, channels, basis, dimensions, levels, shifts }: Klt, points: Uint32Array, result: Float32Array, across: number, along: number): void {
   const stride = basis.length / dimensions;
-  const found = decodeField(data, columns.length, levels, shifts, ends);
-  const { places, rows } = placesOf(columns, channels);
+  const found = decodeLod(data, columns.length, levels, shifts, ends);
+  const { slots, rows } = slotsOf(columns, channels);
   const own = new Float64Array(channels * stride);
   const last = dimensions - 1;
   for (let n = 0; n < points.length; n++) {
@@ -85,7 +85,7 @@ function expand({ data, ends, columns, channels, basis, dimensions, levels, shif
     const used = rows[end];
     const from = columns.length * points[n];
     own.fill(0, 0, channels * used);
-    for (let at = 0; at < end; at++) own[places[at]] = found[from + at];
+    for (let at = 0; at < end; at++) own[slots[at]] = found[from + at];
     // Four dimensions at a time: what is read of the point serves all, and no sum waits for another. The last may come twice.
     for (let first = 0; first < dimensions; first += 4) {
       const d = Math.max(Math.min(first, dimensions - 4), 0);

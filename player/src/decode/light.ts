@@ -8,7 +8,7 @@ const MOST_FRAMES = 10_000;
 /** Factor by which light may be brighter or darker. */
 const MOST = 1024;
 
-/** [T, 3] factors of all colours. */
+/** [T, 3] factors of all colors. */
 export async function decodeLight(file: Container): Promise<Float32Array> {
   if (file.frames > MOST_FRAMES) throw new ReelError(`section light would hold ${file.frames} frames`);
   const light = await linear(file, "light", file.frames, 3);

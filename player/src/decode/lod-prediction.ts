@@ -25,9 +25,9 @@ export interface Levels {
   weights: Uint16Array;
 }
 
-/** Levels of points at lattice positions [N, 3] in Morton order. */
-export function levelsOf(lattice: ArrayLike<number>): Levels {
-  const count = lattice.length / 3;
+/** Levels of points at quantized positions [N, 3] in Morton order. */
+export function levelsOf(quantized: ArrayLike<number>): Levels {
+  const count = quantized.length / 3;
   const order = new Uint32Array(count);
   const neighbours = new Uint32Array(NEIGHBOURS * count);
   const weights = new Uint16Array(NEIGHBOURS * count);
@@ -37,7 +37,7 @@ export function levelsOf(lattice: ArrayLike<number>): Levels {
   for (; stride > 1; stride /= 2) {
     for (let i = stride / 2; i < count; i += stride, at++) {
       order[at] = i;
-      nearest(lattice, count, i, stride, neighbours, weights, NEIGHBOURS * at);
+      nearest(quantized, count, i, stride, neighbours, weights, NEIGHBOURS * at);
     }
   }
   return { order, neighbours, weights };
@@ -55,14 +55,14 @@ const squares = new Float64Array(NEIGHBOURS);
 const nearness = new Float64Array(NEIGHBOURS);
 
 /** The nearest of 16 multiples of stride around a point, ties to the earlier, and weights that fall with the distance. */
-function nearest(lattice: ArrayLike<number>, count: number, point: number, stride: number, neighbours: Uint32Array, weights: Uint16Array, at: number): void {
+function nearest(quantized: ArrayLike<number>, count: number, point: number, stride: number, neighbours: Uint32Array, weights: Uint16Array, at: number): void {
   const middle = Math.floor(point / stride);
   squares.fill(Infinity);
   for (let slot = middle + 1 - REACH; slot <= middle + REACH; slot++) {
     const candidate = slot * stride;
     if (candidate < 0 || candidate >= count) continue;
     let square = 0;
-    for (let a = 0; a < 3; a++) square += (lattice[3 * candidate + a] - lattice[3 * point + a]) ** 2;
+    for (let a = 0; a < 3; a++) square += (quantized[3 * candidate + a] - quantized[3 * point + a]) ** 2;
     let place = NEIGHBOURS;
     while (place > 0 && square < squares[place - 1]) place--;
     for (let i = NEIGHBOURS - 1; i > place; i--) {
@@ -86,7 +86,7 @@ function nearest(lattice: ArrayLike<number>, count: number, point: number, strid
 }
 
 /** Whole numbers [N, columns]. shifts: [N], the steps of a point are 2^shift. ends: [N], how many of its columns a point has; all by default. */
-export function decodeField(data: Uint8Array, columns: number, levels: Levels, shifts: Uint8Array, ends?: Int32Array): Int32Array {
+export function decodeLod(data: Uint8Array, columns: number, levels: Levels, shifts: Uint8Array, ends?: Int32Array): Int32Array {
   const decoder = new EntropyDecoder(data, CONTEXTS);
   const { order, neighbours, weights } = levels;
   const found = new Int32Array(order.length * columns);

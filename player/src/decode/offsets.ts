@@ -5,8 +5,8 @@ import type { Texture } from "./klt";
 export type Appearance = Texture<Uint8Array>;
 
 /**
- * Offsets as the integers they were stored as, one texel a point: the vertex stage undoes the quantisation.
- * dx = dxMin + value * dxStep; dq = dqMin + value * dqStep, to be normalised.
+ * Offsets as the integers they were stored as, one texel a point: the vertex stage undoes the quantization.
+ * dx = dxMin + value * dxStep; dq = dqMin + value * dqStep, to be normalized.
  */
 export interface Offsets {
   frames: number;
@@ -20,6 +20,6 @@ export interface Offsets {
   dqStep: number[];
   /** Whether dq turns about the world's axes, after the points' own rotations; else about those that these have made of them. */
   worldly: boolean;
-  /** Null where colour and opacity stay. */
-  shade: Appearance | null;
+  /** Null where color and opacity stay. */
+  appearance: Appearance | null;
 }

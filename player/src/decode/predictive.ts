@@ -29,10 +29,10 @@ export interface Neighbourhood {
 
 export async function decodePredictive(file: Container, kernels: Kernels): Promise<{ points: Gaussians; here: Neighbourhood }> {
   const count = file.points;
-  const { lattice, ...cells } = await inSection("means", () => decodeLattice(file, count));
-  const levels = kernels.levelsOf(lattice);
+  const { quantized, ...cells } = await inSection("means", () => decodeQuantizedPositions(file, count));
+  const levels = kernels.levelsOf(quantized);
   const here = { levels, classes: await decodeClasses(file, levels, kernels), kernels };
-  const means = await inSection("places", () => decodePlaces(file, lattice, cells, here.classes[MOTION]));
+  const means = await inSection("places", () => decodeRefinementBits(file, quantized, cells, here.classes[MOTION]));
   const { quats, scales } = toShapes(await values(file, "shapes", SHAPE, 6, here));
   const opacities = await values(file, "opacities", SHAPE, 1, here);
   const shBase = await values(file, "sh_base", COLOR, 3, here);
@@ -46,7 +46,7 @@ export async function decodePredictive(file: Container, kernels: Kernels): Promi
 }
 
 /** Offsets [T] at the frames, as whole numbers over their own ranges: see `Offsets`. */
-export async function decodeMotion(file: Container, here: Neighbourhood): Promise<Omit<Offsets, "shade">> {
+export async function decodeMotion(file: Container, here: Neighbourhood): Promise<Omit<Offsets, "appearance">> {
   const { frames, points: count } = file;
   if (!(Number.isInteger(frames) && frames >= 1 && frames * count <= 2 ** 26)) throw new ReelError(`it claims ${frames} frames`);
   const moves = await inSection("dx", () => here.kernels.decodeTexture(kltOf(file, "dx", MOTION, frames, 3, here), MOVES));
@@ -63,14 +63,14 @@ export async function decodeMotion(file: Container, here: Neighbourhood): Promis
   };
 }
 
-/** What the positions in a lattice mean: `min` + `step` times them, and how many bits the finest points have for their place in a cell. */
+/** What the quantized positions mean: `min` + `step` times them, and how many bits the finest points have for their place in a cell. */
 interface Cells {
   low: number[];
   step: number;
   finer: number;
 }
 
-function decodeLattice(file: Container, count: number): Cells & { lattice: Float64Array } {
+function decodeQuantizedPositions(file: Container, count: number): Cells & { quantized: Float64Array } {
   const section = sectionOf(file, "means", "lattice");
   const low = section.min as number[];
   const finer = section.finer as number;
@@ -78,37 +78,37 @@ function decodeLattice(file: Container, count: number): Cells & { lattice: Float
   if (!(Number.isInteger(finer) && finer >= 0 && finer <= 7)) throw new ReelError(`its points have ${JSON.stringify(finer)} bits more`);
   if (!Array.isArray(low) || low.length !== 3 || !low.every(Number.isFinite)) throw new ReelError("its positions have no origin");
   const decoder = new EntropyDecoder(tensor(file, "means"), 1);
-  const lattice = new Float64Array(3 * count);
+  const quantized = new Float64Array(3 * count);
   let code = 0;
   for (let i = 0; i < count; i++) {
     code += decoder.nextLarge(0);
     if (code >= 2 ** 51) throw new ReelError("its positions leave their lattice");
     const high = Math.floor(code / 2 ** 24);
     const rest = code - high * 2 ** 24;
-    for (let a = 0; a < 3; a++) lattice[3 * i + a] = everyThird(rest >> a) | (everyThird(high >> a) << 8);
+    for (let a = 0; a < 3; a++) quantized[3 * i + a] = everyThird(rest >> a) | (everyThird(high >> a) << 8);
   }
   decoder.finish();
-  return { lattice, low, step, finer };
+  return { quantized, low, step, finer };
 }
 
 /** Positions [N, 3]: a point of class c has `finer` - c bits along each axis for its place in its cell, the lowest ones of all points first. */
-function decodePlaces(file: Container, lattice: Float64Array, { low, step, finer }: Cells, classes: Uint8Array): Float32Array {
+function decodeRefinementBits(file: Container, quantized: Float64Array, { low, step, finer }: Cells, classes: Uint8Array): Float32Array {
   sectionOf(file, "places", "plain");
   const data = tensor(file, "places");
   let total = 0;
   for (const kind of classes) total += 3 * Math.max(finer - kind, 0);
   if (data.length !== (total + 7) >> 3) throw new ReelError(`it holds ${data.length} bytes where its points have ${total} bits`);
-  const places = new Uint8Array(lattice.length);
+  const refinement = new Uint8Array(quantized.length);
   for (let b = 0, bit = 0; b < finer; b++) {
     for (let i = 0; i < classes.length; i++) {
       if (finer - classes[i] <= b) continue;
-      for (let at = 3 * i; at < 3 * i + 3; at++, bit++) places[at] |= ((data[bit >> 3] >> (bit & 7)) & 1) << b;
+      for (let at = 3 * i; at < 3 * i + 3; at++, bit++) refinement[at] |= ((data[bit >> 3] >> (bit & 7)) & 1) << b;
     }
   }
-  const means = new Float32Array(lattice.length);
+  const means = new Float32Array(quantized.length);
   for (let i = 0, at = 0; i < classes.length; i++) {
     const parts = 2 ** Math.max(finer - classes[i], 0);
-    for (let a = 0; a < 3; a++, at++) means[at] = low[a] + (lattice[at] + (2 * places[at] + 1 - parts) / (2 * parts)) * step;
+    for (let a = 0; a < 3; a++, at++) means[at] = low[a] + (quantized[at] + (2 * refinement[at] + 1 - parts) / (2 * parts)) * step;
   }
   return means;
 }
@@ -157,7 +157,7 @@ function values(file: Container, name: string, kind: number, columns: number, he
   const section = sectionOf(file, name, "field");
   return inSection(name, () => {
     const step = stepOf(section);
-    const result = new Float64Array(here.kernels.decodeField(tensor(file, name), columns, here.levels, here.classes[kind]));
+    const result = new Float64Array(here.kernels.decodeLod(tensor(file, name), columns, here.levels, here.classes[kind]));
     for (let i = 0; i < result.length; i++) result[i] *= step;
     return result;
   });
@@ -175,7 +175,7 @@ export function kltOf(file: Container, name: string, kind: number, dimensions: n
   const [basisData, columnsData, endsData, body] = sizes.map((size) => data.subarray(cut, (cut += size)));
   const vectors = decodeBasis(basisData, section, dimensions);
   const columns = decodeColumns(columnsData, section, vectors.length, channels);
-  const ends = here.kernels.decodeField(endsData, 1, here.levels, new Uint8Array(file.points));
+  const ends = here.kernels.decodeLod(endsData, 1, here.levels, new Uint8Array(file.points));
   if (!ends.every((end) => end >= 0 && end <= columns.length)) throw new ReelError(`it has points of more columns than ${columns.length}`);
   const basis = new Float64Array(dimensions * vectors.length);
   vectors.forEach((vector, k) => vector.forEach((value, d) => (basis[d * vectors.length + k] = value * step)));

@@ -2,7 +2,7 @@
 import { ReelError } from "../base/errors";
 import { streamOf } from "./entropy";
 import type { Kernels } from "./kernels";
-import { coded, placesOf, scaleOf, SHARES, type Form, type Klt, type Texture } from "./klt";
+import { coded, slotsOf, scaleOf, SHARES, type Form, type Klt, type Texture } from "./klt";
 import { CONTEXT_OF, CONTEXTS, firstStride, type Levels } from "./lod-prediction";
 
 /** What ../wasm exports; all but memory take and give addresses and whole numbers. */
@@ -10,17 +10,17 @@ interface Module {
   memory: WebAssembly.Memory;
   begin(): number;
   open(lookup: number, states: number, lanes: number, words: number, wordCount: number, raw: number, rawBytes: number): void;
-  field(found: number, sizes: number, contextOf: number, order: number, neighbours: number, weights: number, shifts: number, ends: number, count: number, columns: number): number;
-  levels(lattice: number, count: number, firstStride: number, order: number, neighbours: number, weights: number): void;
-  expand(found: number, ends: number, points: number, count: number, columns: number, places: number, rows: number, basis: number, dimensions: number, K: number, own: number, result: number): void;
+  lod(found: number, sizes: number, contextOf: number, order: number, neighbours: number, weights: number, shifts: number, ends: number, count: number, columns: number): number;
+  levels(quantized: number, count: number, firstStride: number, order: number, neighbours: number, weights: number): void;
+  expand(found: number, ends: number, points: number, count: number, columns: number, slots: number, rows: number, basis: number, dimensions: number, K: number, own: number, result: number): void;
   expandRows(found: number, ends: number, points: number, count: number, columns: number, basis: number, dimensions: number, result: number): void;
   turn(values: number, count: number): void;
   color(values: number, count: number, shares: number): void;
   range(values: number, count: number, ranges: number): void;
-  quantise(values: number, frames: number, points: number, count: number, rows: number, scale: number, stay: number, data: number, bytes: number): void;
+  quantize(values: number, frames: number, points: number, count: number, rows: number, scale: number, stay: number, data: number, bytes: number): void;
 }
 
-/** By what `field` returns. */
+/** By what `lod` returns. */
 const WRONG = ["", "a stream ends too early", "a stream holds numbers that are too large", "a section decodes to numbers that are too large", "a stream is damaged"];
 const PAGE = 65536;
 /** A memory that grew beyond it is not kept for the next file. */
@@ -94,27 +94,27 @@ export function wasmKernels(module: WebAssembly.Module): Kernels {
     return arena;
   };
   return {
-    levelsOf: (lattice) => levelsOf(fresh(), lattice),
-    decodeField: (data, columns, levels, shifts) => {
+    levelsOf: (quantized) => levelsOf(fresh(), quantized),
+    decodeLod: (data, columns, levels, shifts) => {
       const here = fresh();
       const result = new Int32Array(columns * shifts.length);
-      return here.take(field(here, data, columns, levels, shifts, null).found, result);
+      return here.take(lod(here, data, columns, levels, shifts, null).found, result);
     },
     decodeRows: (klt) => decodeRows(fresh(), klt),
     decodeTexture: (klt, form) => decodeTexture(fresh(), klt, form),
   };
 }
 
-function levelsOf(arena: Arena, lattice: Float64Array): Levels {
-  const count = lattice.length / 3;
-  const from = arena.put(Int32Array.from(lattice));
+function levelsOf(arena: Arena, quantized: Float64Array): Levels {
+  const count = quantized.length / 3;
+  const from = arena.put(Int32Array.from(quantized));
   const [order, neighbours, weights] = [arena.room(4 * count), arena.zeros(16 * count), arena.zeros(8 * count)];
   arena.run.levels(from, count, firstStride(count), order, neighbours, weights);
   return { order: arena.take(order, new Uint32Array(count)), neighbours: arena.take(neighbours, new Uint32Array(4 * count)), weights: arena.take(weights, new Uint16Array(4 * count)) };
 }
 
 /** Where the whole numbers [N, columns] of a stream are, and the ends. */
-function field(arena: Arena, data: Uint8Array, columns: number, levels: Levels, shifts: Uint8Array, ends: Int32Array | null): { found: number; ends: number } {
+function lod(arena: Arena, data: Uint8Array, columns: number, levels: Levels, shifts: Uint8Array, ends: Int32Array | null): { found: number; ends: number } {
   const stream = streamOf(data, CONTEXTS);
   const count = shifts.length;
   const found = arena.zeros(4 * columns * count);
@@ -123,14 +123,14 @@ function field(arena: Arena, data: Uint8Array, columns: number, levels: Levels, 
   const [lookup, states, words, raw] = [arena.put(stream.lookup), arena.put(stream.states), arena.put(stream.words), arena.put(stream.raw)];
   arena.run.open(lookup, states, stream.states.length, words, stream.words.length, raw, stream.rawBytes);
   const [contextOf, order, neighbours, weights] = [arena.put(CONTEXT_OF), arena.put(levels.order), arena.put(levels.neighbours), arena.put(levels.weights)];
-  const wrong = arena.run.field(found, sizes, contextOf, order, neighbours, weights, arena.put(shifts), endsAt, count, columns);
+  const wrong = arena.run.lod(found, sizes, contextOf, order, neighbours, weights, arena.put(shifts), endsAt, count, columns);
   if (wrong) throw new ReelError(WRONG[wrong]);
   return { found, ends: endsAt };
 }
 
 function decodeRows(arena: Arena, { data, ends, columns, basis, dimensions, levels, shifts }: Klt): Float32Array {
   const K = basis.length / dimensions;
-  const at = field(arena, data, columns.length, levels, shifts, ends);
+  const at = lod(arena, data, columns.length, levels, shifts, ends);
   const points = coded(ends);
   const result = new Float32Array(points.length * dimensions);
   const across = Float64Array.from(basis, (_, i) => basis[(i % dimensions) * K + Math.floor(i / dimensions)]);
@@ -142,14 +142,14 @@ function decodeRows(arena: Arena, { data, ends, columns, basis, dimensions, leve
 function decodeTexture(arena: Arena, { data, ends, columns, basis, dimensions, levels, shifts }: Klt, form: Form): Texture {
   const { run } = arena;
   const K = basis.length / dimensions;
-  const at = field(arena, data, columns.length, levels, shifts, ends);
-  const { places, rows } = placesOf(columns, 4);
+  const at = lod(arena, data, columns.length, levels, shifts, ends);
+  const { slots, rows } = slotsOf(columns, 4);
   const some = coded(ends);
   const count = some.length * dimensions;
   const [points, basisAt, own, values] = [arena.put(some), arena.put(basis), arena.room(32 * K), arena.room(16 * count)];
-  run.expand(at.found, at.ends, points, some.length, columns.length, arena.put(places), arena.put(rows), basisAt, dimensions, K, own, values);
+  run.expand(at.found, at.ends, points, some.length, columns.length, arena.put(slots), arena.put(rows), basisAt, dimensions, K, own, values);
   if (form.turn === "quaternion") run.turn(values, count);
-  if (form.turn === "colour") run.color(values, count, arena.put(Float64Array.from(SHARES)));
+  if (form.turn === "color") run.color(values, count, arena.put(Float64Array.from(SHARES)));
   const ranges = arena.put(Float32Array.from([...form.rest, ...form.rest]));
   run.range(values, count, ranges);
   const [low, high] = [arena.take(ranges, new Float32Array(4)), arena.take(ranges + 16, new Float32Array(4))];
@@ -157,6 +157,6 @@ function decodeTexture(arena: Arena, { data, ends, columns, basis, dimensions, l
   const Whole = form.most > 255 ? Uint16Array : Uint8Array;
   const result = new Whole(4 * dimensions * ends.length);
   const [scale, stayAt, to] = [arena.put(Float64Array.from([...low, ...share])), arena.put(Whole.from(stay)), arena.room(result.byteLength)];
-  run.quantise(values, dimensions, points, some.length, ends.length, scale, stayAt, to, 4 * Whole.BYTES_PER_ELEMENT);
+  run.quantize(values, dimensions, points, some.length, ends.length, scale, stayAt, to, 4 * Whole.BYTES_PER_ELEMENT);
   return { data: arena.take(to, result), min: [...low], step };
 }

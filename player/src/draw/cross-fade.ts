@@ -23,7 +23,7 @@ export class CrossFade {
     this.program.check();
   }
 
-  /** An empty picture of that size, in the colour that was set to clear with. */
+  /** An empty picture of that size, in the color that was set to clear with. */
   begin(width: number, height: number): void {
     const { gl } = this;
     gl.bindFramebuffer(gl.FRAMEBUFFER, this.framebuffer);

@@ -49,7 +49,7 @@ export class ProjectionPass {
     const group = shown && this.memory.group(shown.group);
     if (!shown || !group || !group.range) return;
     const { gl, program } = this;
-    const { frames, dxMin, dxStep, dqMin, dqStep, worldly, shade } = group.range;
+    const { frames, dxMin, dxStep, dqMin, dqStep, worldly, appearance } = group.range;
     const low = Math.min(Math.floor(shown.frame), frames - 1);
     gl.uniform2i(program.at("uFrames"), low, Math.min(low + 1, frames - 1));
     gl.uniform1f(program.at("uBetween"), shown.frame - low);
@@ -58,8 +58,8 @@ export class ProjectionPass {
     gl.uniform4fv(program.at("uDqMin"), dqMin);
     gl.uniform4fv(program.at("uDqStep"), dqStep);
     gl.uniform1i(program.at("uWorldly"), worldly ? 1 : 0);
-    gl.uniform4fv(program.at("uShadeMin"), shade?.min ?? [0, 0, 0, 0]);
-    gl.uniform4fv(program.at("uShadeStep"), shade?.step ?? [0, 0, 0, 0]);
+    gl.uniform4fv(program.at("uAppearanceMin"), appearance?.min ?? [0, 0, 0, 0]);
+    gl.uniform4fv(program.at("uAppearanceStep"), appearance?.step ?? [0, 0, 0, 0]);
     gl.uniform4f(program.at("uWeights"), weight, 0, 0, 0);
     this.projectFile(group);
   }
@@ -73,8 +73,8 @@ export class ProjectionPass {
     program.texture("uFlags", 2, gl.TEXTURE_2D, file.flags);
     program.texture("uDx", 3, gl.TEXTURE_2D_ARRAY, file.dx);
     program.texture("uDq", 4, gl.TEXTURE_2D_ARRAY, file.dq);
-    program.texture("uShade", 5, gl.TEXTURE_2D_ARRAY, file.shade);
-    gl.uniform1i(program.at("uShaded"), file.shade ? 1 : 0);
+    program.texture("uAppearance", 5, gl.TEXTURE_2D_ARRAY, file.appearance);
+    gl.uniform1i(program.at("uHasAppearance"), file.appearance ? 1 : 0);
     gl.uniform1i(program.at("uFirstRow"), file.firstRow);
     gl.uniform1i(program.at("uCount"), file.count);
     gl.uniform1i(program.at("uShDegree"), file.shDegree);

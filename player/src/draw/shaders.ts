@@ -1,5 +1,5 @@
 /**
- * Two passes. `project` runs once a point: it moves, projects and colours it and writes what its splat needs into integer
+ * Two passes. `project` runs once a point: it moves, projects and colors it and writes what its splat needs into integer
  * textures (integers, because every WebGL2 device can draw into those at full precision). `splat` draws the sorted quads.
  */
 import { NO_POINT, TEXTURE_WIDTH } from "./texture-layout";
@@ -23,16 +23,16 @@ uniform highp sampler2D uCodebook;
 uniform highp usampler2D uFlags;
 uniform highp usampler2DArray uDx;
 uniform highp usampler2DArray uDq;
-uniform highp usampler2DArray uShade;
+uniform highp usampler2DArray uAppearance;
 uniform int uFirstRow;
 uniform int uCount;
 uniform int uShDegree;
-uniform bool uMoving, uWorldly, uShaded, uAntialias;
+uniform bool uMoving, uWorldly, uHasAppearance, uAntialias;
 uniform ivec2 uFrames;
 uniform float uBetween;
 uniform vec3 uDxMin, uDxStep;
 uniform vec4 uDqMin, uDqStep;
-uniform vec4 uShadeMin, uShadeStep;
+uniform vec4 uAppearanceMin, uAppearanceStep;
 uniform vec4 uWeights;
 uniform mat4 uView;
 uniform vec3 uEye;
@@ -75,12 +75,12 @@ vec4 turnedBy(ivec2 at) {
 
 /** What the DC term and the opacity gain. */
 vec4 shadedBy(ivec2 at) {
-  vec4 low = vec4(texelFetch(uShade, ivec3(at, uFrames.x), 0));
-  vec4 high = vec4(texelFetch(uShade, ivec3(at, uFrames.y), 0));
-  return uShadeMin + uShadeStep * mix(low, high, uBetween);
+  vec4 low = vec4(texelFetch(uAppearance, ivec3(at, uFrames.x), 0));
+  vec4 high = vec4(texelFetch(uAppearance, ivec3(at, uFrames.y), 0));
+  return uAppearanceMin + uAppearanceStep * mix(low, high, uBetween);
 }
 
-/** The view-dependent part of a colour: coefficients 1..15 in the 3DGS order, one texel each. */
+/** The view-dependent part of a color: coefficients 1..15 in the 3DGS order, one texel each. */
 vec3 viewDependent(int index, vec3 d) {
   ivec2 at = ivec2((index % ${ENTRIES_PER_ROW}) * ${ENTRY_TEXELS}, index / ${ENTRIES_PER_ROW});
   #define REST(i) texelFetch(uCodebook, at + ivec2(i, 0), 0).rgb
@@ -121,7 +121,7 @@ void main() {
     mean += movedBy(at);
     quat = uWorldly ? multiply(turnedBy(at), quat) : multiply(quat, turnedBy(at));
   }
-  if (uShaded) {
+  if (uHasAppearance) {
     vec4 gain = shadedBy(at);
     color += gain.rgb;
     opacityAndRed.x = clamp(opacityAndRed.x + gain.a, 0.0, 1.0);

@@ -19,10 +19,10 @@ export interface SortReply {
 const scope = self as unknown as { onmessage: (event: MessageEvent<SortMessage>) => void; postMessage(message: SortReply, transfer: Transferable[]): void };
 const layers: SortableLayer[] = [];
 const groups = new Map<number, SortableGroup>();
-const still = new DepthRun();
-const moving = new DepthRun();
+const statics = new DepthRun();
+const dynamics = new DepthRun();
 /** What the static points were sorted for: while only time goes on, their order stays. */
-let stillKey = "";
+let staticsKey = "";
 /** The flags of the last scene: they change with the pair of groups only. */
 let cached: { key: string; flags: Uint8Array } = { key: "", flags: new Uint8Array() };
 
@@ -32,35 +32,35 @@ scope.onmessage = ({ data }) => {
   else if (data.type === "drop") groups.delete(data.index);
   else {
     const began = performance.now();
-    sortStill(data.scene, data.view);
-    sortMoving(data.scene, data.view);
-    const { order, count } = merge(still, moving, data.buffer);
+    sortStatics(data.scene, data.view);
+    sortDynamics(data.scene, data.view);
+    const { order, count } = merge(statics, dynamics, data.buffer);
     scope.postMessage({ order, count, milliseconds: performance.now() - began }, [order.buffer]);
   }
 };
 
-function sortStill(scene: Scene, view: Frustum): void {
+function sortStatics(scene: Scene, view: Frustum): void {
   const key = `${sceneKey(scene)} ${Object.values(view)}`;
-  if (key === stillKey) return;
-  stillKey = key;
-  const statics = layers.slice(0, scene.layers);
-  const total = statics.reduce((sum, layer) => sum + layer.means.length / 3, 0);
+  if (key === staticsKey) return;
+  staticsKey = key;
+  const shownLayers = layers.slice(0, scene.layers);
+  const total = shownLayers.reduce((sum, layer) => sum + layer.means.length / 3, 0);
   const flags = scene.current ? flagsOf(scene, total) : null;
-  still.reset(total);
+  statics.reset(total);
   let first = 0;
-  for (const layer of statics) {
+  for (const layer of shownLayers) {
     const count = layer.means.length / 3;
-    still.addLayer(layer, flags?.subarray(first, first + count) ?? null, view);
+    statics.addLayer(layer, flags?.subarray(first, first + count) ?? null, view);
     first += count;
   }
-  still.sort();
+  statics.sort();
 }
 
-function sortMoving(scene: Scene, view: Frustum): void {
+function sortDynamics(scene: Scene, view: Frustum): void {
   const shown = [scene.current, scene.previous].filter((item) => item !== null);
-  moving.reset(shown.reduce((sum, item) => sum + groups.get(item.group)!.means.length / 3, 0));
-  for (const item of shown) moving.addGroup(groups.get(item.group)!, item.frame, view);
-  moving.sort();
+  dynamics.reset(shown.reduce((sum, item) => sum + groups.get(item.group)!.means.length / 3, 0));
+  for (const item of shown) dynamics.addGroup(groups.get(item.group)!, item.frame, view);
+  dynamics.sort();
 }
 
 function sceneKey(scene: Scene): string {

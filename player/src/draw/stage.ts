@@ -31,10 +31,10 @@ export class Stage {
   private readonly sorter: Sorter;
   private drawnFrame = 0;
   private sortedFor: View | null = null;
-  private unsorted = true;
+  private needsSort = true;
   /** The order has not been drawn yet. */
-  private fresh = false;
-  private dirty = false;
+  private isOrderNew = false;
+  private needsDraw = false;
   private closed = false;
   private sorting: Scene | null = null;
   private manifest: Manifest | null = null;
@@ -86,18 +86,18 @@ export class Stage {
 
   /** The time, the camera or the size changed: sort and draw again. */
   invalidate(): void {
-    this.dirty = true;
-    this.unsorted = true;
+    this.needsDraw = true;
+    this.needsSort = true;
   }
 
   /** Other points are to be shown: sort, and draw once that is done. */
   resort(): void {
-    this.unsorted = true;
+    this.needsSort = true;
   }
 
   /** Draw again what is sorted: only the number of pixels changed. */
   redraw(): void {
-    this.dirty = true;
+    this.needsDraw = true;
   }
 
   /** Groups that are on screen, or will be with the next order. */
@@ -107,7 +107,7 @@ export class Stage {
 
   /** A sort would bring something new, and the worker has time for it. */
   get wantsSort(): boolean {
-    return this.unsorted && !this.sorter.busy;
+    return this.needsSort && !this.sorter.busy;
   }
 
   /** Resolves when the worker is idle. */
@@ -117,7 +117,7 @@ export class Stage {
 
   /** Sort a scene, which then is what is drawn. False if the reel was closed or a group dropped while the worker was at it. */
   async sort(scene: Scene, view: View): Promise<boolean> {
-    this.unsorted = false;
+    this.needsSort = false;
     this.sorting = scene;
     const reply = await this.sorter.sort(scene, view, this.manifest!.clearance);
     this.sorting = null;
@@ -126,17 +126,17 @@ export class Stage {
     this.renderer.setOrder(reply.order, reply.count);
     this.sorter.recycle(reply.order);
     this.scene = scene;
-    this.fresh = true;
+    this.isOrderNew = true;
     this.sortedFor = view;
-    this.dirty = true;
+    this.needsDraw = true;
     return true;
   }
 
   /** Draw, if anything changed. `frame` of the video: the present one, or null while what belongs to it is not here. Eyes: of a headset. */
   draw(frame: number | null, view: View, eyes: Eye[] | null = null): void {
     const { scene, manifest } = this;
-    if (!this.dirty || !scene || !manifest) return;
-    this.dirty = false;
+    if (!this.needsDraw || !scene || !manifest) return;
+    this.needsDraw = false;
     this.pictures++;
     // Where the view leaves what it was sorted for, the picture is one behind rather than cut off.
     const shownView = (this.view = eyes || this.isCovered(view) ? view : this.sortedFor!);
@@ -147,8 +147,8 @@ export class Stage {
     // A moment that the order is not for waits for its own; until then the last one stays.
     const ordered = groups[group].firstFrame + scene.current.frame;
     if (frame !== null && isOrderedFor(scene, frame, manifest)) this.drawnFrame = frame;
-    else if (frame !== null && frame < ordered && this.fresh) this.drawnFrame = ordered; // time runs backwards: one behind
-    this.fresh = false;
+    else if (frame !== null && frame < ordered && this.isOrderNew) this.drawnFrame = ordered; // time runs backwards: one behind
+    this.isOrderNew = false;
     const moment = momentOf(groups, overlap, this.drawnFrame, group);
     const previous = scene.previous && { group: scene.previous.group, frame: clampFrame(groups[scene.previous.group], this.drawnFrame) };
     paint({ ...scene, current: moment.current, previous }, previous ? moment.weight : 1);

@@ -10,7 +10,7 @@ export function rowsOf(count: number): number {
 }
 
 /** What stays on the CPU of a group's offsets once they are uploaded. */
-export type OffsetRange = Pick<Offsets, "frames" | "dxMin" | "dxStep" | "dqMin" | "dqStep" | "worldly" | "shade">;
+export type OffsetRange = Pick<Offsets, "frames" | "dxMin" | "dxStep" | "dqMin" | "dqStep" | "worldly" | "appearance">;
 
 export class PointTextures {
   readonly count: number;
@@ -21,7 +21,7 @@ export class PointTextures {
   flags: WebGLTexture | null = null;
   dx: WebGLTexture | null = null;
   dq: WebGLTexture | null = null;
-  shade: WebGLTexture | null = null;
+  appearance: WebGLTexture | null = null;
 
   /** firstRow: where the file's points lie in the textures the project pass draws into. */
   constructor(private readonly gl: WebGL2RenderingContext, readonly firstRow: number, points: Gaussians, offsets: Offsets | null) {
@@ -34,7 +34,7 @@ export class PointTextures {
       this.range = offsets;
       this.dx = this.uploadFrames(offsets.dx, offsets.frames, gl.RGBA16UI, gl.UNSIGNED_SHORT);
       this.dq = this.uploadFrames(offsets.dq, offsets.frames, gl.RGBA8UI, gl.UNSIGNED_BYTE);
-      if (offsets.shade) this.shade = this.uploadFrames(offsets.shade.data, offsets.frames, gl.RGBA8UI, gl.UNSIGNED_BYTE);
+      if (offsets.appearance) this.appearance = this.uploadFrames(offsets.appearance.data, offsets.frames, gl.RGBA8UI, gl.UNSIGNED_BYTE);
     }
   }
 
@@ -55,7 +55,7 @@ export class PointTextures {
   }
 
   delete(): void {
-    for (const texture of [this.points, this.codebook, this.flags, this.dx, this.dq, this.shade]) this.gl.deleteTexture(texture);
+    for (const texture of [this.points, this.codebook, this.flags, this.dx, this.dq, this.appearance]) this.gl.deleteTexture(texture);
   }
 
   private uploadPoints(points: Gaussians): WebGLTexture {
@@ -88,7 +88,7 @@ export class PointTextures {
     const entries = codebook.length / numbers;
     const rows = Math.ceil(entries / ENTRIES_PER_ROW);
     const most = gl.getParameter(gl.MAX_TEXTURE_SIZE) as number;
-    if (rows > most) throw new ReelError(`A file of the reel has more view-dependent colours than this device holds (${entries} of ${most * ENTRIES_PER_ROW}).`, { plain: PLAIN.device });
+    if (rows > most) throw new ReelError(`A file of the reel has more view-dependent colors than this device holds (${entries} of ${most * ENTRIES_PER_ROW}).`, { plain: PLAIN.device });
     const width = ENTRIES_PER_ROW * ENTRY_TEXELS;
     const values = new Float32Array(rows * width * 4);
     for (let e = 0; e < entries; e++) {

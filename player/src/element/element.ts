@@ -4,7 +4,7 @@ import { linkTo, startOf } from "../camera/link";
 import type { Pose } from "../camera/pose";
 import { reachable } from "../camera/reachable";
 import type { Picture } from "../draw/stage";
-import { loadPart } from "../files/bundle";
+import { loadModule } from "../files/bundle";
 import type { LocalFiles } from "../files/local-files";
 import { checkedViewmat } from "../player/checked-arguments";
 import { PathPlayer } from "../player/path-player";
@@ -75,7 +75,7 @@ export class SplatReelElement extends MediaElement {
     resize.observe(canvas);
     signal.addEventListener("abort", () => resize.disconnect());
     addEventListener("hashchange", () => this.hasAttribute("share") && this.follow(location.href), { signal });
-    for (const name of ["pointerdown", "focusin"]) this.addEventListener(name, () => this.visibility.use(), { signal });
+    for (const name of ["pointerdown", "focusin"]) this.addEventListener(name, () => this.visibility.interact(), { signal });
     this.showControls();
     if (this.hasAttribute("drop")) new FileDrop(this, this.shadowRoot!, signal);
     this.watch();
@@ -122,7 +122,7 @@ export class SplatReelElement extends MediaElement {
 
   /** Resolves once time goes on. Rejects with a `NotSupportedError` where there is no reel to play, with a `NotAllowedError` where the browser does not let it be heard, with an `AbortError` where `pause` or another reel comes first. */
   play(): Promise<void> {
-    this.visibility.use();
+    this.visibility.interact();
     return this.promises.play();
   }
 
@@ -132,7 +132,7 @@ export class SplatReelElement extends MediaElement {
 
   /** Pause, go to a time, and take a picture of exactly this pose and size. */
   renderAt(seconds: number, pose: Pose, width: number, height: number): Promise<Picture> {
-    return this.visibility.attend(() => this.player.renderAt(seconds, pose, width, height));
+    return this.visibility.keepAwake(() => this.player.renderAt(seconds, pose, width, height));
   }
 
   /** A reel on this machine; it goes before `src`. */
@@ -174,7 +174,7 @@ export class SplatReelElement extends MediaElement {
   /** Play a reel out of files that people chose: a zip, or all of a folder. Rejects with a `ReelError` where there is none among them. */
   async openFiles(files: Iterable<File>): Promise<void> {
     const list = [...files];
-    this.srcObject = await (await loadPart<typeof import("../files/open-files")>("open-files.js")).openFiles(list);
+    this.srcObject = await (await loadModule<typeof import("../files/open-files")>("open-files.js")).openFiles(list);
   }
 
   /** The camera path, as its file holds it (docs/format.md); null: none. Throws `ReelError` for what is no path. */

@@ -1,6 +1,6 @@
 /** Within the bundled page, before the player is here: asks for the manifest, and shows the reel's poster. */
 import type { Prefetched } from "../player/prefetched";
-import type { Stage } from "./page";
+import type { PageRoot } from "./page";
 
 /** Later than this, milliseconds after people came, the line is slow: the poster goes first. */
 const SLOW = 150;
@@ -9,15 +9,15 @@ const PATIENCE = 2500;
 /** A manifest that takes longer than this has stalled. */
 const STALL = 8000;
 
-const stage = document.querySelector<Stage>("main[data-splatreel-page]")!;
+const root = document.querySelector<PageRoot>("main[data-splatreel-page]")!;
 const parameters = new URLSearchParams(location.search);
 const given = parameters.get("poster");
-const url = new URL(parameters.get("src") ?? stage.dataset.src ?? "reel/manifest.json", document.baseURI).href;
+const url = new URL(parameters.get("src") ?? root.dataset.src ?? "reel/manifest.json", document.baseURI).href;
 // Where it fails, the player asks again and says what is wrong.
 const text = fetch(url, { cache: "no-cache", priority: "high", signal: AbortSignal.timeout(STALL) }).then((answer) => (answer.ok ? answer.text() : null)).catch(() => null);
 const image = document.createElement("img");
-const early: Prefetched = { url, text, image, worker: null };
-stage.early = early;
+const prefetched: Prefetched = { url, text, image, worker: null };
+root.prefetched = prefetched;
 
 /** The player, unless it is asked for already. */
 function play(): void {
@@ -27,7 +27,7 @@ function play(): void {
 /** And its first worker, unless the player has started one. */
 function begin(): void {
   play();
-  if (!customElements.get("splat-reel")) early.worker ??= new Worker(new URL("./decode-worker.js", import.meta.url));
+  if (!customElements.get("splat-reel")) prefetched.worker ??= new Worker(new URL("./decode-worker.js", import.meta.url));
 }
 
 const asked = performance.now();
@@ -48,6 +48,6 @@ async function show(): Promise<void> {
   image.fetchPriority = "high";
   Object.assign(image.style, { position: "fixed", inset: "0", width: "100%", height: "100%", objectFit: "cover" });
   image.src = new URL(uri, given ? document.baseURI : url).href;
-  stage.append(image);
+  root.append(image);
   await image.decode();
 }

@@ -16,7 +16,7 @@ export class Visibility implements ContextHolder {
   private seen = false;
   private near = false;
   /** Pictures that are being taken, whether people see them or not. */
-  private asked = 0;
+  private pictures = 0;
   private timer = 0;
 
   constructor(private readonly element: Element, private readonly player: Player, private readonly poster: Poster) {
@@ -29,7 +29,7 @@ export class Visibility implements ContextHolder {
   }
 
   get needed(): boolean {
-    return this.asked > 0;
+    return this.pictures > 0;
   }
 
   wake(): void {
@@ -60,18 +60,18 @@ export class Visibility implements ContextHolder {
   }
 
   /** Somebody's hand is on the element, or a page asks it to play. */
-  use(): void {
+  interact(): void {
     if (this.wanted) devices.claim(this, true);
   }
 
   /** Have the player at work, seen or not, while a picture is taken. */
-  async attend<T>(work: () => Promise<T>): Promise<T> {
-    this.asked++;
+  async keepAwake<T>(work: () => Promise<T>): Promise<T> {
+    this.pictures++;
     this.settle();
     try {
       return await work();
     } finally {
-      this.asked--;
+      this.pictures--;
       this.settle();
       devices.review();
     }
@@ -79,13 +79,13 @@ export class Visibility implements ContextHolder {
 
   /** Let the player be as is right where the element is. */
   settle(): void {
-    this.player.show(this.connected && (this.seen || this.asked > 0));
+    this.player.show(this.connected && (this.seen || this.pictures > 0));
     if (this.wanted) devices.claim(this, this.needed);
     else devices.leave(this);
   }
 
   private get wanted(): boolean {
-    return this.connected && this.player.hasSource && (this.near || this.asked > 0);
+    return this.connected && this.player.hasSource && (this.near || this.pictures > 0);
   }
 
   private approach(near: boolean): void {

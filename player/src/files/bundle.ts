@@ -14,6 +14,6 @@ export function moduleAddress(name: string): string {
 }
 
 /** A module of the player that is loaded when it is first needed. */
-export function loadPart<T>(name: string): Promise<T> {
+export function loadModule<T>(name: string): Promise<T> {
   return import(moduleAddress(name)) as Promise<T>;
 }

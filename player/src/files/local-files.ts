@@ -1,7 +1,7 @@
 /** A reel's files that need no network: dropped on the page by people, or part of the page itself. */
 import { PLAIN, ReelError, messageOf } from "../base/errors";
 import { isIntact } from "./checksum";
-import type { Part, Source, Watcher } from "./source";
+import type { LocalFile, Source, Watcher } from "./source";
 
 /** Bytes of the longest manifest, and of the longest picture, that are read: what is packed may claim to be little. */
 const LONGEST_MANIFEST = 16 << 20;
@@ -11,7 +11,7 @@ export class LocalFiles {
   private readonly addresses = new Map<string, Promise<string>>();
 
   /** name: of the folder or the zip, for messages. find: the file at a path within the reel; null: there is none. */
-  constructor(readonly name: string, private readonly find: (uri: string) => Part | null) {}
+  constructor(readonly name: string, private readonly find: (uri: string) => LocalFile | null) {}
 
   /** What addresses of the files would be: they stand in messages. */
   get url(): string {
@@ -19,7 +19,7 @@ export class LocalFiles {
   }
 
   /** A file; one that is not there has no bytes. */
-  part(uri: string): Part {
+  part(uri: string): LocalFile {
     return this.find(uri) ?? { blob: new Blob(), deflated: false };
   }
 
@@ -51,7 +51,7 @@ export class LocalFiles {
 }
 
 /** All bytes of a file, checked. Throws `ReelError`. */
-export async function readPart({ url, bytes, sha256 }: Source, part: Part, watcher: Watcher): Promise<Uint8Array> {
+export async function readLocalFile({ url, bytes, sha256 }: Source, part: LocalFile, watcher: Watcher): Promise<Uint8Array> {
   const wrong = (why: string, plain = PLAIN.damaged): ReelError => new ReelError(`${url} cannot be read: ${why}.`, { plain });
   const body = new Uint8Array(bytes);
   let filled = 0;
@@ -71,7 +71,7 @@ export async function readPart({ url, bytes, sha256 }: Source, part: Part, watch
 }
 
 /** All of it, if it is not longer than this many bytes. */
-async function unpacked(part: Part, most: number): Promise<Blob> {
+async function unpacked(part: LocalFile, most: number): Promise<Blob> {
   const chunks: Uint8Array<ArrayBuffer>[] = [];
   const reader = streamOf(part).getReader();
   for (let length = 0; ; ) {
@@ -84,7 +84,7 @@ async function unpacked(part: Part, most: number): Promise<Blob> {
 }
 
 /** Its bytes as they are inflated. */
-function streamOf({ blob, deflated }: Part): ReadableStream<Uint8Array<ArrayBuffer>> {
+function streamOf({ blob, deflated }: LocalFile): ReadableStream<Uint8Array<ArrayBuffer>> {
   const stream = blob.stream();
   return deflated ? stream.pipeThrough(new DecompressionStream("deflate-raw")) : stream;
 }

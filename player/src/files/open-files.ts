@@ -1,7 +1,7 @@
 /** A reel out of files that people drop or choose: a folder or a zip. Loaded when they do. */
 import { ReelError } from "../base/errors";
 import { LocalFiles } from "./local-files";
-import type { Part } from "./source";
+import type { LocalFile } from "./source";
 import { filesOfZip } from "./zip";
 
 /** What was dropped: files, and what the browser knows of folders. */
@@ -15,7 +15,7 @@ const MANIFEST = "manifest.json";
 const MOST = 100_000;
 const WHAT_TO_GIVE = "Give the folder that reconstruct or encode wrote, with its manifest.json, or a zip of it.";
 
-type Files = Map<string, () => Promise<Part>>;
+type Files = Map<string, () => Promise<LocalFile>>;
 
 /** Throws `ReelError` where there is no reel among them. */
 export async function openDropped({ entries, files }: Dropped): Promise<LocalFiles> {
@@ -45,7 +45,7 @@ async function reelAmong(files: Files, name: string): Promise<LocalFiles> {
   if (manifest === undefined) throw new ReelError(`That is not a reel: ${name} holds no ${MANIFEST}. ${WHAT_TO_GIVE}`);
   if (other !== undefined && depth(other) === depth(manifest)) throw new ReelError(`${name} holds several reels: ${manifest} and ${other}. Give one of them.`);
   const folder = manifest.slice(0, -MANIFEST.length);
-  const parts = new Map<string, Part>();
+  const parts = new Map<string, LocalFile>();
   for (const [path, read] of files) if (path.startsWith(folder)) parts.set(path.slice(folder.length), await read());
   return new LocalFiles(name, (uri) => parts.get(uri) ?? null);
 }
@@ -70,7 +70,7 @@ async function filesOfFolder(folder: FileSystemDirectoryEntry): Promise<Files> {
   return found;
 }
 
-const whole = (file: File): Part => ({ blob: file, deflated: false });
+const whole = (file: File): LocalFile => ({ blob: file, deflated: false });
 
 async function isZip(file: File): Promise<boolean> {
   const [a, b] = new Uint8Array(await file.slice(0, 2).arrayBuffer());

@@ -1,7 +1,7 @@
 /** Where a file of a reel comes from, and who is told how it comes. */
 
 /** Bytes on this machine; deflated: compressed, as files in a zip are. */
-export interface Part {
+export interface LocalFile {
   blob: Blob;
   deflated: boolean;
 }
@@ -13,7 +13,7 @@ export interface Source {
   /** Hex digest, compared where the page is a secure context; null: not compared. */
   sha256: string | null;
   /** Of a reel on this machine: where the bytes are. Nothing is downloaded then. */
-  part?: Part | undefined;
+  part?: LocalFile | undefined;
 }
 
 export interface Watcher {

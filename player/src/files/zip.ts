@@ -1,6 +1,6 @@
 /** The files of a zip, read where they lie: only its directory is looked at, and what is packed is unpacked as it is asked for. */
 import { ReelError } from "../base/errors";
-import type { Part } from "./source";
+import type { LocalFile } from "./source";
 
 /** More files than a reel has, and a larger directory, are not read. */
 const MOST_FILES = 100_000;
@@ -20,10 +20,10 @@ interface Entry {
 }
 
 /** Its files by their paths. Throws `ReelError` for what is no zip, or one that cannot be read. */
-export async function filesOfZip(blob: Blob, name: string): Promise<Map<string, () => Promise<Part>>> {
+export async function filesOfZip(blob: Blob, name: string): Promise<Map<string, () => Promise<LocalFile>>> {
   const wrong = (why: string): ReelError => new ReelError(`${name} cannot be read: ${why}.`);
   const entries = await directoryOf(blob, wrong);
-  const files = new Map<string, () => Promise<Part>>();
+  const files = new Map<string, () => Promise<LocalFile>>();
   for (const { name: path, method, encrypted, packed, header } of entries) {
     if (path.endsWith("/")) continue;
     files.set(path, async () => {

@@ -158,7 +158,7 @@ export class Lifecycle {
       if (session.stage.software) host.drawsBySoftware();
       // What is still known of a reel that was put to rest is as good as anew; a live one has grown.
       const known = host.clock.live ? null : host.clock.manifest;
-      const manifest = known ?? (await session.find(this.source, prefetched?.text));
+      const manifest = known ?? (await session.findManifest(this.source, prefetched?.text));
       if (!session.closed) this.open(session, manifest);
     } catch (error) {
       if (opening === this.openings && !session?.closed) this.fail(error);

@@ -113,8 +113,8 @@ export class Playback {
     const wanted = !player.paused && !player.error;
     const running = wanted && this.ready && !this.stalled && !this.seeking;
     if (wanted) soundtrack.want(clock, running);
-    const passed = soundtrack.pass(clock, running, now / 1000, seconds, Math.min(resolution.interval / 1000, LONGEST_LEAD));
-    this.waitForSound(running && soundtrack.late(clock));
+    const passed = soundtrack.advance(clock, running, now / 1000, seconds, Math.min(resolution.interval / 1000, LONGEST_LEAD));
+    this.waitForSound(running && soundtrack.isLate(clock));
     if (running && passed > 0) this.advance(passed);
     if (++this.ticks % HEARTBEAT === 0) this.askForFiles();
   }
@@ -157,7 +157,7 @@ export class Playback {
       this.player.emit("drawn");
     }
     if (resolution.drawn(drawn, now)) stream?.judge(resolution.struggling);
-    if (!eyes && this.ready && resolution.rest(now)) stage.redraw();
+    if (!eyes && this.ready && resolution.becomesStill(now)) stage.redraw();
   }
 
   /** Before the first group is here, the static layers that are. */

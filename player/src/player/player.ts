@@ -37,7 +37,7 @@ export class Player extends EventTarget {
       canvas,
       clock: this.clock,
       emit: (event) => this.emit(event),
-      drawsBySoftware: () => this.resolution.hesitate(),
+      drawsBySoftware: () => this.resolution.startCoarse(),
       opened: (manifest) => this.opened(manifest),
       changed: () => this.playback.askForFiles(),
       grown: (manifest) => this.soundtrack.update(manifest),

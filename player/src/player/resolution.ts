@@ -27,7 +27,7 @@ export class Resolution {
   private scale = 1;
   private last = 0;
   private lastDrawn = 0;
-  private resting = false;
+  private still = false;
   private count = 0;
   private spent = 0;
   /** Windows to wait before trying a finer picture again: twice as many after each that was too fine. */
@@ -46,7 +46,7 @@ export class Resolution {
   /** Pixels per CSS pixel. */
   get ratio(): number {
     const device = Math.min(globalThis.devicePixelRatio || 1, 2);
-    return device * { auto: this.resting ? 1 : this.scale, full: 1, half: 0.5 }[this.chosen];
+    return device * { auto: this.still ? 1 : this.scale, full: 1, half: 0.5 }[this.chosen];
   }
 
   /** The device does not keep up, however coarse the picture may get. */
@@ -55,33 +55,33 @@ export class Resolution {
   }
 
   /** Begin with few pixels: the device is known to be slow. */
-  hesitate(): void {
+  startCoarse(): void {
     this.scale = COARSEST;
   }
 
   /** Nothing moves from now on: the next picture is one in full. */
   settle(): void {
-    this.resting = true;
+    this.still = true;
   }
 
   /** Something changes: pictures follow each other again. */
   move(): void {
-    this.resting = false;
+    this.still = false;
   }
 
   /** Whether the picture should be drawn once more, in full, since nothing moves. */
-  rest(now: number): boolean {
-    if (this.resting || this.chosen !== "auto" || this.scale === 1 || now - this.lastDrawn < REST) return false;
-    this.resting = true;
+  becomesStill(now: number): boolean {
+    if (this.still || this.chosen !== "auto" || this.scale === 1 || now - this.lastDrawn < REST) return false;
+    this.still = true;
     return true;
   }
 
   /** Tell of every tick whether it drew, and when; true where there are enough pictures to judge by. */
   drawn(drawn: boolean, now: number): boolean {
     const interval = now - this.last;
-    this.last = drawn && !this.resting ? now : 0;
+    this.last = drawn && !this.still ? now : 0;
     if (drawn) this.lastDrawn = now;
-    if (!drawn || this.resting || interval > PAUSE) return false;
+    if (!drawn || this.still || interval > PAUSE) return false;
     this.interval += (interval - this.interval) * 0.1;
     this.spent += interval;
     if (++this.count < WINDOW && (this.count < FEWEST || this.spent < LONG)) return false;

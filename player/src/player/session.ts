@@ -6,7 +6,7 @@ import type { LocalFiles } from "../files/local-files";
 import { loadManifest, readManifest, type Manifest } from "../reel/manifest";
 import { DecoderPool } from "../stream/decoder-pool";
 import { memoryBudget } from "../stream/file-cache";
-import { follow, followToTheEnd } from "../stream/live-manifest";
+import { nextManifest, watchManifest } from "../stream/live-manifest";
 import { RenditionPolicy, guessOfBrowser } from "../stream/rendition-policy";
 import { Stream } from "../stream/stream";
 
@@ -42,14 +42,14 @@ export class Session {
   }
 
   /** A reel's manifest; of a live one, once it has a group. early: its text, already asked for; null: in vain. */
-  async find(source: string | LocalFiles, early?: Promise<string | null>): Promise<Manifest> {
+  async findManifest(source: string | LocalFiles, early?: Promise<string | null>): Promise<Manifest> {
     const { signal } = this.life;
     if (typeof source !== "string") return readManifest(source);
     if (source === EMBEDDED) return readManifest(embeddedReel());
     let manifest = await loadManifest(source, { received: () => undefined, trouble: (why) => this.wait(why) }, signal, early);
     while (manifest.groups.length === 0) {
       this.wait("Live. The first group is not here yet.");
-      manifest = await follow(manifest, signal);
+      manifest = await nextManifest(manifest, signal);
     }
     this.trouble = null;
     return manifest;
@@ -67,7 +67,7 @@ export class Session {
       progress: () => events.progress(),
       failed: (error: Error) => events.failed(error),
     }, new RenditionPolicy(guessOfBrowser()));
-    void followToTheEnd(manifest, (next) => this.update(next), this.life.signal);
+    void watchManifest(manifest, (next) => this.update(next), this.life.signal);
   }
 
   /** Take nothing in any more: the reel has an error. */

@@ -57,7 +57,7 @@ export class Soundtrack {
     // Hidden pages draw nothing, so that there is nothing to be in time with.
     document.addEventListener("visibilitychange", () => this.rest(), { signal });
     // Browsers want a touch of the page first.
-    for (const name of ["pointerup", "keyup"]) addEventListener(name, () => this.enterSpace(), { signal });
+    for (const name of ["pointerup", "keyup"]) addEventListener(name, () => this.startSpatialSound(), { signal });
     this.emit("volumechange");
   }
 
@@ -134,7 +134,7 @@ export class Soundtrack {
     this.optional = optional;
     const audio = this.heard(1) ? this.prepare() : null;
     if (!audio?.paused) return;
-    this.enterSpace();
+    this.startSpatialSound();
     this.start(audio);
     audio.pause();
   }
@@ -150,7 +150,7 @@ export class Soundtrack {
   }
 
   /** Playing has to wait for sound at this time. */
-  late({ seconds, rate }: PictureTime): boolean {
+  isLate({ seconds, rate }: PictureTime): boolean {
     return this.heard(rate) && this.covers(seconds) && !this.source?.has(seconds);
   }
 
@@ -163,12 +163,12 @@ export class Soundtrack {
    * Seconds on the wall that the clock goes on by. running: pictures could go on; now, passed: seconds on the wall, the latter
    * since the last call; shown: seconds from then to when the picture is seen.
    */
-  pass(clock: PictureTime, running: boolean, now: number, passed: number, shown: number): number {
+  advance(clock: PictureTime, running: boolean, now: number, passed: number, shown: number): number {
     const { seconds, rate } = clock;
     const { audio, source } = this;
-    if (!running || !audio || !source || !this.heard(rate) || this.late(clock)) {
+    if (!running || !audio || !source || !this.heard(rate) || this.isLate(clock)) {
       this.rest();
-      return running && !this.late(clock) ? passed : 0;
+      return running && !this.isLate(clock) ? passed : 0;
     }
     // Played again what has ended would begin anew.
     if (!this.covers(seconds) || (audio.ended && !this.moved)) {
@@ -248,7 +248,7 @@ export class Soundtrack {
     return audio;
   }
 
-  private enterSpace(): void {
+  private startSpatialSound(): void {
     if (this.audio && this.placed) this.spatial.enter(this.audio, this.manifest!.presentation.sound!.channels);
   }
 }

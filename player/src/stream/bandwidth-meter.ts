@@ -24,7 +24,7 @@ export class BandwidthMeter {
   }
 
   /** What the rate may be by now: it grows while nothing is asked for. */
-  hope(now: number): number {
+  optimisticRate(now: number): number {
     return this.rate * (this.active > 0 ? 1 : 2 ** ((now - this.last) / 1000 / DOUBT));
   }
 

@@ -48,7 +48,7 @@ export class DecoderPool {
 
   /** One worker starts at once, while the manifest is on its way; the other when two files are wanted. */
   constructor(worker?: Worker | null) {
-    this.idle.push(this.hire(worker ?? startWorker("decode-worker.js")));
+    this.idle.push(this.addWorker(worker ?? startWorker("decode-worker.js")));
   }
 
   /** Have something called whenever a worker is free again. */
@@ -85,15 +85,15 @@ export class DecoderPool {
 
   /** Get a file of so many points. Only while a worker is free. */
   start(key: string, source: Source, points: number, receiver: Receiver): void {
-    const worker = this.idle.pop() ?? this.hire();
+    const worker = this.idle.pop() ?? this.addWorker();
     const job: Running = { id: this.nextId++, worker, source, asked: performance.now(), began: 0, received: 0, open: true };
     this.running.set(key, job);
     this.meter.begin(performance.now());
-    const finish = (tell: () => void): void => {
+    const finish = (report: () => void): void => {
       this.running.delete(key);
       this.close(job);
       this.idle.push(worker);
-      tell();
+      report();
       this.onfree();
     };
     worker.onmessage = ({ data }: MessageEvent<DecodeReply>) => {
@@ -109,7 +109,7 @@ export class DecoderPool {
       }
     };
     worker.onerror = (event) => finish(() => receiver.failed(`${source.url} cannot be decoded (${failureOf(event)}).`, PLAIN.player));
-    tell(worker, { id: job.id, source });
+    send(worker, { id: job.id, source });
   }
 
   /** Give a file up. */
@@ -119,7 +119,7 @@ export class DecoderPool {
     const { worker } = job;
     this.running.delete(key);
     this.close(job);
-    tell(worker, { id: job.id, cancel: true });
+    send(worker, { id: job.id, cancel: true });
     const free = (): void => {
       this.idle.push(worker);
       this.onfree();
@@ -133,7 +133,7 @@ export class DecoderPool {
     for (const worker of this.workers) worker.terminate();
   }
 
-  private hire(worker = startWorker("decode-worker.js")): Worker {
+  private addWorker(worker = startWorker("decode-worker.js")): Worker {
     this.workers.push(worker);
     return worker;
   }
@@ -159,6 +159,6 @@ export class DecoderPool {
   }
 }
 
-function tell(worker: Worker, request: DecodeRequest): void {
+function send(worker: Worker, request: DecodeRequest): void {
   worker.postMessage(request);
 }

@@ -5,7 +5,7 @@ import { loadManifest, type Manifest } from "../reel/manifest";
 const POLL = 3000;
 
 /** Wait until a reel has more groups, or is whole; its manifest then. A host that fails is asked again. */
-export async function follow(manifest: Manifest, signal: AbortSignal): Promise<Manifest> {
+export async function nextManifest(manifest: Manifest, signal: AbortSignal): Promise<Manifest> {
   const quiet = { received: () => undefined, trouble: () => undefined };
   for (;;) {
     await new Promise((resolve) => setTimeout(resolve, POLL));
@@ -16,10 +16,10 @@ export async function follow(manifest: Manifest, signal: AbortSignal): Promise<M
 }
 
 /** Tell of each manifest of a live reel that has more than the one before, until the reel is whole. */
-export async function followToTheEnd(manifest: Manifest, grown: (next: Manifest) => void, signal: AbortSignal): Promise<void> {
+export async function watchManifest(manifest: Manifest, grown: (next: Manifest) => void, signal: AbortSignal): Promise<void> {
   let known = manifest;
   while (known.live) {
-    const next = await follow(known, signal).catch(() => null);
+    const next = await nextManifest(known, signal).catch(() => null);
     if (next === null) return;
     known = next;
     grown(next);

@@ -198,7 +198,7 @@ export class Stream {
   private improve(queue: QueueItem[]): void {
     if (this.manifest.renditions.length === 0 || queue.some((item) => !this.cache.holds(item))) return;
     // Nothing hangs on these transfers: they may find out that the line is better again.
-    const throughput = this.decoders.meter.hope(performance.now());
+    const throughput = this.decoders.meter.optimisticRate(performance.now());
     for (const item of queue) {
       const { kind, index, key } = item;
       if (!this.decoders.free) return;

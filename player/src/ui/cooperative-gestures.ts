@@ -5,7 +5,7 @@ import { elementOf } from "./markup";
 const HINT = 1400;
 
 /** Of the attribute `gestures`; without it pages that scroll, and frames, whose page may, are "cooperative". */
-type Way = "cooperative" | "greedy";
+type Mode = "cooperative" | "greedy";
 
 export class CooperativeGestures {
   readonly hint = elementOf(`<div class="gestures" aria-hidden="true"><p></p></div>`);
@@ -27,18 +27,18 @@ export class CooperativeGestures {
   }
 
   /** One finger and the wheel move the picture, not the page. */
-  get taken(): boolean {
-    return this.chosen || this.way === "greedy" || document.fullscreenElement !== null || this.host.classList.contains("filling");
+  get active(): boolean {
+    return this.chosen || this.mode === "greedy" || document.fullscreenElement !== null || this.host.classList.contains("filling");
   }
 
   /** Whether a turn of the wheel is for the picture; if not, say how to make it one. */
   takesWheel({ ctrlKey, metaKey }: WheelEvent): boolean {
-    if (ctrlKey || metaKey || this.taken) return true;
+    if (ctrlKey || metaKey || this.active) return true;
     this.explain(`Use ${/Mac|iP/.test(navigator.platform) ? "⌘" : "Ctrl"} + scroll to zoom`);
     return false;
   }
 
-  private get way(): Way {
+  private get mode(): Mode {
     const asked = this.host.getAttribute("gestures");
     if (asked === "cooperative" || asked === "greedy") return asked;
     return window !== top || isInScrollingPage(this.host) ? "cooperative" : "greedy";
@@ -52,7 +52,7 @@ export class CooperativeGestures {
 
   /** Browsers ask for this when a finger comes down: it has to be right before. */
   private update(): void {
-    this.canvas.style.touchAction = this.taken ? "none" : "pan-x pan-y";
+    this.canvas.style.touchAction = this.active ? "none" : "pan-x pan-y";
   }
 
   /** Two fingers are for the picture; one that the page took scrolls it. */
@@ -63,7 +63,7 @@ export class CooperativeGestures {
     };
     for (const name of ["touchstart", "touchmove"] as const) canvas.addEventListener(name, keep, { passive: false, signal });
     canvas.addEventListener("pointercancel", ({ pointerType }) => {
-      if (pointerType === "touch" && !this.taken) this.explain("Use two fingers to move the view");
+      if (pointerType === "touch" && !this.active) this.explain("Use two fingers to move the view");
     }, { signal });
   }
 

@@ -16,7 +16,7 @@ export class OffCameraFade {
 
   private update(): void {
     const { camera, manifest } = this.player;
-    const fade = camera?.beyond ?? 0;
+    const fade = camera?.offCameraFade ?? 0;
     if (fade === this.shown) return;
     this.shown = fade;
     const color = (manifest?.background ?? [0, 0, 0]).map((part) => Math.round(255 * part));

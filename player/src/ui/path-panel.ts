@@ -1,6 +1,6 @@
 /** The panel in which people make a camera path, beside the picture. Loaded when it is asked for. */
 import { messageOf } from "../base/errors";
-import { inOrder, type Keyframe, type PathFile } from "../camera/camera-path";
+import { nearestFirst, type Keyframe, type PathFile } from "../camera/camera-path";
 import { appended, lasting, moved, throughViews, without } from "../camera/edit-keyframes";
 import type { PathPlayer } from "../player/path-player";
 import type { Player } from "../player/player";
@@ -127,7 +127,7 @@ export class PathPanel {
 
   private throughCameras(): Keyframe[] {
     const { camera, cameras } = this.player.manifest!;
-    return throughViews(inOrder(camera.viewmat, cameras.map(({ viewmat }) => viewmat)), this.player.duration);
+    return throughViews(nearestFirst(camera.viewmat, cameras.map(({ viewmat }) => viewmat)), this.player.duration);
   }
 
   private toggle(): void {

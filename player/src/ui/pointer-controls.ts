@@ -40,7 +40,7 @@ export function attachPointerControls(surface: HTMLElement, player: Player, gest
     const dy = event.clientY - finger.y;
     way += Math.hypot(dx, dy);
     if (way === 0) return;
-    if (fingers.size === 1 && finger.touch && !gestures.taken) {
+    if (fingers.size === 1 && finger.touch && !gestures.active) {
       // The page scrolls.
     } else if (fingers.size === 1 && !finger.pan) {
       const unit = HALF_TURN / Math.max(Math.min(surface.clientWidth, surface.clientHeight), 1);

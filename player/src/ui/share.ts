@@ -73,7 +73,7 @@ function escaped(text: string): string {
   return text.replace(/[&"<>]/g, (mark) => `&#${mark.charCodeAt(0)};`);
 }
 
-/** Black on white with the border that readers need, whatever the colour scheme. */
+/** Black on white with the border that readers need, whatever the color scheme. */
 function codeOf(text: string): SVGElement {
   const { data, size } = encode(text, { ecc: "L", border: 3 });
   const squares = data.flatMap((row, y) => row.flatMap((dark, x) => (dark ? `M${x} ${y}h1v1h-1z` : [])));
