@@ -31,10 +31,10 @@ const openReel = (sound: Sound | null = soundOf(), live = false): void => {
 const begin = async (pictures = true): Promise<void> => {
   track.want(clock, pictures);
   FakeMediaSource.last.open();
-  await time.pass(0);
-  await time.pass(0);
+  await time.advance(0);
+  await time.advance(0);
 };
-const pass = (passed: number): number => track.pass(clock, true, time.now / 1000, passed, 0);
+const pass = (passed: number): number => track.advance(clock, true, time.now / 1000, passed, 0);
 
 afterEach(() => track.close());
 
@@ -49,7 +49,7 @@ beforeEach(() => {
 
 test("a reel without sound is silent, and goes by the clock on the wall", () => {
   openReel(null);
-  assert.deepEqual([track.available, track.late(clock), pass(0.02)], [false, false, 0.02]);
+  assert.deepEqual([track.available, track.isLate(clock), pass(0.02)], [false, false, 0.02]);
   track.want(clock, true);
   assert.deepEqual(asked(), []);
 });
@@ -71,9 +71,9 @@ test("before there are pictures only what is heard now is asked for", async () =
 test("pictures wait for sound that is late, then for its first moment, and follow it from then on", async () => {
   openReel();
   track.want(clock, true);
-  assert.deepEqual([track.late(clock), pass(0.02)], [true, 0]);
+  assert.deepEqual([track.isLate(clock), pass(0.02)], [true, 0]);
   await begin();
-  assert.equal(track.late(clock), false);
+  assert.equal(track.isLate(clock), false);
   assert.equal(pass(0.02), 0, "it starts");
   const audio = FakeAudio.last;
   assert.deepEqual([audio.paused, audio.currentTime], [false, 0]);
@@ -92,7 +92,7 @@ test("what is at another rate is played at it; too slow for browsers is silence"
   pass(0.02);
   assert.equal(FakeAudio.last.playbackRate, 2);
   clock.rate = 0.05;
-  assert.deepEqual([track.late(clock), pass(0.02), FakeAudio.last.paused], [false, 0.02, true]);
+  assert.deepEqual([track.isLate(clock), pass(0.02), FakeAudio.last.paused], [false, 0.02, true]);
 });
 
 test("after a seek sound is where the pictures are, and gets what is heard there first", async () => {
@@ -106,10 +106,10 @@ test("after a seek sound is where the pictures are, and gets what is heard there
   clock.seconds = 40.5;
   track.seek();
   track.want(clock, true);
-  await time.pass(0);
+  await time.advance(0);
   assert.deepEqual(asked().slice(0, 2), ["20.m4s", "40.m4s"], "what nobody waits for any more is given up");
   clock.seconds = 80.5;
-  assert.equal(track.late(clock), false);
+  assert.equal(track.isLate(clock), false);
   track.seek();
   pass(0.02);
   assert.equal(FakeAudio.last.currentTime, 80.5);
@@ -124,7 +124,7 @@ test("no more is held than is good", async () => {
   await begin();
   for (clock.seconds = 0; clock.seconds < 118; clock.seconds += 2) {
     track.want(clock, true);
-    await time.pass(0);
+    await time.advance(0);
   }
   const held = FakeMediaSource.last.buffer.ranges.map(([start]) => start);
   assert.ok(held.length < 60 && !held.includes(0) && held.includes(100), String(held));
@@ -135,7 +135,7 @@ test("where there is no sound, and after its end, pictures go on by themselves",
   await begin();
   for (const seconds of [3, 7.95, 50]) {
     clock.seconds = seconds;
-    assert.deepEqual([track.late(clock), pass(0.02)], [false, 0.02], `at ${seconds} s`);
+    assert.deepEqual([track.isLate(clock), pass(0.02)], [false, 0.02], `at ${seconds} s`);
   }
 });
 
@@ -144,7 +144,7 @@ test("standing still is silent", async () => {
   await begin();
   pass(0.02);
   assert.equal(FakeAudio.last.paused, false);
-  assert.equal(track.pass(clock, false, 0, 0.02, 0), 0);
+  assert.equal(track.advance(clock, false, 0, 0.02, 0), 0);
   assert.equal(FakeAudio.last.paused, true);
   pass(0.02);
   document.dispatchEvent(new Event("visibilitychange"));
@@ -159,7 +159,7 @@ test("a browser that refuses sound stops a person's play, and makes a page's sil
     FakeAudio.last.refuses = "NotAllowedError";
     events = [];
     track.ask(optional);
-    await time.pass(0);
+    await time.advance(0);
     assert.deepEqual([events, track.muted, track.blocked], [expected, optional, optional]);
   }
   FakeAudio.last.refuses = "AbortError";
@@ -167,7 +167,7 @@ test("a browser that refuses sound stops a person's play, and makes a page's sil
   assert.equal(track.blocked, false);
   events = [];
   track.ask(false);
-  await time.pass(0);
+  await time.advance(0);
   assert.deepEqual(events, [], "it was paused meanwhile");
 });
 
@@ -204,7 +204,7 @@ test("a segment that cannot be had ends the sound, and the pictures go on", asyn
     host.answer((options, url) => (url.endsWith("init.mp4") ? answers(options, url) : bad(options, url)));
     events = [];
     await begin();
-    await time.pass(60_000);
+    await time.advance(60_000);
     assert.deepEqual([track.available, pass(0.02)], [false, 0.02]);
     assert.match(track.error!.message, message);
     assert.deepEqual(events.at(-1), "volumechange");
@@ -217,11 +217,11 @@ test("why it is late is told", async () => {
   openReel();
   host.answer(status(503));
   track.want(clock, true);
-  await time.pass(100);
+  await time.advance(100);
   assert.match(track.trouble!, /^Trying again/);
   assert.equal(events.at(-1), "progress");
   host.answer(answers);
-  await time.pass(1000);
+  await time.advance(1000);
   assert.equal(track.trouble, null);
 });
 
@@ -231,11 +231,11 @@ test("a browser without media sources plays the whole sound as one file, once it
   openReel(soundOf({ segments: segments.slice(0, 3) }));
   track.want(clock, true);
   FakeAudio.last.currentTime = 0.95;
-  assert.equal(track.late(clock), true);
-  await time.pass(0);
-  await time.pass(0);
+  assert.equal(track.isLate(clock), true);
+  await time.advance(0);
+  await time.advance(0);
   assert.deepEqual(asked(), ["init.mp4", "0.m4s", "1.m4s", "2.m4s"]);
-  assert.deepEqual([track.late(clock), FakeAudio.last.src], [false, "blob:sound"]);
+  assert.deepEqual([track.isLate(clock), FakeAudio.last.src], [false, "blob:sound"]);
   clock.seconds = 1;
   pass(0.02);
   assert.equal(FakeAudio.last.currentTime, 1, "the element begins anew: its time is set");
@@ -249,7 +249,7 @@ test("sound that a browser cannot play is none, and says why", () => {
     track = new Soundtrack((event) => events.push(event), () => undefined);
     openReel(soundOf(), live);
     track.want(clock, true);
-    assert.deepEqual([track.available, track.late(clock)], [false, false]);
+    assert.deepEqual([track.available, track.isLate(clock)], [false, false]);
     assert.match(track.error!.message, message);
   }
 });

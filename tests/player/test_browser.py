@@ -44,7 +44,8 @@ DECODE = """async (source) => {
       min[i % channels] + step[i % channels] * q[Math.floor(i / channels) * 4 + i % channels]);
     arrays.dx = values(offsets.dx, 3, offsets.dxMin, offsets.dxStep);
     arrays.dq = values(offsets.dq, 4, offsets.dqMin, offsets.dqStep);
-    if (offsets.shade) arrays.shade = values(offsets.shade.data, 4, offsets.shade.min, offsets.shade.step);
+    const { appearance } = offsets;
+    if (appearance) arrays.shade = values(appearance.data, 4, appearance.min, appearance.step);
   }
   return {alive: Array.from(alive), ...Object.fromEntries(Object.entries(arrays).map(([k, v]) => [k, Array.from(v)]))};
 }"""
