@@ -31,8 +31,8 @@ const openReel = (sound: Sound | null = soundOf(), live = false): void => {
 const begin = async (pictures = true): Promise<void> => {
   track.want(clock, pictures);
   FakeMediaSource.last.open();
-  await time.advance(0);
-  await time.advance(0);
+  await time.pass(0);
+  await time.pass(0);
 };
 const pass = (passed: number): number => track.advance(clock, true, time.now / 1000, passed, 0);
 
@@ -106,7 +106,7 @@ test("after a seek sound is where the pictures are, and gets what is heard there
   clock.seconds = 40.5;
   track.seek();
   track.want(clock, true);
-  await time.advance(0);
+  await time.pass(0);
   assert.deepEqual(asked().slice(0, 2), ["20.m4s", "40.m4s"], "what nobody waits for any more is given up");
   clock.seconds = 80.5;
   assert.equal(track.isLate(clock), false);
@@ -124,7 +124,7 @@ test("no more is held than is good", async () => {
   await begin();
   for (clock.seconds = 0; clock.seconds < 118; clock.seconds += 2) {
     track.want(clock, true);
-    await time.advance(0);
+    await time.pass(0);
   }
   const held = FakeMediaSource.last.buffer.ranges.map(([start]) => start);
   assert.ok(held.length < 60 && !held.includes(0) && held.includes(100), String(held));
@@ -159,7 +159,7 @@ test("a browser that refuses sound stops a person's play, and makes a page's sil
     FakeAudio.last.refuses = "NotAllowedError";
     events = [];
     track.ask(optional);
-    await time.advance(0);
+    await time.pass(0);
     assert.deepEqual([events, track.muted, track.blocked], [expected, optional, optional]);
   }
   FakeAudio.last.refuses = "AbortError";
@@ -167,7 +167,7 @@ test("a browser that refuses sound stops a person's play, and makes a page's sil
   assert.equal(track.blocked, false);
   events = [];
   track.ask(false);
-  await time.advance(0);
+  await time.pass(0);
   assert.deepEqual(events, [], "it was paused meanwhile");
 });
 
@@ -204,7 +204,7 @@ test("a segment that cannot be had ends the sound, and the pictures go on", asyn
     host.answer((options, url) => (url.endsWith("init.mp4") ? answers(options, url) : bad(options, url)));
     events = [];
     await begin();
-    await time.advance(60_000);
+    await time.pass(60_000);
     assert.deepEqual([track.available, pass(0.02)], [false, 0.02]);
     assert.match(track.error!.message, message);
     assert.deepEqual(events.at(-1), "volumechange");
@@ -217,11 +217,11 @@ test("why it is late is told", async () => {
   openReel();
   host.answer(status(503));
   track.want(clock, true);
-  await time.advance(100);
+  await time.pass(100);
   assert.match(track.trouble!, /^Trying again/);
   assert.equal(events.at(-1), "progress");
   host.answer(answers);
-  await time.advance(1000);
+  await time.pass(1000);
   assert.equal(track.trouble, null);
 });
 
@@ -232,8 +232,8 @@ test("a browser without media sources plays the whole sound as one file, once it
   track.want(clock, true);
   FakeAudio.last.currentTime = 0.95;
   assert.equal(track.isLate(clock), true);
-  await time.advance(0);
-  await time.advance(0);
+  await time.pass(0);
+  await time.pass(0);
   assert.deepEqual(asked(), ["init.mp4", "0.m4s", "1.m4s", "2.m4s"]);
   assert.deepEqual([track.isLate(clock), FakeAudio.last.src], [false, "blob:sound"]);
   clock.seconds = 1;
