@@ -70,7 +70,8 @@ def test_a_run_on_a_gpu_is_as_one_on_the_cpu(tmp_path: Path, waits: dict[str, li
     assert not any(keyframe[:first])
     # Among static points, which of these the touched tiles hold is asked once; the first look of a view at them waits more often.
     assert {sum(waited.values()) for waited in keyframe[-4:]} == {1}
-    assert min(sum(waited.values()) for waited in group) == 1
+    waits_of_others = sorted(sum(waited.values()) for waited in group)[: -2 * len(capture.cameras)]
+    assert Counter(waits_of_others)[1] >= len(waits_of_others) - 1  # points were made dynamic once
 
 
 @pytest.mark.parametrize("device", ["cpu", "auto"])
