@@ -126,3 +126,9 @@ def test_tracks_begin_where_the_frames_do(tmp_path: Path) -> None:
     assert heard == pytest.approx({"a": 0.5, "b": 0.5}, abs=1e-3)
     (tmp_path / "splatreel.json").unlink()
     assert Videos(tmp_path, files, read_sidecar(tmp_path), Request()).tracks(7)["a"].start == pytest.approx(0.7)
+
+
+def test_a_film_without_sound_is_named(tmp_path: Path) -> None:
+    film(tmp_path / "silent.mp4", None)
+    with pytest.raises(CaptureError, match=r"silent\.mp4: has no sound"):
+        next(read_sound(tmp_path / "silent.mp4", 1, RATE))

@@ -7,6 +7,7 @@ import pytest
 
 from splatreel.capture import opening
 from splatreel.cli.main import main
+from splatreel.evaluation import rates
 from tests.evaluation import scenes
 
 
@@ -54,3 +55,24 @@ def test_values_that_make_no_sense(
     captured = capsys.readouterr()
     assert (captured.out, captured.err) == ("", f"Error: {fault}\n")
     assert not (tmp_path / "out").exists()
+
+
+def test_bench_codec_of_a_run_writes_table_chart_and_record(
+    requests: list[dict], tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    measure = rates.rate_distortion
+    monkeypatch.setattr(rates, "rate_distortion", lambda sweep: measure(sweep, ["predictive 1.2", "predictive 4"]))
+    run, out = scenes.write_run(tmp_path / "run"), tmp_path / "out"
+    assert main(["bench", "codec", str(run), "capture", "--every", "5", "--out", str(out)]) == 0
+    printed = capsys.readouterr().out
+    assert printed.startswith((out / "codec.md").read_text().rstrip("\n"))
+    assert "| predictive 4 |" in printed
+    assert requests == [{"width": scenes.WIDTH, "frames": None}]
+    assert (out / "codec.svg").read_text().startswith("<svg")
+    assert len((out / "codec.jsonl").read_text().splitlines()) > 0
+
+
+@pytest.mark.parametrize("wrong", [["run"], ["run", "capture", "--every", "0"]])
+def test_bench_codec_of_a_run_needs_its_capture(wrong: list[str], capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["bench", "codec", *wrong]) == 2
+    assert capsys.readouterr().err.startswith("Error: bench codec RUN needs the CAPTURE after it")

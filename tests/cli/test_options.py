@@ -2,6 +2,7 @@ from pathlib import Path
 
 import pytest
 
+from splatreel.cli.main import main
 from splatreel.cli.options import parse_frames, parse_held_out, parse_names, parse_numbers, reel_folder, with_set
 from splatreel.config import Config
 from splatreel.errors import UsageError
@@ -61,3 +62,23 @@ def test_settings() -> None:
         with_set(Config(), ("group.tracked=true",))
     with pytest.raises(UsageError, match=r"^--set group.overlap 5 does not fit group.length 5"):
         with_set(Config(), ("group.length=5",))
+
+
+@pytest.mark.parametrize(
+    ("command", "said"),
+    [
+        (["evaluate", "reel", "x", "--out", "y", "--max-memory", "0"], "--max-memory 0: give megabytes, 1 or more"),
+        (["verify", "reel", "--max-memory", "0"], "--max-memory 0: give megabytes, 1 or more"),
+        (
+            ["reconstruct", "x", "--out", "y", "--codec", "h265", "--renditions", "high,low"],
+            "--renditions are of the predictive codec. Choose --codec predictive",
+        ),
+    ],
+)
+def test_options_that_do_not_fit_are_refused_at_once(
+    command: list[str], said: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(command) == 2
+    captured = capsys.readouterr()
+    assert captured.out == ""
+    assert said in captured.err

@@ -140,3 +140,11 @@ if __name__ == "__main__":
 
     with tempfile.TemporaryDirectory() as folder:
         GOLDEN.write_text(json.dumps(golden_document(Path(folder)), indent=1) + "\n")
+
+
+def test_a_file_that_is_too_large_for_a_path_is_not_read(tmp_path: Path) -> None:
+    file = tmp_path / "path.json"
+    with file.open("wb") as opened:
+        opened.truncate(1 << 40)  # a hole: it takes no place on the disk
+    with pytest.raises(UsageError, match=r"path\.json is larger than the \d+ bytes"):
+        read_path(file)

@@ -118,3 +118,11 @@ def test_any_damage_is_a_gaussians_error_or_points(tmp_path_factory, data):
     path.write_bytes(damaged)
     with contextlib.suppress(GaussiansError):
         read_ply(path)
+
+
+def test_points_that_do_not_come_first_are_refused(tmp_path):
+    write_ply(tmp_path / "a.ply", points(2, 0))
+    data = (tmp_path / "a.ply").read_bytes()
+    (tmp_path / "b.ply").write_bytes(data.replace(b"element vertex", b"element face 0\nelement vertex"))
+    with pytest.raises(GaussiansError, match=r"b\.ply: its points .element vertex. do not come first"):
+        read_ply(tmp_path / "b.ply")

@@ -235,3 +235,9 @@ def test_a_folder_of_pictures_a_camera(scene: Path, named_by: str) -> None:
     capture = open_capture(scene)
     assert ([c.name for c in capture.cameras], capture.frames) == (["cam00", "cam01", "cam02", "cam03"], 3)
     assert [folders.which(image) for image in capture.read(1, 2, ["cam03"])[:, 0]] == [(3, 1), (3, 2)]
+
+
+def test_a_model_without_images_is_refused(scene: Path) -> None:
+    (scene / "sparse" / "0" / "images.txt").write_text("# no image was placed\n")
+    with pytest.raises(CaptureError, match="the COLMAP model holds no images with a pose"):
+        open_capture(scene)

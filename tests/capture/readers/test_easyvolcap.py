@@ -120,3 +120,9 @@ def test_starts_are_for_videos(scene: Path) -> None:
     (scene / "splatreel.json").write_text('{"starts": {"00": 0.5}}')
     with pytest.raises(CaptureError, match=r"splatreel\.json: says when videos start, but the cameras have pictures"):
         open_capture(scene)
+
+
+def test_a_file_of_cameras_that_is_none_is_named(scene: Path) -> None:
+    (scene / "intri.yml").write_text("")
+    with pytest.raises(CaptureError, match=r"intri\.yml: is no YAML file of OpenCV's.*Export the cameras again"):
+        open_capture(scene)

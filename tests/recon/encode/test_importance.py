@@ -1,8 +1,10 @@
 """How much the pictures hang on a point: what is hidden or far outside hardly counts."""
 
 import numpy as np
+import pytest
 import torch
 
+from splatreel.errors import UsageError
 from splatreel.recon.encode.importance import weigh
 from splatreel.recon.encode.publisher import meet_rate
 from splatreel.scene.camera import Camera
@@ -49,3 +51,8 @@ def test_a_rate_is_met() -> None:
 
     assert abs(3 * meet_rate(write, 1.7) ** -0.6 / 1.7 - 1) <= 0.05
     assert len(tried) < 10
+
+
+def test_a_rate_that_no_coarseness_has_is_refused() -> None:
+    with pytest.raises(UsageError, match=r"9 Mbit/s cannot be met: the nearest tried has 0\.5"):
+        meet_rate(lambda coarseness: 0.5, 9.0)

@@ -1,0 +1,64 @@
+"""`splatreel capture calibrate` and `capture sync`: what they say of what was found; tests/capture tests how it is found."""
+
+from pathlib import Path
+
+import pytest
+
+from splatreel.capture import calibrate, sync
+from splatreel.cli.main import main
+from tests.capture import folders
+
+
+def test_calibrate_says_which_cameras_are_placed_left_out_and_doubtful(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    asked: list[tuple[Path, Path | None]] = []
+
+    def found(path: Path, progress: object, also: Path | None) -> calibrate.Calibration:
+        asked.append((path, also))
+        return calibrate.Calibration({"a": 900, "b": 12, "c": 400}, ["d"], 0.456, 3)
+
+    monkeypatch.setattr(calibrate, "calibrate", found)
+    assert main(["capture", "calibrate", "phones", "--also", "photos"]) == 0
+    assert asked == [(Path("phones"), Path("photos"))]
+    said = capsys.readouterr().out
+    assert "phones/sparse/0: 3 cameras, placed alike at 3 moments; points are off by 0.46 pixels" in said
+    assert "left out, for they show too little of what the others do to be sure of them: d" in said
+    assert "doubtful, for they see few points: b (12)" in said
+
+
+def test_calibrate_of_too_few_videos(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    folders.write_video(tmp_path / "phone.mp4", [folders.frame(0, 0)])
+    assert main(["capture", "calibrate", str(tmp_path)]) == 1
+    assert "at least 3 are needed" in capsys.readouterr().err
+
+
+def test_sync_says_when_each_video_starts(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
+    (name,) = {"synchronise", "synchronize"} & set(dir(sync))
+    monkeypatch.setattr(sync, name, lambda path, progress: {"a": 0.0, "b": 1.23456})
+    assert main(["capture", "sync", "phones"]) == 0
+    assert capsys.readouterr().out.splitlines()[1:] == ["  a 0.000", "  b 1.235"]
+
+
+def test_sync_of_one_video(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    folders.write_video(tmp_path / "phone.mp4", [folders.frame(0, 0)])
+    assert main(["capture", "sync", str(tmp_path)]) == 1
+    assert "there is nothing to bring together" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("note", "said"),
+    [
+        ('{"starts": {"cam00": -1}}', "starts is {'cam00': -1}, expected seconds of 0 or more by camera"),
+        ('{"calibration_failed": 3}', "calibration_failed is 3, expected a sentence"),
+    ],
+)
+def test_a_note_that_says_what_cannot_be(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], note: str, said: str
+) -> None:
+    scene = folders.neu3dv(tmp_path / "scene", count=4, frames=2)
+    (scene / "splatreel.json").write_text(note)
+    assert main(["capture", "check", str(scene), "--quick"]) == 1
+    error = capsys.readouterr().err
+    assert said in error
+    assert str(scene / "splatreel.json") in error
