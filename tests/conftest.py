@@ -3,6 +3,7 @@
 import json
 import os
 import signal
+import sys
 from pathlib import Path
 
 import pytest
@@ -16,7 +17,7 @@ os.environ.setdefault("GOMP_SPINCOUNT", "0")
 if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
     signal.signal(signal.SIGINT, signal.default_int_handler)
 
-COVERAGE = pytest.StashKey[coverage.Coverage]()
+COVERAGE = coverage.start() if "--coverage" in sys.argv else None  # before the conftest of a folder imports the package
 LAST_LINES = pytest.StashKey[list[str]]()
 MISSED = Path(__file__).parent.parent / "out" / "coverage.json"
 
@@ -31,8 +32,6 @@ def pytest_addoption(parser: pytest.Parser) -> None:
 
 def pytest_configure(config: pytest.Config) -> None:
     config.stash[LAST_LINES] = []
-    if config.getoption("--coverage"):
-        config.stash[COVERAGE] = coverage.start()
 
 
 @pytest.fixture(scope="session")
@@ -42,9 +41,9 @@ def last_lines(pytestconfig: pytest.Config) -> list[str]:
 
 
 def pytest_unconfigure(config: pytest.Config) -> None:
-    if measured := config.stash.get(COVERAGE, None):
+    if COVERAGE is not None:
         MISSED.parent.mkdir(exist_ok=True)
-        MISSED.write_text(json.dumps(measured.missed(), indent=1))
-        print(measured.summary())
+        MISSED.write_text(json.dumps(COVERAGE.missed(), indent=1))
+        print(COVERAGE.summary())
     for line in config.stash[LAST_LINES]:
         print(line)
