@@ -1,0 +1,104 @@
+import assert from "node:assert/strict";
+import { readFileSync } from "node:fs";
+import { createRequire } from "node:module";
+import { join } from "node:path";
+import { beforeEach, test } from "node:test";
+import { pathToFileURL } from "node:url";
+import { PLAIN } from "../src/base/errors";
+import type { DecodedFile } from "../src/decode/decode-file";
+import type { DecodeReply, DecodeRequest } from "../src/decode/decode-worker";
+import { FakeHost, pieces, status, whole } from "./fakes/host";
+import "./fakes/page";
+import { FakeTime } from "./fakes/time";
+import { FakeWorker } from "./fakes/workers";
+import "../src/decode/decode-worker";
+
+const packages = join(process.cwd(), "node_modules");
+const golden = (path: string): Uint8Array => new Uint8Array(readFileSync(join(process.cwd(), "../tests/data", path)));
+const time = new FakeTime();
+const host = new FakeHost();
+let said: DecodeReply[] = [];
+let handedOver: Transferable[] = [];
+const scope = Object.assign(globalThis as unknown as { onmessage(event: { data: DecodeRequest }): Promise<void>; location: URL }, {
+  location: pathToFileURL(join(packages, "draco3d/")),
+  importScripts: () => undefined,
+  DracoDecoderModule: createRequire(join(packages, "x.js"))("draco3d/draco_decoder_nodejs.js"),
+  postMessage: (reply: DecodeReply, transfer: Transferable[] = []) => {
+    said.push(reply);
+    handedOver.push(...transfer);
+  },
+});
+const ask = (id: number, bytes: number): Promise<void> => scope.onmessage({ data: { id, source: { url: "https://page.example/groups/0.bin", bytes, sha256: null } } });
+/** Of one request: the bytes that were told of, then what else was said. */
+const replies = (id: number): [number, object[]] => {
+  const own = said.filter((reply) => reply.id === id);
+  const received = own.reduce((sum, reply) => sum + ("received" in reply ? reply.received : 0), 0);
+  return [received, own.filter((reply) => !("received" in reply))];
+};
+const fileOf = (id: number): DecodedFile => (replies(id)[1].at(-1) as { file?: DecodedFile }).file ?? assert.fail(JSON.stringify(replies(id)));
+
+beforeEach(() => {
+  FakeWorker.all.length = said.length = handedOver.length = 0;
+});
+
+test("a file is fetched, told of as it comes, decoded, and handed over without a copy", async () => {
+  const bytes = golden("golden-predictive/groups/0000.safetensors");
+  host.answer(pieces([bytes.slice(0, 1000), bytes.slice(1000)], "over"));
+  await time.until(ask(1, bytes.length));
+  const file = fileOf(1);
+  assert.equal(replies(1)[0], bytes.length);
+  assert.ok(file.points.count > 0 && file.points.means.every(Number.isFinite) && file.offsets!.frames > 1);
+  for (const array of [file.points.means, file.points.quats, file.alive, file.offsets!.dx]) assert.ok(handedOver.includes(array.buffer as ArrayBuffer));
+  assert.equal(new Set(handedOver).size, handedOver.length);
+});
+
+test("trouble is told, and what cannot be had or decoded says why", async () => {
+  const bytes = golden("golden-predictive/layers/0000.safetensors");
+  host.answer(status(503), whole(bytes));
+  await time.until(ask(2, bytes.length));
+  const [trouble, done] = replies(2)[1];
+  assert.match((trouble as { trouble: string }).trouble, /^Trying again/);
+  assert.ok("file" in done);
+  host.answer(status(404));
+  await time.until(ask(3, bytes.length));
+  assert.deepEqual(replies(3)[1], [{ id: 3, error: "https://page.example/groups/0.bin cannot be downloaded: it answered 404.", plain: PLAIN.missing }]);
+  host.answer(whole(bytes.map((byte, i) => (i > bytes.length / 2 ? byte ^ 255 : byte))));
+  await time.until(ask(4, bytes.length));
+  const [failure] = replies(4)[1] as { error: string; plain: string }[];
+  assert.match(failure.error, /^https:\/\/page\.example\/groups\/0\.bin cannot be played: section/);
+  assert.equal(failure.plain, PLAIN.damaged);
+});
+
+test("a file that is given up is over, and another goes on", async () => {
+  const bytes = golden("golden-predictive/layers/0000.safetensors");
+  host.answer(pieces([bytes.slice(0, 100)], "silent"), whole(bytes));
+  const [given, kept] = [ask(5, bytes.length), ask(6, bytes.length)];
+  await time.pass(10);
+  await scope.onmessage({ data: { id: 5, cancel: true } });
+  await time.until(Promise.all([given, kept]));
+  assert.ok("error" in replies(5)[1][0]);
+  fileOf(6);
+});
+
+test("video tracks are decoded beside each other; a decoder that fails fails the file, and one that dies is not used again", async () => {
+  const bytes = golden("golden/groups/0000.safetensors");
+  host.answer(whole(bytes));
+  const tracks = (id: number): FakeWorker[] => FakeWorker.all.filter(({ posted }) => posted.some((track) => track.samples && track.asked === undefined && ((track.asked = id), true)));
+  const ended = ask(7, bytes.length);
+  await time.pass(1000);
+  const first = tracks(7);
+  assert.ok(first.length > 1, "each track has a worker of its own");
+  for (const worker of first) worker.say({ error: "a picture is damaged" });
+  await time.until(ended);
+  assert.match((replies(7)[1][0] as { error: string }).error, /cannot be played: .*a picture is damaged/);
+  const again = ask(8, bytes.length);
+  await time.pass(1000);
+  assert.equal(FakeWorker.all.length, first.length, "those that failed serve again");
+  for (const worker of FakeWorker.all) worker.die("out of memory");
+  await time.until(again);
+  assert.match((replies(8)[1][0] as { error: string }).error, /the video decoder failed \(out of memory\)/);
+  assert.ok(first.every(({ terminated }) => terminated));
+  void ask(9, bytes.length);
+  await time.pass(1000);
+  assert.equal(FakeWorker.all.length, 2 * first.length);
+});
