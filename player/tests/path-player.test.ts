@@ -122,7 +122,7 @@ test("a camera that goes by itself waits for the picture of each time, too", asy
 
 test("the camera keeps in step with a reel whose sound is slow", async () => {
   const { fake } = await pathOf(4, 0, 4);
-  fake.player.soundtrack.pass = (_, running, __, passed) => (running ? 0.9 * passed : 0);
+  fake.player.soundtrack.advance = (_, running, __, passed) => (running ? 0.9 * passed : 0);
   await fake.pass(1000);
   near(fake.player.currentTime, 0.9, 0.03);
   near(fake.player.camera!.following!.at, fake.player.currentTime, 0.03);
