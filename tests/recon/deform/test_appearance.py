@@ -1,4 +1,4 @@
-"""Colours and opacities that change within a group."""
+"""Colors and opacities that change within a group."""
 
 import torch
 
@@ -65,7 +65,7 @@ def test_a_known_start_is_followed():
 
 
 def pictures(frames: int = 20) -> torch.Tensor:
-    """Two cameras that see a bar move, a pixel a frame, over grey noise; [T, 2, 40, 60, 3] uint8."""
+    """Two cameras that see a bar move, a pixel a frame, over gray noise; [T, 2, 40, 60, 3] uint8."""
     rng = torch.Generator().manual_seed(0)
     images = torch.randint(100, 120, (frames, 2, 40, 60, 3), generator=rng, dtype=torch.uint8)
     for t in range(frames):

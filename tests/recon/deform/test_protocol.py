@@ -81,7 +81,7 @@ def test_tracks_that_were_followed_stay_when_training_goes_on():
 
 
 @pytest.mark.parametrize("model", MODELS)
-def test_newcomers_of_followed_tracks_rest_or_go_with_their_parents(model):
+def test_new_points_of_followed_tracks_rest_or_go_with_their_parents(model):
     means, frames = cloud(), 12
     net = model(means, frames, 1.0, tracks=tracks_of(means, frames))
     net.append(means[:3], torch.tensor([0, 1, 2]))
@@ -111,9 +111,9 @@ def test_points_that_were_static_join_a_trajectory_at_rest():
     means, frames = cloud(), 12
     net = Trajectory(means, frames, 1.0)
     fit(net, means, frames, 200)
-    newcomers = cloud(5, seed=3)
-    net.append(newcomers, None)
-    dx, dq = net.offsets(torch.cat([means, newcomers]), 8.3)
+    added = cloud(5, seed=3)
+    net.append(added, None)
+    dx, dq = net.offsets(torch.cat([means, added]), 8.3)
     assert dx[200:].abs().max() < 1e-5
     torch.testing.assert_close(dq[200:], torch.tensor([1.0, 0, 0, 0]).expand(5, 4), atol=1e-5, rtol=0)
 

@@ -12,7 +12,7 @@ def test_the_meter_averages_over_the_views_that_saw_a_point():
     torch.testing.assert_close(meter.mean(), torch.tensor([0.075, 0.0, 1.0]))
 
 
-def test_gradients_are_in_normalised_device_units():
+def test_gradients_are_in_normalized_device_units():
     meter = GradientMeter(1, torch.device("cpu"))
     meter.add(torch.tensor([[1e-3, 0.0]]), 320, 180)
     torch.testing.assert_close(meter.mean(), torch.tensor([0.16]))

@@ -147,7 +147,7 @@ def test_true_tracks_are_a_good_start(filmed: Pictures, deformation: str) -> Non
     assert group.psnr() > 35
 
 
-def test_colours_depend_less_on_the_view_where_that_costs(filmed: Pictures) -> None:
+def test_colors_depend_less_on_the_view_where_that_costs(filmed: Pictures) -> None:
     """The thing looks alike from everywhere, and starts as if it did not."""
     sheen = np.full((len(THING), 3, 3), 0.1, np.float32)
     sheeny = replace(THING, sh=np.concatenate([THING.sh, sheen], 1))
@@ -184,7 +184,7 @@ def test_a_pull_alone_makes_a_static_point_dynamic(filmed: Pictures) -> None:
     static = Gaussians.concatenate([WALL, THING[few]])
     settings = {"adapt_every": 40, "adapt_neighbors": 2.0}
     strict = trainer(filmed, config(iterations=40, adapt_gradient=1e9, **settings), THING[~few], static)
-    assert strict.train(Silent()).alive.all(), "nothing is converted, nor by its neighbours"
+    assert strict.train(Silent()).alive.all(), "nothing is converted, nor by its neighbors"
     loose = trainer(filmed, config(iterations=40, adapt_gradient=3e-4, **settings), THING[~few], static)
     alive = loose.train(Silent()).alive
     assert (~alive[len(WALL) :]).mean() > 0.3
@@ -225,7 +225,7 @@ def test_pruning_keeps_the_rows_of_points_and_motion_together(filmed: Pictures, 
     np.testing.assert_allclose(after.dx, before.dx[:, kept], atol=1e-6)
     group.density.restart()
     group.find_neighbors()
-    group.step(0)  # the optimisers still fit
+    group.step(0)  # the optimizers still fit
 
 
 def test_what_is_large_may_be_far_away_but_not_near(filmed: Pictures) -> None:

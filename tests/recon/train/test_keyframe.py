@@ -46,12 +46,12 @@ def gains() -> CameraGains:
 
 
 def rough_start() -> TrainablePoints:
-    """Points near the true ones, in grey."""
+    """Points near the true ones, in gray."""
     places = SCENE.means + np.random.default_rng(0).normal(size=SCENE.means.shape) * 0.03
     return starting_points(places, np.full(places.shape, 0.5), CONFIG, UNIT, CPU)
 
 
-def test_points_start_as_large_as_their_distance_and_in_their_colour() -> None:
+def test_points_start_as_large_as_their_distance_and_in_their_color() -> None:
     grid = np.stack(np.meshgrid(*[np.arange(4) * 0.1] * 3), -1).reshape(-1, 3)
     colors = np.random.default_rng(0).uniform(0, 1, grid.shape)
     points = starting_points(grid, colors, CONFIG, 1.0, CPU).gaussians()
@@ -109,10 +109,10 @@ def test_no_more_points_than_allowed() -> None:
 
 def test_static_points_stay_and_only_the_others_learn() -> None:
     """The wall is frozen; what stands before it is learned on top of it."""
-    grey = Gaussians(THING.means, THING.quats, THING.scales, THING.opacities, np.zeros_like(THING.sh))
-    points = TrainablePoints.from_gaussians(grey, default_rates(UNIT), CPU)
+    gray = Gaussians(THING.means, THING.quats, THING.scales, THING.opacities, np.zeros_like(THING.sh))
+    points = TrainablePoints.from_gaussians(gray, default_rates(UNIT), CPU)
     trainer = KeyframeTrainer(points, gains(), plain({"keyframe.sh_degree": 0}).keyframe, static=WALL, max_points=200)
-    before = psnr(Gaussians.concatenate([WALL, grey]), UNSEEN)
+    before = psnr(Gaussians.concatenate([WALL, gray]), UNSEEN)
     trainer.train(pictures(), 150, 150, Silent())
     after = psnr(Gaussians.concatenate([WALL, trainer.points.gaussians()]), UNSEEN)
     assert after > before + 5
@@ -152,8 +152,8 @@ def test_what_explains_nothing_fades_when_opacity_has_a_price() -> None:
 
 
 def test_what_hides_nothing_else_is_not_made_to_hide_things() -> None:
-    """Thick mist of a plain wall's colour before all that the cameras see: where it goes, the wall behind explains the pictures."""
-    plain = replace(WALL, sh=np.zeros_like(WALL.sh))  # grey
+    """Thick mist of a plain wall's color before all that the cameras see: where it goes, the wall behind explains the pictures."""
+    plain = replace(WALL, sh=np.zeros_like(WALL.sh))  # gray
     scene = Gaussians.concatenate([plain, THING])
     mist = np.random.default_rng(5).uniform([-2.2, -1.4, -2.4], [2.2, 1.4, -1.8], (300, 3)).astype(np.float32)
     thick = blots(len(mist), [0, 0, 0], [1, 1, 1], 0.3, 2)
@@ -177,7 +177,7 @@ def test_large_points_that_a_plain_wall_needs_stay_in_the_end() -> None:
 
 
 def test_depths_do_not_spread_where_that_costs() -> None:
-    """Faint points before the wall, of its colour: pictures hardly mind them."""
+    """Faint points before the wall, of its color: pictures hardly mind them."""
     before = np.random.default_rng(3).uniform([-0.6, -0.6, -1.5], [0.6, 0.6, -0.8], (30, 3))
 
     def trained(weight: float) -> TrainablePoints:

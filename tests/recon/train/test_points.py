@@ -22,7 +22,7 @@ def test_gaussians_survive_the_round_trip_to_parameters():
         )
 
 
-def test_rows_keep_their_optimiser_state_when_others_go():
+def test_rows_keep_their_optimizer_state_when_others_go():
     points = make()
     take_a_step(points)
     before = points.adams["means"].mean.clone()

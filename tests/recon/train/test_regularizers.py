@@ -12,8 +12,8 @@ def grid():
 
 
 def arap(means, dx, dq, unit=1.0):
-    neighbour = torch.arange(1, len(means) + 1) % len(means)
-    return regularizers.arap(means, dx, dq, neighbour, torch.ones(len(means)), unit)
+    neighbor = torch.arange(1, len(means) + 1) % len(means)
+    return regularizers.arap(means, dx, dq, neighbor, torch.ones(len(means)), unit)
 
 
 def test_a_rigid_motion_costs_nothing():

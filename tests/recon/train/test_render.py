@@ -91,7 +91,7 @@ def test_a_background_shows_through_what_is_drawn(layered: bool) -> None:
         torch.testing.assert_close(tensor.grad, results[1][1].params[name].grad, atol=1e-3, rtol=1e-3)
 
 
-def test_without_scenery_only_what_moves_is_drawn() -> None:
+def test_without_static_points_only_what_moves_is_drawn() -> None:
     _, seen = moving(VIEWS[0])
     alone, before_nothing = draw(seen, VIEWS[0]), draw(seen, VIEWS[0], static_cache(Gaussians.empty(0)).view(0))
     assert alone.index is None
@@ -100,7 +100,7 @@ def test_without_scenery_only_what_moves_is_drawn() -> None:
 
 
 @pytest.mark.parametrize("drawn_before", [True, False])
-def test_the_scenery_shows_the_living_points_only(drawn_before: bool) -> None:
+def test_static_views_show_the_living_points_only(drawn_before: bool) -> None:
     alive = torch.from_numpy(WALL.means[:, 0] < 0.3)
     behind = static_cache()
     if drawn_before:
@@ -122,7 +122,7 @@ def test_the_callers_mask_stays_his_own() -> None:
     assert bool(behind.alive.all())
 
 
-def test_scenery_is_drawn_once() -> None:
+def test_static_points_are_drawn_once() -> None:
     behind = static_cache()
     first = behind.view(2)
     assert behind.view(2) is first

@@ -1,4 +1,4 @@
-"""How the colour and the opacity of dynamic points change within a group: what motion cannot tell (beyond the paper).
+"""How the color and the opacity of dynamic points change within a group: what motion cannot tell (beyond the paper).
 
 Light and shadow pass over things, flames flicker, things come and go. Every point has a cubic B-spline in time of its own, as
 `trajectory` has for motion, with fewer knots: what changes fast is motion. But where much changes at once, as on a screen that shows
@@ -81,19 +81,20 @@ class Appearance:
         self.adam.rewrite(lambda rows: rows[:, index], lambda rows: rows[:, index])
 
     def append(self, count: int, parents: Tensor | None) -> None:
-        """As `Deformation.append`: newcomers do not change."""
+        """As `Deformation.append`: new points do not change."""
         self.moments.clear()
         added = self.controls[:, parents] if parents is not None else None
-        rest = self.controls.new_zeros(len(self.controls), count, 4)
+        zeros = self.controls.new_zeros(len(self.controls), count, 4)
         self.adam.rewrite(
-            lambda rows: torch.cat([rows, rest if added is None else added], 1), lambda rows: torch.cat([rows, rest], 1)
+            lambda rows: torch.cat([rows, zeros if added is None else added], 1),
+            lambda rows: torch.cat([rows, zeros], 1),
         )
 
 
 def detect_cuts(images: Tensor) -> list[int]:
     """Frames of images [T, C, H, W, 3] uint8 in which far more pixels change strongly than in those before and after.
 
-    What moves changes about as many in neighbouring frames. A quarter of the pixels is looked at.
+    What moves changes about as many in neighboring frames. A quarter of the pixels is looked at.
     """
     few = images[:, :, ::2, ::2]
     shares = [_strong(before.short(), now.short()) for before, now in pairwise(few)]

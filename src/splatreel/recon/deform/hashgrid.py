@@ -1,7 +1,7 @@
 """`hashgrid`: the paper's deformation model, a 4D hash grid decoded by tiny MLPs (paper section 4.2, after Grid4D).
 
 Four multiresolution hash grids: one in space (xyz) and three in space-time (xyt, xzt, yzt, coarser along t). As Grid4D publishes
-it, the spatial feature does not stand beside the space-time one but gates it, in -1..1: without the gate, neighbours tear apart.
+it, the spatial feature does not stand beside the space-time one but gates it, in -1..1: without the gate, neighbors tear apart.
 """
 
 from __future__ import annotations
@@ -120,12 +120,12 @@ class HashGrid(nn.Module):
             self.tracks = self.tracks[:, index]
 
     def append(self, means: Tensor, parents: Tensor | None) -> None:
-        """Copies take their parents' tracks; newcomers have none, and move with the space they are in."""
+        """Copies take their parents' tracks; new points have none, and move with the space they are in."""
         moves = movable_with(self.moves, means, parents)
         self.moves = torch.cat([self.moves, moves])
         if self.tracks is not None:
-            rest = self.tracks.new_zeros(len(self.tracks), len(means), 3)
-            added = rest if parents is None else self.tracks[:, parents]
+            zeros = self.tracks.new_zeros(len(self.tracks), len(means), 3)
+            added = zeros if parents is None else self.tracks[:, parents]
             self.tracks = torch.cat([self.tracks, added], 1)
 
 

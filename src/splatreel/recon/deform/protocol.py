@@ -16,7 +16,7 @@ class Deformation(Protocol):
     """
 
     def offsets(self, means: Tensor, frame: float) -> tuple[Tensor, Tensor]:
-        """dx [N, 3] in world units and dq [N, 4], wxyz about (1, 0, 0, 0), not normalised, for canonical means [N, 3]."""
+        """dx [N, 3] in world units and dq [N, 4], wxyz about (1, 0, 0, 0), not normalized, for canonical means [N, 3]."""
         ...
 
     def extend_to(self, frame: float) -> None:
@@ -24,7 +24,7 @@ class Deformation(Protocol):
         ...
 
     def step(self, share: float) -> None:
-        """Take an optimiser step and clear gradients. share: 0..1, how much of training is over."""
+        """Take an optimizer step and clear gradients. share: 0..1, how much of training is over."""
         ...
 
     def keep(self, index: Tensor) -> None:
@@ -32,7 +32,7 @@ class Deformation(Protocol):
         ...
 
     def append(self, means: Tensor, parents: Tensor | None) -> None:
-        """Points were added at means [M, 3]: copies of the rows parents [M], or newcomers that rest (None)."""
+        """Points were added at means [M, 3]: copies of the rows parents [M], or new points that rest (None)."""
         ...
 
 
@@ -42,5 +42,5 @@ def movable(means: Tensor, fixed: Tensor | None) -> Tensor:
 
 
 def movable_with(moves: Tensor, means: Tensor, parents: Tensor | None) -> Tensor:
-    """[M, 1] the same of points that are added at means [M, 3]: copies do as their parents, newcomers may move."""
+    """[M, 1] the same of points that are added at means [M, 3]: copies do as their parents, new points may move."""
     return movable(means, None) if parents is None else moves[parents]

@@ -25,7 +25,7 @@ PART = 0.01
 class Spline:
     """Control values decide four at a time: those of knot i to i + 3 between breaks[i] and breaks[i + 1].
 
-    breaks: frames where its pieces meet; knots: control values it has. bends: frames with a knot each, and at their neighbours:
+    breaks: frames where its pieces meet; knots: control values it has. bends: frames with a knot each, and at their neighbors:
     what bounces off something turns within one.
     """
 

@@ -98,7 +98,7 @@ class Trajectory:
         self.adams[1].rewrite(lambda rows: rows[:, index], lambda rows: rows[:, index])
 
     def append(self, means: Tensor, parents: Tensor | None) -> None:
-        """Newcomers start with what makes their total offset zero: they were static."""
+        """Points without parents start with what makes their total offset zero: they were static."""
         self.evaluations.clear()
         index, share = skin(means, self.nodes)
         moves = movable_with(self.moves, means, parents)

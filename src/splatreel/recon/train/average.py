@@ -8,7 +8,7 @@ import torch
 from torch import Tensor
 
 EVERY = 4
-"""Iterations between two that count: neighbours hardly differ."""
+"""Iterations between two that count: neighbors hardly differ."""
 
 
 class Average:

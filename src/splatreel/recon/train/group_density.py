@@ -36,7 +36,7 @@ MEASURE_EVERY = 8
 class GroupDensity:
     """Changes the rows of `points` and what is alive of `static`. convertible: [S] bool, the static points that may become dynamic.
 
-    budget: points that may be added still. rng: picks the cameras in which it is measured what shows.
+    budget: points that may still be added. rng: picks the cameras by which faint points are found.
     """
 
     def __init__(
@@ -136,7 +136,7 @@ class GroupDensity:
         return CONVERT_FROM <= done / self.iterations <= CONVERT_TO
 
     def _measures(self, iteration: int) -> bool:
-        """Whether points are converted the next time that it is looked at them; nobody asks otherwise."""
+        """Whether points are converted when this interval ends; what it measures is not used otherwise."""
         return self.every > 0 and self._converts((iteration // self.every + 1) * self.every)
 
     def _within_budget(self, chosen: Tensor, pull: Tensor) -> Tensor:

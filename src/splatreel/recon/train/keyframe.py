@@ -30,7 +30,7 @@ LAMBDA_DSSIM = 0.2
 def starting_points(
     positions: np.ndarray, colors: np.ndarray, config: KeyframeConfig, unit: float, device: torch.device
 ) -> TrainablePoints:
-    """Gaussians at sparse points, as large as the distance to their neighbours (3DGS section 5.1).
+    """Gaussians at sparse points, as large as the distance to their neighbors (3DGS section 5.1).
 
     positions: [P, 3] world. colors: [P, 3] 0..1.
     """

@@ -55,7 +55,7 @@ class TrainablePoints:
 
     @property
     def sh(self) -> tuple[Tensor, Tensor]:
-        """The colour's constant part [N, 1, 3] and its higher bands [N, K - 1, 3]."""
+        """The color's constant part [N, 1, 3] and its higher bands [N, K - 1, 3]."""
         return self.adams["sh_base"].tensor, self.adams["sh_rest"].tensor
 
     def scale_rates(self, factors: Mapping[str, float], default: float = 1.0) -> None:

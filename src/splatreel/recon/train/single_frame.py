@@ -36,7 +36,7 @@ def reconstruct_single_frame(
     """Reconstruct one frame as a static scene, as the first keyframe of a run is (paper section 5.1); not encoded.
 
     images: [C, H, W, 3] uint8 of the training cameras. points: [P, 3] and point_colors: [P, 3] 0..1, sparse points of this very
-    frame, if any. near: nothing is closer to a camera than this, world units. device: the CPU by default. progress: its stage
+    frame, if any. near: nothing is closer to a camera than this, world units. device: the CPU by default. progress: it
     has `first_iterations` steps. Raises `ReconstructionError` if images and cameras do not fit, `GaussiansError` if training
     ends in numbers that are not finite.
     """
