@@ -36,7 +36,7 @@ class FakeDevice {
     return (...values: unknown[]): unknown => {
       this.calls.set(name, (this.calls.get(name) ?? 0) + 1);
       if (name === "isContextLost") return this.lost;
-      if (name === "getParameter") return values[0] === "MAX_TEXTURE_SIZE" ? 4096 : "a device";
+      if (name === "getParameter") return values[0] === "MAX_TEXTURE_SIZE" ? 256 : "a device";
       if (name === "getExtension") return { UNMASKED_RENDERER_WEBGL: "renderer", loseContext: () => this.tell("webglcontextlost"), restoreContext: () => this.tell("webglcontextrestored") };
       return /^(create|get)/.test(name) ? {} : undefined;
     };
