@@ -12,6 +12,7 @@ from pathlib import Path
 import numpy as np
 
 from splatreel.codec.fragments import RATE
+from splatreel.codec.header import ReelHeader
 from splatreel.codec.sound import encode_sound, write_sound
 from splatreel.codec.writer import ReelWriter
 from splatreel.config import EncodeConfig
@@ -59,8 +60,7 @@ def write_golden(path: Path) -> None:
     viewmat = np.eye(4)
     viewmat[2, 3] = 4
     camera = Camera("start", viewmat, np.array([[120, 0, 80], [0, 120, 60], [0, 0, 1]]), 160, 120)
-    writer = ReelWriter(
-        path,
+    header = ReelHeader(
         fps=FPS,
         group_length=FPS,
         overlap=2,
@@ -69,8 +69,8 @@ def write_golden(path: Path) -> None:
         up=np.array([0.0, -1.0, 0.0]),
         camera=camera,
         cameras=[camera],
-        config=EncodeConfig(),
     )
+    writer = ReelWriter(path, header, config=EncodeConfig())
     write_sound(writer, encode_sound([clicks()], 1), POSITION)
     corners = np.array([[x, y, 0.2 * z] for x in (-2, 2) for y in (-1.5, 1.5) for z in (-1, 0, 1)])
     writer.add_layer(0, 0, _points(corners, 0.1, 0.6))

@@ -20,6 +20,7 @@ from typing import Literal
 
 import numpy as np
 
+from splatreel.codec.header import ReelHeader
 from splatreel.codec.reader import ReelReader
 from splatreel.codec.writer import ReelWriter
 from splatreel.config import EncodeConfig, Rate
@@ -90,8 +91,7 @@ def write_golden(path: Path, codec: Literal["predictive", "h265"] = "h265", rend
     rng = np.random.default_rng(4)
     if path.exists():
         shutil.rmtree(path)
-    writer = ReelWriter(
-        path,
+    header = ReelHeader(
         fps=FPS,
         group_length=6,
         overlap=2,
@@ -101,8 +101,8 @@ def write_golden(path: Path, codec: Literal["predictive", "h265"] = "h265", rend
         camera=camera("start", 0.0),
         cameras=[camera("cam00", -0.5), camera("cam01", 0.5)],
         antialias=codec == "predictive",
-        config=EncodeConfig(codec=codec, coarseness=1.0, renditions=renditions),
     )
+    writer = ReelWriter(path, header, config=EncodeConfig(codec=codec, coarseness=1.0, renditions=renditions))
     alive = np.ones(0, bool)
     for index, (born, moving, frames) in enumerate(((150, 100, 8), (50, 90, 8))):
         layer, _ = writer.add_layer(index, index * 6, random_gaussians(rng, born, 3 - index, (0, 0, 0)), weights(born))

@@ -99,11 +99,15 @@ def test_kernels_are_used_by_their_face() -> None:
 
 
 ROOMS_OF_RECON = (
-    ("run", "init", "deform"),
-    ("cameras", "layering"),
+    ("init", "deform"),
+    ("cameras",),
+    ("layering",),
     ("train",),
     ("coverage",),
+    ("run",),
     ("encode",),
+    ("stages",),
+    ("preparation",),
     ("pipeline",),
 )
 """The rooms within `recon`, from the lowest rung up; those of one rung do not import each other."""

@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 from scipy.spatial import KDTree
 
+from splatreel.codec.header import ReelHeader
 from splatreel.codec.writer import ReelWriter
 from splatreel.config import EncodeConfig
 from splatreel.kernels.image import render_image
@@ -47,8 +48,7 @@ def write_scene(points: Gaussians, count: int, folder: Path, size: list[int], pi
     poses, focal = orbit(points.means, pictures, size)
     first = camera(poses[0], focal, size)
     low, high = np.percentile(points.means, [5, 95], axis=0)
-    writer = ReelWriter(
-        folder / "reel",
+    header = ReelHeader(
         fps=30,
         group_length=1,
         overlap=0,
@@ -57,9 +57,9 @@ def write_scene(points: Gaussians, count: int, folder: Path, size: list[int], pi
         up=np.array([0.0, 0.0, 1.0]),
         camera=first,
         cameras=[first],
-        config=EncodeConfig(),
         near=0.05,
     )
+    writer = ReelWriter(folder / "reel", header, config=EncodeConfig())
     writer.add_layer(0, 0, points)
     nothing = Gaussians.empty(points.sh_degree)
     writer.add_group(Group(0, 0, nothing, np.zeros((1, 0, 3)), np.zeros((1, 0, 4)), np.ones(len(points), bool)))

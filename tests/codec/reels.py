@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
+from splatreel.codec.header import ReelHeader
 from splatreel.codec.presentation import Vec3
 from splatreel.codec.sound import EncodedSound, write_sound
 from splatreel.codec.writer import ReelWriter
@@ -29,9 +30,9 @@ def new_writer(path: Path, **changes) -> ReelWriter:
         "up": np.array([0.0, -1, 0]),
         "camera": camera("start", 0),
         "cameras": [camera("a", 1)],
-        "config": CONFIG,
     }
-    return ReelWriter(path, **(settings | changes))
+    how = {name: changes.pop(name) for name in ("config", "resume") if name in changes}
+    return ReelWriter(path, ReelHeader(**(settings | changes)), **({"config": CONFIG} | how))
 
 
 def points(count: int, seed: int = 0, degree: int = 1):

@@ -9,7 +9,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from splatreel.codec.manifest import BLACK, MAX_BYTES, parse_manifest
+from splatreel.codec.header import BLACK
+from splatreel.codec.manifest import MAX_BYTES, parse_manifest
 from splatreel.errors import ReelError
 from splatreel.scene.clearance import NONE, Clearance
 from tests.golden import GOLDEN

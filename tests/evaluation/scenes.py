@@ -5,13 +5,13 @@ from pathlib import Path
 import numpy as np
 
 from splatreel.capture.base import Capture
+from splatreel.codec.header import ReelHeader
 from splatreel.codec.reader import ReelReader
 from splatreel.codec.writer import ReelWriter
 from splatreel.config import EncodeConfig
 from splatreel.evaluation.bench import cloud, front_camera, swinging_group
 from splatreel.kernels.image import render_image
-from splatreel.recon.encode.publisher import group_folder, save_group, save_header
-from splatreel.recon.run import checkpoint
+from splatreel.recon.run.store import Store, StoredGroup, StoredLayer
 from splatreel.scene.camera import Camera
 from splatreel.scene.gaussians import Gaussians
 from splatreel.scene.group import Group
@@ -64,8 +64,7 @@ def capture(path: Path, held_out: list[str] | None = None) -> FilmedCapture:
 def write_reel(path: Path) -> Path:
     """The scene as a reel of one group, the layer's alive bits in the order it was stored in."""
     training = [c for c in cameras() if c.name not in ("cam00", "cam03")]
-    writer = ReelWriter(
-        path,
+    header = ReelHeader(
         fps=30,
         group_length=FRAMES,
         overlap=0,
@@ -74,8 +73,8 @@ def write_reel(path: Path) -> Path:
         up=np.array([0.0, -1, 0]),
         camera=training[0],
         cameras=training,
-        config=EncodeConfig(),
     )
+    writer = ReelWriter(path, header, config=EncodeConfig())
     _, order = writer.add_layer(0, 0, static())
     moving = group()
     writer.add_group(Group(0, 0, moving.dynamic, moving.dx, moving.dq, moving.alive[order]))
@@ -86,12 +85,9 @@ def write_reel(path: Path) -> Path:
 def write_run(path: Path) -> Path:
     """The scene as the output folder of a reconstruction: its reel, and the checkpoints it was made of."""
     reel = write_reel(path / "reel")
-    manifest = ReelReader(reel).manifest
-    names = ("fps", "group_length", "overlap", "sh_degree", "near", "camera")
-    header = {name: getattr(manifest, name) for name in names} | {"cameras": list(manifest.cameras)}
-    save_header(path / "work", header | {"bounds": manifest.bounds.tolist(), "up": manifest.up.tolist()})
-    layer = checkpoint.pack(static(), "raw_") | checkpoint.pack(static(), "decoded_")
-    checkpoint.save_arrays(group_folder(path / "work", 0) / "layer.safetensors", layer)
-    save_group(path / "work", group())
-    checkpoint.save_json(path / "work" / "seconds.json", {"keyframe": 30.0, "group": 60.0})
+    store = Store(path / "work")
+    store.save_header(ReelReader(reel).manifest)
+    store.group(0).save_layer(StoredLayer(static(), static()))
+    store.group(0).save_group(StoredGroup(group()))
+    store.save_seconds({"keyframe": 30.0, "group": 60.0})
     return path

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 import torch
 
+from splatreel.codec.header import ReelHeader
 from splatreel.codec.writer import ReelWriter
 from splatreel.config import Config, EncodeConfig
 from splatreel.errors import UsageError
@@ -123,8 +124,7 @@ def still_reel(path: Path, capture: HeldOutWall, cameras: str = "training") -> P
     views = capture.training_cameras if cameras == "training" else capture.cameras
     images = capture.read(0, 1, [c.name for c in capture.training_cameras])[0]
     gaussians, layout = reconstruct_single_frame(capture.training_cameras, images, CONFIG)
-    writer = ReelWriter(
-        path,
+    header = ReelHeader(
         fps=capture.fps,
         group_length=FRAMES,
         overlap=0,
@@ -136,8 +136,8 @@ def still_reel(path: Path, capture: HeldOutWall, cameras: str = "training") -> P
         background=layout.background,
         camera=views[0],
         cameras=views,
-        config=EncodeConfig(),
     )
+    writer = ReelWriter(path, header, config=EncodeConfig())
     shows = weigh([gaussians], capture.training_cameras, layout.near, torch.device("cpu"), CONFIG.antialias)
     writer.add_layer(0, 0, gaussians, shows)
     nothing = gaussians[:0]

@@ -43,7 +43,7 @@ def test_rows_are_measured_from_real_reels_and_only_once(
     def nothing(*_: object) -> None:
         raise AssertionError("measured again")
 
-    monkeypatch.setattr(rates, "encode", nothing)
+    monkeypatch.setattr(rates, "reencode", nothing)
     assert rate_distortion(sweep_of(run, capture, 2, record=record), NAMES) == rows
     with pytest.raises(AssertionError, match="measured again"):
         rate_distortion(sweep_of(run, capture, 3, record=record), NAMES)

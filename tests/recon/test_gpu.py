@@ -16,9 +16,10 @@ from splatreel.kernels import splat
 from splatreel.kernels.image import render_image
 from splatreel.progress import Silent
 from splatreel.recon.deform.hashgrid import HashGrid
-from splatreel.recon.encode.publisher import encode
+from splatreel.recon.encode.reencode import reencode
 from splatreel.recon.pipeline import Result, reconstruct
 from splatreel.recon.run import checkpoint
+from splatreel.recon.run.device import pick_device
 from splatreel.recon.train.group import GroupTrainer
 from splatreel.recon.train.keyframe import KeyframeTrainer
 from splatreel.recon.train.points import TrainablePoints, default_rates
@@ -81,7 +82,7 @@ def test_a_gpu_without_gsplat_is_left_alone(tmp_path: Path, device: str) -> None
         for kept in result.work.glob("group*/layer.safetensors"):  # so that encoding has to measure as well
             arrays = checkpoint.load_arrays(kept)
             checkpoint.save_arrays(kept, {name: value for name, value in arrays.items() if name != "importance"})
-        encode(result.work, tmp_path / "again", EncodeConfig(), Silent())
+        reencode(result.work, tmp_path / "again", EncodeConfig(), pick_device(device), Silent())
     assert result.device == "cpu"
     assert verify_reel(result.reel).groups == verify_reel(tmp_path / "again").groups == 2
 

@@ -8,7 +8,7 @@ from torch import Tensor
 from splatreel.kernels import splat
 from splatreel.recon.cameras.color_gains import CameraGains
 from splatreel.recon.deform.trajectory import Trajectory
-from splatreel.recon.layering.tracking import Start
+from splatreel.recon.layering.tracking import GroupStart
 from splatreel.recon.train.group import GroupTrainer
 from splatreel.recon.train.pictures import Pictures
 from splatreel.recon.train.render import View, draw
@@ -31,7 +31,7 @@ def trainer(seed: int, speed: float) -> GroupTrainer:
     gains = CameraGains(len(CAMERAS), CPU)
     gains.load(torch.from_numpy(rng.uniform(0.9, 1.1, (len(CAMERAS), 3)).astype(np.float32)))
     config = plain({"group.length": FRAMES, "group.overlap": 0, "group.iterations_per_frame": 10})
-    return GroupTrainer(frames, Start(thing, tracks), static, np.ones(len(static), bool), gains, config, seed)
+    return GroupTrainer(frames, GroupStart(thing, tracks), static, np.ones(len(static), bool), gains, config, seed)
 
 
 def gradients(group: GroupTrainer, frame: int, camera: int, layered: bool) -> tuple[float, list[Tensor], Tensor | None]:

@@ -170,7 +170,7 @@ def test_killed_at_any_write_the_run_ends_as_if_it_had_not_been(
     monkeypatch.setattr(atomic.os, "replace", replace_once)
     run = tmp_path / "run"
     met = finish_despite(lambda: reconstruct(WallCapture(FRAMES), run, CONFIG), KeyboardInterrupt, run / "reel")
-    assert len(met) == 23  # 4 for the run, 17 for the two groups, and the manifest twice more
+    assert len(met) == 27  # 4 for the run, 21 for the two groups, and the manifest twice more
     assert content(run / "reel") == content(whole.reel)
     assert [file for file in run.rglob("*") if ".tmp" in file.name] == []
 

@@ -55,7 +55,7 @@ def demo(
     from splatreel.play.presenter import Presenter
     from splatreel.progress import console
     from splatreel.recon import pipeline
-    from splatreel.recon.coverage.coverage import load_coverage
+    from splatreel.recon.run.store import Store
 
     progress = console()
     try:
@@ -76,7 +76,7 @@ def demo(
         result = pipeline.reconstruct(
             capture, out, config, device=device, progress=progress, present=Presenter(otherwise=WORDS)
         )
-        known = load_coverage(result.work)
+        known = Store(result.work).coverage()
         report = evaluate(
             result.reel,
             capture,

@@ -54,7 +54,8 @@ def encode(
     from splatreel.codec.info import reel_info
     from splatreel.play.presenter import Presenter
     from splatreel.progress import console
-    from splatreel.recon.encode.publisher import encode as encode_checkpoints
+    from splatreel.recon.encode.reencode import reencode
+    from splatreel.recon.run.device import pick_device
     from splatreel.recon.run.run_lock import hold
 
     _check_folder(run, out)
@@ -78,7 +79,7 @@ def encode(
     try:
         with hold(out):
             _check_folder(run, out)  # somebody else may have finished it by now
-            encode_checkpoints(run / "work", out, config, progress, target_mbps, Presenter(_words_of(run)))
+            reencode(run / "work", out, config, pick_device("auto"), progress, target_mbps, Presenter(_words_of(run)))
     finally:
         progress.close()
     say(describe(str(out), reel_info(out)))

@@ -47,14 +47,14 @@ def evaluate(
     from splatreel.evaluation.evaluate import reel_width
     from splatreel.evaluation.uncompressed import undecoded_frames
     from splatreel.progress import console
-    from splatreel.recon.coverage.coverage import load_coverage
+    from splatreel.recon.run.store import Store
 
     reel = reel_folder(reel)
     if width is None and scale is None:
         width = reel_width(reel)
     work = reel.parent / "work"
     undecoded = undecoded_frames(work, reel) if work.is_dir() else None
-    known = load_coverage(work)
+    known = Store(work).coverage()
     source = open_capture(capture, width=width, scale=scale, frames=span)
     progress = console()
     try:

@@ -13,6 +13,7 @@ import numpy as np
 
 from splatreel.codec.budget import MOST_FRAMES, most_points
 from splatreel.codec.document import parse_object
+from splatreel.codec.header import BLACK, ReelHeader
 from splatreel.codec.presentation import EMPTY, Asset, Presentation, parse_digest, parse_presentation, parse_uri
 from splatreel.codec.quantize import boolean, integer, number, numbers
 from splatreel.errors import ReelError
@@ -27,7 +28,6 @@ MAX_FILE_BYTES = 1 << 30
 """Size of the largest layer or group file that is read."""
 
 MAX_RENDITIONS = 16
-BLACK = (0.0, 0.0, 0.0)
 _NAME = re.compile(r"[a-z0-9][a-z0-9_-]{0,31}")
 _BIG = 1 << 40
 
@@ -49,30 +49,18 @@ class FileEntry:
     renditions: Mapping[str, FileEntry] = field(default_factory=dict)
 
 
-@dataclass(frozen=True)
-class Manifest:
-    """The fields of `manifest.json`; bounds [2, 3], up [3] and near, the least depth to draw, in world units; antialias: how its
-    splats are drawn (`render_image`). background: red, green and blue, 0..1, where nothing is; the light falls on it as well.
+@dataclass(frozen=True, kw_only=True)
+class Manifest(ReelHeader):
+    """The fields of `manifest.json`: the header, and the files that there are.
 
+    live: more will come. frames: of all groups so far.
     renditions: names of the rates that the groups are there in, best first; the first is that of the groups' own files, and the
     layers are common to all. Empty where there is nothing to choose.
     """
 
     generator: str
     live: bool
-    fps: float
     frames: int
-    group_length: int
-    overlap: int
-    sh_degree: int
-    bounds: np.ndarray
-    up: np.ndarray
-    camera: Camera
-    cameras: tuple[Camera, ...]
-    near: float = 0.01
-    clearance: Clearance = NONE
-    antialias: bool = False
-    background: tuple[float, float, float] = BLACK
     layers: tuple[FileEntry, ...] = ()
     groups: tuple[FileEntry, ...] = ()
     renditions: tuple[str, ...] = ()
@@ -111,6 +99,7 @@ class Manifest:
         return sum(layer.points for layer in self.layers if layer.group <= group)
 
     def to_json(self) -> str:
+        """The text of the file."""
         document = {
             "format": FORMAT,
             "version": VERSION,
@@ -123,8 +112,8 @@ class Manifest:
             "sh_degree": self.sh_degree,
             "bounds": [_short(corner) for corner in self.bounds],
             "up": _short(self.up),
-            "camera": _camera_to_json(self.camera),
-            "cameras": [_camera_to_json(camera) for camera in self.cameras],
+            "camera": self.camera.to_dict(),
+            "cameras": [camera.to_dict() for camera in self.cameras],
             "near": self.near,
             "antialias": self.antialias,
         }
@@ -297,16 +286,6 @@ def _parse_camera(value: object) -> Camera:
         )
     except ReelError as error:
         raise ReelError(f"camera {name!r} {error}") from error
-
-
-def _camera_to_json(camera: Camera) -> dict[str, Any]:
-    return {
-        "name": camera.name,
-        "width": int(camera.width),
-        "height": int(camera.height),
-        "K": _short(camera.K),
-        "viewmat": _short(camera.viewmat),
-    }
 
 
 def _short(array: np.ndarray) -> list[float]:

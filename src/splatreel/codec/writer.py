@@ -11,12 +11,11 @@ import numpy as np
 
 from splatreel.codec.container import write_atomically
 from splatreel.codec.group_file import decode_group, decode_layer, encode_group, encode_layer
-from splatreel.codec.manifest import BLACK, FileEntry, Manifest, parse_manifest
+from splatreel.codec.header import ReelHeader
+from splatreel.codec.manifest import FileEntry, Manifest, parse_manifest
 from splatreel.codec.presentation import EMPTY, Asset, Presentation
 from splatreel.config import EncodeConfig
 from splatreel.errors import ReelError
-from splatreel.scene.camera import Camera
-from splatreel.scene.clearance import NONE, Clearance
 from splatreel.scene.gaussians import Gaussians
 from splatreel.scene.group import Group
 
@@ -29,52 +28,22 @@ class ReelWriter:
     (with its layer, if it has one): the group of that index and all later ones are dropped. Without it, a reel that is
     already in `path` is dropped, with what it says for people (`present`).
 
-    config: with renditions, every group is written in each of them; what comes back decoded is the best.
-    fps: frames a second. bounds: [2, 3] box of the content. up: [3] unit. near: least depth to draw. clearance: of static points.
-    background: red, green and blue, 0..1, where nothing is. camera: where a player starts.
-    Raises `ReelError` where files cannot be read or written, and for what no reader takes: before anything is encoded.
+    header: what the reel says beside its files. config: with renditions, every group is written in each of them; what comes back
+    decoded is the best. Raises `ReelError` where files cannot be read or written, and for what no reader takes: before anything is
+    encoded.
     """
 
-    def __init__(
-        self,
-        path: str | Path,
-        *,
-        fps: float,
-        group_length: int,
-        overlap: int,
-        sh_degree: int,
-        bounds: np.ndarray,
-        up: np.ndarray,
-        camera: Camera,
-        cameras: list[Camera],
-        config: EncodeConfig,
-        near: float = 0.01,
-        clearance: Clearance = NONE,
-        antialias: bool = False,
-        background: tuple[float, float, float] = BLACK,
-        resume: bool = False,
-    ) -> None:
+    def __init__(self, path: str | Path, header: ReelHeader, *, config: EncodeConfig, resume: bool = False) -> None:
         self.path = Path(path)
         first, *others = config.renditions or (None,)
         self.config = config if first is None else config.rendition(first)
         self._others = {name: config.rendition(name) for name in others}
         self._pending: FileEntry | None = None
         self._manifest = Manifest(
+            **vars(header),
             generator=f"splatreel {metadata.version('splatreel')}",
             live=True,
-            fps=float(fps),
             frames=0,
-            group_length=int(group_length),
-            overlap=int(overlap),
-            sh_degree=int(sh_degree),
-            bounds=np.asarray(bounds, np.float64),
-            up=np.asarray(up, np.float64),
-            camera=camera,
-            cameras=tuple(cameras),
-            near=float(near),
-            clearance=clearance,
-            antialias=bool(antialias),
-            background=background,
             renditions=config.renditions if others else (),
         )
         self._check_header()

@@ -7,7 +7,9 @@ from pathlib import Path
 import numpy as np
 
 from splatreel.config import EncodeConfig
-from splatreel.recon.encode.publisher import UncompressedReel, finished_groups, open_writer
+from splatreel.recon.encode.header import open_writer
+from splatreel.recon.encode.uncompressed import UncompressedReel
+from splatreel.recon.run.store import Store
 from splatreel.scene.gaussians import Gaussians
 from splatreel.scene.group import Group
 
@@ -31,8 +33,8 @@ def whole_groups(undecoded: UncompressedReel, index: int) -> Group:
 def write_unlayered(run: Path, reel: Path, config: EncodeConfig) -> None:
     """A reel without layers, of the checkpoints of a run."""
     undecoded = UncompressedReel(run / "work", run / "reel")
-    writer = open_writer(run / "work", reel, config, resume=False)
-    for index in range(finished_groups(run / "work")):
+    writer = open_writer(Store(run / "work"), reel, config, resume=False)
+    for index in range(undecoded.store.finished_groups()):
         writer.add_group(whole_groups(undecoded, index))
     writer.finish()
 
@@ -41,7 +43,7 @@ def write_still(run: Path, reel: Path, config: EncodeConfig) -> None:
     """A reel of the first frame: all of its points are static."""
     group = whole_groups(UncompressedReel(run / "work", run / "reel"), 0)
     points = group.at(0)
-    writer = open_writer(run / "work", reel, config, resume=False)
+    writer = open_writer(Store(run / "work"), reel, config, resume=False)
     writer.add_layer(0, 0, points)
     none = Gaussians.empty(0), np.zeros((1, 0, 3), np.float32), np.zeros((1, 0, 4), np.float32)
     writer.add_group(Group(0, 0, *none, np.ones(len(points), bool)))

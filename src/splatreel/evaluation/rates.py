@@ -23,7 +23,8 @@ from splatreel.evaluation.metrics import psnr
 from splatreel.evaluation.uncompressed import undecoded_frames
 from splatreel.play.timeline import Timeline
 from splatreel.progress import Progress, Silent
-from splatreel.recon.encode.publisher import encode
+from splatreel.recon.encode.reencode import reencode
+from splatreel.recon.run.device import pick_device
 from splatreel.scene.gaussians import Gaussians
 
 PAPER = EncodeConfig(codec="h265").with_h265(weighted_codebook=False)
@@ -85,7 +86,7 @@ class Sweep:
     def _measure(self, name: str, config: EncodeConfig, write: Write | None) -> Row:
         with tempfile.TemporaryDirectory(prefix="splatreel-rates-") as folder:
             if write is None:
-                encode(self.run / "work", Path(folder), config, self.progress)
+                reencode(self.run / "work", Path(folder), config, pick_device("auto"), self.progress)
             else:
                 write(Path(folder), config)
             info, timeline = reel_info(folder), Timeline(ReelReader(folder))

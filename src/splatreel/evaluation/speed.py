@@ -7,6 +7,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 import numba
+import numpy as np
 import torch
 
 from splatreel.capture.base import Capture
@@ -18,16 +19,17 @@ from splatreel.evaluation.evaluate import evaluate
 from splatreel.evaluation.memory import peak_memory_bytes
 from splatreel.evaluation.steps import medians, on_one_thread, ratio
 from splatreel.progress import Progress, Silent
+from splatreel.recon.cameras.group_input import GroupInput
 from splatreel.recon.cameras.rig import Rig
-from splatreel.recon.encode.publisher import group_folder, load_group, load_static
-from splatreel.recon.init.layout import Layout
-from splatreel.recon.layering.tracking import Start
+from splatreel.recon.layering.tracking import GroupStart
 from splatreel.recon.pipeline import Result, reconstruct
-from splatreel.recon.run import checkpoint
+from splatreel.recon.run.store import Store, restored_rig
 from splatreel.recon.train.group import GroupTrainer
 from splatreel.recon.train.group_density import MEASURE_EVERY
-from splatreel.recon.train.pictures import Pictures
-from splatreel.recon.train.render import View, draw
+from splatreel.recon.train.render import draw
+from splatreel.recon.train.stages import group_trainer
+from splatreel.scene.spans import GroupSpan
+from splatreel.scene.static_points import StaticPoints
 
 BATCH = 8
 """Iterations that are timed together: each looks at another camera and frame."""
@@ -93,19 +95,23 @@ def _run(capture: Capture, out: Path, name: str, config: Config, device: str, pr
 
 def trainer_of(capture: Capture, work: Path, config: Config, device: torch.device) -> GroupTrainer:
     """A trainer of the first group of a finished run as its training left it. It measures the static points whenever it may."""
-    group, layout = load_group(work, 0), Layout.from_dict(checkpoint.load_json(work / "layout.json"))
-    rig = Rig(capture.training_cameras, config, device)
-    rig.restore(group.frames, group_folder(work, 0))
-    images = torch.from_numpy(capture.read(group.first_frame, group.frames, rig.names)).to(device)
-    views = [View.of(camera, device, config.antialias, layout) for camera in rig.cameras]
+    store = Store(work)
+    group, layout = store.group(0).group().group, store.layout()
+    assert layout is not None
+    rig = restored_rig(Rig.of(capture.training_cameras), store.group(0), group.frames)
+    images = capture.read(group.first_frame, group.frames, rig.names)
+    span = GroupSpan(0, group.first_frame, group.frames, group.frames)
+    offsets = np.zeros(len(rig.cameras))
+    data = GroupInput(
+        span, images, rig.cameras, rig.gains, offsets, None, layout, device, config.seed, config.antialias
+    )
     config = dataclasses.replace(
         config,
         layering=dataclasses.replace(config.layering, adapt_every=1),
-        group=dataclasses.replace(config.group, coarse_share=0.0),
+        group=dataclasses.replace(config.group, coarse_share=0.0, time_offsets=False),
     )
-    pictures = Pictures(images, views, layout.near, layout.unit)
-    start = Start(group.dynamic, group.dynamic.means + group.dx)
-    return GroupTrainer(pictures, start, load_static(work, 0), group.alive, rig.gains, config, config.seed)
+    start = GroupStart(group.dynamic, group.dynamic.means + group.dx)
+    return group_trainer(data, start, StaticPoints(store.static(0), group.alive), config)
 
 
 def iteration_row(trainer: GroupTrainer, repeats: int) -> Row:

@@ -13,8 +13,8 @@ from splatreel.codec.reader import ReelReader
 from splatreel.config import EncodeConfig
 from splatreel.evaluation.baselines import float32_bytes, write_still, write_unlayered
 from splatreel.evaluation.rates import PRINTED, Row, Sweep
-from splatreel.recon.encode.publisher import UncompressedReel
-from splatreel.recon.run import checkpoint
+from splatreel.recon.encode.uncompressed import UncompressedReel
+from splatreel.recon.run.store import Store
 
 FLOATS = PRINTED.with_h265(position_bits=None, quat_bits=None, opacity_bits=None, scale_bits=None, color_bits=None)
 UNQUANTIZED = replace(FLOATS.with_h265(source="raw"), sh_entries=None)
@@ -73,8 +73,8 @@ def _table_4(before: float, v3: Row, ten: list[Row], sizes: dict[str, int]) -> s
 def _table_8(run: Path, plain: Row, ten: list[Row], sizes: dict[str, int]) -> str:
     """Config. 1 has every point in every group, offsets included; it is counted, not trained, and has no PSNR."""
     total = sizes["points"] + sizes["offsets"]
-    seconds = checkpoint.load_json(run / "work" / "seconds.json")
-    minutes = f"{sum(seconds.values()) / 60:.1f}" if isinstance(seconds, dict) else "-"
+    seconds = Store(run / "work").seconds()
+    minutes = f"{sum(seconds.values()) / 60:.1f}"
     columns = [plain, ten[0], ten[2]]
     rows = [
         ["Motion Layering", "", "✓", "✓", "✓"],

@@ -8,7 +8,7 @@ from typing import cast
 
 from splatreel.codec.reader import ReelReader
 from splatreel.play.timeline import Timeline
-from splatreel.recon.encode.publisher import UncompressedReel
+from splatreel.recon.encode.uncompressed import UncompressedReel
 from splatreel.scene.gaussians import Gaussians
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
@@ -41,12 +42,30 @@ class Camera:
         """Viewing direction in the world, unit, [3] float32."""
         return self.viewmat[2, :3]
 
+    def to_dict(self) -> dict[str, Any]:
+        """As manifests have it (docs/format.md): matrices row by row, as float32 in as few digits as tell them apart.
+
+        Many cameras are a good part of a small reel.
+        """
+        arrays = {name: _short(getattr(self, name)) for name in ("K", "viewmat")}
+        return {"name": self.name, "width": int(self.width), "height": int(self.height), **arrays}
+
+    @staticmethod
+    def from_dict(value: dict[str, Any]) -> Camera:
+        """Of JSON that is known to be right. Matrices may also be lists of rows."""
+        viewmat, K = np.array(value["viewmat"]).reshape(4, 4), np.array(value["K"]).reshape(3, 3)
+        return Camera(value["name"], viewmat, K, value["width"], value["height"])
+
     def resized(self, width: int, height: int) -> Camera:
         """The same camera with its image resampled to width x height pixels."""
         K = self.K.copy()
         K[0] *= width / self.width
         K[1] *= height / self.height
         return replace(self, K=K, width=width, height=height)
+
+
+def _short(array: np.ndarray) -> list[float]:
+    return [float(str(value)) for value in array.ravel()]
 
 
 def focus_point(cameras: list[Camera]) -> np.ndarray:

@@ -9,9 +9,9 @@ import torch
 from splatreel.kernels.image import render_image
 from splatreel.progress import Silent
 from splatreel.recon.cameras.color_gains import CameraGains
-from splatreel.recon.cameras.time_offsets import MOST, SURE, TimeOffsets, slope
+from splatreel.recon.cameras.time_offsets import CERTAIN, MOST, TimeOffsets, slope
 from splatreel.recon.deform.trajectory import Trajectory
-from splatreel.recon.layering.tracking import Start
+from splatreel.recon.layering.tracking import GroupStart
 from splatreel.recon.train.group import GroupTrainer
 from splatreel.recon.train.pictures import Pictures
 from splatreel.recon.train.render import View
@@ -50,7 +50,7 @@ def trained(
     gains, delays = CameraGains(len(CAMERAS), CPU, enabled=False), TimeOffsets(len(CAMERAS), enabled)
     trainer = GroupTrainer(
         Pictures(torch.from_numpy(pictures), views, NEAR, UNIT),
-        Start(THING, tracks),
+        GroupStart(THING, tracks),
         WALL,
         np.ones(len(WALL), bool),
         gains,
@@ -89,8 +89,8 @@ def told(late: float, curvature: float, seed: int, cameras: int = 8, rounds: int
         for camera in range(cameras):
             slope = curvature * (delays.values[camera] - true[camera]) + rng.normal()
             delays.note(camera, torch.tensor(slope), number / rounds)
-    off = delays.uncertainty([delays.values])
-    return bool((np.abs(delays.values) > np.maximum(SURE * off, 0.1)).any())
+    off = delays.learned().uncertainty([delays.values])
+    return bool((np.abs(delays.values) > np.maximum(CERTAIN * off, 0.1)).any())
 
 
 def test_only_what_the_pictures_tell_is_told() -> None:

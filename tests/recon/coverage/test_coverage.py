@@ -10,10 +10,11 @@ import torch
 from splatreel.codec.reader import ReelReader
 from splatreel.errors import ReconstructionError
 from splatreel.progress import Silent
-from splatreel.recon import pipeline
+from splatreel.recon import pipeline, preparation
 from splatreel.recon.coverage import trial
-from splatreel.recon.coverage.coverage import Coverage, cover, load_coverage, save_coverage
+from splatreel.recon.coverage.coverage import Coverage, cover
 from splatreel.recon.coverage.trial import Trial
+from splatreel.recon.run.store import Store
 from splatreel.scene.camera import Camera
 from tests.notes import Notes
 from tests.recon import corner
@@ -81,20 +82,21 @@ def turned(degrees: float) -> Camera:
 
 
 def test_what_was_found_is_kept_whole(tmp_path: Path) -> None:
-    assert load_coverage(tmp_path) is None
+    store = Store(tmp_path)
+    assert store.coverage() is None
     found = Coverage(["a", "b", "c"], [1.0, 2.0, 1.0], [3, 4, 5], 6, Trial("b", 30.0, 11.2, 13.0, 9.5))
-    save_coverage(tmp_path, found)
-    assert load_coverage(tmp_path) == found
+    store.save_coverage(found)
+    assert store.coverage() == found
     assert found.angle == 10
     (tmp_path / "coverage.json").write_text('{"names": []}')
     with pytest.raises(ReconstructionError, match="is damaged"):
-        load_coverage(tmp_path)
+        store.coverage()
 
 
 def test_a_reel_holds_people_closer_where_the_trial_failed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     names = [camera.name for camera in WallCapture(1).cameras]
     failed = Coverage(names, [20.0] * 4, [0] * 4, 0, Trial(names[1], 14.0, 11.2, 13.0, 9.5))
-    monkeypatch.setattr(pipeline, "cover", lambda *_, **__: failed)
+    monkeypatch.setattr(preparation, "cover", lambda *_, **__: failed)
     angles = []
     for tried in (True, False):
         out, heard = tmp_path / str(tried), Notes()

@@ -6,7 +6,7 @@ import torch
 
 from splatreel.errors import UsageError
 from splatreel.recon.encode.importance import weigh
-from splatreel.recon.encode.publisher import meet_rate
+from splatreel.recon.encode.rate import meet_rate
 from splatreel.scene.camera import Camera
 from splatreel.scene.gaussians import Gaussians
 

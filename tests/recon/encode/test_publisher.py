@@ -6,39 +6,40 @@ import numpy as np
 import pytest
 import torch
 
+from splatreel.codec.header import ReelHeader
 from splatreel.codec.verify import verify_reel
 from splatreel.config import EncodeConfig
 from splatreel.errors import ReelError
 from splatreel.progress import Silent
-from splatreel.recon.encode import publisher
-from splatreel.recon.encode.publisher import Publisher, encode, open_writer, save_group, save_header
-from splatreel.recon.run import checkpoint
+from splatreel.recon.encode import importance, publisher
+from splatreel.recon.encode.header import open_writer
+from splatreel.recon.encode.publisher import Publisher
+from splatreel.recon.encode.reencode import reencode
+from splatreel.recon.run.store import Store, StoredGroup, StoredLayer
 from tests.codec.reels import new_group, points
 from tests.files import contents
 from tests.golden import camera, weights
 
-GROUPS = 4
+GROUPS, CPU = 4, torch.device("cpu")
 
 
 @pytest.fixture
 def work(tmp_path: Path) -> Path:
     """Checkpoints of groups of 40 moving points, with 30 static ones born at the first and 20 at the third."""
-    folder = tmp_path / "work"
-    bounds, up = [[-1.0, -1, -1], [1, 1, 1]], [0.0, -1, 0]
-    header = {"fps": 10, "group_length": 2, "overlap": 1, "sh_degree": 1, "bounds": bounds, "up": up}
-    save_header(folder, header | {"camera": camera("start", 0), "cameras": [camera("a", 1)]})
+    store = Store(tmp_path / "work")
+    bounds, up = np.array([[-1.0, -1, -1], [1, 1, 1]]), np.array([0.0, -1, 0])
+    views = {"camera": camera("start", 0), "cameras": [camera("a", 1)]}
+    store.save_header(ReelHeader(fps=10, group_length=2, overlap=1, sh_degree=1, bounds=bounds, up=up, **views))
     static = 0
     for index in range(GROUPS):
         born = {0: 30, 2: 20}.get(index, 0)
         static += born
         if born:
             layer = points(born, seed=index)
-            arrays = checkpoint.pack(layer, "raw_") | checkpoint.pack(layer, "decoded_")
-            path = publisher.group_folder(folder, index) / "layer.safetensors"
-            checkpoint.save_arrays(path, arrays | {"importance": weights(born)})
+            store.group(index).save_layer(StoredLayer(layer, layer, weights(born)))
         alive = np.random.default_rng(index).random(static) > 0.3
-        save_group(folder, new_group(index, 40, alive), weights(40))
-    return folder
+        store.group(index).save_group(StoredGroup(new_group(index, 40, alive), weights(40)))
+    return store.work
 
 
 @pytest.fixture(autouse=True)
@@ -46,7 +47,7 @@ def no_pictures(monkeypatch: pytest.MonkeyPatch) -> None:
     def weigh(*_: object) -> None:
         raise AssertionError("the run has measured the importance already")
 
-    monkeypatch.setattr(publisher, "weigh", weigh)
+    monkeypatch.setattr(importance, "weigh", weigh)
 
 
 @pytest.mark.parametrize("workers", [1, 3])
@@ -55,9 +56,9 @@ def test_groups_that_wait_are_encoded_together_as_one_by_one(
 ) -> None:
     monkeypatch.setattr(publisher.os, "cpu_count", lambda: workers)
     config = EncodeConfig(renditions=("high", "low"))
-    encode(work, tmp_path / "together", config, Silent())
-    writer = open_writer(work, tmp_path / "single", config, resume=False)
-    one = Publisher(writer, work, torch.device("cpu"))
+    reencode(work, tmp_path / "together", config, CPU, Silent())
+    writer = open_writer(Store(work), tmp_path / "single", config, resume=False)
+    one = Publisher(writer, Store(work), CPU)
     for index in range(GROUPS):
         one.publish(index)
     writer.finish()
@@ -67,9 +68,11 @@ def test_groups_that_wait_are_encoded_together_as_one_by_one(
 
 
 def test_a_group_that_cannot_be_encoded_leaves_those_before_it(work: Path, tmp_path: Path) -> None:
-    broken = publisher.load_group(work, 2)
-    broken.dx[1, 3] = np.nan
-    save_group(work, broken, weights(40))
+    broken = Store(work).group(2)
+    stored = broken.group()
+    stored.group.dx[1, 3] = np.nan
+    broken.save_group(stored)
     with pytest.raises(ReelError, match="NaN or infinity"):
-        encode(work, tmp_path / "reel", EncodeConfig(), Silent())
-    assert 1 <= len(open_writer(work, tmp_path / "reel", EncodeConfig(), resume=True).manifest.groups) <= 2
+        reencode(work, tmp_path / "reel", EncodeConfig(), CPU, Silent())
+    writer = open_writer(Store(work), tmp_path / "reel", EncodeConfig(), resume=True)
+    assert 1 <= len(writer.manifest.groups) <= 2

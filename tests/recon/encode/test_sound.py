@@ -5,6 +5,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import torch
 
 from splatreel.capture.sound import Track
 from splatreel.codec.reader import ReelReader
@@ -14,7 +15,7 @@ from splatreel.config import EncodeConfig
 from splatreel.errors import CaptureError, ReconstructionError
 from splatreel.play.timeline import open_reel
 from splatreel.progress import Silent
-from splatreel.recon.encode.publisher import encode
+from splatreel.recon.encode.reencode import reencode
 from splatreel.recon.encode.sound import hear, load_sound, save_sound
 from splatreel.recon.pipeline import reconstruct
 from tests import flashes
@@ -87,7 +88,7 @@ def test_a_live_reel_has_it_and_an_interrupted_run_ends_with_the_same_bytes(
 
 
 def test_other_reels_of_the_run_have_it_too(whole: Path, tmp_path: Path) -> None:
-    encode(whole / "work", tmp_path / "low", EncodeConfig(coarseness=2.0), Silent())
+    reencode(whole / "work", tmp_path / "low", EncodeConfig(coarseness=2.0), torch.device("cpu"), Silent())
     sounds = [ReelReader(reel).manifest.presentation.sound for reel in (whole / "reel", tmp_path / "low")]
     assert sounds[0] == sounds[1] is not None
     verify_reel(tmp_path / "low")

@@ -1,10 +1,11 @@
 import numpy as np
-import torch
 
 from splatreel.kernels.image import render_image
 from splatreel.recon.layering.labels import convertible, crowding, separate
 from splatreel.scene.clearance import Clearance
 from splatreel.scene.gaussians import Gaussians
+from splatreel.scene.static_points import StaticPoints
+from tests.recon.inputs import group_input
 from tests.recon.scenes import look_at, random_gaussians, ring
 
 
@@ -14,23 +15,22 @@ def test_points_change_layer_by_their_labels():
     moves = np.array([True, False, True, True, False, True, False, False])
     light = np.zeros((3, 8), np.float32)
     light[1, [1, 3, 4]] = -0.5
-    layers = separate(static, alive, dynamic, moves, light)
+    layers = separate(StaticPoints(static, alive), dynamic, moves, light)
     assert layers.alive.tolist() == [False, False, False, True, True, False]
     assert len(layers.settled) == 0
     np.testing.assert_array_equal(layers.dynamic.means, np.concatenate([dynamic.means[[0, 2, 3]], static.means[[2]]]))
-    np.testing.assert_array_equal(layers.lit.points.means, np.stack([dynamic.means[1], static.means[0]]))
-    np.testing.assert_array_equal(layers.lit.light, np.float32([[0, 0], [-0.5, -0.5], [0, 0]]))
-    settled = separate(static, alive, dynamic, moves, 0 * light)
+    np.testing.assert_array_equal(layers.relit.points.means, np.stack([dynamic.means[1], static.means[0]]))
+    np.testing.assert_array_equal(layers.relit.light, np.float32([[0, 0], [-0.5, -0.5], [0, 0]]))
+    settled = separate(StaticPoints(static, alive), dynamic, moves, 0 * light)
     np.testing.assert_array_equal(settled.settled.means, dynamic.means[[1]])
     assert settled.alive.tolist() == [True, False, False, True, True, False]
 
 
 def test_nothing_moves_and_everything_moves():
-    static, dynamic = random_gaussians(3), random_gaussians(2, seed=1)
-    alive = np.ones(3, bool)
-    still = separate(static, alive, dynamic, np.zeros(5, bool), np.zeros((4, 5)))
+    static, dynamic = StaticPoints(random_gaussians(3), np.ones(3, bool)), random_gaussians(2, seed=1)
+    still = separate(static, dynamic, np.zeros(5, bool), np.zeros((4, 5)))
     assert (len(still.dynamic), len(still.settled), still.alive.sum()) == (0, 2, 3)
-    moving = separate(static, alive, dynamic, np.ones(5, bool), np.zeros((4, 5)))
+    moving = separate(static, dynamic, np.ones(5, bool), np.zeros((4, 5)))
     assert (len(moving.dynamic), len(moving.settled), moving.alive.sum()) == (5, 0, 0)
 
 
@@ -51,11 +51,9 @@ def test_only_what_shows_where_pictures_change_is_convertible():
     alive = np.arange(8) < 7
     dark = np.where(np.isin(np.arange(8), [4, 5]), -0.8, 0.0)
     cameras = ring(3, width=64, height=48)
-    scenes = [points[alive], points.shaded(np.stack([dark, dark, dark, 0 * dark], 1).astype(np.float32))[alive]]
-    films = [[render_image(scene, camera, near=0.1) for camera in cameras] for scene in scenes]
-    frames = (np.clip(films, 0, 1) * 255).astype(np.uint8)
-    found = [
-        convertible(points[alive], cameras, frames, 0.1, share, torch.device("cpu")).tolist() for share in (0.3, 0.0)
-    ]
-    assert found[0] == [False, False, False, False, True, True, True]
-    assert all(found[1])
+    static = StaticPoints(points, alive)
+    darker = points.shaded(np.stack([dark, dark, dark, 0 * dark], 1).astype(np.float32))[alive]
+    films = [[render_image(scene, camera, near=0.1) for camera in cameras] for scene in (static.living, darker)]
+    data = group_input((np.clip(films, 0, 1) * 255).astype(np.uint8), cameras, near=0.1)
+    assert convertible(data, static, 0.3).tolist() == [False, False, False, False, True, True, True, False]
+    assert convertible(data, static, 0.0).tolist() == alive.tolist()

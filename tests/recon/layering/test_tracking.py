@@ -1,23 +1,22 @@
 """What flies in after the keyframe becomes points of the group, with tracks."""
 
-from functools import partial
-
 import numpy as np
 import pytest
 
+from splatreel.config import LayeringConfig
 from splatreel.kernels.image import render_image
-from splatreel.motion.flow import DisFlow
 from splatreel.progress import Silent
 from splatreel.recon.layering import tracking
 from splatreel.recon.layering.relighting import RelitPoints
-from splatreel.recon.layering.tracking import Start, follow
+from splatreel.recon.layering.tracking import GroupStart, track
 from splatreel.scene.gaussians import Gaussians
+from splatreel.scene.static_points import StaticPoints
 from tests.recon.captures import blots
+from tests.recon.inputs import group_input
 from tests.recon.scenes import ring
 
 CAMERAS = ring(5, width=96, height=64)
 NEAR, FRAMES, ARRIVAL = 0.8, 6, 3
-DRAW = partial(render_image, near=NEAR)
 WALL = blots(900, [-5, -3.5, 0.9], [5, 3.5, 1.0], 0.2, 0)
 THING = blots(40, [-1.0, -0.4, -0.2], [-0.4, 0.4, 0.2], 0.1, 1)
 CENTER, RADIUS = np.array([0.6, 0.1, -0.2]), 0.3
@@ -50,12 +49,19 @@ def nothing(frames: np.ndarray) -> RelitPoints:
     return RelitPoints(Gaussians.empty(0), np.zeros((len(frames), 0)))
 
 
-def started(frames: np.ndarray, dynamic: Gaussians = THING, static: Gaussians = WALL) -> Start:
-    gains = np.ones((len(CAMERAS), 3), np.float32)
-    return follow(dynamic, None, nothing(frames), static, CAMERAS, frames, gains, DisFlow(), NEAR, DRAW, Silent())
+def started(frames: np.ndarray, dynamic: Gaussians = THING, static: Gaussians = WALL) -> GroupStart:
+    return tracked(frames, dynamic, nothing(frames), static)
 
 
-def test_newcomers_are_appended_with_tracks(arrival: np.ndarray) -> None:
+def tracked(
+    frames: np.ndarray, dynamic: Gaussians, relit: RelitPoints, static: Gaussians, motion: np.ndarray | None = None
+) -> GroupStart:
+    living = StaticPoints(static, np.ones(len(static), bool))
+    data = group_input(frames, CAMERAS, near=NEAR)
+    return track(data, dynamic, relit, living, motion, LayeringConfig(), Silent())
+
+
+def test_new_points_are_appended_with_tracks(arrival: np.ndarray) -> None:
     start = started(arrival)
     new = len(start.dynamic) - len(THING)
     assert new > 20
@@ -63,14 +69,14 @@ def test_newcomers_are_appended_with_tracks(arrival: np.ndarray) -> None:
     np.testing.assert_array_equal(start.dynamic.means[: len(THING)], THING.means)
     np.testing.assert_allclose(start.dynamic.means, start.tracks[0], atol=1e-6)
     assert np.abs(start.tracks[:, : len(THING)] - THING.means).max() < 0.1, "the thing stands still"
-    at_arrival = start.tracks[tracking.STEP, len(THING) :]
+    at_arrival = start.tracks[tracking.LOOK_EVERY, len(THING) :]
     assert np.median(np.linalg.norm(at_arrival - CENTER, axis=1)) < RADIUS + 0.1
     yellow = start.dynamic.sh[len(THING) :, 0]
     assert np.median(yellow[:, 0] - yellow[:, 2]) > 1
     assert start.dynamic.sh.shape[1] == THING.sh.shape[1]
 
 
-def test_the_scene_with_newcomers_is_nearer_to_the_pictures(arrival: np.ndarray) -> None:
+def test_the_scene_with_new_points_is_nearer_to_the_pictures(arrival: np.ndarray) -> None:
     start, last = started(arrival), FRAMES - 1
     identity = np.tile([1.0, 0, 0, 0], (len(start.dynamic), 1))
     there = start.dynamic.moved(start.tracks[last] - start.dynamic.means, identity)
@@ -87,20 +93,20 @@ def test_where_nothing_appears_nothing_is_added() -> None:
     assert start.tracks.shape == (FRAMES, len(THING), 3)
 
 
-def test_what_was_wrong_at_the_keyframe_is_no_newcomer(arrival: np.ndarray) -> None:
+def test_what_was_wrong_at_the_keyframe_is_not_new(arrival: np.ndarray) -> None:
     frames = arrival.copy()
     frames[0] = arrival[-1]
     assert len(started(frames).dynamic) == len(THING)
 
 
-def test_more_newcomers_than_there_is_room_for_are_noise(arrival: np.ndarray, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(tracking, "ROOM", 5)
+def test_more_new_points_than_there_is_room_for_are_noise(arrival: np.ndarray, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(tracking, "MAX_NEW_POINTS", 5)
     start = started(arrival, THING[:3], Gaussians.concatenate([WALL, THING[3:]]))
     assert len(start.dynamic) == 3
     assert start.tracks.shape == (FRAMES, 3, 3)
 
 
-def test_a_group_without_dynamic_points_takes_newcomers(arrival: np.ndarray) -> None:
+def test_a_group_without_dynamic_points_takes_new_points(arrival: np.ndarray) -> None:
     start = started(arrival, Gaussians.empty(0), Gaussians.concatenate([WALL, THING]))
     assert len(start.dynamic) > 20
     assert start.tracks.shape == (FRAMES, len(start.dynamic), 3)
@@ -110,20 +116,19 @@ def test_fewer_frames_than_a_look_takes_are_tracked_only(arrival: np.ndarray) ->
     assert started(arrival[:2]).tracks.shape == (2, len(THING), 3)
 
 
-def test_what_lies_in_shadow_is_no_newcomer_and_rests() -> None:
-    """A patch of the wall grows dark: known as lit, it stays where it is, and nothing is added for it."""
+def test_what_lies_in_shadow_is_not_new_and_rests() -> None:
+    """A patch of the wall grows dark: known as relit, it stays where it is, and nothing is added for it."""
     patch = (np.abs(WALL.means[:, :2] - [0.7, 0]) < 0.6).all(1)
     light = np.zeros((FRAMES, patch.sum()), np.float32)
     light[2:] = -1.2
-    lit, static = RelitPoints(WALL[patch], light), WALL[~patch]
-    scenes = [Gaussians.concatenate([static, THING, lit.at(t)]) for t in range(FRAMES)]
+    relit, static = RelitPoints(WALL[patch], light), WALL[~patch]
+    scenes = [Gaussians.concatenate([static, THING, relit.at(t)]) for t in range(FRAMES)]
     films = [[render_image(scene, camera, near=NEAR) for camera in CAMERAS] for scene in scenes]
     frames = (np.clip(films, 0, 1) * 255).round().astype(np.uint8)
-    gains = np.ones((len(CAMERAS), 3), np.float32)
-    start = follow(THING, None, lit, static, CAMERAS, frames, gains, DisFlow(), NEAR, DRAW, Silent())
-    assert len(start.dynamic) == len(THING) + len(lit), "nothing is new"
-    np.testing.assert_array_equal(start.tracks[:, len(THING) :], lit.tracks)
-    np.testing.assert_array_equal(start.shades[:, len(THING) :], lit.shades)
+    start = tracked(frames, THING, relit, static)
+    assert len(start.dynamic) == len(THING) + len(relit), "nothing is new"
+    np.testing.assert_array_equal(start.tracks[:, len(THING) :], relit.tracks)
+    np.testing.assert_array_equal(start.shades[:, len(THING) :], relit.shades)
     assert not start.shades[:, : len(THING)].any()
     assert len(started(frames).dynamic) > len(THING), "unknown, it would have been"
 

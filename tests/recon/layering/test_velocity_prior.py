@@ -3,14 +3,11 @@
 import numpy as np
 
 from splatreel.kernels.image import render_image
-from splatreel.motion.flow import DisFlow
 from splatreel.motion.track import identity
-from splatreel.progress import Silent
-from splatreel.recon.layering.tracking import follow
 from splatreel.recon.layering.velocity_prior import VelocityPrior
 from splatreel.scene.gaussians import Gaussians
 from splatreel.scene.group import Group
-from tests.recon.layering.test_tracking import CAMERAS, DRAW, NEAR, WALL, nothing, visitor
+from tests.recon.layering.test_tracking import CAMERAS, NEAR, WALL, nothing, tracked, visitor
 
 STEP = np.array([-0.45, 0, 0], np.float32)
 """Three quarters of the ball's width a frame."""
@@ -25,26 +22,26 @@ def thrown() -> Group:
 
 
 def test_points_go_as_the_nearest_that_was_handed_over_and_none_far_from_all() -> None:
-    momentum = VelocityPrior.of(thrown(), 3)
+    velocity = VelocityPrior.of(thrown(), 3)
     near = thrown().at(3).means[::7] + 0.005
-    np.testing.assert_allclose(momentum.at(near, unit=4.0), np.tile(STEP, (len(near), 1)), atol=1e-5)
-    assert not momentum.at(near + 1, unit=4.0).any()
+    np.testing.assert_allclose(velocity.at(near, unit=4.0), np.tile(STEP, (len(near), 1)), atol=1e-5)
+    assert not velocity.at(near + 1, unit=4.0).any()
 
 
 def test_a_group_without_points_knows_no_motion() -> None:
-    momentum = VelocityPrior(np.zeros((0, 3), np.float32), np.zeros((0, 3), np.float32))
-    assert momentum.at(np.ones((4, 3), np.float32), unit=1.0).shape == (4, 3)
+    velocity = VelocityPrior(np.zeros((0, 3), np.float32), np.zeros((0, 3), np.float32))
+    assert velocity.at(np.ones((4, 3), np.float32), unit=1.0).shape == (4, 3)
 
 
-def test_a_fast_ball_is_followed_from_a_keyframe_on() -> None:
+def test_a_fast_ball_is_tracked_from_a_keyframe_on() -> None:
     group = thrown()
     scenes = [Gaussians.concatenate([WALL, group.at(frame)]) for frame in (1, 2, 3)]
     images = [[render_image(scene, camera, near=NEAR) for camera in CAMERAS] for scene in scenes]
     frames = (np.clip(images, 0, 1) * 255).round().astype(np.uint8)
-    ball, gains = group.at(1), np.ones((len(CAMERAS), 3), np.float32)
+    ball = group.at(1)
 
     def off(motion: np.ndarray | None) -> float:
-        start = follow(ball, motion, nothing(frames), WALL, CAMERAS, frames, gains, DisFlow(), NEAR, DRAW, Silent())
+        start = tracked(frames, ball, nothing(frames), WALL, motion)
         return float(np.linalg.norm(start.tracks[1, : len(ball)] - group.at(2).means, axis=1).mean())
 
     known, unknown = off(VelocityPrior.of(group, 1).at(ball.means, unit=4.0)), off(None)

@@ -13,7 +13,7 @@ from splatreel.progress import Silent
 from splatreel.recon.cameras.color_gains import CameraGains
 from splatreel.recon.deform.hashgrid import HashGrid
 from splatreel.recon.deform.trajectory import Trajectory
-from splatreel.recon.layering.tracking import Start
+from splatreel.recon.layering.tracking import GroupStart
 from splatreel.recon.train.export import GroupResult
 from splatreel.recon.train.group import GroupTrainer
 from splatreel.recon.train.pictures import Pictures
@@ -68,7 +68,9 @@ def trainer(
 ):
     alive = np.ones(len(static), bool)
     gains = CameraGains(len(CAMERAS), CPU, enabled=False)
-    return GroupTrainer(filmed, Start(dynamic, tracks), static, alive, gains, config, seed=0, convertible=convertible)
+    return GroupTrainer(
+        filmed, GroupStart(dynamic, tracks), static, alive, gains, config, seed=0, convertible=convertible
+    )
 
 
 def with_group(config: Config, **changes) -> Config:
@@ -289,7 +291,7 @@ def test_gains_are_applied_and_left_as_they_are(filmed: Pictures) -> None:
     kept = gains.values.detach().clone()
     alive = np.ones(len(WALL), bool)
     tracks = np.stack([moved(THING, t).means for t in range(FRAMES)])
-    group = GroupTrainer(dim, Start(THING, tracks), WALL, alive, gains, config(iterations=2), 0)
+    group = GroupTrainer(dim, GroupStart(THING, tracks), WALL, alive, gains, config(iterations=2), 0)
     assert group.psnr() > 35
     group.train(Silent())
     torch.testing.assert_close(gains.values.detach(), kept)

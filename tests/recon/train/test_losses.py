@@ -7,7 +7,7 @@ import pytest
 import torch
 
 from splatreel.config import GroupConfig, KeyframeConfig
-from splatreel.recon.layering.tracking import Start
+from splatreel.recon.layering.tracking import GroupStart
 from splatreel.recon.train.losses import GROUP, KEYFRAME, KEYFRAME_BEFORE_STATIC, GroupStep, Loss, backward
 from splatreel.recon.train.moving import MovingPoints
 from splatreel.recon.train.pictures import Pictures
@@ -22,7 +22,7 @@ def group_step(iteration: int, share: float = 0.5, frames: int = 4, seed: int = 
     """Of some points before nothing, with what they are drawn on."""
     views = [View.of(camera, CPU) for camera in ring(1, width=32, height=32)]
     pictures = Pictures(torch.zeros(frames, 1, 32, 32, 3, dtype=torch.uint8), views, 0.1, 4.0)
-    points = MovingPoints.of(Start(random_gaussians(20, seed)), pictures, GroupConfig(), seed)
+    points = MovingPoints.of(GroupStart(random_gaussians(20, seed)), pictures, GroupConfig(), seed)
     changes = points.changes(0.0)
     drawing = draw(points.splats(changes, views[0], 0.1), views[0])
     return GroupStep(

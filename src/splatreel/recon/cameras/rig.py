@@ -1,160 +1,117 @@
-"""What a run learns of its cameras, and hands from group to group: poses, colour gains, exposures and the light, delays."""
+"""What a run knows of its cameras, and hands from group to group: poses, color gains, exposures and the light, time offsets."""
 
 from __future__ import annotations
 
-from dataclasses import replace
-from pathlib import Path
+from dataclasses import dataclass, replace
 
 import numpy as np
-import torch
 
-from splatreel.config import Config
-from splatreel.motion.exposure import even_out, exposures
 from splatreel.progress import Progress
-from splatreel.recon.cameras.color_gains import CameraGains
 from splatreel.recon.cameras.findings import Findings
 from splatreel.recon.cameras.poses import check_poses
-from splatreel.recon.cameras.time_offsets import SURE, TimeOffsets
-from splatreel.recon.run import checkpoint
+from splatreel.recon.cameras.time_offsets import CERTAIN, LearnedOffsets
 from splatreel.scene.camera import Camera
 
-POSES, EXPOSURE, DELAYS = "poses.safetensors", "exposure.safetensors", "delays.safetensors"
-"""Checkpoints in a group's folder. Gains are with its keyframe, which they were learned with."""
-CHANGED = 0.02
-"""Share by which an exposure or the light changes, from which on a user hears of it."""
 OUT_OF_STEP = 0.1
 """Frames that a camera is late, from which on a user hears of it, if the pictures tell so much."""
 
 
-class Rig:
-    """The training cameras as they are now.
+@dataclass(frozen=True)
+class Poses:
+    """Where cameras stand in a group. viewmats: [C, 4, 4]. kept: [C] their numbers among those before, where some were left out."""
 
-    exposure: [C, 3] logarithms of theirs at the next keyframe, against the capture's first. light: [3] that of the light there.
-    ends: [C] delays at the end of each group so far.
+    viewmats: np.ndarray
+    kept: np.ndarray | None = None
+
+
+@dataclass(frozen=True)
+class Rig:
+    """The training cameras as a group finds them. A stage that learns more of them gives another rig.
+
+    cameras: C, as they stand. gains: [C, 3] float32, mean 1, of their colors. exposure: [C, 3] float32, logarithms of theirs at the
+    keyframe, against the capture's first. light: [3] that of the light. ends: [C] time offsets at the end of each group so far.
     """
 
-    def __init__(self, cameras: list[Camera], config: Config, device: torch.device) -> None:
-        self.cameras, self.config, self.device = list(cameras), config, device
-        self._start()
+    cameras: list[Camera]
+    gains: np.ndarray
+    exposure: np.ndarray
+    light: np.ndarray
+    ends: tuple[np.ndarray, ...] = ()
 
-    def _start(self) -> None:
-        count, config = len(self.cameras), self.config
-        self.gains = CameraGains(count, self.device, config.correct_colors)
-        self.exposure, self.light = np.zeros((count, 3), np.float32), np.zeros(3, np.float32)
-        self.delays = TimeOffsets(count, config.group.time_offsets)
-        self.ends: list[np.ndarray] = []
+    @staticmethod
+    def of(cameras: list[Camera]) -> Rig:
+        """Nothing is known yet."""
+        count = len(cameras)
+        return Rig(
+            list(cameras),
+            np.ones((count, 3), np.float32),
+            np.zeros((count, 3), np.float32),
+            np.zeros(3, np.float32),
+        )
 
     @property
     def names(self) -> list[str]:
         return [camera.name for camera in self.cameras]
 
-    def gather(self, frames: np.ndarray, folder: Path, progress: Progress, origin: str = "The capture") -> np.ndarray:
-        """At the start of a capture: `place`, but cameras that do not show what their neighbours do are left out.
+    @property
+    def time_offsets(self) -> np.ndarray:
+        """[C] float64, frames by which each camera is late."""
+        return self.ends[-1] if self.ends else np.zeros(len(self.cameras))
 
-        origin: where the poses come from. Returns the frames of those that stay. Raises `ReconstructionError` for poses that are not
-        world to camera.
-        """
-        if not self.config.check_poses:
-            return frames
-        found = self._inspect(frames, progress)
-        found.refuse(origin)
-        for doubt in found.doubts(self.names):
-            progress.note(doubt)
-        kept = [number for number in range(len(self.cameras)) if number not in found.strangers]
-        self._keep(kept)
-        checkpoint.save_arrays(folder / POSES, self._packed() | {"kept": np.array(kept)})
-        return frames[:, kept]
+    def standing(self, poses: Poses) -> Rig:
+        """The cameras where they stand, without those that were left out."""
+        rig, kept = self, poses.kept
+        if kept is not None and len(kept) < len(self.cameras):
+            rig = Rig.of([self.cameras[number] for number in kept])
+        pairs = zip(rig.cameras, poses.viewmats, strict=True)
+        return replace(rig, cameras=[replace(camera, viewmat=viewmat) for camera, viewmat in pairs])
 
-    def place(self, frames: np.ndarray, folder: Path, progress: Progress) -> None:
-        """Put right the cameras that are not where they are said to be. frames: [T, C, H, W, 3] uint8, of a group. folder: of it."""
-        if not self.config.check_poses:
-            return
-        if (folder / POSES).exists():
-            self.stand(folder)
-            return
-        for number in self._inspect(frames, progress).strangers:
-            progress.note(f"{self.names[number]} no longer shows what its neighbours do: check its video")
-        checkpoint.save_arrays(folder / POSES, self._packed())
+    def timed(self, offsets: np.ndarray) -> Rig:
+        """With the time offsets [C] at the end of one more group."""
+        return replace(self, ends=(*self.ends, offsets))
 
-    def stand(self, folder: Path) -> None:
-        """Where the cameras stood in a group, if that is known, and which they are."""
-        if (path := folder / POSES).exists():
-            arrays = checkpoint.load_arrays(path)
-            if "kept" in arrays and len(arrays["kept"]) < len(self.cameras):
-                self._keep(arrays["kept"].tolist())
-            pairs = zip(self.cameras, arrays["viewmats"], strict=True)
-            self.cameras = [replace(camera, viewmat=viewmat) for camera, viewmat in pairs]
 
-    def _inspect(self, frames: np.ndarray, progress: Progress) -> Findings:
-        """Puts right what can be, by two moments of a group."""
-        found = check_poses(self.cameras, frames[[0, len(frames) // 2]])
-        for repair in found.repairs(self.names):
-            progress.note(repair)
-        for number, mended in found.mended.items():
-            self.cameras[number] = mended.camera
-        return found
+def check_first_poses(rig: Rig, frames: np.ndarray, origin: str, progress: Progress) -> Poses:
+    """At the start of a capture: cameras that are not where they are said to be are put right, strangers left out.
 
-    def _keep(self, kept: list[int]) -> None:
-        self.cameras = [self.cameras[number] for number in kept]
-        self._start()
+    frames: [2, C, H, W, 3] uint8, two moments of the first group. origin: where the poses come from, for messages. Raises
+    `ReconstructionError` for poses that are not world to camera.
+    """
+    found = check_poses(rig.cameras, frames)
+    _tell_repairs(rig, found, progress)
+    found.refuse(origin)
+    for doubt in found.doubts(rig.names):
+        progress.note(doubt)
+    kept = [number for number in range(len(rig.cameras)) if number not in found.strangers]
+    return Poses(_viewmats(rig, found)[kept], np.array(kept))
 
-    def _packed(self) -> dict[str, np.ndarray]:
-        return {"viewmats": np.stack([camera.viewmat for camera in self.cameras])}
 
-    def even_out(self, frames: np.ndarray, own: int, folder: Path, progress: Progress) -> np.ndarray | None:
-        """Take out of a group's frames [T, C, H, W, 3] uint8, in place, what exposures and the light did since the capture's first.
+def check_poses_again(rig: Rig, frames: np.ndarray, progress: Progress) -> Poses:
+    """In a later group: cameras that were touched are put right. frames: [2, C, H, W, 3] uint8, two moments of it."""
+    found = check_poses(rig.cameras, frames)
+    _tell_repairs(rig, found, progress)
+    for number in found.strangers:
+        progress.note(f"{rig.names[number]} no longer shows what its neighbours do: check its video")
+    return Poses(_viewmats(rig, found))
 
-        own: how many of them are not the next group's, too. folder: of the group. Returns the light, `Group.light`.
-        """
-        if not self.config.even_exposure:
-            return None
-        changes = exposures(frames)
-        change, light = changes[0] + self.exposure, changes[1] + self.light
-        even_out(frames, change + light[:, None])
-        most = np.abs(change).max((0, 2))
-        if most.max() > CHANGED:
-            name = self.names[int(most.argmax())]
-            progress.note(f"exposures change by up to {most.max():.0%} ({name}): taken out of the pictures")
-        if (most := np.abs(np.expm1(light)).max()) > CHANGED:
-            progress.note(
-                f"the light changes by up to {most:.0%}: taken out of the pictures, and back when they are played"
-            )
-        arrays = {"change": change, "light": light}
-        checkpoint.save_arrays(folder / EXPOSURE, arrays)
-        self._expose(arrays, own)
-        return np.exp(light) if light.any() else None
 
-    def keep_delays(self, folder: Path, progress: Progress) -> None:
-        """After a group's training: its delays are where the next one starts."""
-        if not self.delays.enabled:
-            return
-        checkpoint.save_arrays(folder / DELAYS, {"delays": self.delays.values})
-        self.ends.append(self.delays.values.copy())
-        late, off = np.abs(self.delays.values), self.delays.uncertainty(self.ends)
-        told = late > np.maximum(SURE * off, OUT_OF_STEP)
-        if told.any():
-            worst = int(np.where(told, late, 0).argmax())
-            how = "late" if self.delays.values[worst] > 0 else "early"
-            much = f"{late[worst]:.2f} frames {how} (give or take {off[worst]:.2f})"
-            progress.note(f"cameras are out of step, {self.names[worst]} is {much}: allowed for")
+def tell_offsets(rig: Rig, learned: LearnedOffsets, progress: Progress) -> None:
+    """Say which camera is out of step, if the pictures tell. rig: with the offsets that were learned."""
+    late, off = np.abs(learned.values), learned.uncertainty(list(rig.ends))
+    told = late > np.maximum(CERTAIN * off, OUT_OF_STEP)
+    if told.any():
+        worst = int(np.where(told, late, 0).argmax())
+        how = "late" if learned.values[worst] > 0 else "early"
+        much = f"{late[worst]:.2f} frames {how} (give or take {off[worst]:.2f})"
+        progress.note(f"cameras are out of step, {rig.names[worst]} is {much}: allowed for")
 
-    def restore(self, own: int, folder: Path) -> None:
-        """Know what was known after a finished group."""
-        self.stand(folder)
-        if (keyframe := folder / "keyframe.safetensors").exists():
-            self.load_gains(checkpoint.load_arrays(keyframe))
-        if (exposure := folder / EXPOSURE).exists():
-            self._expose(checkpoint.load_arrays(exposure), own)
-        if (delays := folder / DELAYS).exists():
-            self.delays.load(checkpoint.load_arrays(delays)["delays"])
-            self.ends.append(self.delays.values.copy())
 
-    def packed_gains(self) -> dict[str, np.ndarray]:
-        return {"gains": self.gains.values.cpu().numpy()}
+def _tell_repairs(rig: Rig, found: Findings, progress: Progress) -> None:
+    for repair in found.repairs(rig.names):
+        progress.note(repair)
 
-    def load_gains(self, arrays: dict[str, np.ndarray]) -> None:
-        self.gains.load(torch.from_numpy(arrays["gains"]).to(self.gains.values.device))
 
-    def _expose(self, arrays: dict[str, np.ndarray], own: int) -> None:
-        keyframe = min(own, len(arrays["change"]) - 1)  # the next one, if the groups overlap
-        self.exposure, self.light = arrays["change"][keyframe], arrays["light"][keyframe]
+def _viewmats(rig: Rig, found: Findings) -> np.ndarray:
+    """[C, 4, 4] of all cameras, those of the findings put right."""
+    mended = {number: mended.camera for number, mended in found.mended.items()}
+    return np.stack([mended.get(number, camera).viewmat for number, camera in enumerate(rig.cameras)])

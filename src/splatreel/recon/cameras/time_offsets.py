@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 import torch
 from torch import Tensor
@@ -14,10 +16,30 @@ MOST = 1.5
 """Frames that a camera may be late or early: of what is farther off, tracks are wrong already."""
 LATER = 0.3
 """Of how far chance carries a delay that the pictures do not tell, the share of the second half of the steps, by their sizes."""
-SURE = 4.0
+CERTAIN = 4.0
 """Times its uncertainty that a delay must be for anybody to hear of it."""
 FADES = (0.8, 0.95)
 """Share that a step keeps of the mean slope and of its mean square before."""
+
+
+@dataclass(frozen=True)
+class LearnedOffsets:
+    """values: [C] frames by which each camera is late. moved: RMS frames that they still went in the second half of training."""
+
+    values: np.ndarray
+    moved: float
+
+    def uncertainty(self, ends: list[np.ndarray]) -> np.ndarray:
+        """[C] frames that each offset may be off: what the pictures do not tell goes where chance carries it, and no two times alike.
+
+        By how far offsets still went in the second half of a group's training, and from group to group. ends: [C] offsets at the end
+        of each group so far, this one's last.
+        """
+        moved = self.moved / LATER
+        changes = np.square(np.diff(np.stack(ends), axis=0))
+        if not len(changes):
+            return np.full(len(self.values), moved)
+        return np.maximum(np.sqrt(changes.mean(0)), max(moved, np.sqrt(changes.mean())))
 
 
 class TimeOffsets:
@@ -59,17 +81,10 @@ class TimeOffsets:
             if share < 0.5:
                 self._halfway = self.values.copy()
 
-    def uncertainty(self, ends: list[np.ndarray]) -> np.ndarray:
-        """[C] frames that each delay may be off: what the pictures do not tell goes where chance carries it, and no two times alike.
-
-        By how far delays still went in the second half of a group's training, and from group to group. ends: [C] delays at the end of
-        each group so far, this one's last.
-        """
-        moved = np.sqrt(np.mean(np.square(self.values - self._halfway))) / LATER
-        changes = np.square(np.diff(np.stack(ends), axis=0))
-        if not len(changes):
-            return np.full(len(self.values), moved)
-        return np.maximum(np.sqrt(changes.mean(0)), max(moved, np.sqrt(changes.mean())))
+    def learned(self) -> LearnedOffsets:
+        """What a group's training found."""
+        moved = float(np.sqrt(np.mean(np.square(self.values - self._halfway))))
+        return LearnedOffsets(self.values.copy(), moved)
 
     def _step(self, cameras: np.ndarray, slopes: np.ndarray, rate: float) -> None:
         """Of the cameras that came up, by the mean of their slopes."""

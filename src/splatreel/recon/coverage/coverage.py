@@ -3,23 +3,18 @@
 from __future__ import annotations
 
 from dataclasses import asdict, dataclass
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 import torch
 
-from splatreel.errors import ReconstructionError
 from splatreel.progress import Progress
 from splatreel.recon.coverage.trial import Trial, leave_one_out, shrunk, smaller
 from splatreel.recon.init.layout import clearance_of
 from splatreel.recon.init.limits import LEAST
 from splatreel.recon.init.triangulate import Tracks, triangulate
-from splatreel.recon.run import checkpoint
 from splatreel.scene.camera import Camera, angles_apart, focus_point
 
-FILE = "coverage.json"
-"""In a run's folder of checkpoints."""
 WIDTH = 480
 """Pixels across the pictures that points in common are looked for in, at most."""
 NEIGHBOURS = 6
@@ -129,22 +124,6 @@ def cover(
         len(seen_by),
         trial,
     )
-
-
-def save_coverage(work: Path, coverage: Coverage) -> None:
-    """Keep it among a run's checkpoints."""
-    checkpoint.save_json(work / FILE, coverage.to_dict())
-
-
-def load_coverage(work: Path) -> Coverage | None:
-    """Of a run; None where nobody looked. Raises `ReconstructionError` for a damaged file."""
-    path = work / FILE
-    if not path.exists():
-        return None
-    try:
-        return Coverage.from_dict(checkpoint.load_json(path))
-    except (TypeError, AttributeError) as error:
-        raise ReconstructionError(f"{path}: is damaged ({error}). Delete the folder to start over.") from error
 
 
 def _places(tracks: Tracks, distance: float) -> np.ndarray:

@@ -1,37 +1,44 @@
-"""What a manifest says of a whole reel, before any of its files: from the rig, the layout and the settings."""
+"""What a reel says before any of its files: from the cameras, the layout and the settings."""
 
 from __future__ import annotations
 
-from typing import Any
+import dataclasses
+from pathlib import Path
 
 import numpy as np
 
-from splatreel.config import Config
-from splatreel.recon.coverage.coverage import Coverage
+from splatreel.codec.header import ReelHeader
+from splatreel.codec.writer import ReelWriter
+from splatreel.config import Config, EncodeConfig
+from splatreel.recon.encode.sound import publish_sound
 from splatreel.recon.init.layout import Layout
-from splatreel.recon.init.limits import limits
+from splatreel.recon.run.store import Store
 from splatreel.scene.camera import Camera
 
 
-def header_of(
-    cameras: list[Camera], fps: float, config: Config, layout: Layout, points: np.ndarray, coverage: Coverage | None
-) -> dict[str, Any]:
-    """Arguments of `ReelWriter`, and the limits.
+def header_of(cameras: list[Camera], fps: float, config: Config, layout: Layout) -> ReelHeader:
+    """cameras: those that are trained on."""
+    return ReelHeader(
+        fps=fps,
+        group_length=config.group.length,
+        overlap=config.group.overlap,
+        sh_degree=config.keyframe.sh_degree,
+        bounds=np.array(layout.bounds),
+        up=np.array(layout.up),
+        camera=cameras[len(cameras) // 2],
+        cameras=cameras,
+        near=layout.near,
+        clearance=layout.clearance,
+        antialias=config.antialias,
+        background=layout.background,
+    )
 
-    cameras: those that are trained on. points: [P, 3], the initial ones. coverage: None where nobody looked.
-    """
-    return {
-        "fps": fps,
-        "group_length": config.group.length,
-        "overlap": config.group.overlap,
-        "sh_degree": config.keyframe.sh_degree,
-        "bounds": layout.bounds,
-        "up": layout.up,
-        "near": layout.near,
-        "clearance": layout.clearance,
-        "background": layout.background,
-        "antialias": config.antialias,
-        "camera": cameras[len(cameras) // 2],
-        "cameras": cameras,
-        "limits": limits(cameras, points, layout, None if coverage is None else coverage.angle),
-    }
+
+def open_writer(store: Store, reel: Path, config: EncodeConfig, resume: bool) -> ReelWriter:
+    """A writer for a reconstruction's reel, with its sound. Raises `ReconstructionError` if the store holds none."""
+    header, limits = store.header()
+    writer = ReelWriter(reel, header, config=config, resume=resume)
+    if limits != writer.manifest.presentation.limits:
+        writer.present(dataclasses.replace(writer.manifest.presentation, limits=limits))
+    publish_sound(store.work, writer)
+    return writer

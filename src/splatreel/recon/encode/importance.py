@@ -7,12 +7,36 @@ from collections.abc import Iterable
 import numpy as np
 import torch
 
+from splatreel.codec.writer import ReelWriter
 from splatreel.kernels import splat
 from splatreel.scene.camera import Camera
 from splatreel.scene.gaussians import Gaussians
+from splatreel.scene.group import Group
 
 VIEWS = 24
 """Pictures of a moment that are looked at, at most."""
+GROUP_MOMENTS, GROUP_VIEWS = 32, 2
+"""Times of a group at which the importance of its points is looked at, and pictures at each: what shows for a few frames shows."""
+
+Importance = tuple[np.ndarray | None, np.ndarray | None]
+"""Of a group's dynamic points [N, 3], and of all static points so far [S, 3]; None where the codec has no use for it."""
+
+
+def group_importance(writer: ReelWriter, static: Gaussians, group: Group, device: torch.device) -> Importance:
+    """What `weigh` says of the points of a group over its frames. static: all static points so far, in the order of training.
+
+    Nothing hangs on static points that are not alive.
+    """
+    config = writer.config
+    if config.codec == "h265" and not (config.h265.weighted_codebook and config.sh_entries):
+        return None, None
+    times = np.linspace(0, group.frames - 1, min(GROUP_MOMENTS, group.frames))
+    moments = (Gaussians.concatenate([group.at(time), static[group.alive]]) for time in times)
+    manifest = writer.manifest
+    found = weigh(moments, list(manifest.cameras), manifest.near, device, manifest.antialias, GROUP_VIEWS)
+    resting = np.zeros((len(static), 3), np.float32)
+    resting[group.alive] = found[len(group.dynamic) :]
+    return found[: len(group.dynamic)], resting
 
 
 def weigh(

@@ -5,54 +5,58 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-import torch
 
 from splatreel.config import LayeringConfig
 from splatreel.motion.change import changes
 from splatreel.motion.flow import make_flow
 from splatreel.motion.lift import DYNAMIC, lift, shares
+from splatreel.motion.light import changes_of_light
 from splatreel.motion.masks import make_segmenter, motion_masks
+from splatreel.recon.cameras.group_input import GroupInput
 from splatreel.recon.init.planesweep import inside, project
 from splatreel.recon.layering.relighting import RelitPoints
 from splatreel.scene.camera import Camera
 from splatreel.scene.clearance import Clearance
 from splatreel.scene.gaussians import Gaussians
+from splatreel.scene.static_points import StaticPoints
 
 
 @dataclass(frozen=True)
 class Layers:
-    """The outcome of layering. alive: [S] bool over the static points there were; settled: new static points; dynamic: what moves.
+    """The outcome of layering. alive: [S] bool, static points that stay so; settled: new static points; dynamic: what moves.
 
-    lit: what rests while its light changes, neither static nor moving.
+    relit: what rests while its light changes, neither static nor moving.
     """
 
     alive: np.ndarray
     settled: Gaussians
     dynamic: Gaussians
-    lit: RelitPoints
+    relit: RelitPoints
 
 
-def label_points(
-    points: Gaussians,
-    cameras: list[Camera],
-    frames: np.ndarray,
-    near: float,
-    config: LayeringConfig,
-    device: torch.device,
-) -> np.ndarray:
-    """Which points move during a group, [N] bool.
+def find_layers(data: GroupInput, dynamic: Gaussians, static: StaticPoints, config: LayeringConfig) -> Layers:
+    """Which of the points at a keyframe rest in its group, and which move. dynamic: those that are not static so far."""
+    points = Gaussians.concatenate([dynamic, static.living])
+    moves = label_points(data, points, config)
+    if data.span.index:
+        moves[: len(dynamic)] |= crowding(dynamic.means, data.cameras, data.layout.clearance)
+    light = np.zeros((data.span.count, len(points)), np.float32)
+    if config.relighting:
+        light[:, ~moves] = changes_of_light(points[~moves], data.cameras, data.images, data.near, data.device)
+    return separate(static, dynamic, moves, light)
 
-    points: as they are at the keyframe; frames: [T, C, H, W, 3] uint8 of the group, the keyframe first.
-    """
-    if len(frames) < 2 or len(points) == 0:
+
+def label_points(data: GroupInput, points: Gaussians, config: LayeringConfig) -> np.ndarray:
+    """[N] bool, which points move during a group. points: as they are at the keyframe."""
+    if data.span.count < 2 or len(points) == 0:
         return np.zeros(len(points), bool)
-    masks = motion_masks(frames, make_flow(config.flow), config)
+    masks = motion_masks(data.images, make_flow(config.flow), config)
     segmenter = make_segmenter(config.segment)
     if segmenter is not None:
-        masks = segmenter.complete(masks, frames[0])
+        masks = segmenter.complete(masks, data.images[0])
     if not masks.any():
         return np.zeros(len(points), bool)
-    labels = lift(points, cameras, masks, near, config, device)
+    labels = lift(points, data.cameras, masks, data.near, config, data.device)
     return labels > DYNAMIC
 
 
@@ -64,29 +68,27 @@ def crowding(points: np.ndarray, cameras: list[Camera], clearance: Clearance) ->
     return found
 
 
-def convertible(
-    points: Gaussians, cameras: list[Camera], frames: np.ndarray, near: float, least: float, device: torch.device
-) -> np.ndarray:
-    """Which static points may turn out to move during a group, [N] bool: those that show where pictures change.
+def convertible(data: GroupInput, static: StaticPoints, least: float) -> np.ndarray:
+    """[S] bool: the static points that may turn out to move during a group: those that show where pictures change.
 
-    frames: [T, C, H, W, 3] uint8 of the group. least: the share of what a point shows that must lie there. What no camera sees may: it
-    can be hidden at the keyframe.
+    least: the share of what a point shows that must lie there; 0: all may. What no camera sees may: it can be hidden at the keyframe.
     """
-    found = shares(points, cameras, changes(frames), near, device)
-    return ~(found < least)  # of NaN, all comparisons are false
+    if not least:
+        return static.alive
+    found = shares(static.living, data.cameras, changes(data.images), data.near, data.device)
+    return static.without(found < least).alive  # of NaN, all comparisons are false
 
 
-def separate(static: Gaussians, alive: np.ndarray, dynamic: Gaussians, moves: np.ndarray, light: np.ndarray) -> Layers:
+def separate(static: StaticPoints, dynamic: Gaussians, moves: np.ndarray, light: np.ndarray) -> Layers:
     """Sort the living static points and the dynamic ones by their labels.
 
     moves: [D + A] bool, for the D dynamic points and then the A living static ones. light: [T, D + A]
     as in `RelitPoints`, 0 where it stays.
     """
-    everything = Gaussians.concatenate([dynamic, static[alive]])
-    lit = ~moves & light.any(0)
-    stays = ~moves & ~lit
-    still_alive = alive.copy()
-    still_alive[alive] = stays[len(dynamic) :]
+    points = Gaussians.concatenate([dynamic, static.living])
+    relit = ~moves & light.any(0)
+    rests = ~moves & ~relit
+    settled, stays = rests[: len(dynamic)], rests[len(dynamic) :]
     return Layers(
-        still_alive, dynamic[stays[: len(dynamic)]], everything[moves], RelitPoints(everything[lit], light[:, lit])
+        static.without(~stays).alive, dynamic[settled], points[moves], RelitPoints(points[relit], light[:, relit])
     )

@@ -2,44 +2,40 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
 
-from splatreel.motion.flow import Flow
+from splatreel.config import LayeringConfig
+from splatreel.motion.flow import make_flow
 from splatreel.motion.large_displacement import large_displacements
 from splatreel.motion.lift import shares
 from splatreel.motion.new_points import ErrorMasks, error_masks, find_new_points
 from splatreel.motion.track import PointTracks, Tracker, identity
 from splatreel.progress import Progress
+from splatreel.recon.cameras.group_input import GroupInput
 from splatreel.recon.layering.relighting import RelitPoints
-from splatreel.scene.camera import Camera
 from splatreel.scene.gaussians import C0, Gaussians
+from splatreel.scene.static_points import StaticPoints
 
-STEP = 4
+LOOK_EVERY = 4
 """Frames between two looks for things that appeared."""
-
-ROOM = 6000
-"""Points a group takes so, or as many as it has dynamic points: flicker and noise are no things."""
-
-LEFT = 0.7
+MAX_NEW_POINTS = 6000
+"""That a group takes so, or as many as it has dynamic points: flicker and noise are no things."""
+GONE = 0.7
 """Share of what is seen of a static point, over all views, that must be wrong for it to have left its place."""
-PEELS = 3
+MAX_PEELS = 3
 """Times that one looks, at most: behind a thing's points are others of it, which show once those are gone."""
-FEW = 20
+MIN_LEAVING = 20
 """Static points that leave together, at least: a speck is no thing, and to find out where things went takes flow once more."""
-
-Draw = Callable[[Gaussians, Camera], np.ndarray]
-"""The picture of Gaussians from a camera, [H, W, 3]."""
 
 
 @dataclass(frozen=True)
-class Start:
+class GroupStart:
     """What the training of a group starts from. dynamic: its points at the keyframe.
 
     tracks: [T, N, 3] their positions at every frame, shades: [T, N, 3] what their c_base gains there, or None where nobody has looked.
-    left: [S] bool, the static points that are among them now.
+    left: [A] bool, the living static points that are among them now.
     """
 
     dynamic: Gaussians
@@ -48,33 +44,29 @@ class Start:
     left: np.ndarray | None = None
 
 
-def follow(
+def track(
+    data: GroupInput,
     dynamic: Gaussians,
-    motion: np.ndarray | None,
-    lit: RelitPoints,
-    static: Gaussians,
-    cameras: list[Camera],
-    frames: np.ndarray,
-    gains: np.ndarray,
-    flow: Flow,
-    near: float,
-    draw: Draw,
+    relit: RelitPoints,
+    static: StaticPoints,
+    velocities: np.ndarray | None,
+    config: LayeringConfig,
     progress: Progress,
-) -> Start:
-    """Track dynamic points through frames [T, C, H, W, 3] uint8; add what several views lack, and static points that leave.
+) -> GroupStart:
+    """Track dynamic points through the frames of a group; add what several views lack, and static points that leave.
 
-    motion: [N, 3], about how the dynamic points move at the keyframe, if that is known. gains: [C, 3] colour gain of each camera.
-    near: nothing is seen before it. draw: how pictures of the points are drawn.
+    velocities: [N, 3], about how the dynamic points move at the keyframe, world units a frame, if that is known.
 
-    Points come in this order: dynamic ones, those that were added, lit ones, whose light is of the same frames.
+    Points come in this order: dynamic ones, those that were added, relit ones, whose light is of the same frames.
     """
-    tracker = Tracker(Gaussians.concatenate([static, lit.points]), cameras, frames, flow, near)
-    detector = ChangeDetector(tracker, gains, draw, dynamic, static, lit)
-    tracks = [PointTracks(dynamic, 0, motion)]
-    room = max(ROOM, len(dynamic))
-    for frame in range(1, len(frames)):
+    behind = Gaussians.concatenate([static.living, relit.points])
+    tracker = Tracker(behind, data.cameras, data.images, make_flow(config.flow), data.near)
+    detector = ChangeDetector(tracker, data, dynamic, static.living, relit)
+    tracks = [PointTracks(dynamic, 0, velocities)]
+    room = max(MAX_NEW_POINTS, len(dynamic))
+    for frame in range(1, data.span.count):
         tracker.step(tracks, frame - 1)
-        if frame % STEP == 0:
+        if frame % LOOK_EVERY == 0:
             progress.update(frame, moving=sum(len(track.points) for track in tracks))
             masks = detector.error_masks(tracks, frame)
             new, motion = detector.appeared(tracks, frame, masks)
@@ -82,44 +74,44 @@ def follow(
             if len(new) and room >= 0:
                 tracks.append(PointTracks(new, frame, motion))
                 masks = detector.error_masks(tracks, frame)
-            leave = detector.leave(tracks, frame, masks)
-            if 0 < leave.sum() <= room:
-                room -= leave.sum()
-                tracks.append(detector.depart(leave, frame))
+            leaving = detector.leaving(tracks, frame, masks)
+            if 0 < leaving.sum() <= room:
+                room -= leaving.sum()
+                tracks.append(detector.depart(leaving, frame))
     tracker.track_back(tracks)
-    return _start(tracks, lit, ~detector.stays)
+    return _start(tracks, relit, ~detector.stays)
 
 
-def _start(tracks: list[PointTracks], lit: RelitPoints, left: np.ndarray) -> Start:
-    """All tracks from their places at the keyframe on, then what is lit."""
+def _start(tracks: list[PointTracks], relit: RelitPoints, left: np.ndarray) -> GroupStart:
+    """All tracks from their places at the keyframe on, then what is relit."""
     positions = [track.positions for track in tracks]
     starts = [
         track.points.moved(places[0] - track.points.means, identity(len(track.points)))
         for track, places in zip(tracks[1:], positions[1:], strict=True)
     ]
-    points = Gaussians.concatenate([tracks[0].points, *starts, lit.points])
-    shades = np.zeros((len(lit.light), len(points), 3), np.float32)
-    shades[:, len(points) - len(lit) :] = lit.shades
-    return Start(points, np.concatenate([*positions, lit.tracks], axis=1), shades, left)
+    points = Gaussians.concatenate([tracks[0].points, *starts, relit.points])
+    shades = np.zeros((len(relit.light), len(points), 3), np.float32)
+    shades[:, len(points) - len(relit) :] = relit.shades
+    return GroupStart(points, np.concatenate([*positions, relit.tracks], axis=1), shades, left)
 
 
 class ChangeDetector:
-    """Compares the views with the scene as it is tracked. stays: [S] bool, the static points that have not left so far."""
+    """Compares the views with the scene as it is tracked. stays: [A] bool, the living static points that have not left so far."""
 
     def __init__(
-        self, tracker: Tracker, gains: np.ndarray, draw: Draw, dynamic: Gaussians, static: Gaussians, lit: RelitPoints
+        self, tracker: Tracker, data: GroupInput, dynamic: Gaussians, static: Gaussians, relit: RelitPoints
     ) -> None:
-        self.tracker, self.gains, self.draw, self.static, self.lit = tracker, gains, draw, static, lit
+        self.tracker, self.data, self.static, self.relit = tracker, data, static, relit
         self.stays = np.ones(len(static), bool)
-        self.known = self._compare(Gaussians.concatenate([static, lit.points, dynamic]), 0).error
+        self.known = self._compare(Gaussians.concatenate([static, relit.points, dynamic]), 0).error
         """[C, H, W] bool: errors already where the points were trained: mirrors, nothing new."""
 
-    def error_masks(self, tracks: list[PointTracks], frame: int, leave: np.ndarray | None = None) -> ErrorMasks:
+    def error_masks(self, tracks: list[PointTracks], frame: int, leaving: np.ndarray | None = None) -> ErrorMasks:
         """[C, H, W]: where the views of a frame differ from the scene there, and were not wrong at the keyframe.
 
-        leave: [S] bool, static points that are left out.
+        leaving: [A] bool, static points that are left out.
         """
-        resting = self._resting(frame, self.stays if leave is None else self.stays & ~leave)
+        resting = self._resting(frame, self.stays if leaving is None else self.stays & ~leaving)
         found = self._compare(Gaussians.concatenate([resting, _moved(tracks)]), frame)
         return ErrorMasks(found.error & ~self.known, found.uncertain & ~self.known)
 
@@ -139,42 +131,42 @@ class ChangeDetector:
         scales = np.repeat(found.sizes[:, None], 3, 1)
         return Gaussians(found.points, identity(count), scales, np.full(count, 0.7, np.float32), sh), motion
 
-    def leave(self, tracks: list[PointTracks], frame: int, masks: ErrorMasks) -> np.ndarray:
-        """[S] bool: static points that are not there any more at a frame: nearly all that the views see of them is wrong.
+    def leaving(self, tracks: list[PointTracks], frame: int, masks: ErrorMasks) -> np.ndarray:
+        """[A] bool: static points that are not there any more at a frame: nearly all that the views see of them is wrong.
 
         Masks at the keyframe miss what rests for most of the group and then leaves at once.
         """
         moving, tracker = _moved(tracks), self.tracker
-        leave = np.zeros(len(self.static), bool)
-        for peel in range(PEELS):
+        leaving = np.zeros(len(self.static), bool)
+        for peel in range(MAX_PEELS):
             if peel:
-                masks = self.error_masks(tracks, frame, leave)
-            staying = self.stays & ~leave
+                masks = self.error_masks(tracks, frame, leaving)
+            staying = self.stays & ~leaving
             everything = Gaussians.concatenate([self._resting(frame, staying), moving])
             smaller = masks.error[:, ::2, ::2]  # tells well enough
-            found = shares(everything, tracker.half_cameras, smaller, tracker.near)[: staying.sum()] > LEFT
-            if found.sum() < FEW:
+            found = shares(everything, tracker.half_cameras, smaller, tracker.near)[: staying.sum()] > GONE
+            if found.sum() < MIN_LEAVING:
                 break
-            leave[staying] = found
-        return leave
+            leaving[staying] = found
+        return leaving
 
-    def depart(self, leave: np.ndarray, frame: int) -> PointTracks:
+    def depart(self, leaving: np.ndarray, frame: int) -> PointTracks:
         """These static points, which rested until the last look, and where they went since."""
-        self.stays &= ~leave
-        self.tracker.set_occluders(Gaussians.concatenate([self.static[self.stays], self.lit.points]))
-        track = PointTracks(self.static[leave], frame - STEP, rested=True)
-        for before in range(frame - STEP, frame):
+        self.stays &= ~leaving
+        self.tracker.set_occluders(Gaussians.concatenate([self.static[self.stays], self.relit.points]))
+        track = PointTracks(self.static[leaving], frame - LOOK_EVERY, rested=True)
+        for before in range(frame - LOOK_EVERY, frame):
             self.tracker.step([track], before)
         return track
 
     def _resting(self, frame: int, staying: np.ndarray) -> Gaussians:
-        """The static points that stay, [S] bool, and what is lit, in the light of a frame."""
-        return Gaussians.concatenate([self.static[staying], self.lit.at(frame)])
+        """The static points that stay, [A] bool, and what is relit, in the light of a frame."""
+        return Gaussians.concatenate([self.static[staying], self.relit.at(frame)])
 
     def _compare(self, scene: Gaussians, frame: int) -> ErrorMasks:
         """[C, H, W]: where the views of a frame differ from a scene."""
-        views = zip(self.tracker.cameras, self.tracker.frames[frame], self.gains, strict=True)
-        found = [error_masks(self.draw(scene, c) * gain, image) for c, image, gain in views]
+        views = zip(self.data.cameras, self.data.images[frame], self.data.gains, strict=True)
+        found = [error_masks(self.data.draw(scene, c) * gain, image) for c, image, gain in views]
         return ErrorMasks(*(np.stack(masks) for masks in zip(*found, strict=True)))
 
 

@@ -8,7 +8,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from splatreel.recon.cameras.time_offsets import TimeOffsets
+from splatreel.recon.cameras.time_offsets import LearnedOffsets, TimeOffsets
 from splatreel.recon.train.losses import psnr
 from splatreel.recon.train.moving import MovingPoints
 from splatreel.recon.train.pictures import Pictures
@@ -23,7 +23,7 @@ SAMPLES = 12
 class GroupResult:
     """dynamic: canonical points; dx: [T, N, 3], dq: [T, N, 4] at every frame; alive: [S] bool over the static points.
 
-    shade: [T, N, 4] as in `Group`, or None.
+    shade: [T, N, 4] as in `Group`, or None. time_offsets: what the pictures tell of the cameras' clocks.
     """
 
     dynamic: Gaussians
@@ -31,17 +31,19 @@ class GroupResult:
     dq: np.ndarray
     alive: np.ndarray
     shade: np.ndarray | None
+    time_offsets: LearnedOffsets
 
 
 @torch.no_grad()
-def group_result(points: MovingPoints, frames: int, alive: Tensor) -> GroupResult:
+def group_result(points: MovingPoints, frames: int, alive: Tensor, offsets: LearnedOffsets) -> GroupResult:
     """Points and what changes of them at every frame, as plain arrays. alive: [S] bool."""
     changes = [points.changes(frame) for frame in range(frames)]
     dx, dq = torch.stack([c.dx for c in changes]), torch.stack([c.dq for c in changes])
     logits = points.canonical.params["logit_opacities"]
     shades = [_shade(c.shade, logits) for c in changes if c.shade is not None]
     shade = torch.stack(shades).cpu().numpy() if shades else None
-    return GroupResult(points.canonical.gaussians(), dx.cpu().numpy(), dq.cpu().numpy(), alive.cpu().numpy(), shade)
+    arrays = dx.cpu().numpy(), dq.cpu().numpy(), alive.cpu().numpy()
+    return GroupResult(points.canonical.gaussians(), *arrays, shade, offsets)
 
 
 def _shade(shade: Tensor, logits: Tensor) -> Tensor:

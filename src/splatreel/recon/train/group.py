@@ -11,7 +11,7 @@ from splatreel.motion.lift import NEIGHBORS
 from splatreel.progress import Progress
 from splatreel.recon.cameras.color_gains import CameraGains
 from splatreel.recon.cameras.time_offsets import TimeOffsets, slope
-from splatreel.recon.layering.tracking import Start
+from splatreel.recon.layering.tracking import GroupStart
 from splatreel.recon.train.export import GroupResult, group_result, training_psnr
 from splatreel.recon.train.group_density import GroupDensity
 from splatreel.recon.train.losses import GROUP, GroupStep, backward
@@ -35,7 +35,7 @@ class GroupTrainer:
     def __init__(
         self,
         pictures: Pictures,
-        start: Start,
+        start: GroupStart,
         static: Gaussians,
         alive: np.ndarray,
         gains: CameraGains,
@@ -129,7 +129,7 @@ class GroupTrainer:
         self.neighbors = Neighbors.of(self.points.means, NEIGHBORS)
 
     def result(self) -> GroupResult:
-        return group_result(self.points, self.pictures.count, self.static.alive)
+        return group_result(self.points, self.pictures.count, self.static.alive, self.delays.learned())
 
     def psnr(self) -> float:
         """Mean dB over a few of the pictures that are trained on."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
 
 import numpy as np
 import torch
@@ -25,6 +26,14 @@ SHOW_EVERY = 25
 
 LAMBDA_DSSIM = 0.2
 """Share of structural similarity in the photometric loss, as in 3DGS."""
+
+
+@dataclass(frozen=True)
+class KeyframeResult:
+    """points: the Gaussians of a keyframe. gains: [C, 3] float32, the cameras' color gains that were learned with them."""
+
+    points: Gaussians
+    gains: np.ndarray
 
 
 def starting_points(

@@ -13,7 +13,7 @@ from splatreel.recon.deform.appearance import Appearance, detect_cuts
 from splatreel.recon.deform.hashgrid import HashGrid
 from splatreel.recon.deform.protocol import Deformation
 from splatreel.recon.deform.trajectory import Trajectory
-from splatreel.recon.layering.tracking import Start
+from splatreel.recon.layering.tracking import GroupStart
 from splatreel.recon.train.pictures import Pictures
 from splatreel.recon.train.points import TrainablePoints
 from splatreel.recon.train.render import Splats, View, deformed
@@ -45,7 +45,7 @@ class MovingPoints:
         self.canonical, self.deformation, self.appearance = canonical, deformation, appearance
 
     @staticmethod
-    def of(start: Start, pictures: Pictures, config: GroupConfig, seed: int) -> MovingPoints:
+    def of(start: GroupStart, pictures: Pictures, config: GroupConfig, seed: int) -> MovingPoints:
         """Where a group's training starts, on the device of its pictures."""
         device = pictures.images.device
         rates = CANONICAL_RATES | {"means": CANONICAL_RATES["means"] * pictures.unit}

@@ -5,31 +5,31 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from splatreel.errors import UsageError
-from splatreel.recon.run.spans import spans
+from splatreel.scene.spans import group_spans
 
 
 def test_two_groups_overlap_and_the_last_ends_with_the_video():
-    assert [(s.first, s.own, s.count) for s in spans(60, 30, 5)] == [(0, 30, 35), (30, 30, 30)]
+    assert [(s.first, s.own, s.count) for s in group_spans(60, 30, 5)] == [(0, 30, 35), (30, 30, 30)]
 
 
 def test_a_rest_no_longer_than_the_overlap_joins_the_group_before():
-    assert [(s.first, s.count) for s in spans(33, 30, 5)] == [(0, 33)]
-    assert [(s.first, s.count) for s in spans(36, 30, 5)] == [(0, 35), (30, 6)]
+    assert [(s.first, s.count) for s in group_spans(33, 30, 5)] == [(0, 33)]
+    assert [(s.first, s.count) for s in group_spans(36, 30, 5)] == [(0, 35), (30, 6)]
 
 
 def test_one_frame_is_one_group():
-    assert [(s.first, s.own, s.count) for s in spans(1, 30, 5)] == [(0, 1, 1)]
+    assert [(s.first, s.own, s.count) for s in group_spans(1, 30, 5)] == [(0, 1, 1)]
 
 
 def test_an_overlap_longer_than_a_group_is_refused():
     with pytest.raises(UsageError, match="overlap of 30"):
-        spans(60, 30, 30)
+        group_spans(60, 30, 30)
 
 
 @given(st.integers(1, 400), st.integers(2, 60), st.data())
 def test_groups_cover_every_frame_once(frames, length, data):
     overlap = data.draw(st.integers(0, length - 1))
-    cut = spans(frames, length, overlap)
+    cut = group_spans(frames, length, overlap)
     assert sum(s.own for s in cut) == frames
     assert cut[-1].first + cut[-1].count == frames
     for a, b in itertools.pairwise(cut):

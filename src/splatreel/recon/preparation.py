@@ -1,0 +1,76 @@
+"""Before the first group: what the first frame tells of cameras and scene, and the reel's header."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from splatreel.capture.base import Capture
+from splatreel.codec.writer import ReelWriter
+from splatreel.recon.cameras.rig import Rig, check_first_poses
+from splatreel.recon.coverage.coverage import Coverage, cover
+from splatreel.recon.encode.header import header_of, open_writer
+from splatreel.recon.encode.sound import RunSound, save_sound
+from splatreel.recon.init.layout import Layout
+from splatreel.recon.init.limits import limits
+from splatreel.recon.run.job import Job
+from splatreel.recon.run.requirements import check_pictures
+from splatreel.recon.run.run_lock import RunLock
+from splatreel.recon.train.single_frame import lay_out
+
+
+def prepare(job: Job, capture: Capture, lock: RunLock) -> tuple[Rig, Layout]:
+    """The cameras that are trained on, and the measures of the scene; its initial points are in the store from then on."""
+    store, rig = job.store, Rig.of(capture.training_cameras)
+    if (layout := store.layout()) is not None:
+        poses = store.group(0).poses()
+        return (rig if poses is None else rig.standing(poses)), layout
+    with job.timed("points"):
+        job.progress.stage("reading the first frame, checking the cameras", 1, (0.0, 0.0))
+        rig, images = _check_cameras(job, capture, rig)
+        job.progress.update(1)
+        coverage = _tell_coverage(job, capture, rig, images) if job.config.check_coverage else None
+        job.progress.stage("finding where the scene's surfaces are", 1, job.plan.points())
+        known = capture.points, capture.point_colors, capture.near
+        seeds, layout = lay_out(rig.cameras, images, job.config, *known)
+        job.progress.update(1, points=len(seeds.points))
+    lock.keep()
+    if coverage is not None:
+        store.save_coverage(coverage)
+    store.save_layout(layout, seeds.points, seeds.colors)
+    return rig, layout
+
+
+def open_reel(
+    job: Job, capture: Capture, rig: Rig, layout: Layout, sound: RunSound | None, lock: RunLock
+) -> ReelWriter:
+    """The reel, with what is known of it beforehand: header, limits of views, sound."""
+    store, config = job.store, job.config
+    coverage = store.coverage()
+    farthest = None if coverage is None else coverage.angle
+    holds = limits(rig.cameras, store.initial_points()[0], layout, farthest)
+    store.save_header(header_of(rig.cameras, capture.fps, config, layout), holds)
+    save_sound(store.work, sound)
+    return open_writer(store, lock.reel, config.encode, resume=True)
+
+
+def _check_cameras(job: Job, capture: Capture, rig: Rig) -> tuple[Rig, np.ndarray]:
+    """Cameras as they stand, without those that show something else, and their pictures [C, H, W, 3] uint8 of the first frame."""
+    middle = job.spans[0].count // 2
+    frames = np.concatenate([capture.read(frame, 1, rig.names) for frame in (0, middle)])
+    check_pictures(capture, rig.names, frames)
+    for doubt in capture.doubts:
+        job.progress.note(doubt)
+    if not job.config.check_poses:
+        return rig, frames[0]
+    poses = check_first_poses(rig, frames, str(capture.origin), job.progress)
+    job.store.group(0).save_poses(poses)
+    return rig.standing(poses), frames[0, poses.kept]
+
+
+def _tell_coverage(job: Job, capture: Capture, rig: Rig, images: np.ndarray) -> Coverage:
+    """What to expect of new views, told before it is trained. images: [C, H, W, 3] uint8, of the first frame."""
+    known = {"points": capture.points, "point_colors": capture.point_colors, "near": capture.near}
+    found = cover(rig.cameras, images, **known, device=job.device, progress=job.progress)
+    for sentence in found.sentences():
+        job.progress.note(sentence)
+    return found

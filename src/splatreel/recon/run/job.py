@@ -1,0 +1,45 @@
+"""What all stages of a run share: settings, device, checkpoints, and how a user hears of progress."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+
+import torch
+
+from splatreel.config import Config
+from splatreel.progress import Progress, Span
+from splatreel.recon.run.plan import Plan
+from splatreel.recon.run.store import Store
+from splatreel.scene.spans import GroupSpan
+
+
+@dataclass
+class Job:
+    """One run. seconds: per stage, summed over the groups and over interrupted runs."""
+
+    config: Config
+    device: torch.device
+    progress: Progress
+    store: Store
+    spans: list[GroupSpan]
+    plan: Plan = field(init=False)
+    seconds: dict[str, float] = field(init=False)
+
+    def __post_init__(self) -> None:
+        self.plan = Plan([span.count for span in self.spans], self.config)
+        self.seconds = self.store.seconds()
+
+    @contextmanager
+    def timed(self, stage: str) -> Iterator[None]:
+        """Count the seconds that are spent inside towards a stage."""
+        start = time.monotonic()
+        yield
+        self.seconds[stage] = round(self.seconds.get(stage, 0.0) + time.monotonic() - start, 3)
+        self.store.save_seconds(self.seconds)
+
+    def say(self, group: GroupSpan, what: str, steps: int, share: Span) -> None:
+        """Begin a bar of so many steps. share: which part of the whole job it is."""
+        self.progress.stage(f"group {group.index + 1}/{len(self.spans)}: {what}", steps, share)

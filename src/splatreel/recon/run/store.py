@@ -1,0 +1,258 @@
+"""The checkpoints of a run, OUT/work: the names of its files and of the arrays in them, and no file is named elsewhere.
+
+Whatever a stage finds is kept as soon as it is found, so that a run can be killed anywhere and continued. What is not there, or not
+yet, is loaded as None.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import TypeVar
+
+import numpy as np
+
+from splatreel.codec.header import ReelHeader
+from splatreel.codec.presentation import Limits, Presentation, parse_presentation
+from splatreel.errors import ReconstructionError
+from splatreel.recon.cameras.exposure import Exposure, at_next_keyframe
+from splatreel.recon.cameras.rig import Poses, Rig
+from splatreel.recon.coverage.coverage import Coverage
+from splatreel.recon.init.layout import Layout
+from splatreel.recon.layering.labels import Layers
+from splatreel.recon.layering.relighting import RelitPoints
+from splatreel.recon.layering.tracking import GroupStart
+from splatreel.recon.run import checkpoint
+from splatreel.recon.train.keyframe import KeyframeResult
+from splatreel.scene.gaussians import Gaussians
+from splatreel.scene.group import Group
+
+T = TypeVar("T")
+Arrays = dict[str, np.ndarray]
+
+
+@dataclass(frozen=True)
+class StoredLayer:
+    """The static points born at a group, in reel order: as trained, and as the reel holds them.
+
+    importance: [N, 3] of each, as the run measured it; None where it did not.
+    """
+
+    trained: Gaussians
+    decoded: Gaussians
+    importance: np.ndarray | None = None
+
+
+@dataclass(frozen=True)
+class StoredGroup:
+    """A finished group before encoding. importance: [N, 3] of its dynamic points, as the run measured it; None where it did not."""
+
+    group: Group
+    importance: np.ndarray | None = None
+
+
+class GroupStore:
+    """The checkpoints of one group."""
+
+    def __init__(self, folder: Path) -> None:
+        self.folder = folder
+
+    def poses(self) -> Poses | None:
+        arrays = self._load("poses")
+        return None if arrays is None else Poses(arrays["viewmats"], arrays.get("kept"))
+
+    def save_poses(self, poses: Poses) -> None:
+        self._save("poses", {"viewmats": poses.viewmats} | _present(kept=poses.kept))
+
+    def exposure(self) -> Exposure | None:
+        arrays = self._load("exposure")
+        return None if arrays is None else Exposure(arrays["change"], arrays["light"])
+
+    def save_exposure(self, exposure: Exposure) -> None:
+        self._save("exposure", {"change": exposure.change, "light": exposure.light})
+
+    def keyframe(self) -> KeyframeResult | None:
+        arrays = self._load("keyframe")
+        return None if arrays is None else KeyframeResult(checkpoint.unpack(arrays), arrays["gains"])
+
+    def save_keyframe(self, keyframe: KeyframeResult) -> None:
+        self._save("keyframe", checkpoint.pack(keyframe.points) | {"gains": keyframe.gains})
+
+    def layers(self) -> Layers | None:
+        arrays = self._load("layering")
+        if arrays is None:
+            return None
+        settled, dynamic, relit = (checkpoint.unpack(arrays, f"{kind}_") for kind in ("settled", "dynamic", "relit"))
+        return Layers(arrays["alive"], settled, dynamic, RelitPoints(relit, arrays["light"]))
+
+    def save_layers(self, layers: Layers) -> None:
+        kinds = {"settled": layers.settled, "dynamic": layers.dynamic, "relit": layers.relit.points}
+        arrays = {"alive": layers.alive, "light": layers.relit.light}
+        for kind, points in kinds.items():
+            arrays |= checkpoint.pack(points, f"{kind}_")
+        self._save("layering", arrays)
+
+    def layer(self) -> StoredLayer | None:
+        arrays = self._load("layer")
+        if arrays is None:
+            return None
+        trained, decoded = (checkpoint.unpack(arrays, f"{kind}_") for kind in ("raw", "decoded"))
+        return StoredLayer(trained, decoded, arrays.get("importance"))
+
+    def save_layer(self, layer: StoredLayer) -> None:
+        arrays = checkpoint.pack(layer.trained, "raw_") | checkpoint.pack(layer.decoded, "decoded_")
+        self._save("layer", arrays | _present(importance=layer.importance))
+
+    def start(self) -> GroupStart | None:
+        arrays = self._load("tracking")
+        if arrays is None:
+            return None
+        return GroupStart(checkpoint.unpack(arrays), arrays["tracks"], arrays["shades"], arrays["left"])
+
+    def save_start(self, start: GroupStart) -> None:
+        found = _present(tracks=start.tracks, shades=start.shades, left=start.left)
+        self._save("tracking", checkpoint.pack(start.dynamic) | found)
+
+    def time_offsets(self) -> np.ndarray | None:
+        """[C] frames, at the end of the group."""
+        arrays = self._load("delays")
+        return None if arrays is None else arrays["delays"]
+
+    def save_time_offsets(self, offsets: np.ndarray) -> None:
+        self._save("delays", {"delays": offsets})
+
+    def finished(self) -> bool:
+        return self._path("group").exists()
+
+    def group(self) -> StoredGroup:
+        """Raises `ReconstructionError` where the group is not finished."""
+        arrays = checkpoint.load_arrays(self._path("group"))
+        index, first = int(self.folder.name.removeprefix("group")), int(arrays["first_frame"][0])
+        dynamic, alive = checkpoint.unpack(arrays), arrays["alive"].astype(bool)
+        shade, light = arrays.get("shade"), arrays.get("light")
+        group = Group(index, first, dynamic, arrays["dx"], arrays["dq"], alive, shade, light)
+        return StoredGroup(group, arrays.get("importance"))
+
+    def save_group(self, stored: StoredGroup) -> None:
+        group = stored.group
+        arrays = checkpoint.pack(group.dynamic) | {"dx": group.dx, "dq": group.dq, "alive": group.alive}
+        arrays["first_frame"] = np.array([group.first_frame])
+        found = _present(shade=group.shade, light=group.light, importance=stored.importance)
+        self._save("group", arrays | found)
+
+    def _path(self, name: str) -> Path:
+        return self.folder / f"{name}.safetensors"
+
+    def _load(self, name: str) -> Arrays | None:
+        return checkpoint.load_arrays(self._path(name)) if self._path(name).exists() else None
+
+    def _save(self, name: str, arrays: Arrays) -> None:
+        checkpoint.save_arrays(self._path(name), arrays)
+
+
+class Store:
+    """The checkpoints of a whole run."""
+
+    def __init__(self, work: Path) -> None:
+        self.work = work
+
+    def group(self, index: int) -> GroupStore:
+        return GroupStore(self.work / f"group{index:04d}")
+
+    def finished_groups(self) -> int:
+        """How many groups, from the first on, have been reconstructed."""
+        index = 0
+        while self.group(index).finished():
+            index += 1
+        return index
+
+    def static(self, index: int) -> Gaussians:
+        """All static points born up to a group, as the reel holds them, in the order that training saw them."""
+        layers = [self.group(i).layer() for i in range(index + 1)]
+        return Gaussians.concatenate([Gaussians.empty(0), *(layer.decoded for layer in layers if layer is not None)])
+
+    def layout(self) -> Layout | None:
+        """What the first frame told of the scene, with the points that go with it (`initial_points`)."""
+        if not (self._layout.exists() and self._points.exists()):
+            return None
+        return Layout.from_dict(checkpoint.load_json(self._layout))
+
+    def initial_points(self) -> tuple[np.ndarray, np.ndarray]:
+        """Positions [P, 3] and colors [P, 3] 0..1. Raises `ReconstructionError` where there are none."""
+        arrays = checkpoint.load_arrays(self._points)
+        return arrays["points"], arrays["colors"]
+
+    def save_layout(self, layout: Layout, points: np.ndarray, colors: np.ndarray) -> None:
+        checkpoint.save_arrays(self._points, {"points": points, "colors": colors})
+        checkpoint.save_json(self._layout, layout.to_dict())
+
+    def header(self) -> tuple[ReelHeader, Limits | None]:
+        """What the reel says beside its files, and how far views hold. Raises `ReconstructionError` where there is none."""
+        path = self.work / "header.json"
+        if not path.exists():
+            raise ReconstructionError(
+                f"{self.work}: holds no reconstruction (no header.json). Name the work folder of a run."
+            )
+        plain = checkpoint.load_json(path)
+        return ReelHeader.from_dict(plain), parse_presentation({"limits": plain.get("limits")}).limits
+
+    def save_header(self, header: ReelHeader, limits: Limits | None = None) -> None:
+        """So that a reel can be written again from the checkpoints alone."""
+        checkpoint.save_json(self.work / "header.json", header.to_dict() | Presentation(limits=limits).to_json())
+
+    def coverage(self) -> Coverage | None:
+        """Raises `ReconstructionError` for a damaged file."""
+        path = self.work / "coverage.json"
+        if not path.exists():
+            return None
+        try:
+            return Coverage.from_dict(checkpoint.load_json(path))
+        except (TypeError, AttributeError) as error:
+            raise ReconstructionError(f"{path}: is damaged ({error}). Delete the folder to start over.") from error
+
+    def save_coverage(self, coverage: Coverage) -> None:
+        checkpoint.save_json(self.work / "coverage.json", coverage.to_dict())
+
+    def seconds(self) -> dict[str, float]:
+        """By stage, summed over the groups and over interrupted runs."""
+        path = self.work / "seconds.json"
+        return checkpoint.load_json(path) if path.exists() else {}
+
+    def save_seconds(self, seconds: dict[str, float]) -> None:
+        checkpoint.save_json(self.work / "seconds.json", seconds)
+
+    @property
+    def _layout(self) -> Path:
+        return self.work / "layout.json"
+
+    @property
+    def _points(self) -> Path:
+        return self.work / "points.safetensors"
+
+
+def restored_rig(rig: Rig, store: GroupStore, own: int) -> Rig:
+    """What a finished group found out about the cameras. own: its frames that are not the next one's, too."""
+    if (poses := store.poses()) is not None:
+        rig = rig.standing(poses)
+    if (keyframe := store.keyframe()) is not None:
+        rig = replace(rig, gains=keyframe.gains)
+    if (exposure := store.exposure()) is not None:
+        rig = at_next_keyframe(rig, exposure, own)
+    if (offsets := store.time_offsets()) is not None:
+        rig = rig.timed(offsets)
+    return rig
+
+
+def once(load: Callable[[], T | None], find: Callable[[], T], save: Callable[[T], None]) -> T:
+    """What was found before; else it is found now, and kept."""
+    found = load()
+    if found is None:
+        found = find()
+        save(found)
+    return found
+
+
+def _present(**arrays: np.ndarray | None) -> Arrays:
+    """Those that are there."""
+    return {name: array for name, array in arrays.items() if array is not None}

@@ -1,0 +1,89 @@
+"""The stages that train: a keyframe, and how a group moves. Each takes what it looks at and gives what it learned."""
+
+from __future__ import annotations
+
+import numpy as np
+import torch
+
+from splatreel.config import Config
+from splatreel.motion.temporal_mean import temporal_mean
+from splatreel.progress import Progress
+from splatreel.recon.cameras.color_gains import CameraGains
+from splatreel.recon.cameras.group_input import GroupInput
+from splatreel.recon.cameras.time_offsets import TimeOffsets
+from splatreel.recon.layering.labels import convertible
+from splatreel.recon.layering.tracking import GroupStart
+from splatreel.recon.train.export import GroupResult
+from splatreel.recon.train.group import GroupTrainer
+from splatreel.recon.train.keyframe import KeyframeResult, KeyframeTrainer
+from splatreel.recon.train.pictures import Pictures
+from splatreel.recon.train.points import TrainablePoints, default_rates
+from splatreel.recon.train.render import View
+from splatreel.recon.train.single_frame import first_keyframe_trainer, train_frame
+from splatreel.scene.gaussians import Gaussians
+from splatreel.scene.static_points import StaticPoints
+
+
+def train_first_keyframe(
+    data: GroupInput, positions: np.ndarray, colors: np.ndarray, config: Config, progress: Progress
+) -> KeyframeResult:
+    """All points of the first group's keyframe, from initial ones. positions: [P, 3] world. colors: [P, 3] 0..1."""
+    keyframe, gains = config.keyframe, gains_of(data, config)
+    trainer = first_keyframe_trainer(positions, colors, data.layout, data.cameras, gains, config)
+    return _trained(data, trainer, keyframe.first_iterations, keyframe.coarse_share, config, progress)
+
+
+def train_keyframe(
+    data: GroupInput, dynamic: Gaussians, static: StaticPoints, config: Config, progress: Progress
+) -> KeyframeResult:
+    """The dynamic points of a later keyframe, as the group before left them, before frozen static ones."""
+    keyframe = config.keyframe
+    points = TrainablePoints.from_gaussians(dynamic, default_rates(data.unit, keyframe.rate_scale), data.device)
+    most = len(points) + max(1000, len(points) // 3)
+    gains, behind = gains_of(data, config), static.living
+    trainer = KeyframeTrainer(points, gains, keyframe, static=behind, max_points=most, seed=data.seed)
+    return _trained(data, trainer, keyframe.refine_iterations, 0.0, config, progress)
+
+
+def train_group(
+    data: GroupInput, start: GroupStart, static: StaticPoints, config: Config, progress: Progress
+) -> GroupResult:
+    """How the dynamic points move. start: where they begin, and how about they go."""
+    trainer = group_trainer(data, start, static, config, convertible(data, static, config.layering.adapt_changed_share))
+    return trainer.train(progress)
+
+
+def group_trainer(
+    data: GroupInput, start: GroupStart, static: StaticPoints, config: Config, may_move: np.ndarray | None = None
+) -> GroupTrainer:
+    """may_move: [S] bool, the static points that conversion may make dynamic; None: all that are alive."""
+    images = torch.from_numpy(data.images).to(data.device)
+    views = [View.of(camera, data.device, data.antialias, data.layout) for camera in data.cameras]
+    offsets = TimeOffsets(len(data.cameras), config.group.time_offsets)
+    offsets.load(data.time_offsets)
+    return GroupTrainer(
+        Pictures(images, views, data.near, data.unit),
+        start,
+        static.points,
+        static.alive,
+        gains_of(data, config),
+        config,
+        data.seed + data.span.index,
+        may_move,
+        offsets,
+    )
+
+
+def gains_of(data: GroupInput, config: Config) -> CameraGains:
+    """As they are known so far, to be learned further."""
+    gains = CameraGains(len(data.cameras), data.device, config.correct_colors)
+    gains.load(torch.from_numpy(data.gains).to(data.device))
+    return gains
+
+
+def _trained(
+    data: GroupInput, trainer: KeyframeTrainer, iterations: int, coarse: float, config: Config, progress: Progress
+) -> KeyframeResult:
+    images = temporal_mean(data.images) if config.keyframe.temporal_mean else data.images[0]
+    train_frame(trainer, data.cameras, images, data.layout, iterations, coarse, data.antialias, progress)
+    return KeyframeResult(trainer.points.gaussians(), trainer.gains.values.cpu().numpy())

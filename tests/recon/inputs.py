@@ -1,0 +1,28 @@
+"""What the stages of a group look at, of small films."""
+
+import numpy as np
+import torch
+
+from splatreel.recon.cameras.group_input import GroupInput
+from splatreel.recon.cameras.rig import Rig
+from splatreel.recon.init.layout import Layout
+from splatreel.scene.camera import Camera
+from splatreel.scene.clearance import NONE, Clearance
+from splatreel.scene.spans import GroupSpan
+
+
+def group_input(
+    images: np.ndarray,
+    cameras: list[Camera],
+    *,
+    near: float = 0.01,
+    unit: float = 4.0,
+    index: int = 0,
+    clearance: Clearance = NONE,
+    seed: int = 0,
+) -> GroupInput:
+    """Of a group that lasts as long as its images [T, C, H, W, 3], by cameras of which nothing is known but where they stand."""
+    layout = Layout(near, unit, [0.0, -1, 0], [[-1.0, -1, -1], [1.0, 1, 1]], clearance)
+    rig, span = Rig.of(cameras), GroupSpan(index, 0, len(images), len(images))
+    cpu = torch.device("cpu")
+    return GroupInput(span, images, rig.cameras, rig.gains, rig.time_offsets, None, layout, cpu, seed, False)

@@ -1,0 +1,37 @@
+"""A stage that is done is not done again, wherever a run is cut off."""
+
+from pathlib import Path
+
+import pytest
+
+from splatreel.progress import Span
+from splatreel.recon.pipeline import reconstruct
+from tests.recon.captures import WallCapture
+from tests.recon.test_pipeline import CONFIG, FRAMES, Trace, content
+
+
+class StopAt(Trace):
+    """Raises when a stage begins."""
+
+    def __init__(self, what: str) -> None:
+        super().__init__()
+        self.what = what
+
+    def stage(self, name: str, total: int, span: Span | None = None) -> None:
+        super().stage(name, total, span)
+        if self.what in name:
+            raise KeyboardInterrupt
+
+
+def test_what_a_stage_found_is_not_looked_for_again(tmp_path: Path) -> None:
+    stages = ["building the scene", "telling what moves", "following what moves", "learning how it moves"]
+    for done, what in enumerate(stages[1:]):
+        trace = StopAt(what)
+        with pytest.raises(KeyboardInterrupt):
+            reconstruct(WallCapture(FRAMES), tmp_path / "stopped", CONFIG, progress=trace)
+        assert not [name for name, _, _ in trace.stages if any(stage in name for stage in stages[:done])]
+    trace = Trace()
+    reconstruct(WallCapture(FRAMES), tmp_path / "stopped", CONFIG, progress=trace)
+    assert not [name for name, _, _ in trace.stages if name.startswith("group 1") and stages[2] in name]
+    whole = reconstruct(WallCapture(FRAMES), tmp_path / "whole", CONFIG)
+    assert content(tmp_path / "stopped" / "reel") == content(whole.reel)
