@@ -1,4 +1,5 @@
 import io
+import re
 import time
 
 import pytest
@@ -25,8 +26,8 @@ def test_lines_come_at_the_start_now_and_then_and_at_the_end() -> None:
     lines.note("written")
     assert stream.getvalue().splitlines() == [
         "building ...",
-        "building: 40 %, 28.5 dB, 12,000 points, 15 s left",
-        "building: 80 %, 28.5 dB, 12,000 points, 5.0 s left",
+        "building: 40 %, 28.5 dB, 12,000 points, about 15 s left",
+        "building: 80 %, 28.5 dB, 12,000 points, about 5.0 s left",
         "building: done in 25 s, 28.5 dB, 12,000 points",
         "written",
     ]
@@ -79,7 +80,26 @@ def test_a_terminal_gets_bars() -> None:
     display.close()
     assert "a [note]" in stream.getvalue()
     assert "100 %" in stream.getvalue()
+    assert "done in 0.0 s" in stream.getvalue()
     assert isinstance(console(io.StringIO()), Lines)
+
+
+def test_the_stages_of_a_long_job_stay_on_the_screen_once_each() -> None:
+    class Tty(io.StringIO):
+        def isatty(self) -> bool:
+            return True
+
+    stream = Tty()
+    display = Terminal(stream)
+    for number in range(60):  # more than a screen has lines
+        display.stage(f"stage {number}", 2)
+        display.update(1, points=7)
+        display.update(2, points=1000 + number)
+    display.close()
+    shown = stream.getvalue()
+    assert all(f"{1000 + number:,} points\n" in re.sub(r" +\n", "\n", shown) for number in range(60))
+    assert "..." not in shown, "nothing is cut off for want of lines"
+    assert shown.count("1,007 points") <= 2
 
 
 def test_work_that_reports_nothing_is_said_to_go_on() -> None:
@@ -99,9 +119,9 @@ def test_work_that_reports_nothing_is_said_to_go_on() -> None:
     clock.now += 20
     lines.beat()
     assert stream.getvalue().splitlines()[1:] == [
-        "finding surfaces: 25 %, at work for 6.0 s",
+        "finding surfaces: 25 %, still working, 6.0 s so far",
         "finding surfaces: done in 6.0 s",
-        "finding surfaces: done, and what follows from it is at work for 26 s",
+        "finding surfaces: done, getting on with what follows, 26 s so far",
     ]
 
 
@@ -110,11 +130,11 @@ def test_nobody_has_to_ask_for_it() -> None:
     lines = Lines(stream, interval=0.02)
     lines.stage("finding surfaces", 1)
     for _ in range(500):
-        if "at work for" in stream.getvalue():
+        if "still working" in stream.getvalue():
             break
         time.sleep(0.01)
     lines.close()
-    assert "finding surfaces: 0 %, at work for" in stream.getvalue()
+    assert "finding surfaces: 0 %, still working, " in stream.getvalue()
 
 
 def test_silence(capsys: pytest.CaptureFixture[str]) -> None:
@@ -135,5 +155,7 @@ def test_seconds_read_well(seconds: float, text: str) -> None:
 
 def test_numbers_read_well() -> None:
     assert format_numbers({"points": 40_000, "psnr": 29.1267}) == "40,000 points, 29.1 dB"
-    assert format_numbers({"moving": 3100, "appeared": 5305}) == "3,100 points move, 5,305 of them appear on the way"
+    assert format_numbers({"moving": 3100, "appeared": 5305}) == "3,100 moving points, 5,305 of them new"
+    found = format_numbers({"moving": 412, "resting": 3000, "lit": 591})
+    assert found == "412 moving points, 3,000 resting points, 591 resting points in changing light"
     assert format_numbers({"rate": 2.5}) == "rate 2.5"

@@ -6,7 +6,7 @@ import sys
 import threading
 import time
 import unicodedata
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from typing import Any, Protocol, TextIO
 
 Span = tuple[float, float]
@@ -14,12 +14,12 @@ PHRASES = {
     "psnr": "{:.1f} dB",
     "loss": "training error {:.3f}",
     "points": "{:,} points",
-    "moving": "{:,} points move",
-    "resting": "{:,} points rest",
-    "lit": "{:,} of these change in brightness",
-    "appeared": "{:,} of them appear on the way",
+    "moving": "{:,} moving points",
+    "resting": "{:,} resting points",
+    "lit": "{:,} resting points in changing light",
+    "appeared": "{:,} of them new",
 }
-"""How a number is told, by its name."""
+"""What work can say that it found, by the name of the number, in words that need no knowledge of how it works."""
 
 
 def printable(text: str) -> str:
@@ -90,10 +90,9 @@ class Estimate:
         """Share of the stage that is done, 0..1."""
         return min(self.done / self.total, 1.0) if self.total > 0 else 0.0
 
-    @property
-    def of(self) -> str:
-        """What the seconds are left of, in words: nothing for a stage."""
-        return "" if self.span is None else " in all"
+    def in_words(self, left: float) -> str:
+        """How many seconds are left, and of what: nothing is said of a stage."""
+        return f"about {format_seconds(left)} left{'' if self.span is None else ' in all'}"
 
     def seconds_left(self) -> float | None:
         """None as long as there is nothing to judge by."""
@@ -145,7 +144,7 @@ class Lines:
             parts = [f"{self._name}: {state}", format_numbers(numbers)]
             left = self._estimate.seconds_left()
             if left is not None and left >= 0.5:
-                parts.append(f"{format_seconds(left)} left{self._estimate.of}")
+                parts.append(self._estimate.in_words(left))
             self._print(", ".join(p for p in parts if p))
 
     def note(self, text: str) -> None:
@@ -165,8 +164,8 @@ class Lines:
                 return
             self._last = self._clock()
             since = format_seconds(self._estimate.stage_seconds)
-            state = "done, and what follows from it is at work" if self._ended else f"{self._percent()}, at work"
-            self._print(f"{self._name}: {state} for {since}")
+            state = "done, getting on with what follows" if self._ended else f"{self._percent()}, still working"
+            self._print(f"{self._name}: {state}, {since} so far")
 
     def _percent(self) -> str:
         return f"{100 * self._estimate.share:.0f} %"
@@ -182,32 +181,63 @@ class Lines:
         print(printable(text), file=self._stream, flush=True)
 
 
+def _bars(stream: TextIO) -> Any:
+    """A live display of stages, two lines each: how far it is and what it has taken, and below what it found and what is left.
+
+    On one line the two would not fit beside each other into the 80 columns that terminals have.
+    """
+    from rich.console import Console, RenderableType
+    from rich.padding import Padding
+    from rich.progress import BarColumn, Progress, ProgressColumn, SpinnerColumn, Task, TextColumn
+    from rich.text import Text
+
+    class Elapsed(ProgressColumn):
+        """What a stage has taken, in words that cannot be read as the time that is left."""
+
+        def render(self, task: Task) -> Text:
+            text = format_seconds((task.finished_time if task.finished else task.elapsed) or 0.0)
+            return Text(f"done in {text}" if task.finished else f"{text} so far")
+
+    class Bars(Progress):
+        def get_renderables(self) -> Iterable[RenderableType]:
+            for task in self.tasks:
+                yield self.make_tasks_table([task])
+                if task.fields["text"]:
+                    yield Padding(Text(task.fields["text"]), (0, 0, 0, 4))
+
+        def settle(self) -> None:
+            """Print what there is for good: only the stage at work is live, and what is live must fit on the screen."""
+            settled = list(self.get_renderables())
+            for task in self.tasks:
+                self.remove_task(task.id)
+            for each in settled:
+                self.console.print(each)
+
+    columns = [SpinnerColumn(finished_text=" "), TextColumn("{task.description:<47}", markup=False)]
+    columns += [BarColumn(bar_width=8), TextColumn("{task.percentage:>3.0f} %"), Elapsed()]
+    return Bars(*columns, console=Console(file=stream))
+
+
 class Terminal:
     """For a terminal: one live bar a stage, which stays on the screen when the stage is done; it moves while work reports nothing."""
 
     def __init__(self, stream: TextIO | None = None) -> None:
-        from rich.console import Console
-        from rich.progress import BarColumn, SpinnerColumn, TextColumn, TimeElapsedColumn
-        from rich.progress import Progress as Bars
-
-        columns: list[Any] = [SpinnerColumn(finished_text=" "), TextColumn("{task.description:<44}", markup=False)]
-        columns += [BarColumn(bar_width=16), TextColumn("{task.percentage:>3.0f} %"), TimeElapsedColumn()]
-        columns += [TextColumn("{task.fields[text]}", markup=False)]
-        self._bars = Bars(*columns, console=Console(file=stream or sys.stderr))
+        self._bars = _bars(stream or sys.stderr)
         self._task: Any = None
         self._estimate = Estimate()
 
     def stage(self, name: str, total: int, span: Span | None = None) -> None:
         if self._task is None:
             self._bars.start()
+        self._bars.settle()
         self._estimate.stage(total, span)
         self._task = self._bars.add_task(name, total=total, text="")
 
     def update(self, done: int, **numbers: float) -> None:
         self._estimate.done = done
-        left = self._estimate.seconds_left()
-        time_text = "" if left is None or left < 0.5 else f"{format_seconds(left)} left{self._estimate.of}"
-        text = "  ".join(p for p in (format_numbers(numbers), time_text) if p)
+        left = self._estimate.seconds_left() if done < self._estimate.total else None
+        time_text = "" if left is None or left < 0.5 else self._estimate.in_words(left)
+        text = ", ".join(p for p in (format_numbers(numbers), time_text) if p)
         self._bars.update(self._task, completed=done, text=text)
 
     def note(self, text: str) -> None:

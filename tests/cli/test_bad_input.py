@@ -178,6 +178,7 @@ def test_check_takes_what_reconstruction_takes(scene: Path, capsys: pytest.Captu
     said = capsys.readouterr().out
     assert "show too little in common to check their poses" in said
     assert "will not be usable" in said
+    assert said.endswith("It can be reconstructed, with\n  splatreel reconstruct scene --out OUT --hold-out none\n")
 
 
 ASKED = {

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import importlib.util
+import shlex
 from contextlib import closing
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -63,13 +64,17 @@ def capture_check(
         progress.close()
         source.close()
     held_out = ", ".join(source.held_out) or "none"
-    points = "no points of its own" if source.points is None else f"{len(source.points):,} points of its own"
+    points = "no sparse points" if source.points is None else f"{len(source.points):,} sparse points"
     layout = type(source).__name__.removesuffix("Capture")
-    say(f"{capture}: of the layout {layout}, every frame can be read")
-    say(f"  {len(names)} cameras, held out: {held_out}; {points}")
+    say(f"{capture}: a capture in the layout of {layout}; every frame can be read")
+    say(f"  {len(names)} cameras and {points}; kept for evaluation, not trained on: {held_out}")
     say(f"  {source.frames} frames at {source.fps:g} a second, {source.width} x {source.height} pixels")
     say(f"  sound: {sound or 'none'}")
     _check(source, names, np.concatenate(moments), quick)
+    given = {"--width": width, "--frames": frames, "--hold-out": hold_out}
+    options = [part for option, value in given.items() if value is not None for part in (option, str(value))]
+    command = shlex.join(["splatreel", "reconstruct", str(capture), "--out", "OUT", *options])
+    say(f"It can be reconstructed, with\n  {command}")
 
 
 def _check(source: Capture, names: list[str], frames: np.ndarray, quick: bool) -> None:

@@ -91,7 +91,7 @@ def demo(
         progress.close()
     capture.close()
     say(report.to_markdown())
-    say(f"{out / 'report.json'}, {out / 'pictures'}, {result.reel}")
+    say(f"Report: {out / 'report.json'}\nPictures, beside the cameras' own: {out / 'pictures'}\nReel: {result.reel}")
     if serve and sys.stdout.isatty():
         from splatreel.cli.serve import serve as serve_reel
 

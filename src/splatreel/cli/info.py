@@ -46,13 +46,15 @@ def describe(name: str, found: ReelInfo) -> str:
     lines = [
         f"{name}: {state}made by {manifest.generator or 'an unnamed program'}",
         f"  {manifest.frames} frames at {manifest.fps:g} a second, {seconds:.2f} s, from {width} x {height} pixels",
-        f"  {len(manifest.cameras)} cameras, spherical harmonics to degree {manifest.sh_degree}",
-        f"  {found.bytes:,} bytes of {found.float32_bytes:,} as plain float32, {found.bytes_per_second:,.0f} a second; "
-        f"{found.first_view_bytes:,} before the first picture",
+        f"  {len(manifest.cameras)} cameras; color depends on the view by spherical harmonics of degree {manifest.sh_degree}",
+        f"  {found.bytes:,} bytes, {found.bytes_per_second:,.0f} for each second of video; {found.first_view_bytes:,} are fetched "
+        "before the first picture",
+        f"  as plain float32 numbers it would be {found.float32_bytes:,} bytes",
     ]
     layers, groups = sum(found.layer_bytes), sum(found.group_bytes)
     parts = {"layers": layers, "groups": groups, "manifest": found.bytes - layers - groups}
-    lines.append(f"  {', '.join(f'{kind} {size:,} ({size / found.bytes:.1%})' for kind, size in parts.items())}")
+    shares = (f"{kind} {size:,} ({size / found.bytes:.1%})" for kind, size in parts.items())
+    lines.append(f"  of these: {', '.join(shares)}")
     if found.rendition_bytes:
         rates = [
             f"{name} {size:,} bytes ({8e-6 * size / seconds:.2f} Mbit/s)"
@@ -73,7 +75,7 @@ def describe(name: str, found: ReelInfo) -> str:
         count = max(sum(file.points for file in points[kind]), 1)
         parts = [f"{section} {size:,} ({8 * size / count:.1f})" for section, size in sections.items()]
         if parts:
-            lines.append(f"  {kind}s, bytes and bits a point: {', '.join(parts)}")
+            lines.append(f"  sections of the {kind}s, in bytes (and bits a point): {', '.join(parts)}")
     return "\n".join([*lines, *rate_chart(manifest)])
 
 
@@ -99,7 +101,7 @@ def sounding(sound: Sound) -> str:
     """What sound there is."""
     seconds = sum(segment.seconds for segment in sound.segments)
     rate = 8e-3 * sum(segment.asset.bytes for segment in sound.segments) / seconds
-    where = f"at {', '.join(f'{x:.3g}' for x in sound.position)}" if sound.position else "without a place"
+    where = f"heard from {', '.join(f'{x:.3g}' for x in sound.position)}" if sound.position else "from no place"
     channels = "1 channel" if sound.channels == 1 else f"{sound.channels} channels"
     return f"sound: {seconds:.2f} s, {channels}, {rate:.0f} kbit/s, {where}"
 

@@ -22,6 +22,11 @@ def say(text: str = "", end: str = "\n", flush: bool = False) -> None:
     print(text, end=end, flush=flush)
 
 
+def counted(number: int, noun: str) -> str:
+    """Such as `1 group` and `2 groups`."""
+    return f"{number:,} {noun}{'' if number == 1 else 's'}"
+
+
 def serving(reel: Path) -> str:
     """The command that plays a reel, to be copied."""
     return f"splatreel serve {shlex.quote(str(reel))}"

@@ -7,7 +7,7 @@ from pathlib import Path
 from tyro.conf import Positional
 
 from splatreel.cli.options import megabytes, reel_folder
-from splatreel.cli.output import say
+from splatreel.cli.output import counted, say
 
 
 def verify(reel: Positional[Path], /, max_memory: int | None = None) -> None:
@@ -21,9 +21,10 @@ def verify(reel: Positional[Path], /, max_memory: int | None = None) -> None:
 
     reel = reel_folder(reel)
     found = verify_reel(reel, megabytes(max_memory))
+    groups, layers = counted(found.groups, "group"), counted(found.layers, "layer")
     say(
-        f"{reel}: whole, every byte is what the manifest says. {found.groups} groups and {found.layers} layers, "
-        f"{found.points:,} points, {found.bytes:,} bytes"
+        f"{reel}: whole, every byte is what the manifest says: {groups}, {layers}, {found.points:,} points, {found.bytes:,} bytes"
     )
     if found.strangers:
-        say(f"  {len(found.strangers)} files that the manifest does not name: {', '.join(found.strangers[:5])}")
+        files = counted(len(found.strangers), "file")
+        say(f"  {files} that players never read, as the manifest does not name them: {', '.join(found.strangers[:5])}")

@@ -51,8 +51,9 @@ class Coverage:
     def sentences(self) -> list[str]:
         """What a user reads of it."""
         far, few = int(np.argmax(self.angles)), [c for c, count in enumerate(self.shared) if count < FEW]
+        least, most = f"{min(self.angles):.0f}", f"{max(self.angles):.0f}"
         said = [
-            f"cameras are {min(self.angles):.0f} to {max(self.angles):.0f} degrees from the nearest other one, seen from the middle "
+            f"cameras are {least if least == most else f'{least} to {most}'} degrees from the nearest other one, seen from the middle "
             f"of the scene ({self.names[far]} is the farthest)",
             f"{self.points:,} points are seen by three cameras or more, and each camera sees {min(self.shared):,} to "
             f"{max(self.shared):,} of them",
