@@ -21,8 +21,8 @@ from splatreel.codec.info import reel_info
 from splatreel.config import Quality, preset
 from splatreel.config.settings import changed
 from splatreel.evaluation.moving import median_pictures, moving_pixels
-from splatreel.evaluation.oracle import Gallery, held_out_views
-from splatreel.evaluation.yardstick import Score
+from splatreel.evaluation.oracle import HeldOutPictures, held_out_views
+from splatreel.evaluation.oracle_report import Score
 from splatreel.play.timeline import open_reel
 from splatreel.progress import console
 from splatreel.recon.pipeline import Result, reconstruct
@@ -97,8 +97,8 @@ def measured(result: Result, capture: Capture) -> dict[str, Any]:
     for frame in range(0, capture.frames, EVERY):
         truths = capture.read(frame, 1, names)[0].astype(np.float32) / 255
         masks = [moving_pixels(truth, median) for truth, median in zip(truths, medians, strict=True)]
-        gallery = Gallery(views, truths, masks, None)
-        scores.append(gallery.score(played.at(frame / played.fps), manifest.near, manifest.antialias))
+        held_out = HeldOutPictures(views, truths, masks, None)
+        scores.append(held_out.score(played.at(frame / played.fps), played.render))
         pixels.append(np.mean(masks))
     mean = Score.mean(scores)
     dynamic, static = (sum(file.points for file in files) for files in (manifest.groups[:1], manifest.layers[:1]))

@@ -12,8 +12,8 @@ from record import record
 from splatreel.capture.opening import open_capture
 from splatreel.evaluation.bd_rate import bd_rate
 from splatreel.evaluation.evaluate import reel_width
-from splatreel.evaluation.rates import Sweep, curves, rate_distortion, sweep_of, table
-from splatreel.evaluation.tables import paper_tables
+from splatreel.evaluation.paper_tables import paper_tables
+from splatreel.evaluation.rate_distortion import Sweep, curves, rate_distortion_points, sweep_of, table
 from splatreel.progress import Silent
 
 
@@ -37,7 +37,7 @@ def main(
     span = None if end is None else (first, end)
     source = open_capture(capture, width=reel_width(run / "reel"), frames=span)
     sweep = sweep_of(run, source, every, record=lines)
-    rows = rate_distortion(sweep, list(only) or None)
+    rows = rate_distortion_points(sweep, list(only) or None)
     paper, ours = curves(rows).values()
     values = {"every": every, "bd_rate": bd_rate(paper, ours), "rows": [dataclasses.asdict(row) for row in rows]}
     print(table(rows))

@@ -9,8 +9,6 @@ import os
 
 os.environ.setdefault("GOMP_SPINCOUNT", "0")  # as the command line does; see its reason there
 
-import time
-from collections.abc import Callable
 from typing import Annotated
 
 import numpy as np
@@ -19,6 +17,7 @@ import tyro
 from torch import Tensor
 
 from record import record
+from splatreel.evaluation.timing import median_ms
 from splatreel.kernels import splat, twin
 
 SCENES = ((20_000, 320, 240), (20_000, 640, 480), (100_000, 640, 480))
@@ -92,16 +91,6 @@ def scene(n: int, width: int, height: int) -> tuple[Tensor, Tensor, Tensor, Tens
     K = np.array([[width, 0, width / 2], [0, width, height / 2], [0, 0, 1]], np.float32)
     tensors = [torch.from_numpy(array.astype(np.float32)) for array in arrays]
     return tensors[0], tensors[1], tensors[2], tensors[3], tensors[4], K
-
-
-def median_ms(work: Callable[[], object], repeats: int) -> float:
-    work()
-    times = []
-    for _ in range(repeats):
-        start = time.perf_counter()
-        work()
-        times.append(time.perf_counter() - start)
-    return round(1e3 * float(np.median(times)), 3)
 
 
 if __name__ == "__main__":

@@ -15,7 +15,7 @@ from splatreel.cli.options import parse_frames, parse_names, parse_numbers, reel
 from splatreel.config import Quality, preset
 from splatreel.evaluation.memory import peak_memory_bytes
 from splatreel.evaluation.oracle import oracle
-from splatreel.evaluation.yardstick import Yardstick
+from splatreel.evaluation.oracle_report import OracleReport
 from splatreel.progress import console
 
 
@@ -62,7 +62,7 @@ def main(
     print(result.to_markdown())
 
 
-def summary(result: Yardstick, sh_degree: int) -> dict:
+def summary(result: OracleReport, sh_degree: int) -> dict:
     """Means over the frames, and sums of bytes and seconds. As in the other records, psnr is after encoding."""
     decoded, raw = result.decoded(), result.mean()
     size, points = (sum(getattr(frame, name) for frame in result.frames) for name in ("bytes", "points"))

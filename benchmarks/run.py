@@ -11,7 +11,7 @@ from splatreel.cli.main import keep_freed_memory
 from splatreel.codec.info import reel_info
 from splatreel.config import Config
 from splatreel.evaluation.evaluate import evaluate
-from splatreel.evaluation.uncompressed import undecoded_frames
+from splatreel.evaluation.uncompressed import uncompressed_frames
 from splatreel.progress import console
 from splatreel.recon.pipeline import reconstruct
 
@@ -42,7 +42,7 @@ def run(
             capture,
             cameras=cameras,
             out=out,
-            undecoded=undecoded_frames(result.work, result.reel),
+            undecoded=uncompressed_frames(result.work, result.reel),
             seconds=seconds,
             device=result.device,
             progress=progress,

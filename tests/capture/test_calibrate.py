@@ -6,12 +6,12 @@ import pytest
 from PIL import Image
 from scipy.spatial.transform import Rotation
 
-from splatreel.capture.agreement import Placed
 from splatreel.capture.builtin.synthetic import make_capture
 from splatreel.capture.calibrate import calibrate
+from splatreel.capture.calibration_agreement import CalibratedCamera
+from splatreel.capture.connecting_photos import check_photos
 from splatreel.capture.opening import open_capture
 from splatreel.capture.sidecar import Sidecar, read_sidecar, write_failure
-from splatreel.capture.stills import check_stills
 from splatreel.errors import CaptureError
 from splatreel.progress import Silent
 from tests.capture import folders
@@ -93,12 +93,12 @@ def test_photographs_connect_cameras_that_are_far_apart(room: Path, tmp_path: Pa
 
 def test_photographs_that_are_none_are_refused(room: Path, tmp_path: Path) -> None:
     with pytest.raises(CaptureError, match="is not a folder"):
-        check_stills(tmp_path / "nowhere")
+        check_photos(tmp_path / "nowhere")
     with pytest.raises(CaptureError, match="holds no photographs"):
-        check_stills(tmp_path)
+        check_photos(tmp_path)
     (tmp_path / "a.jpg").write_bytes(b"no picture")
     with pytest.raises(CaptureError, match=r"a\.jpg"):
-        check_stills(tmp_path)
+        check_photos(tmp_path)
 
 
 def test_a_success_takes_back_that_calibration_failed(tmp_path: Path) -> None:
@@ -118,10 +118,10 @@ def test_too_few_videos_are_refused(tmp_path: Path) -> None:
         calibrate(tmp_path, Silent())
 
 
-def placed(seed: int, focal: float = 1.0, points: int = 40) -> dict[str, Placed]:
+def placed(seed: int, focal: float = 1.0, points: int = 40) -> dict[str, CalibratedCamera]:
     rng = np.random.default_rng(seed)
     turns = Rotation.from_rotvec(rng.normal(0, 0.3, (3, 3))).as_matrix()
-    return {f"phone{c}": Placed(turns[c], rng.normal(0, 1, 3), focal, points) for c in range(3)}
+    return {f"phone{c}": CalibratedCamera(turns[c], rng.normal(0, 1, 3), focal, points) for c in range(3)}
 
 
 @pytest.mark.parametrize(
@@ -137,7 +137,7 @@ def placed(seed: int, focal: float = 1.0, points: int = 40) -> dict[str, Placed]
     ],
 )
 def test_what_colmap_returns_of_next_to_nothing_is_refused(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, moments: list[dict[str, Placed]], said: str
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, moments: list[dict[str, CalibratedCamera]], said: str
 ) -> None:
     pytest.importorskip("pycolmap")
     for c in range(3):

@@ -123,15 +123,11 @@ def test_info_adds_up():
     assert info.float32_bytes == 4 * (59 * 390 + 7 * 8 * 190)
 
 
-def test_reader_caches_and_reloads(reel):
+def test_a_reader_keeps_what_it_decoded(reel):
     reader = ReelReader(reel)
     assert reader.group(0) is reader.group(0)
     static, born = reader.static(1)
     assert (len(static), born.tolist()) == (30, [0] * 20 + [1] * 10)
     assert len(reader.static(0)[0]) == 20
-    edit_manifest(reel, lambda d: d.update(live=True))
-    first = reader.group(0)
-    assert reader.reload().live
-    assert reader.group(0) is first
     with pytest.raises(ReelError, match="2 groups, group 2"):
         reader.group(2)

@@ -1,12 +1,8 @@
-from collections.abc import Iterator
-from types import SimpleNamespace
-
-import numpy as np
 import pytest
 
-from splatreel.evaluation import bench, steps
-from splatreel.evaluation.bench import bench_codec, bench_kernels, cloud, front_camera, median_ms
-from splatreel.evaluation.steps import step_rows
+from splatreel.evaluation import step_timings
+from splatreel.evaluation.bench import bench_codec, bench_kernels, cloud, front_camera
+from splatreel.evaluation.step_timings import step_rows
 from splatreel.kernels.image import render_image
 
 
@@ -28,27 +24,7 @@ def test_rows_state_what_was_measured() -> None:
 
 
 def test_ratios_are_of_what_they_say(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(steps, "medians", lambda works, repeats: [2.0, 7.0])
+    monkeypatch.setattr(step_timings, "medians_ms", lambda works, repeats: [2.0, 7.0])
     keyframe, group = step_rows(cloud(40), front_camera(32, 24), 1)
     assert (keyframe["ms"], keyframe["one_thread"]) == (2.0, 3.5)
     assert (group["ms"], group["undivided"], group["points"], group["still"]) == (2.0, 3.5, 10, 30)
-
-
-def test_the_median_of_times_is_in_milliseconds(monkeypatch: pytest.MonkeyPatch) -> None:
-    for module, measure in ((bench, median_ms), (steps, lambda work, repeats: steps.medians([work], repeats)[0])):
-        clock = SimpleNamespace(now=0.0)
-        clock.perf_counter = lambda clock=clock: clock.now
-        monkeypatch.setattr(module, "time", clock)
-        seconds = iter([9.0, 0.010, 0.030, 0.023])  # the first call may compile
-
-        def work(clock: SimpleNamespace = clock, seconds: Iterator[float] = seconds) -> None:
-            clock.now += next(seconds)
-
-        assert measure(work, 3) == pytest.approx(23), module
-
-
-def test_the_first_call_is_not_counted() -> None:
-    calls: list[int] = []
-    assert median_ms(lambda: calls.append(1), 3) >= 0
-    assert len(calls) == 4
-    assert np.isfinite(median_ms(lambda: None, 1))

@@ -1,4 +1,4 @@
-"""The yardstick on a wall that a cluster passes: measured, continued, refused, and compared with a reel."""
+"""The oracle on a wall that a cluster passes: measured, continued, refused, and compared with a reel."""
 
 import json
 import shutil

@@ -7,7 +7,7 @@ import pytest
 import torch
 
 from splatreel.errors import MissingDependencyError, UsageError
-from splatreel.motion.flow import RAFT_VARIABLE, DisFlow, RaftFlow, make_flow
+from splatreel.motion.flow import RAFT, DisFlow, RaftFlow, make_flow
 
 
 def textured(height: int = 96, width: int = 128, seed: int = 0) -> np.ndarray:
@@ -152,7 +152,7 @@ def test_raft_without_torchvision_says_what_to_install(monkeypatch: pytest.Monke
 
 def test_raft_without_weights_says_where_to_put_them(monkeypatch: pytest.MonkeyPatch, tmp_path) -> None:
     fake_torchvision(monkeypatch)
-    monkeypatch.setenv(RAFT_VARIABLE, str(tmp_path / "absent.pth"))
+    monkeypatch.setenv(RAFT.variable, str(tmp_path / "absent.pth"))
     with pytest.raises(MissingDependencyError, match=r"absent\.pth does not exist.*download\.pytorch\.org"):
         RaftFlow()
 
@@ -164,5 +164,5 @@ def test_raft_refuses_other_weights_and_loads_its_own(monkeypatch: pytest.Monkey
         RaftFlow(tmp_path / "text.pth")
     expected = torch.nn.Linear(2, 2)
     torch.save(expected.state_dict(), tmp_path / "good.pth")
-    monkeypatch.setenv(RAFT_VARIABLE, str(tmp_path / "good.pth"))
+    monkeypatch.setenv(RAFT.variable, str(tmp_path / "good.pth"))
     assert torch.equal(RaftFlow(device="cpu").model.weight, expected.weight)

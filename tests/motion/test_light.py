@@ -5,7 +5,7 @@ import pytest
 
 from splatreel.kernels.image import render_image
 from splatreel.motion import light as module
-from splatreel.motion.light import AGREE, LEAST, changes_of_light
+from splatreel.motion.light import AGREE, MIN_CHANGE, changes_of_light
 from splatreel.recon.layering.relighting import RelitPoints
 from splatreel.scene.gaussians import Gaussians
 from tests.recon.captures import blots
@@ -42,26 +42,26 @@ def test_a_shadow_is_found_where_and_when_it_is() -> None:
     light = changes_of_light(WALL, CAMERAS, film(shadow(3, 5)), NEAR)
     assert light.shape == (FRAMES, len(WALL))
     dark = light[3:6, WELL_INSIDE]
-    assert (dark < -LEAST).mean() > 0.6, "of those that others do not hide"
-    assert np.median(dark[dark < -LEAST]) == pytest.approx(DARK, abs=0.15), (
+    assert (dark < -MIN_CHANGE).mean() > 0.6, "of those that others do not hide"
+    assert np.median(dark[dark < -MIN_CHANGE]) == pytest.approx(DARK, abs=0.15), (
         "noise of black is no light, so a little less"
     )
-    assert np.abs(light[:3]).max() < LEAST
-    assert np.abs(light[6:]).max() < LEAST
+    assert np.abs(light[:3]).max() < MIN_CHANGE
+    assert np.abs(light[6:]).max() < MIN_CHANGE
     far = (np.abs(WALL.means[:, :2] - [0.9, 0]) > [1.3, 1.4]).any(1)
     assert not light[:, far].any()
 
 
 def test_what_is_lit_is_found_too() -> None:
     light = changes_of_light(WALL, CAMERAS, film(-0.6 * shadow(3, 5)), NEAR)
-    assert (light[3:6, WELL_INSIDE] > LEAST).mean() > 0.5
+    assert (light[3:6, WELL_INSIDE] > MIN_CHANGE).mean() > 0.5
 
 
 def test_what_passes_before_a_wall_is_no_shadow() -> None:
     light = changes_of_light(WALL, CAMERAS, film(0 * shadow(3, 5), THING), NEAR)
     assert (light != 0).any(0).mean() < 0.02
     with_shadow = changes_of_light(WALL, CAMERAS, film(shadow(3, 5), THING), NEAR)
-    assert (with_shadow[3:6, WELL_INSIDE] < -LEAST).mean() > 0.6
+    assert (with_shadow[3:6, WELL_INSIDE] < -MIN_CHANGE).mean() > 0.6
 
 
 def test_a_flash_of_one_frame_and_noise_are_nothing() -> None:
@@ -81,7 +81,7 @@ def test_what_changes_as_all_light_does_is_left_alone() -> None:
     light[:2] = 0
     assert not changes_of_light(WALL, CAMERAS, film(light), NEAR).any()
     found = changes_of_light(WALL, CAMERAS, film(light + shadow(3, 5)), NEAR)
-    assert (found[3:6, WELL_INSIDE] < -LEAST).mean() > 0.5
+    assert (found[3:6, WELL_INSIDE] < -MIN_CHANGE).mean() > 0.5
     assert (found[:, ~INSIDE] != 0).any(0).mean() < 0.05
 
 

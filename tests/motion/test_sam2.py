@@ -9,7 +9,7 @@ import torch
 
 from splatreel.errors import MissingDependencyError
 from splatreel.motion.masks import make_segmenter
-from splatreel.motion.sam2 import SAM2_VARIABLE, Sam2Segmenter, object_prompts
+from splatreel.motion.sam2 import SAM2, Sam2Segmenter, object_prompts
 
 
 class Predictor:
@@ -82,7 +82,7 @@ def test_without_the_package_or_weights(monkeypatch: pytest.MonkeyPatch, tmp_pat
     monkeypatch.setitem(sys.modules, "sam2", package)
     monkeypatch.setitem(sys.modules, "sam2.build_sam", build)
     weights = tmp_path / "weights.pt"
-    monkeypatch.setenv(SAM2_VARIABLE, str(weights))
+    monkeypatch.setenv(SAM2.variable, str(weights))
     with pytest.raises(MissingDependencyError, match=r"weights\.pt does not exist"):
         make_segmenter("sam2")
     weights.write_bytes(b"")

@@ -9,8 +9,8 @@ import pytest
 
 from splatreel.capture.sound import RATE, read_sound
 from splatreel.kernels.image import render_image
+from splatreel.play.camera_path import CameraPath, Keyframe
 from splatreel.play.film import film_of, film_through, starts_in_step, write_film
-from splatreel.play.path import CameraPath, Keyframe
 from splatreel.play.timeline import open_reel
 from splatreel.scene.camera import Camera
 from tests import flashes

@@ -15,8 +15,8 @@ from urllib.parse import urlsplit
 import pytest
 
 from splatreel.errors import ReelError, UsageError
-from splatreel.play.page import STATIC
-from splatreel.play.presenter import Presenter
+from splatreel.play.player_page import STATIC
+from splatreel.play.presentation_writer import PresentationWriter
 from splatreel.play.server import Server, serve
 from tests.codec.reels import edit_manifest, new_writer, write_reel
 from tests.golden import GOLDEN
@@ -231,7 +231,7 @@ def test_a_live_reel_shows_what_it_grows_by(reel: Path):
 def test_a_file_that_became_shorter_cuts_the_connection(server: Server, reel: Path, monkeypatch: pytest.MonkeyPatch):
     """The promised length cannot be kept."""
     monkeypatch.setattr(
-        "splatreel.play.site.os.fstat", lambda _: SimpleNamespace(st_mtime_ns=1, st_mtime=1, st_size=9999)
+        "splatreel.play.web_app.os.fstat", lambda _: SimpleNamespace(st_mtime_ns=1, st_mtime=1, st_size=9999)
     )
     with pytest.raises((http.client.IncompleteRead, ConnectionError)):
         request(server, "/reel/groups/0000.safetensors")
@@ -308,7 +308,7 @@ def test_the_page_says_what_the_reel_says(tmp_path: Path):
     reel = write_reel(tmp_path / "reel", groups=1)
     writer = new_writer(reel, resume=True)
     words = {"title": HOSTILE, "author": "A. Nobody", "description": "'Two' <b>cats</b>"}
-    Presenter(words)(writer, None)
+    PresentationWriter(words)(writer, None)
     with serve(reel, port=0) as server:
         plain = Head((STATIC / "index.html").read_bytes())
         answer, body = request(server, "/")

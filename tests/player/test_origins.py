@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 from playwright.sync_api import Page
 
-from splatreel.play.page import STATIC
+from splatreel.play.player_page import STATIC
 from splatreel.play.server import serve
 from tests.flashes import GOLDEN as SOUND
 from tests.golden import GOLDEN, PREDICTIVE

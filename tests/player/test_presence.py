@@ -7,7 +7,7 @@ import pytest
 from PIL import Image
 from playwright.sync_api import Locator, Page
 
-from splatreel.play.page import STATIC
+from splatreel.play.player_page import STATIC
 from tests.golden import PREDICTIVE
 from tests.player.hosts import host
 

@@ -11,7 +11,7 @@ import torch
 from splatreel.codec.verify import verify_reel
 from splatreel.config import EncodeConfig
 from splatreel.errors import GaussiansError
-from splatreel.evaluation.uncompressed import undecoded_frames
+from splatreel.evaluation.uncompressed import uncompressed_frames
 from splatreel.kernels import splat
 from splatreel.kernels.image import render_image
 from splatreel.progress import Silent
@@ -48,7 +48,7 @@ def waits(monkeypatch: pytest.MonkeyPatch) -> dict[str, list[Counter[str]]]:
 
 def quality(result: Result, capture: WallCapture) -> float:
     """PSNR of what was trained, before encoding, over all frames and cameras."""
-    scenes, names, errors = undecoded_frames(result.work, result.reel), [c.name for c in capture.cameras], []
+    scenes, names, errors = uncompressed_frames(result.work, result.reel), [c.name for c in capture.cameras], []
     for frame in range(FRAMES):
         for camera, truth in zip(capture.cameras, capture.read(frame, 1, names)[0], strict=True):
             shown = render_image(scenes(frame), camera, near=capture.near or 0.01)

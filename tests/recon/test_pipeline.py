@@ -18,7 +18,7 @@ from splatreel.codec.reader import ReelReader
 from splatreel.codec.verify import verify_reel
 from splatreel.config import Config
 from splatreel.errors import CaptureError, ReconstructionError, ReelError, SplatreelError, UsageError
-from splatreel.evaluation.uncompressed import undecoded_frames
+from splatreel.evaluation.uncompressed import uncompressed_frames
 from splatreel.kernels.image import render_image
 from splatreel.progress import Silent, Span
 from splatreel.recon.pipeline import Result, reconstruct
@@ -350,7 +350,7 @@ def test_the_light_changes_everywhere(tmp_path: Path) -> None:
     assert len(group.dynamic) == 0
     assert group.light is not None
     np.testing.assert_allclose(group.light[:, 0], [1, 0.5, 1], atol=0.02)
-    undecoded = undecoded_frames(result.work, result.reel)
+    undecoded = uncompressed_frames(result.work, result.reel)
     bright, dark = (render_image(undecoded(frame), capture.cameras[0]).mean() for frame in (0, 1))
     assert dark == pytest.approx(0.5 * bright, rel=0.03)
 

@@ -15,7 +15,7 @@ from torch import Tensor
 
 from splatreel.kernels import twin
 from splatreel.kernels.cpu import autograd as cpu
-from splatreel.kernels.cpu.project import View
+from splatreel.kernels.cpu.project import Pinhole
 from tests.standin.device import Remote, held
 
 TILE = 16
@@ -61,7 +61,7 @@ class Kernels:
 
     def _project(self, points, poses, lenses, width: int, height: int, blur: float) -> tuple[Tensor, ...]:
         pose, lens = (value[0].numpy().copy() for value in _ready(poses, lenses))
-        return cpu.Project.apply(*points, View(pose, lens, width, height, self.near, blur))  # pyright: ignore[reportReturnType]
+        return cpu.Project.apply(*points, Pinhole(pose, lens, width, height, self.near, blur))  # pyright: ignore[reportReturnType]
 
     def spherical_harmonics_fwd(self, degree, directions, coefficients, _) -> Tensor:
         return Remote(twin.spherical_harmonics(degree, *_ready(directions, coefficients)))

@@ -16,12 +16,12 @@ from typing import Any
 
 import numpy as np
 
-from splatreel.capture.agreement import FIELD, Placed, Rig, trusted
 from splatreel.capture.base import MIN_CAMERAS, Request
+from splatreel.capture.calibration_agreement import FIELD, CalibratedCamera, CalibratedRig, trusted
+from splatreel.capture.connecting_photos import PHOTO_FOLDER, check_photos, write_photos, write_picture
 from splatreel.capture.readers.colmap import import_pycolmap, is_colmap, video_files
 from splatreel.capture.readers.neu3dv import POSES
 from splatreel.capture.sidecar import read_sidecar, write_failure
-from splatreel.capture.stills import STILLS, check_stills, write_picture, write_stills
 from splatreel.capture.videos import Videos
 from splatreel.errors import CaptureError
 from splatreel.progress import Progress
@@ -63,13 +63,13 @@ def calibrate(path: Path, progress: Progress, also: Path | None = None) -> Calib
     if len(files) < MIN_CAMERAS:
         found = ", ".join(file.name for file in files.values()) or "none"
         raise CaptureError(f"{path}: {len(files)} videos ({found}), at least {MIN_CAMERAS} are needed. Add the others.")
-    stills = check_stills(also) if also is not None else []
+    photos = check_photos(also) if also is not None else []
     colmap = import_pycolmap()
     colmap.logging.minloglevel = colmap.logging.Level.FATAL.value
     with scratch(path, "calibrate") as folder:
         videos = Videos(path, files, read_sidecar(path), Request(frames=(0, 1)))
         try:
-            models = _Solver(colmap, folder, stills, progress).solve(videos, list(files))
+            models = _Solver(colmap, folder, photos, progress).solve(videos, list(files))
         finally:
             videos.close()
         rigs = [_rig(model) for model in models]
@@ -89,19 +89,19 @@ def calibrate(path: Path, progress: Progress, also: Path | None = None) -> Calib
 class _Solver:
     """Places the cameras at one moment after the other, in a folder of its own."""
 
-    def __init__(self, colmap: ModuleType, folder: Path, stills: list[Path], progress: Progress) -> None:
+    def __init__(self, colmap: ModuleType, folder: Path, photos: list[Path], progress: Progress) -> None:
         self.colmap, self.folder, self.progress = colmap, folder, progress
-        self.pictures, self.known = folder / "images", folder / "stills.db"
+        self.pictures, self.known = folder / "images", folder / "photos.db"
         self.pictures.mkdir()
-        self.stills = write_stills(stills, self.pictures, progress) if stills else []
+        self.photos = write_photos(photos, self.pictures, progress) if photos else []
 
     def solve(self, videos: Videos, names: list[str]) -> list[Any]:
         """The models of the moments that have one."""
         colmap, progress = self.colmap, self.progress
-        if self.stills:
-            progress.stage(f"comparing {len(self.stills)} photographs", 1)
+        if self.photos:
+            progress.stage(f"comparing {len(self.photos)} photographs", 1)
             colmap.extract_features(
-                self.known, self.pictures, image_names=self.stills, camera_mode=colmap.CameraMode.PER_FOLDER
+                self.known, self.pictures, image_names=self.photos, camera_mode=colmap.CameraMode.PER_FOLDER
             )
             colmap.match_exhaustive(self.known, matching_options=self._matching())
             progress.update(1)
@@ -145,21 +145,21 @@ class _Solver:
         return matching
 
 
-def _rig(model: Any) -> Rig:
+def _rig(model: Any) -> CalibratedRig:
     """The cameras that a model places, photographs left out."""
     rig = {}
     for number in model.reg_image_ids():
         image = model.image(number)
-        if image.name.startswith(STILLS):
+        if image.name.startswith(PHOTO_FOLDER):
             continue
         matrix, lens = np.asarray(image.cam_from_world().matrix()), image.camera
         focal = float(lens.calibration_matrix()[0, 0]) / max(lens.width, lens.height)
         center = -matrix[:, :3].T @ matrix[:, 3]
-        rig[Path(image.name).stem] = Placed(matrix[:, :3], center, focal, int(image.num_points3D))
+        rig[Path(image.name).stem] = CalibratedCamera(matrix[:, :3], center, focal, int(image.num_points3D))
     return rig
 
 
-def _why(names: list[str], rigs: list[Rig], kept: set[str], sure: int) -> str:
+def _why(names: list[str], rigs: list[CalibratedRig], kept: set[str], sure: int) -> str:
     """What is wrong with models that cannot be trusted, and what to do."""
     most = max(rigs, key=len, default={})
     odd = {name: placed for rig in rigs for name, placed in rig.items() if not placed.possible}
@@ -187,7 +187,7 @@ def _only(model: Any, kept: set[str]) -> Any:
     """The model with nothing but the cameras that are kept."""
     for number in list(model.reg_image_ids()):
         image = model.image(number)
-        if image.name.startswith(STILLS) or Path(image.name).stem not in kept:
+        if image.name.startswith(PHOTO_FOLDER) or Path(image.name).stem not in kept:
             model.deregister_frame(image.frame_id)
     model.tear_down()
     return model

@@ -34,7 +34,7 @@ class Lens:
     height: int
     places: np.ndarray
 
-    def straighten(self, picture: np.ndarray) -> np.ndarray:
+    def undistort(self, picture: np.ndarray) -> np.ndarray:
         """[height, width, 3] uint8 of the lens to [H, W, 3] of the pinhole camera."""
         cv2 = import_cv2("Straightening pictures")
         return cv2.remap(picture, self.places, None, cv2.INTER_CUBIC, borderMode=cv2.BORDER_REPLICATE)

@@ -78,7 +78,7 @@ def codec(
         raise UsageError("bench codec RUN needs the CAPTURE after it, and --every 1 or more.")
     from splatreel.capture.opening import open_capture
     from splatreel.evaluation.evaluate import reel_width
-    from splatreel.evaluation.rates import Sweep, curves, rate_distortion, sweep_of, table
+    from splatreel.evaluation.rate_distortion import Sweep, curves, rate_distortion_points, sweep_of, table
     from splatreel.progress import console
 
     source = open_capture(capture, width=width or reel_width(run / "reel"), frames=parse_frames(span))
@@ -86,10 +86,10 @@ def codec(
     record = None if out is None else out / "codec.jsonl"
     try:
         sweep = sweep_of(run, source, every, progress, record)
-        rows = rate_distortion(sweep)
+        rows = rate_distortion_points(sweep)
         text = table(rows)
         if tables:
-            from splatreel.evaluation.tables import paper_tables
+            from splatreel.evaluation.paper_tables import paper_tables
 
             text += "\n" + paper_tables(sweep, Sweep(run, source, [0], progress, record))
     finally:
@@ -206,7 +206,7 @@ def reconstruct(
         raise UsageError("bench reconstruct needs --repeats 1 or more, and an --against that is another quality.")
     configs = {name: configure(name, None, None, seed) for name in (quality, against) if name is not None}
     from splatreel.capture.opening import open_capture
-    from splatreel.evaluation.label import append, label
+    from splatreel.evaluation.provenance import append, label
     from splatreel.evaluation.speed import bench_reconstruct
     from splatreel.progress import console
     from splatreel.recon.run.device import pick_device

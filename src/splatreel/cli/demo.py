@@ -51,8 +51,8 @@ def demo(
     from splatreel.capture.builtin.synthetic import make_capture
     from splatreel.capture.opening import open_capture
     from splatreel.evaluation.evaluate import evaluate
-    from splatreel.evaluation.uncompressed import undecoded_frames
-    from splatreel.play.presenter import Presenter
+    from splatreel.evaluation.uncompressed import uncompressed_frames
+    from splatreel.play.presentation_writer import PresentationWriter
     from splatreel.progress import console
     from splatreel.recon import pipeline
     from splatreel.recon.run.store import Store
@@ -74,14 +74,14 @@ def demo(
         filming = round(time.monotonic() - start, 3)
         capture = open_capture(folder)
         result = pipeline.reconstruct(
-            capture, out, config, device=device, progress=progress, present=Presenter(otherwise=WORDS)
+            capture, out, config, device=device, progress=progress, present=PresentationWriter(otherwise=WORDS)
         )
         known = Store(result.work).coverage()
         report = evaluate(
             result.reel,
             capture,
             out=out,
-            undecoded=undecoded_frames(result.work, result.reel),
+            undecoded=uncompressed_frames(result.work, result.reel),
             seconds={"capture": filming, **result.seconds},
             device=result.device,
             progress=progress,

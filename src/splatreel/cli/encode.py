@@ -52,7 +52,7 @@ def encode(
         settings: Any setting of encode that `splatreel config` lists, such as encode.h265.crf_rotation=30; as often as you like.
     """
     from splatreel.codec.info import reel_info
-    from splatreel.play.presenter import Presenter
+    from splatreel.play.presentation_writer import PresentationWriter
     from splatreel.progress import console
     from splatreel.recon.encode.reencode import reencode
     from splatreel.recon.run.device import pick_device
@@ -79,7 +79,7 @@ def encode(
     try:
         with hold(out):
             _check_folder(run, out)  # somebody else may have finished it by now
-            reencode(run / "work", out, config, pick_device("auto"), progress, target_mbps, Presenter(_words_of(run)))
+            reencode(run / "work", out, config, pick_device("auto"), progress, target_mbps, PresentationWriter(_words_of(run)))
     finally:
         progress.close()
     say(describe(str(out), reel_info(out)))

@@ -45,7 +45,7 @@ def evaluate(
     from splatreel.capture.opening import open_capture
     from splatreel.evaluation.evaluate import evaluate as compare
     from splatreel.evaluation.evaluate import reel_width
-    from splatreel.evaluation.uncompressed import undecoded_frames
+    from splatreel.evaluation.uncompressed import uncompressed_frames
     from splatreel.progress import console
     from splatreel.recon.run.store import Store
 
@@ -53,7 +53,7 @@ def evaluate(
     if width is None and scale is None:
         width = reel_width(reel)
     work = reel.parent / "work"
-    undecoded = undecoded_frames(work, reel) if work.is_dir() else None
+    undecoded = uncompressed_frames(work, reel) if work.is_dir() else None
     known = Store(work).coverage()
     source = open_capture(capture, width=width, scale=scale, frames=span)
     progress = console()

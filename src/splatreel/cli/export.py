@@ -107,8 +107,8 @@ def _write_frame(source: Timeline, frame: int, path: Path) -> int:
 
 
 def _write_film(source: Timeline, first: int, end: int, out: Path, width: int | None, path: Path | None) -> None:
+    from splatreel.play.camera_path import read_path
     from splatreel.play.film import film_of, film_through, write_film
-    from splatreel.play.path import read_path
     from splatreel.progress import console
 
     start = source.manifest.camera

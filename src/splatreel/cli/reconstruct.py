@@ -67,7 +67,7 @@ def reconstruct(
     given = words.given()
     from splatreel.capture.opening import open_capture
     from splatreel.evaluation.profile import profiled
-    from splatreel.play.presenter import Presenter
+    from splatreel.play.presentation_writer import PresentationWriter
     from splatreel.progress import console
     from splatreel.recon import pipeline
 
@@ -76,7 +76,7 @@ def reconstruct(
     try:
         with profiled(out / "profile.md" if profile else None):
             result = pipeline.reconstruct(
-                source, out, config, sound=sound, device=device, progress=progress, present=Presenter(given)
+                source, out, config, sound=sound, device=device, progress=progress, present=PresentationWriter(given)
             )
     finally:
         progress.close()

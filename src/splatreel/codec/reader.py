@@ -50,16 +50,6 @@ class ReelReader:
         """Seconds from the first frame to the end of the last."""
         return self.frames / self.fps
 
-    def reload(self) -> Manifest:
-        """Read the manifest again: a live reel grows. What was decoded and did not change is kept."""
-        old, self.manifest = self.manifest, self._read_manifest()
-        if old.layers != self.manifest.layers[: len(old.layers)]:
-            self._layers.clear()
-        self._static = None
-        if old.groups != self.manifest.groups[: len(old.groups)]:
-            self._groups.clear()
-        return self.manifest
-
     def forget(self) -> None:
         """Drop what was decoded."""
         self._layers.clear()

@@ -19,7 +19,6 @@ from splatreel.codec.writer import ReelWriter
 from splatreel.errors import MissingDependencyError, ReelError
 
 TYPE = 'audio/mp4; codecs="opus"'
-MAX_CHANNELS = 2
 SEGMENT_SECONDS = 2
 BITS_A_SECOND = {1: 64_000, 2: 112_000}
 """By channels: where few hear a difference to the original."""

@@ -39,7 +39,7 @@ def write_unlayered(run: Path, reel: Path, config: EncodeConfig) -> None:
     writer.finish()
 
 
-def write_still(run: Path, reel: Path, config: EncodeConfig) -> None:
+def write_first_frame(run: Path, reel: Path, config: EncodeConfig) -> None:
     """A reel of the first frame: all of its points are static."""
     group = whole_groups(UncompressedReel(run / "work", run / "reel"), 0)
     points = group.at(0)

@@ -2,57 +2,42 @@
 
 from __future__ import annotations
 
-import time
-from collections.abc import Callable
-
 import numpy as np
 
 from splatreel.codec.group_file import decode_group, encode_group
 from splatreel.config import EncodeConfig
+from splatreel.evaluation.timing import Timing, median_ms
 from splatreel.kernels.image import render_image
 from splatreel.scene.camera import Camera
 from splatreel.scene.gaussians import Gaussians
 from splatreel.scene.group import Group
 
-Row = dict[str, float | int | str]
 
-
-def bench_kernels(points: int, width: int, height: int, repeats: int) -> list[Row]:
+def bench_kernels(points: int, width: int, height: int, repeats: int) -> list[Timing]:
     """Milliseconds a picture: rendering to numpy, and, if torch is installed, training steps of a keyframe and a group."""
     gaussians, camera = cloud(points), front_camera(width, height)
-    shape: Row = {"points": points, "width": width, "height": height}
+    shape: Timing = {"points": points, "width": width, "height": height}
     rows = [{"what": "render_image", **shape, "ms": median_ms(lambda: render_image(gaussians, camera), repeats)}]
     try:
-        from splatreel.evaluation.steps import step_rows
+        from splatreel.evaluation.step_timings import step_rows
     except ImportError:
         return rows
     return [*rows, *step_rows(gaussians, camera, repeats)]
 
 
-def bench_codec(points: int, frames: int, repeats: int) -> list[Row]:
+def bench_codec(points: int, frames: int, repeats: int) -> list[Timing]:
     """Milliseconds and bytes of encoding and decoding one group whose points swing smoothly, by each codec."""
     group = swinging_group(points, frames)
-    rows: list[Row] = []
+    rows: list[Timing] = []
     for codec in ("predictive", "h265"):
         config = EncodeConfig(codec=codec)
         data, _ = encode_group(group, config)
-        shape: Row = {"codec": codec, "points": points, "frames": frames, "bytes": len(data)}
+        shape: Timing = {"codec": codec, "points": points, "frames": frames, "bytes": len(data)}
         encoding = median_ms(lambda config=config: encode_group(group, config), repeats)
         decoding = median_ms(lambda data=data: decode_group(data, "the group"), repeats)
         rows.append({"what": "encode a group", **shape, "ms": encoding})
         rows.append({"what": "decode a group", **shape, "ms": decoding})
     return rows
-
-
-def median_ms(work: Callable[[], object], repeats: int) -> float:
-    """Median wall time of `repeats` calls after one that is not counted (it may compile)."""
-    work()
-    times = []
-    for _ in range(repeats):
-        start = time.perf_counter()
-        work()
-        times.append(time.perf_counter() - start)
-    return round(1000 * float(np.median(times)), 3)
 
 
 def cloud(points: int, seed: int = 0) -> Gaussians:

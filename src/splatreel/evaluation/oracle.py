@@ -21,10 +21,10 @@ from splatreel.config import Config
 from splatreel.errors import UsageError
 from splatreel.evaluation import perceptual
 from splatreel.evaluation.evaluate import check_same_capture, check_unseen, measure
-from splatreel.evaluation.ledger import Ledger
 from splatreel.evaluation.moving import median_pictures, moving_pixels
+from splatreel.evaluation.oracle_frames import OracleFrames
+from splatreel.evaluation.oracle_report import OracleReport, Score, SingleFrame
 from splatreel.evaluation.report import Quality, write_text
-from splatreel.evaluation.yardstick import Score, StillFrame, Yardstick
 from splatreel.kernels.image import render_image
 from splatreel.play.timeline import Timeline, open_reel
 from splatreel.progress import Progress, Silent
@@ -45,7 +45,7 @@ def oracle(
     reel: Path | None = None,
     device: str = "auto",
     progress: Progress | None = None,
-) -> Yardstick:
+) -> OracleReport:
     """Reconstruct frames each on its own and measure them, and the same frames of a reel, on the held-out cameras.
 
     frames: counted within the capture's range, as the reel counts them. OUT/oracle.json gets each frame as it is finished, so that
@@ -59,15 +59,15 @@ def oracle(
     if timeline is not None:
         check_reel(timeline, capture, str(reel))
     frames = check_frames(frames, capture, timeline)
-    ledger = Ledger(Path(out) / "oracle.json", capture, config)
+    finished = OracleFrames(Path(out) / "oracle.json", capture, config)
     progress, names, lpips = progress or Silent(), [view.name for view in views], perceptual.load()
     medians = median_pictures(capture, names)
-    todo = [frame for frame in frames if frame not in ledger.frames]
+    todo = [frame for frame in frames if frame not in finished.frames]
     scores: list[Score] = []
     for frame in frames:
         truths = capture.read(frame, 1, names)[0].astype(np.float32) / 255
         masks = [moving_pixels(truth, median) for truth, median in zip(truths, medians, strict=True)]
-        gallery = Gallery(views, truths, masks, lpips)
+        held_out = HeldOutPictures(views, truths, masks, lpips)
         if frame in todo:
             done = todo.index(frame)
             title, span = (
@@ -75,18 +75,18 @@ def oracle(
                 (done / len(todo), (done + 1) / len(todo)),
             )
             progress.stage(title, config.keyframe.first_iterations, span)
-            ledger.add(reconstruct_frame(capture, frame, config, gallery, chosen, progress))
+            finished.add(reconstruct_frame(capture, frame, config, held_out, chosen, progress))
         if timeline is not None:
-            scores.append(gallery.score(timeline.at(frame / timeline.fps), timeline.render))
-    yardstick = Yardstick([ledger.frames[frame] for frame in frames], scores)
-    ledger.save(yardstick.reel_dict(str(reel)) if reel is not None else None)
-    write_text(Path(out) / "oracle.md", yardstick.to_markdown())
-    return yardstick
+            scores.append(held_out.score(timeline.at(frame / timeline.fps), timeline.render))
+    report = OracleReport([finished.frames[frame] for frame in frames], scores)
+    finished.save(report.reel_dict(str(reel)) if reel is not None else None)
+    write_text(Path(out) / "oracle.md", report.to_markdown())
+    return report
 
 
 def reconstruct_frame(
-    capture: Capture, frame: int, config: Config, gallery: Gallery, device: torch.device, progress: Progress
-) -> StillFrame:
+    capture: Capture, frame: int, config: Config, held_out: HeldOutPictures, device: torch.device, progress: Progress
+) -> SingleFrame:
     """Reconstruct one frame from its own images alone, encode and measure it."""
     cameras = capture.training_cameras
     images = capture.read(frame, 1, [camera.name for camera in cameras])[0]
@@ -107,12 +107,12 @@ def reconstruct_frame(
     data, _ = encode_layer(0, frame, gaussians, config.encode, importance=shows)
     _, decoded = decode_layer(data, f"frame {frame}")
     draw = partial(render_image, near=layout.near, antialias=config.antialias, background=layout.background)
-    score, after = gallery.score(gaussians, draw), gallery.score(decoded, draw)
-    return StillFrame(frame, score, after.whole, len(gaussians), len(data), seconds, device.type)
+    score, after = held_out.score(gaussians, draw), held_out.score(decoded, draw)
+    return SingleFrame(frame, score, after.whole, len(gaussians), len(data), seconds, device.type)
 
 
 @dataclass(frozen=True)
-class Gallery:
+class HeldOutPictures:
     """The held-out pictures of one frame. truths: float32 [C, H, W, 3] 0..1. masks: C of [H, W] bool, where something moves."""
 
     views: list[Camera]

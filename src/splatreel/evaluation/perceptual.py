@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import importlib.util
 from collections.abc import Callable
-from pathlib import Path
 from typing import Any
 
 import numpy as np
+
+from splatreel.motion.pretrained import cached
 
 Distance = Callable[[np.ndarray, np.ndarray], float]
 
@@ -18,9 +19,7 @@ def available() -> bool:
     """Whether `load` can work: the package is installed and torchvision's VGG-16 weights lie in torch's cache."""
     if importlib.util.find_spec("torch") is None or importlib.util.find_spec("lpips") is None:
         return False
-    import torch
-
-    return (Path(torch.hub.get_dir()) / "checkpoints" / BACKBONE).is_file()
+    return cached(BACKBONE).is_file()
 
 
 def load() -> Distance | None:

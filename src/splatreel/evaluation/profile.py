@@ -10,7 +10,7 @@ from pathlib import Path
 
 from splatreel.evaluation.report import write_text
 
-LEAST = 0.005
+MIN_SHARE = 0.005
 """Share of the whole below which a function is not listed."""
 
 Calls = dict[tuple[str, int, str], tuple[int, int, float, float, dict]]
@@ -41,7 +41,7 @@ def table(calls: Calls) -> str:
     whole = sum(own for _, _, own, _, _ in calls.values()) or 1.0
     lines = ["| share | seconds | calls | ms a call | with what it calls, s | function |", "|---|---|---|---|---|---|"]
     for (file, line, name), (_, count, own, total, _) in sorted(calls.items(), key=lambda item: -item[1][2]):
-        if own >= LEAST * whole:
+        if own >= MIN_SHARE * whole:
             place = f"`{name}`" if file == "~" else f"`{_short(file)}:{line}` `{name}`"
             numbers = f"{own / whole:.1%} | {own:.2f} | {count:,} | {1000 * own / count:.3f} | {total:.2f}"
             lines.append(f"| {numbers} | {place} |")

@@ -14,10 +14,10 @@ from splatreel.capture.base import Capture
 from splatreel.capture.looped import LoopedCapture
 from splatreel.config import Config
 from splatreel.errors import UsageError
-from splatreel.evaluation.bench import Row
 from splatreel.evaluation.evaluate import evaluate
 from splatreel.evaluation.memory import peak_memory_bytes
-from splatreel.evaluation.steps import medians, on_one_thread, ratio
+from splatreel.evaluation.step_timings import on_one_thread
+from splatreel.evaluation.timing import Timing, medians_ms, ratio
 from splatreel.progress import Progress, Silent
 from splatreel.recon.cameras.group_input import GroupInput
 from splatreel.recon.cameras.rig import Rig
@@ -44,7 +44,7 @@ def bench_reconstruct(
     loop: int | None = None,
     repeats: int = 5,
     progress: Progress | None = None,
-) -> list[Row]:
+) -> list[Timing]:
     """Reconstruct into OUT/<name> by every configuration, the first of which the others are compared with; then time its iterations.
 
     loop: reconstruct the first once more, with the capture played over and over for so many frames, and say how much more memory that
@@ -76,11 +76,13 @@ def bench_reconstruct(
     return rows
 
 
-def _run(capture: Capture, out: Path, name: str, config: Config, device: str, progress: Progress) -> tuple[Row, Result]:
+def _run(
+    capture: Capture, out: Path, name: str, config: Config, device: str, progress: Progress
+) -> tuple[Timing, Result]:
     """Reconstruct and, where cameras are held out, evaluate the decoded reel on them."""
     result = reconstruct(capture, out / name.replace(" ", "-"), config, device=device, progress=progress)
     seconds = sum(result.seconds.values())
-    row: Row = {
+    row: Timing = {
         "what": name,
         "frames": capture.frames,
         "seconds": round(seconds, 1),
@@ -114,7 +116,7 @@ def trainer_of(capture: Capture, work: Path, config: Config, device: torch.devic
     return group_trainer(data, start, StaticPoints(store.static(0), group.alive), config)
 
 
-def iteration_row(trainer: GroupTrainer, repeats: int) -> Row:
+def iteration_row(trainer: GroupTrainer, repeats: int) -> Timing:
     """Milliseconds of an iteration of a group, median of batches.
 
     undivided: how many times as long it takes where every tile is drawn and the static points get gradients too; one_thread: and on
@@ -128,8 +130,8 @@ def iteration_row(trainer: GroupTrainer, repeats: int) -> Row:
     works, threads = [layered, whole], numba.get_num_threads()
     if trainer.pictures.images.device.type == "cpu":
         works.append(lambda: on_one_thread(layered, threads))
-    times = medians(works, repeats)
-    row: Row = {
+    times = medians_ms(works, repeats)
+    row: Timing = {
         "what": "group iteration",
         "points": len(trainer.points),
         "still": int(trainer.static.alive.sum()),

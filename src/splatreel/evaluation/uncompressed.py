@@ -12,7 +12,7 @@ from splatreel.recon.encode.uncompressed import UncompressedReel
 from splatreel.scene.gaussians import Gaussians
 
 
-def undecoded_frames(work: Path, reel: Path) -> Callable[[int], Gaussians]:
+def uncompressed_frames(work: Path, reel: Path) -> Callable[[int], Gaussians]:
     """frame -> everything visible at it, from the checkpoints in work instead of the files of the reel made from them.
 
     Raises `ReconstructionError` for checkpoints that are missing or damaged.

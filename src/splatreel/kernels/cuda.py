@@ -77,14 +77,14 @@ def rasterize(
     return image[0], alpha[0, ..., 0]
 
 
-Splats = tuple[Tensor, Tensor, Tensor, Tensor, Tensor, Tensor]
+ProjectedSplats = tuple[Tensor, Tensor, Tensor, Tensor, Tensor, Tensor]
 
 
 @dataclass(frozen=True)
 class Frozen:
-    """Splats that never change: tensors as `rasterize` takes them; spans: [M, 4] their tiles; image, alpha: their picture."""
+    """ProjectedSplats that never change: tensors as `rasterize` takes them; spans: [M, 4] their tiles; image, alpha: their picture."""
 
-    splats: Splats
+    splats: ProjectedSplats
     spans: Tensor
     image: Tensor
     alpha: Tensor

@@ -32,7 +32,7 @@ def render_image(
     if not 0 <= degree <= gaussians.sh_degree:
         raise GaussiansError(f"render_image: SH degree {degree} is not within 0..{gaussians.sh_degree}.")
     width, height = camera.width, camera.height
-    view = project.View(camera.viewmat, camera.K, width, height, near, FINE_BLUR if antialias else BLUR)
+    view = project.Pinhole(camera.viewmat, camera.K, width, height, near, FINE_BLUR if antialias else BLUR)
     means2d, conics, depths, radii = project.forward(gaussians.means, gaussians.quats, gaussians.scales, view)
     colors = harmonics.forward(degree, gaussians.means - camera.center, gaussians.sh)
     colors = np.maximum(colors + np.float32(0.5), 0)

@@ -21,7 +21,7 @@ from splatreel import threads
 from splatreel.errors import GaussiansError
 from splatreel.kernels import cuda, twin
 from splatreel.kernels.cpu import autograd as cpu
-from splatreel.kernels.cpu.project import BLUR, FINE_BLUR, View, kept_area
+from splatreel.kernels.cpu.project import BLUR, FINE_BLUR, Pinhole, kept_area
 
 
 class Projection(NamedTuple):
@@ -78,7 +78,7 @@ def project(
     blur = FINE_BLUR if antialias else BLUR
     if means.is_cuda:
         return Projection(*cuda.project(means, quats, scales, viewmat, K, width, height, near, blur))
-    view = View(_matrix(viewmat), _matrix(K), width, height, near, blur)
+    view = Pinhole(_matrix(viewmat), _matrix(K), width, height, near, blur)
     return Projection(*cpu.Project.apply(means, quats, scales, view))  # pyright: ignore[reportGeneralTypeIssues]
 
 
@@ -139,7 +139,7 @@ def deformed(
     if means.is_cuda:
         return _deformed(points, offsets, shade, pinhole, center, near, antialias)
     viewmat, K, width, height = pinhole
-    view = View(_matrix(viewmat), _matrix(K), width, height, near, FINE_BLUR if antialias else BLUR)
+    view = Pinhole(_matrix(viewmat), _matrix(K), width, height, near, FINE_BLUR if antialias else BLUR)
     return cpu.Deformed.apply(view, center, *(offsets or (None, None)), shade, *points)  # pyright: ignore[reportReturnType]
 
 

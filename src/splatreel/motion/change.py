@@ -9,7 +9,7 @@ import numpy as np
 
 from splatreel import threads
 
-LEAST = 8 / 255
+MIN_DIFFERENCE = 8 / 255
 """Mean absolute difference of the colours around a pixel, 0..1, from which on it counts as changed."""
 NOISE = 2.5
 """... and in multiples of what a quarter of the camera's pixels stay below: noise, compression, lamps that flicker."""
@@ -32,4 +32,4 @@ def _changes(frames: np.ndarray) -> np.ndarray:
     peak = np.zeros(first.shape[:2], np.float32)
     for frame in frames[1:]:
         np.maximum(peak, difference(frame, first), out=peak)
-    return peak > max(LEAST, NOISE * float(np.quantile(peak, 0.25)))
+    return peak > max(MIN_DIFFERENCE, NOISE * float(np.quantile(peak, 0.25)))

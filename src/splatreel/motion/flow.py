@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import os
 import threading
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
@@ -14,15 +13,22 @@ import cv2
 import numpy as np
 
 from splatreel.errors import MissingDependencyError, UsageError
+from splatreel.motion.pretrained import Pretrained
 
 T = TypeVar("T")
 Box = tuple[slice, slice]
 """Rows and columns."""
 
-RAFT_FILE = "raft_large_C_T_SKHT_V2-ff5fadd5.pth"
-RAFT_URL = f"https://download.pytorch.org/models/{RAFT_FILE}"
-RAFT_VARIABLE = "SPLATREEL_RAFT_WEIGHTS"
-RAFT_LEAST = 128
+RAFT = Pretrained(
+    purpose="RAFT flow",
+    package="torchvision",
+    file="raft_large_C_T_SKHT_V2-ff5fadd5.pth",
+    url="https://download.pytorch.org/models/raft_large_C_T_SKHT_V2-ff5fadd5.pth",
+    variable="SPLATREEL_RAFT_WEIGHTS",
+    remedy="use the flow 'dis'",
+    install=", with the torchvision that fits your torch",
+)
+RAFT_MIN_SIDE = 128
 """RAFT's correlation pyramid needs at least this many pixels a side."""
 REACH = 0.03
 """Of the picture's width: how far around the pixels that are asked for DIS looks closely, and `REACH_LEAST` pixels at least."""
@@ -185,8 +191,8 @@ class RaftFlow:
 
         height, width = a.shape[:2]
         # The network halves its input three times: pad to multiples of 8 by repeating the border.
-        below = max(-height % 8, RAFT_LEAST - height)
-        right = max(-width % 8, RAFT_LEAST - width)
+        below = max(-height % 8, RAFT_MIN_SIDE - height)
+        right = max(-width % 8, RAFT_MIN_SIDE - width)
         pair = np.pad(np.stack([a, b]), ((0, 0), (0, below), (0, right), (0, 0)), mode="edge")
         frames = torch.from_numpy(pair).to(self.device).permute(0, 3, 1, 2).float() / 127.5 - 1
         with torch.inference_mode():
@@ -197,35 +203,17 @@ class RaftFlow:
 def _load_raft(weights: Path | None) -> Any:
     import torch
 
-    try:
+    def load() -> Any:
         from torchvision.models.optical_flow import raft_large
-    except (ImportError, RuntimeError) as error:  # a build for another torch fails with RuntimeError
-        raise MissingDependencyError(
-            f"RAFT flow needs torchvision, which cannot be imported ({error}). "
-            "Run: pip install 'splatreel[models]', with the torchvision that fits your torch; or use the flow 'dis'."
-        ) from error
-    path = weights_path(weights, RAFT_VARIABLE, RAFT_FILE)
-    if not path.is_file():
-        raise MissingDependencyError(
-            f"RAFT flow needs its weights, and {path} does not exist. Download {RAFT_URL} to that place, or set "
-            f"{RAFT_VARIABLE} to where the file is; or use the flow 'dis'."
-        )
+
+        return raft_large
+
+    raft_large, path = RAFT.imported(load), RAFT.weights(weights)
     model = raft_large(weights=None)
     try:
         model.load_state_dict(torch.load(path, map_location="cpu", weights_only=True))
     except Exception as error:  # torch raises a dozen types for a damaged file
         raise MissingDependencyError(
-            f"{path}: these are not weights of torchvision's raft_large ({type(error).__name__}). Download {RAFT_URL} again."
+            f"{path}: these are not weights of torchvision's raft_large ({type(error).__name__}). Download {RAFT.url} again."
         ) from error
     return model
-
-
-def weights_path(given: Path | None, variable: str, file: str) -> Path:
-    """Where a model's weights are looked for: the given path, the environment variable, torch's cache of downloads."""
-    import torch
-
-    if given is not None:
-        return Path(given)
-    if os.environ.get(variable):
-        return Path(os.environ[variable])
-    return Path(torch.hub.get_dir()) / "checkpoints" / file

@@ -11,6 +11,7 @@ from torch import Tensor
 from splatreel.config import LayeringConfig
 from splatreel.errors import ReconstructionError
 from splatreel.kernels import splat
+from splatreel.motion.splats import SplatTensors
 from splatreel.scene.camera import Camera
 from splatreel.scene.gaussians import Gaussians
 
@@ -23,15 +24,6 @@ NEIGHBORS = 8
 """Nearest points whose labels count as well: the paper's number (section 5.1)."""
 DYNAMIC = 0.5
 """Labels above it are dynamic: the middle of 0, static, and 1. A lower one makes more points dynamic, which costs bytes."""
-
-
-class Splats(NamedTuple):
-    """What is drawn of points: means and scales [N, 3], quats [N, 4], opacities [N]."""
-
-    means: Tensor
-    quats: Tensor
-    scales: Tensor
-    opacities: Tensor
 
 
 class _Contributions(NamedTuple):
@@ -71,7 +63,7 @@ def lift(
         )
     if len(points) == 0 or not masks.any():
         return np.zeros(len(points), np.float32)
-    splats = splats_of(points, device)
+    splats = SplatTensors.of(points, device)
     targets = torch.from_numpy(np.asarray(masks, np.float32)).to(device)
     weights = _contributions(splats, cameras, targets, near)
     if config.lift == "vote":
@@ -87,17 +79,11 @@ def shares(
     """How much of what each point adds to the pictures falls into masks [C, H, W] bool; [N] 0..1, NaN where no camera sees it."""
     if len(points) == 0:
         return np.zeros(0, np.float32)
-    weights = _contributions(splats_of(points, device), cameras, torch.from_numpy(masks).float().to(device), near)
+    weights = _contributions(SplatTensors.of(points, device), cameras, torch.from_numpy(masks).float().to(device), near)
     return torch.where(weights.seen, weights.share, torch.nan).cpu().numpy()
 
 
-def splats_of(points: Gaussians, device: torch.device | str) -> Splats:
-    """Points as tensors on a device."""
-    arrays = (points.means, points.quats, points.scales, points.opacities)
-    return Splats(*(torch.from_numpy(a).to(device) for a in arrays))
-
-
-def gathered(splats: Splats, camera: Camera, images: Tensor, near: float) -> Tensor:
+def gathered(splats: SplatTensors, camera: Camera, images: Tensor, near: float) -> Tensor:
     """What of images [H, W, K] falls to each point, by how much of every pixel it fills; [N, K].
 
     Sums over the pixels of T_i alpha_i times the image: the gradient of a rendered image to the points' colours.
@@ -108,14 +94,14 @@ def gathered(splats: Splats, camera: Camera, images: Tensor, near: float) -> Ten
     return colors.grad
 
 
-def _contributions(splats: Splats, cameras: list[Camera], masks: Tensor, near: float) -> _Contributions:
+def _contributions(splats: SplatTensors, cameras: list[Camera], masks: Tensor, near: float) -> _Contributions:
     sums = torch.zeros(len(splats.means), 2, device=masks.device)
     for camera, mask in zip(cameras, masks, strict=True):
         sums += gathered(splats, camera, torch.stack([mask, torch.ones_like(mask)], -1), near)
     return _Contributions(sums[:, 0], sums[:, 1])
 
 
-def _draw(splats: Splats, colors: Tensor, camera: Camera, near: float) -> Tensor:
+def _draw(splats: SplatTensors, colors: Tensor, camera: Camera, near: float) -> Tensor:
     """Colours [N, C] alpha-blended to an image [H, W, C]; only the colours get gradients."""
     width, height = camera.width, camera.height
     with torch.no_grad():
@@ -139,7 +125,7 @@ def _vote(means: Tensor, weights: _Contributions, neighbours: int) -> Tensor:
 
 
 def _optimise(
-    splats: Splats, cameras: list[Camera], masks: Tensor, near: float, config: LayeringConfig, seed: int
+    splats: SplatTensors, cameras: list[Camera], masks: Tensor, near: float, config: LayeringConfig, seed: int
 ) -> Tensor:
     """Labels that minimise the paper's L_m, [N], one random view an iteration.
 

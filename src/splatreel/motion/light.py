@@ -10,11 +10,12 @@ import cv2
 import numpy as np
 import torch
 
-from splatreel.motion.lift import gathered, splats_of
+from splatreel.motion.lift import gathered
+from splatreel.motion.splats import SplatTensors
 from splatreel.scene.camera import Camera
 from splatreel.scene.gaussians import Gaussians
 
-LEAST = 0.08
+MIN_CHANGE = 0.08
 """Logarithm of the factor from which on light counts as changed."""
 FRAMES = 2
 """Frames in which it must have changed: noise is gone in the next."""
@@ -47,10 +48,10 @@ def changes_of_light(
     if len(frames) <= FRAMES or len(points) == 0:
         return found
     shown = _brightness_of(points, cameras, frames, near, device)
-    changed = (np.abs(shown) > LEAST).sum(2) >= FRAMES  # of NaN, all comparisons are false
+    changed = (np.abs(shown) > MIN_CHANGE).sum(2) >= FRAMES  # of NaN, all comparisons are false
     index = np.flatnonzero(changed.sum(0) >= VIEWS)
     light = np.stack([_agreed(shown[:, point]) for point in index], 1) if len(index) else found[:, :0]
-    strength = np.where((np.abs(light) > LEAST).sum(0) >= FRAMES, np.abs(light).sum(0), 0)
+    strength = np.where((np.abs(light) > MIN_CHANGE).sum(0) >= FRAMES, np.abs(light).sum(0), 0)
     room = min(int(MOST * len(points)), np.count_nonzero(strength))
     strongest = np.argsort(-strength, kind="stable")[:room]
     found[:, index[strongest]] = light[:, strongest]
@@ -61,7 +62,10 @@ def _brightness_of(
     points: Gaussians, cameras: list[Camera], frames: np.ndarray, near: float, device: torch.device | str
 ) -> np.ndarray:
     """[C, N, T] how bright each view shows each point, as a logarithm against the keyframe; NaN where it does not see it."""
-    splats, shown = splats_of(points, device), np.full((len(cameras), len(points), len(frames)), np.nan, np.float32)
+    splats, shown = (
+        SplatTensors.of(points, device),
+        np.full((len(cameras), len(points), len(frames)), np.nan, np.float32),
+    )
     for row, camera, film in zip(shown, cameras, frames.swapaxes(0, 1), strict=True):
         small = _shrunk(camera)
         pictures = np.stack([_brightness(picture, small.width, small.height) for picture in film], 2)

@@ -10,13 +10,17 @@ from typing import Any
 import cv2
 import numpy as np
 
-from splatreel.errors import MissingDependencyError
-from splatreel.motion.flow import weights_path
+from splatreel.motion.pretrained import Pretrained
 
-SAM2_FILE = "sam2.1_hiera_large.pt"
+SAM2 = Pretrained(
+    purpose="SAM2 completion",
+    package="the package sam2",
+    file="sam2.1_hiera_large.pt",
+    url="https://dl.fbaipublicfiles.com/segment_anything_2/092824/sam2.1_hiera_large.pt",
+    variable="SPLATREEL_SAM2_WEIGHTS",
+    remedy="use the segmenter 'grabcut'",
+)
 SAM2_CONFIG = "configs/sam2.1/sam2.1_hiera_l.yaml"
-SAM2_URL = f"https://dl.fbaipublicfiles.com/segment_anything_2/092824/{SAM2_FILE}"
-SAM2_VARIABLE = "SPLATREEL_SAM2_WEIGHTS"
 LEAST_AREA = 0.0005
 """Share of the image; smaller parts of a mask prompt nothing."""
 
@@ -100,18 +104,10 @@ def object_prompts(mask: np.ndarray, objects: int, points: int, seed: int) -> li
 def _load_predictor(weights: Path | None, config: str, device: str | None) -> Any:
     import torch
 
-    try:
+    def load() -> Any:
         from sam2.build_sam import build_sam2_video_predictor
-    except (ImportError, RuntimeError) as error:
-        raise MissingDependencyError(
-            f"SAM2 completion needs the package sam2, which cannot be imported ({error}). "
-            "Run: pip install 'splatreel[models]'; or use the segmenter 'grabcut'."
-        ) from error
-    path = weights_path(weights, SAM2_VARIABLE, SAM2_FILE)
-    if not path.is_file():
-        raise MissingDependencyError(
-            f"SAM2 completion needs its weights, and {path} does not exist. Download {SAM2_URL} to that place, or set "
-            f"{SAM2_VARIABLE} to where the file is; or use the segmenter 'grabcut'."
-        )
-    place = device or ("cuda" if torch.cuda.is_available() else "cpu")
-    return build_sam2_video_predictor(config, str(path), device=place)
+
+        return build_sam2_video_predictor
+
+    build, path = SAM2.imported(load), SAM2.weights(weights)
+    return build(config, str(path), device=device or ("cuda" if torch.cuda.is_available() else "cpu"))

@@ -15,6 +15,7 @@ from torch import Tensor
 from splatreel.kernels import rigid, sceneflow, splat
 from splatreel.motion.flow import Flow, each_view
 from splatreel.motion.rigid_patches import RigidPatches
+from splatreel.motion.splats import SplatTensors
 from splatreel.scene.camera import Camera
 from splatreel.scene.gaussians import Gaussians
 
@@ -22,9 +23,6 @@ ROUNDS = 3
 """Of reweighting, when neighbors settle on one motion."""
 NEIGHBORS = 16
 """Points whose motions are averaged with one's own."""
-
-Splats = tuple[Tensor, Tensor, Tensor, Tensor]
-"""Means, quaternions, scales and opacities."""
 
 
 class PointTracks:
@@ -37,7 +35,7 @@ class PointTracks:
         self, points: Gaussians, start: int, motion: np.ndarray | None = None, *, rested: bool = False
     ) -> None:
         self.points, self.start = points, start
-        self.tensors = _tensors(points)
+        self.tensors = SplatTensors.of(points)
         self.neighbors = _neighbors(self.tensors[0])
         moves = torch.zeros_like(self.tensors[0]) if motion is None else torch.from_numpy(motion)
         self._later, self._earlier = ([(self.tensors[0], way * moves)] for way in (1, -1))
@@ -85,7 +83,7 @@ class Tracker:
     def set_occluders(self, static: Gaussians) -> None:
         """From now on these are what may hide points."""
         self.static_depths = [
-            _depth_and_flow(_tensors(static), None, camera, self.near)[0] for camera in self.half_cameras
+            _depth_and_flow(SplatTensors.of(static), None, camera, self.near)[0] for camera in self.half_cameras
         ]
 
     def step(self, tracks: list[PointTracks], frame: int) -> None:
@@ -100,14 +98,15 @@ class Tracker:
     def depths(self, points: Gaussians) -> np.ndarray:
         """[C, H, W] of the static points and these in every view, infinite for nothing."""
         height, width = self.frames.shape[2:4]
-        small = self._depths_and_guesses(_tensors(points), None)[0]
+        small = self._depths_and_guesses(SplatTensors.of(points), None)[0]
         return _enlarged(small)[:, :height, :width].numpy()
 
     def _step(self, tracks: list[PointTracks], here: int, there: int) -> None:
         ends = [track.last(there > here) for track in tracks]
         places, before = (torch.cat(column) for column in zip(*ends, strict=True))
         quats, scales, opacities = (torch.cat([track.tensors[k] for track in tracks]) for k in (1, 2, 3))
-        depths, guesses = self._depths_and_guesses((places, quats, scales, opacities), before)
+        splats = SplatTensors(places, quats, scales, opacities)
+        depths, guesses = self._depths_and_guesses(splats, before)
         rig, (height, width) = (self.poses, self.lenses), self.frames.shape[2:4]
         wanted = sceneflow.pixels_needed(places.numpy(), *rig, depths.numpy(), height, width, self.near)
         work = partial(self._flow_of_view, here, there, guesses, wanted)
@@ -132,7 +131,7 @@ class Tracker:
         """The views at a frame. depths: of what hides points from them."""
         return rigid.make_views(self.poses, self.lenses, self.frames[frame], depths, self.near)
 
-    def _depths_and_guesses(self, points: Splats, motion: Tensor | None) -> tuple[Tensor, Tensor]:
+    def _depths_and_guesses(self, points: SplatTensors, motion: Tensor | None) -> tuple[Tensor, Tensor]:
         """[C, ceil(H / 2), ceil(W / 2)] depths of the static points and these; [.., 2] where a motion [N, 3] of these takes pixels."""
         depths, guesses = [], []
         for static, camera in zip(self.static_depths, self.half_cameras, strict=True):
@@ -156,12 +155,6 @@ def identity(count: int) -> np.ndarray:
     return quats
 
 
-def _tensors(gaussians: Gaussians) -> Splats:
-    names = ("means", "quats", "scales", "opacities")
-    arrays = [torch.from_numpy(getattr(gaussians, name)) for name in names]
-    return arrays[0], arrays[1], arrays[2], arrays[3]
-
-
 def _neighbors(means: Tensor) -> Tensor | None:
     count = min(NEIGHBORS, len(means) - 1)
     return splat.nearest_neighbours(means, count)[0] if count > 0 else None
@@ -173,7 +166,7 @@ def _enlarged(images: Tensor) -> Tensor:
 
 
 @torch.no_grad()
-def _depth_and_flow(points: Splats, motion: Tensor | None, camera: Camera, near: float) -> tuple[Tensor, Tensor]:
+def _depth_and_flow(points: SplatTensors, motion: Tensor | None, camera: Camera, near: float) -> tuple[Tensor, Tensor]:
     """Depth [H, W] of points, and where a motion [N, 3] takes pixels that they cover by more than half; infinite elsewhere.
 
     The latter is [H, W, 2], in pixels, and 0 elsewhere.

@@ -10,7 +10,7 @@ from pathlib import Path
 import av
 import numpy as np
 
-from splatreel.play.path import CameraPath, Keyframe, in_order
+from splatreel.play.camera_path import CameraPath, Keyframe, in_order
 from splatreel.play.sound import FilmSound
 from splatreel.play.timeline import Timeline
 from splatreel.scene.atomic import replacing

@@ -14,9 +14,9 @@ from types import TracebackType
 import uvicorn
 
 from splatreel.errors import ReelError, UsageError
+from splatreel.play.allowed_hosts import AllowedHosts
 from splatreel.play.connection import HEAD_BYTES, IDLE_SECONDS, Connection
-from splatreel.play.names import Names
-from splatreel.play.site import Site
+from splatreel.play.web_app import WebApp
 
 _MOST_CONNECTIONS = 256
 _BACKLOG = 128
@@ -47,7 +47,7 @@ class Server:
         self._socket = _listen(host, port)
         self._address: tuple[str, int] = self._socket.getsockname()[:2]
         try:
-            site = Site(reel, Names(self._address[0], host, allow_hosts), cors)
+            site = WebApp(reel, AllowedHosts(self._address[0], host, allow_hosts), cors)
         except UsageError:
             self._socket.close()
             raise
@@ -128,7 +128,7 @@ def _listen(host: str, port: int) -> socket.socket:
     return listener
 
 
-def _config(site: Site) -> uvicorn.Config:
+def _config(site: WebApp) -> uvicorn.Config:
     """Quiet, since the terminal belongs to the person who started the server; what others send is no news."""
     return uvicorn.Config(
         site,

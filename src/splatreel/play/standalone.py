@@ -12,7 +12,7 @@ from splatreel.codec.manifest import FileEntry
 from splatreel.codec.presentation import Asset
 from splatreel.codec.reader import ReelReader
 from splatreel.errors import ReelError
-from splatreel.play.page import STATIC, introduced
+from splatreel.play.player_page import STATIC, with_metadata
 
 LOADER = re.compile(r'<script type="module" data-early>.*?</script>', re.S)
 PAGE = "<main data-splatreel-page>"
@@ -42,7 +42,7 @@ def write_standalone(path: Path, location: str | Path, rendition: str | None = N
     if loader is None or PAGE not in page:
         raise ReelError(f"{STATIC / 'index.html'}: has no loader, or not {PAGE}. Build the player again.")
     page = page.replace(loader[0], "\n".join(parts), 1).replace(PAGE, PAGE.replace(">", ' data-src="embedded:">'), 1)
-    data = introduced(page, manifest.presentation).encode()
+    data = with_metadata(page, manifest.presentation).encode()
     write_atomically(path, data)
     return len(data)
 

@@ -27,7 +27,7 @@ from splatreel.scene.gaussians import Gaussians
 RATES = ("0.25", "0.5", "1", "2")
 _PATIENCE = 1 / 12
 """Seconds that a picture may take while something moves; what stands still is drawn in full."""
-_LEAST = 96
+_MIN_SIDE = 96
 """Pixels of the shorter side at least."""
 _POLL = 1 / 60
 
@@ -166,7 +166,7 @@ class Viewer:
         """[h, w, 3] bytes: coarser than the view while something moves, as far as the device needs it."""
         if not full:
             part = min(math.sqrt(_PATIENCE / (self._pace * view.width * view.height)), 1.0)
-            part = max(part, min(_LEAST / min(view.width, view.height), 1.0))
+            part = max(part, min(_MIN_SIDE / min(view.width, view.height), 1.0))
             view = view.resized(max(round(view.width * part), 1), max(round(view.height * part), 1))
         began = time.perf_counter()
         if self._moment is None or self._moment[0] != self.clock.time:

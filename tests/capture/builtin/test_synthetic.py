@@ -1,14 +1,40 @@
 import hashlib
 from pathlib import Path
+from typing import Literal
 
 import numpy as np
 import pytest
 
-from splatreel.capture.builtin.synthetic import make_cameras, make_capture, render_truth
+from splatreel.capture.builtin import toyroom
+from splatreel.capture.builtin.raytracer import trace_cover, trace_frame, trace_still
+from splatreel.capture.builtin.synthetic import make_cameras, make_capture
 from splatreel.capture.opening import open_capture
 from splatreel.errors import CaptureError, UsageError
+from splatreel.scene.camera import Camera
 
 SIZE = {"width": 64, "height": 48, "frames": 3}
+
+
+def render_truth(
+    camera: Camera,
+    frame: int,
+    what: Literal["color", "motion", "depth"] = "motion",
+    *,
+    fps: float = 30.0,
+    seed: int = 0,
+) -> np.ndarray:
+    """Ground truth of one frame from any camera.
+
+    `color`: uint8 [H, W, 3] sRGB before compression. `motion`: bool [H, W], pixels at least half filled by something that is not
+    at rest at that frame (shadows and reflections do not count). `depth`: float32 [H, W], mean distance along the viewing axis.
+    """
+    still, moving = toyroom.standing(seed), toyroom.moving(frame / fps)
+    seen = trace_still(camera, still, toyroom.LIGHT)
+    if what == "color":
+        return trace_frame(camera, seen, still, moving, toyroom.LIGHT)
+    if what == "depth":
+        return trace_cover(camera, seen, moving, toyroom.in_motion(frame / fps))[1]
+    return trace_cover(camera, seen, moving, toyroom.in_motion(frame / fps))[0] >= 0.5
 
 
 @pytest.fixture(scope="module")

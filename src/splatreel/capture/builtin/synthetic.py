@@ -11,14 +11,13 @@ from fractions import Fraction
 from itertools import count
 from pathlib import Path
 from threading import Event
-from typing import Literal
 
 import av
 import numpy as np
 
 from splatreel import threads
 from splatreel.capture.builtin import toyroom
-from splatreel.capture.builtin.raytracer import trace_cover, trace_frame, trace_still
+from splatreel.capture.builtin.raytracer import trace_frame, trace_still
 from splatreel.capture.builtin.toysound import heard
 from splatreel.capture.sidecar import SIDECAR
 from splatreel.capture.sound import RATE
@@ -62,28 +61,6 @@ def facing(name: str, center: np.ndarray, forward: np.ndarray, focal: float, wid
     viewmat[:3, 3] = -viewmat[:3, :3] @ center
     K = np.array([[focal, 0, width / 2], [0, focal, height / 2], [0, 0, 1]])
     return Camera(name, viewmat, K, width, height)
-
-
-def render_truth(
-    camera: Camera,
-    frame: int,
-    what: Literal["color", "motion", "depth"] = "motion",
-    *,
-    fps: float = 30.0,
-    seed: int = 0,
-) -> np.ndarray:
-    """Ground truth of one frame from any camera.
-
-    `color`: uint8 [H, W, 3] sRGB before compression. `motion`: bool [H, W], pixels at least half filled by something that is not
-    at rest at that frame (shadows and reflections do not count). `depth`: float32 [H, W], mean distance along the viewing axis.
-    """
-    still, moving = toyroom.standing(seed), toyroom.moving(frame / fps)
-    seen = trace_still(camera, still, toyroom.LIGHT)
-    if what == "color":
-        return trace_frame(camera, seen, still, moving, toyroom.LIGHT)
-    if what == "depth":
-        return trace_cover(camera, seen, moving, toyroom.in_motion(frame / fps))[1]
-    return trace_cover(camera, seen, moving, toyroom.in_motion(frame / fps))[0] >= 0.5
 
 
 def make_capture(

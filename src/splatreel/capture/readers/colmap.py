@@ -18,10 +18,10 @@ from typing import Any
 import numpy as np
 
 from splatreel.capture.base import Request
+from splatreel.capture.file_capture import FileCapture
+from splatreel.capture.image_sequences import IMAGE_SUFFIXES, ImageSequences, image_files
 from splatreel.capture.images import image_size
 from splatreel.capture.lens import Lens, resized
-from splatreel.capture.pictures import IMAGE_SUFFIXES, Pictures, image_files
-from splatreel.capture.recorded import RecordedCapture
 from splatreel.capture.sidecar import read_sidecar
 from splatreel.capture.videos import Videos
 from splatreel.errors import CaptureError, MissingDependencyError
@@ -36,7 +36,7 @@ def is_colmap(path: Path) -> bool:
     return _model_folder(path) is not None
 
 
-class ColmapCapture(RecordedCapture):
+class ColmapCapture(FileCapture):
     """A COLMAP model with its videos or images; a middle camera is held out unless the request or its note says otherwise.
 
     A camera is named by its image without the extension, or by its folder where that has other pictures of it. `scale` counts from the
@@ -59,7 +59,7 @@ class ColmapCapture(RecordedCapture):
             width, height = request.size(*shape, path)
         else:
             pictures, (width, height) = _choose(path, names, shape, request)
-            source = Pictures(path, pictures, sidecar, request)
+            source = ImageSequences(path, pictures, sidecar, request)
         first, _ = request.range(source.frames, path)
         points, colors = _points(reconstruction) if first == 0 else (None, None)  # of what the model was made from
         lenses: dict[str, Lens] = {}

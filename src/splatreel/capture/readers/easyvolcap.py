@@ -14,11 +14,11 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from splatreel.capture.base import Request
+from splatreel.capture.file_capture import FileCapture
+from splatreel.capture.image_sequences import ImageSequences
 from splatreel.capture.lens import Lens, import_cv2, resized
-from splatreel.capture.pictures import Pictures
 from splatreel.capture.poses import check_rotation
 from splatreel.capture.readers.colmap import import_pycolmap, pictures_by_camera, video_files
-from splatreel.capture.recorded import RecordedCapture
 from splatreel.capture.sidecar import read_sidecar
 from splatreel.capture.videos import Videos
 from splatreel.errors import CaptureError
@@ -32,7 +32,7 @@ def is_easyvolcap(path: Path) -> bool:
     return (path / INTRINSICS).is_file() and (path / EXTRINSICS).is_file()
 
 
-class EasyVolcapCapture(RecordedCapture):
+class EasyVolcapCapture(FileCapture):
     """An EasyVolcap folder; a middle camera is held out unless the request or `splatreel.json` says otherwise."""
 
     def __init__(self, path: Path, request: Request) -> None:
@@ -46,7 +46,7 @@ class EasyVolcapCapture(RecordedCapture):
                 f"video videos/NAME.mp4, the first is {absent[0]!r}. Copy them there."
             )
         if pictures:
-            source = Pictures(path, pictures, sidecar, request)
+            source = ImageSequences(path, pictures, sidecar, request)
             read = source.size(names[0])
         else:
             source = Videos(path, {name: videos[name] for name in names}, sidecar, request)

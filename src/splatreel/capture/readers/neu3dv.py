@@ -14,9 +14,9 @@ from zipfile import BadZipFile
 import numpy as np
 
 from splatreel.capture.base import Request
+from splatreel.capture.file_capture import FileCapture
 from splatreel.capture.poses import check_rotation
 from splatreel.capture.readers.colmap import is_colmap
-from splatreel.capture.recorded import RecordedCapture
 from splatreel.capture.sidecar import failed, read_sidecar
 from splatreel.capture.video import VideoFile
 from splatreel.capture.videos import Videos
@@ -32,7 +32,7 @@ def is_neu3dv(path: Path) -> bool:
     return (path / POSES).is_file() or (any(path.glob("cam*.mp4")) and not is_colmap(path))
 
 
-class Neu3DVCapture(RecordedCapture):
+class Neu3DVCapture(FileCapture):
     """A Neu3DV folder; the camera numbered 0 is held out unless the request or `splatreel.json` says otherwise."""
 
     def __init__(self, path: Path, request: Request) -> None:

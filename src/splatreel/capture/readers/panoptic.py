@@ -12,9 +12,9 @@ from pathlib import Path
 import numpy as np
 
 from splatreel.capture.base import Request
-from splatreel.capture.pictures import Pictures
+from splatreel.capture.file_capture import FileCapture
+from splatreel.capture.image_sequences import ImageSequences
 from splatreel.capture.poses import check_rotation
-from splatreel.capture.recorded import RecordedCapture
 from splatreel.capture.sidecar import Sidecar
 from splatreel.errors import CaptureError
 from splatreel.scene.camera import Camera
@@ -32,7 +32,7 @@ class _View:
     files: list[str]
 
 
-class PanopticCapture(RecordedCapture):
+class PanopticCapture(FileCapture):
     """A Panoptic Sports folder; cameras are named by their number, those of test_meta.json are held out by default."""
 
     def __init__(self, path: Path, request: Request) -> None:
@@ -53,7 +53,7 @@ class PanopticCapture(RecordedCapture):
         super().__init__(
             path,
             [v.camera.resized(*request.size(v.camera.width, v.camera.height, path)) for v in views],
-            Pictures(path, files, Sidecar(), request),
+            ImageSequences(path, files, Sidecar(), request),
             request,
             held_out=defaults,
             origin=path / META[0],

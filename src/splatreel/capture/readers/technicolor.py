@@ -14,8 +14,8 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from splatreel.capture.base import Request
-from splatreel.capture.pictures import Pictures, image_files
-from splatreel.capture.recorded import RecordedCapture
+from splatreel.capture.file_capture import FileCapture
+from splatreel.capture.image_sequences import ImageSequences, image_files
 from splatreel.capture.sidecar import read_sidecar
 from splatreel.errors import CaptureError
 from splatreel.scene.camera import Camera
@@ -31,7 +31,7 @@ def is_technicolor(path: Path) -> bool:
     return (path / PARAMETERS).is_file()
 
 
-class TechnicolorCapture(RecordedCapture):
+class TechnicolorCapture(FileCapture):
     """A Technicolor folder; cameras are named by their two digits, and 10 is held out unless the request or its note says otherwise."""
 
     def __init__(self, path: Path, request: Request) -> None:
@@ -42,7 +42,7 @@ class TechnicolorCapture(RecordedCapture):
                 f"{path}: pictures of the cameras {', '.join(sorted(files)) or 'none'} (SCENE_undist_FRAME_CAMERA.png), but "
                 f"{len(rows)} lines of cameras in {PARAMETERS}. They belong together in their order, from 00 on: add what is missing."
             )
-        pictures = Pictures(path, files, sidecar, request)
+        pictures = ImageSequences(path, files, sidecar, request)
         names = sorted(files)
         default = sidecar.held_out if sidecar.held_out is not None else [name for name in names if name == HELD_OUT]
         cameras = [_camera(name, row, *pictures.size(name)) for name, row in zip(names, rows, strict=True)]

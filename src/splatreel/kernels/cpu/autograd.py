@@ -49,7 +49,7 @@ def _tensors(*arrays: np.ndarray) -> list[Tensor]:
 
 class Project(Function):
     @staticmethod
-    def forward(ctx: Any, means: Tensor, quats: Tensor, scales: Tensor, view: project.View):
+    def forward(ctx: Any, means: Tensor, quats: Tensor, scales: Tensor, view: project.Pinhole):
         means2d, conics, depths, radii = _tensors(*project.forward(*_arrays(means, quats, scales), view=view))
         ctx.view = view
         ctx.save_for_backward(means, quats, scales, conics, radii)
@@ -94,13 +94,13 @@ class ViewColors(Function):
 
 class Deformed(Function):
     @staticmethod
-    def forward(ctx: Any, view: project.View, center: Tensor, dx, dq, shade, *points: Tensor):
+    def forward(ctx: Any, view: project.Pinhole, center: Tensor, dx, dq, shade, *points: Tensor):
         ctx.given = [change is not None for change in (dx, dq, shade)]
         none = (points[0].new_zeros(0, size) for size in (3, 4, 4))
         changes = [change if change is not None else rows for change, rows in zip((dx, dq, shade), none, strict=True)]
         ctx.view, saved = view, (*points, *changes, center)
         *moment, middle = _arrays(*saved)
-        opacities, ctx.seen = deform.forward(deform.Moment(*moment), middle, view)
+        opacities, ctx.seen = deform.forward(deform.DeformedPoints(*moment), middle, view)
         ctx.save_for_backward(*saved)
         means2d, conics, colors, depths, radii = _tensors(*ctx.seen[:5])
         ctx.mark_non_differentiable(depths, radii)
@@ -110,7 +110,7 @@ class Deformed(Function):
     @once_differentiable
     def backward(ctx: Any, *d_splats: Tensor):
         *moment, center = _arrays(*ctx.saved_tensors)
-        found = deform.backward(deform.Moment(*moment), ctx.seen, center, ctx.view, *_arrays(*d_splats[:4]))
+        found = deform.backward(deform.DeformedPoints(*moment), ctx.seen, center, ctx.view, *_arrays(*d_splats[:4]))
         *d_points, d_dq, d_shade = _tensors(*found)
         d_changes = [d if given else None for d, given in zip((d_points[0], d_dq, d_shade), ctx.given, strict=True)]
         return None, None, *d_changes, *d_points

@@ -14,7 +14,7 @@ from numba import njit, prange
 from splatreel.kernels.cpu.harmonics import color_one, color_one_backward
 from splatreel.kernels.cpu.jit import HALF, ONE, PARALLEL, TWO, ZERO, F
 from splatreel.kernels.cpu.motion import turn_one, turn_one_backward
-from splatreel.kernels.cpu.project import FINE_BLUR, View, project_one, project_one_backward
+from splatreel.kernels.cpu.project import FINE_BLUR, Pinhole, project_one, project_one_backward
 
 FINE = F(FINE_BLUR)
 LEAST_AREA = F(1e-6)
@@ -22,7 +22,7 @@ LEAST_AREA = F(1e-6)
 Arrays = tuple[np.ndarray, ...]
 
 
-class Moment(NamedTuple):
+class DeformedPoints(NamedTuple):
     """Canonical points, unconstrained, and what changes them: means [N, 3], quats [N, 4], log_scales [N, 3], logit_opacities [N],
     base [N, 1, 3], rest [N, K - 1, 3], dx [N, 3], dq [N, 4], shade [N, 4]; the last three may have no rows, for none.
     """
@@ -38,7 +38,7 @@ class Moment(NamedTuple):
     shade: np.ndarray
 
 
-class Seen(NamedTuple):
+class ProjectedPoints(NamedTuple):
     """What `backward` needs again. The first five are the splats: means2d [N, 2], conics [N, 3], colors [N, 3], depths and radii [N].
 
     means, quats, scales: of the deformed points; opaque: [N] their opacities, before what antialiasing takes.
@@ -55,7 +55,7 @@ class Seen(NamedTuple):
     opaque: np.ndarray
 
 
-def forward(moment: Moment, center: np.ndarray, view: View) -> tuple[np.ndarray, Seen]:
+def forward(moment: DeformedPoints, center: np.ndarray, view: Pinhole) -> tuple[np.ndarray, ProjectedPoints]:
     """The splats' opacities [N], and the rest. A view with a blur of FINE_BLUR is antialiased."""
     n, shade = len(moment.means), moment.shade
     logits = moment.logit_opacities + shade[:, 3] if len(shade) else moment.logit_opacities
@@ -63,17 +63,17 @@ def forward(moment: Moment, center: np.ndarray, view: View) -> tuple[np.ndarray,
     depths, radii, opacities = np.empty(n, np.float32), np.empty(n, np.int32), np.empty(n, np.float32)
     means, quats = np.empty_like(moment.means), np.empty_like(moment.quats)
     opaque = 1 / (1 + np.exp(np.minimum(-logits, F(80))))
-    seen = Seen(means2d, conics, colors, depths, radii, means, quats, np.exp(moment.log_scales), opaque)
+    seen = ProjectedPoints(means2d, conics, colors, depths, radii, means, quats, np.exp(moment.log_scales), opaque)
     pinhole = view.viewmat, view.lens, view.limits, center
     _forward(moment, seen, view.blur == FINE_BLUR, *pinhole, opacities)
     return opacities, seen
 
 
 def backward(
-    moment: Moment,
-    seen: Seen,
+    moment: DeformedPoints,
+    seen: ProjectedPoints,
     center: np.ndarray,
-    view: View,
+    view: Pinhole,
     d_means2d: np.ndarray,
     d_conics: np.ndarray,
     d_colors: np.ndarray,

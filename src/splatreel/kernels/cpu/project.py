@@ -17,7 +17,7 @@ EXTENT = F(3.33)  # sqrt(2 ln 255): standard deviations at which an opaque splat
 
 
 @dataclass(frozen=True)
-class View:
+class Pinhole:
     """viewmat: [4, 4] float32 world to camera. K: [3, 3] float32 pixels. width, height: pixels. near: least depth drawn.
 
     blur: added to the diagonal of the 2D covariances, square pixels.
@@ -51,7 +51,7 @@ def kept_area(xx, xy, yy):
 
 
 def forward(
-    means: np.ndarray, quats: np.ndarray, scales: np.ndarray, view: View
+    means: np.ndarray, quats: np.ndarray, scales: np.ndarray, view: Pinhole
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
     """Returns means2d [N, 2], conics [N, 3], depths [N] and radii [N] int32; zero radius and zero rows where culled."""
     n = len(means)
@@ -70,7 +70,7 @@ def backward(
     d_conics: np.ndarray,
     d_depths: np.ndarray,
     radii: np.ndarray,
-    view: View,
+    view: Pinhole,
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Gradients to means, quats and scales; conics and radii are what `forward` returned."""
     d_means, d_quats, d_scales = np.empty_like(means), np.empty_like(quats), np.empty_like(scales)

@@ -13,7 +13,7 @@ TITLE = "<title>Splatreel</title>"
 """What stands in the player's own page."""
 
 
-def introduced(page: str, said: Presentation, address: str | None = None) -> str:
+def with_metadata(page: str, said: Presentation, address: str | None = None) -> str:
     """The page with title and tags. address: of the folder that holds the page and `reel/`; without it no picture is named."""
     title = said.title or "Splatreel"
     tags = {"author": said.author, "description": said.description, "og:type": "website", "og:title": title}

@@ -33,7 +33,7 @@ class Score:
 
 
 @dataclass(frozen=True)
-class StillFrame:
+class SingleFrame:
     """A frame reconstructed on its own. score: before encoding; decoded: whole pictures of what a reader of its file shows.
 
     bytes: of the file of its points. seconds: wall time of initial points and training. device: cpu or cuda.
@@ -48,17 +48,17 @@ class StillFrame:
     device: str
 
     @staticmethod
-    def from_dict(value: dict[str, Any]) -> StillFrame:
+    def from_dict(value: dict[str, Any]) -> SingleFrame:
         """Raises TypeError or KeyError for anything else than `dataclasses.asdict` gave."""
         nested = {"score": Score.from_dict(value["score"]), "decoded": Quality(**value["decoded"])}
-        return StillFrame(**(value | nested))
+        return SingleFrame(**(value | nested))
 
 
 @dataclass(frozen=True)
-class Yardstick:
+class OracleReport:
     """Frames reconstructed each on its own and, if reel is not empty, the same frames of a reel, in the same order."""
 
-    frames: list[StillFrame]
+    frames: list[SingleFrame]
     reel: list[Score]
 
     def mean(self) -> Score:

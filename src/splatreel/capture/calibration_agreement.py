@@ -18,7 +18,7 @@ FEWEST = 3
 
 
 @dataclass(frozen=True)
-class Placed:
+class CalibratedCamera:
     """One camera of a calibration.
 
     rotation: [3, 3] world to camera. center: [3]. focal: in lengths of the longer side. points: how many it sees.
@@ -40,10 +40,10 @@ class Placed:
         return FIELD[0] <= self.field <= FIELD[1]
 
 
-Rig = dict[str, Placed]
+CalibratedRig = dict[str, CalibratedCamera]
 
 
-def agreeing(one: Rig, other: Rig) -> set[str]:
+def agreeing(one: CalibratedRig, other: CalibratedRig) -> set[str]:
     """The cameras on which two calibrations agree."""
     names = sorted(set(one) & set(other))
     if len(names) < FEWEST:
@@ -65,7 +65,7 @@ def agreeing(one: Rig, other: Rig) -> set[str]:
     return {name for name, fit in zip(names, fits, strict=True) if fit}
 
 
-def trusted(rigs: list[Rig], few: int) -> tuple[int, set[str]]:
+def trusted(rigs: list[CalibratedRig], few: int) -> tuple[int, set[str]]:
     """Which calibration is the best, and its cameras that can be trusted: with possible lenses, and where another one says, too.
 
     A camera that sees fewer than `few` points must come out alike in all of them: what little it sees may be taken wrongly twice. Of a
@@ -79,7 +79,7 @@ def trusted(rigs: list[Rig], few: int) -> tuple[int, set[str]]:
     return best, found[best]
 
 
-def _believed(name: str, placed: Placed, alike: list[set[str]], few: int) -> bool:
+def _believed(name: str, placed: CalibratedCamera, alike: list[set[str]], few: int) -> bool:
     """alike: the cameras that come out alike, by other calibrations."""
     agreed = [name in names for names in alike]
     if placed.points < few:

@@ -12,13 +12,13 @@ from splatreel.codec.verify import verify_reel
 from splatreel.codec.writer import ReelWriter
 from splatreel.errors import ReelError
 from splatreel.play import jpeg
-from splatreel.play.presenter import Presenter
+from splatreel.play.presentation_writer import PresentationWriter
 from splatreel.play.timeline import open_reel
 from tests.codec.reels import new_group, new_writer, points
 from tests.files import contents
 
 
-def add_groups(writer: ReelWriter, numbers: range, present: Presenter) -> None:
+def add_groups(writer: ReelWriter, numbers: range, present: PresentationWriter) -> None:
     """20 static points born at the first; every group has two frames of its own."""
     for index in numbers:
         if index == 0:
@@ -27,14 +27,14 @@ def add_groups(writer: ReelWriter, numbers: range, present: Presenter) -> None:
         present(writer, index)
 
 
-def complete(writer: ReelWriter, present: Presenter) -> None:
+def complete(writer: ReelWriter, present: PresentationWriter) -> None:
     present(writer, None)
     writer.finish()
 
 
 def test_the_poster_is_there_with_the_first_group_and_shows_what_the_start_camera_sees(tmp_path: Path) -> None:
     writer = new_writer(tmp_path)
-    add_groups(writer, range(1), Presenter({"title": "Balls"}))
+    add_groups(writer, range(1), PresentationWriter({"title": "Balls"}))
     manifest = open_reel(tmp_path).manifest
     poster = manifest.presentation.poster
     assert manifest.live
@@ -51,15 +51,15 @@ def test_the_poster_is_there_with_the_first_group_and_shows_what_the_start_camer
 
 
 def test_a_run_that_was_cut_off_anywhere_ends_with_the_same_reel(tmp_path: Path) -> None:
-    present = Presenter({"author": "Somebody"})
+    present = PresentationWriter({"author": "Somebody"})
     add_groups(writer := new_writer(tmp_path / "whole"), range(3), present)
     complete(writer, present)
-    add_groups(new_writer(tmp_path / "cut"), range(1), Presenter())
+    add_groups(new_writer(tmp_path / "cut"), range(1), PresentationWriter())
     (tmp_path / "cut" / "poster.jpg").unlink()
     writer = new_writer(tmp_path / "cut", resume=True)
     add_groups(writer, range(1, 3), present)
     present(writer, None)  # cut off here, before it was declared complete
-    complete(new_writer(tmp_path / "cut", resume=True), Presenter())
+    complete(new_writer(tmp_path / "cut", resume=True), PresentationWriter())
     assert contents(tmp_path / "cut") == contents(tmp_path / "whole")
     assert verify_reel(tmp_path / "cut").strangers == []
 
@@ -67,26 +67,26 @@ def test_a_run_that_was_cut_off_anywhere_ends_with_the_same_reel(tmp_path: Path)
 def test_a_poster_and_thumbnails_that_are_there_are_not_drawn_again(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    add_groups(writer := new_writer(tmp_path), range(2), Presenter())
-    complete(writer, Presenter())
+    add_groups(writer := new_writer(tmp_path), range(2), PresentationWriter())
+    complete(writer, PresentationWriter())
     before = contents(tmp_path)
     monkeypatch.setattr("splatreel.play.timeline.Timeline.render", lambda *_: 1 / 0)
-    complete(new_writer(tmp_path, resume=True), Presenter())
+    complete(new_writer(tmp_path, resume=True), PresentationWriter())
     assert contents(tmp_path) == before
 
 
 def test_words_change_and_the_others_stay(tmp_path: Path) -> None:
-    add_groups(writer := new_writer(tmp_path), range(1), Presenter({"title": "One", "licence": "CC0-1.0"}))
-    complete(writer, Presenter({"title": "Two"}))
+    add_groups(writer := new_writer(tmp_path), range(1), PresentationWriter({"title": "One", "licence": "CC0-1.0"}))
+    complete(writer, PresentationWriter({"title": "Two"}))
     found = open_reel(tmp_path).manifest.presentation
     assert (found.title, found.licence, found.author) == ("Two", "CC0-1.0", "")
     with pytest.raises(ReelError, match="title of 201 characters"):
-        Presenter({"title": "x" * 201})(writer, None)
+        PresentationWriter({"title": "x" * 201})(writer, None)
 
 
 def test_thumbnails_are_pictures_of_their_times(tmp_path: Path) -> None:
-    add_groups(writer := new_writer(tmp_path), range(4), Presenter())
-    complete(writer, Presenter())
+    add_groups(writer := new_writer(tmp_path), range(4), PresentationWriter())
+    complete(writer, PresentationWriter())
     reel = open_reel(tmp_path)
     found = reel.manifest.presentation.thumbnails
     assert found is not None
@@ -106,7 +106,7 @@ def test_long_reels_have_sheets_of_five_minutes(tmp_path: Path) -> None:
     writer = new_writer(tmp_path, fps=0.5)
     writer.add_layer(0, 0, points(20))
     writer.add_group(new_group(0, 2, 20, frames=310))
-    complete(writer, Presenter())
+    complete(writer, PresentationWriter())
     found = open_reel(tmp_path).manifest.presentation.thumbnails
     assert found is not None
     assert (found.seconds, found.count, found.columns, found.rows, len(found.sheets)) == (10, 62, 6, 5, 3)
@@ -116,9 +116,9 @@ def test_long_reels_have_sheets_of_five_minutes(tmp_path: Path) -> None:
 
 
 def test_a_reel_that_gets_other_groups_loses_the_thumbnails_of_before(tmp_path: Path) -> None:
-    add_groups(writer := new_writer(tmp_path), range(2), Presenter())
-    complete(writer, Presenter())
-    add_groups(writer := new_writer(tmp_path, resume=True), range(2, 3), Presenter())
+    add_groups(writer := new_writer(tmp_path), range(2), PresentationWriter())
+    complete(writer, PresentationWriter())
+    add_groups(writer := new_writer(tmp_path, resume=True), range(2, 3), PresentationWriter())
     assert writer.manifest.presentation.thumbnails is None
     assert not list(tmp_path.glob("thumbnails/*"))
 
@@ -131,7 +131,7 @@ def test_pictures_get_coarser_until_they_fit() -> None:
 
 def test_a_poster_that_does_not_fit_is_smaller(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("splatreel.play.poster.MOST_BYTES", 4_000)
-    add_groups(writer := new_writer(tmp_path), range(1), Presenter())
+    add_groups(writer := new_writer(tmp_path), range(1), PresentationWriter())
     poster = writer.manifest.presentation.poster
     assert poster is not None
     assert (poster.width, poster.height) == (640, 480)
@@ -140,7 +140,7 @@ def test_a_poster_that_does_not_fit_is_smaller(tmp_path: Path, monkeypatch: pyte
 def test_killed_at_any_write_the_same_command_ends_with_the_same_reel(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    present = Presenter({"title": "Balls"})
+    present = PresentationWriter({"title": "Balls"})
 
     def run(folder: Path) -> None:
         writer = new_writer(folder, resume=True)

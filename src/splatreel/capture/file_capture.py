@@ -13,7 +13,7 @@ from splatreel.capture.sound import Track
 from splatreel.scene.camera import Camera
 
 
-class Source(Protocol):
+class FrameSource(Protocol):
     """Pictures of cameras by name. frames: how many time steps all of them have; fps: time steps a second."""
 
     frames: int
@@ -34,7 +34,7 @@ class Source(Protocol):
         """Release open files; reading again reopens them."""
 
 
-class RecordedCapture(Capture):
+class FileCapture(Capture):
     """A capture whose pictures are files.
 
     held_out: what the format holds out; the request comes first. lenses: of those cameras whose pictures have to be straightened.
@@ -44,7 +44,7 @@ class RecordedCapture(Capture):
         self,
         path: Path,
         cameras: list[Camera],
-        source: Source,
+        source: FrameSource,
         request: Request,
         *,
         held_out: list[str],
@@ -78,7 +78,7 @@ class RecordedCapture(Capture):
         bent = np.empty((len(out), lens.height, lens.width, 3), np.uint8)
         self._source.read_camera(bent, first, name)
         for t, picture in enumerate(bent):
-            out[t] = lens.straighten(picture)
+            out[t] = lens.undistort(picture)
 
     def sources(self) -> list[Path]:
         return self._source.sources(self.first_frame, self.frames)

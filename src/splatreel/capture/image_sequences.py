@@ -15,7 +15,7 @@ from splatreel.errors import CaptureError
 IMAGE_SUFFIXES = (".jpg", ".jpeg", ".png", ".webp", ".tif", ".tiff", ".bmp")
 
 
-class Pictures:
+class ImageSequences:
     """The image files of a capture, by camera, in the order of time; all cameras start together.
 
     frames: how many time steps all of them have. fps: what the sidecar says, or 30: pictures do not tell.

@@ -7,7 +7,7 @@ from urllib.parse import urlsplit
 import pytest
 
 from splatreel.errors import UsageError
-from splatreel.play.names import Names
+from splatreel.play.allowed_hosts import AllowedHosts
 from splatreel.play.server import serve
 from tests.golden import GOLDEN
 
@@ -18,7 +18,7 @@ OTHERS = ["evil.example", "localhost.evil.example", "127.0.0.1.evil.example:8080
 
 @pytest.mark.parametrize("bound", ["127.0.0.1", "::1"])
 def test_on_this_machine_only(bound: str):
-    names = Names(bound, bound)
+    names = AllowedHosts(bound, bound)
     for host in ITSELF:
         assert host in names, host
     for host in (*NO_NAMES, *OTHERS, "192.168.0.7:8080", "[fe80::1]", socket.gethostname() + ".example"):
@@ -27,7 +27,7 @@ def test_on_this_machine_only(bound: str):
 
 @pytest.mark.parametrize("bound", ["0.0.0.0", "::", "192.168.0.7", "fe80::1%eth0"])
 def test_on_the_network_any_address_and_the_names_of_the_machine(bound: str):
-    names = Names(bound, "Reels.example")
+    names = AllowedHosts(bound, "Reels.example")
     machine = socket.gethostname()
     for host in (*ITSELF, "192.168.0.7:8080", "[fe80::1]:1", "reels.example", machine, f"{machine}.local:8080"):
         assert host in names, host
@@ -36,12 +36,12 @@ def test_on_the_network_any_address_and_the_names_of_the_machine(bound: str):
 
 
 def test_further_names():
-    names = Names("127.0.0.1", "127.0.0.1", ["Tunnel.example."])
+    names = AllowedHosts("127.0.0.1", "127.0.0.1", ["Tunnel.example."])
     assert "tunnel.example:443" in names
     assert "other.example" not in names
     for wrong in ("https://tunnel.example", "tunnel.example:80", "", "*"):
         with pytest.raises(UsageError, match="is not the name of a host"):
-            Names("127.0.0.1", "127.0.0.1", [wrong])
+            AllowedHosts("127.0.0.1", "127.0.0.1", [wrong])
 
 
 def test_another_name_is_refused_with_the_remedy():

@@ -19,9 +19,9 @@ from starlette.requests import Request
 from starlette.responses import PlainTextResponse, Response, StreamingResponse
 from starlette.types import ASGIApp, Receive, Scope, Send
 
-from splatreel.play.listing import Listing
-from splatreel.play.names import Names, host_name
-from splatreel.play.page import STATIC, introduced
+from splatreel.play.allowed_hosts import AllowedHosts, host_name
+from splatreel.play.player_page import STATIC, with_metadata
+from splatreel.play.served_files import ServedFiles
 
 _PAGE = "index.html"
 _PLAYER_TYPES = {
@@ -52,11 +52,11 @@ class Content(NamedTuple):
     policy: str
 
 
-class Site:
+class WebApp:
     """The ASGI application. names: what it may be asked for as; cors: whether pages of other sites may read it."""
 
-    def __init__(self, reel: Path, names: Names, cors: bool = False) -> None:
-        self._listing = Listing(reel)
+    def __init__(self, reel: Path, names: AllowedHosts, cors: bool = False) -> None:
+        self._files = ServedFiles(reel)
         self._names = names
         self._headers = {
             "X-Content-Type-Options": "nosniff",
@@ -98,7 +98,7 @@ class Site:
         name = request.scope["path"].removeprefix("/")
         try:
             if name.startswith("reel/"):
-                path = self._listing.find(name.removeprefix("reel/"))
+                path = self._files.find(name.removeprefix("reel/"))
                 kind = _REEL_TYPES.get(Path(name).suffix, "application/octet-stream")
                 return _opened(path, kind, _REEL_POLICY) if path else None
             name = name or _PAGE
@@ -114,10 +114,10 @@ class Site:
         file = STATIC / _PAGE
         text, modified = file.read_text(encoding="utf-8"), file.stat().st_mtime
         if "src" not in request.query_params:
-            said, written = self._listing.presentation()
+            said, written = self._files.presentation()
             secure = request.headers.get("X-Forwarded-Proto") == "https"
             address = f"http{'s' if secure else ''}://{request.headers['Host']}/"
-            text, modified = introduced(text, said, address), max(modified, written)
+            text, modified = with_metadata(text, said, address), max(modified, written)
         data = text.encode()
         tag = f'"{hashlib.sha256(data).hexdigest()[:32]}"'
         return Content(io.BytesIO(data), len(data), _PLAYER_TYPES[".html"], tag, modified, policy())

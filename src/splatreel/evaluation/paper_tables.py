@@ -11,8 +11,8 @@ from pathlib import Path
 
 from splatreel.codec.reader import ReelReader
 from splatreel.config import EncodeConfig
-from splatreel.evaluation.baselines import float32_bytes, write_still, write_unlayered
-from splatreel.evaluation.rates import PRINTED, Row, Sweep
+from splatreel.evaluation.baselines import float32_bytes, write_first_frame, write_unlayered
+from splatreel.evaluation.rate_distortion import PRINTED, RatePoint, Sweep
 from splatreel.recon.encode.uncompressed import UncompressedReel
 from splatreel.recon.run.store import Store
 
@@ -42,7 +42,7 @@ def paper_tables(sweep: Sweep, first: Sweep) -> str:
     """Tables 4, 8, 9 and 10 as Markdown. first: a sweep of the first frame only."""
     ten = [sweep.measure(f"table 10: {' '.join(key)}", config) for key, config in TABLE_10.items()]
     nine = [
-        first.measure(f"table 9: {' '.join(key)}", config, lambda reel, c: write_still(first.run, reel, c))
+        first.measure(f"table 9: {' '.join(key)}", config, lambda reel, c: write_first_frame(first.run, reel, c))
         for key, config in TABLE_9.items()
     ]
     plain = sweep.measure("table 8: layers, float32", UNQUANTIZED)
@@ -58,7 +58,7 @@ def paper_tables(sweep: Sweep, first: Sweep) -> str:
     return "\n".join(parts)
 
 
-def _table_4(before: float, v3: Row, ten: list[Row], sizes: dict[str, int]) -> str:
+def _table_4(before: float, v3: RatePoint, ten: list[RatePoint], sizes: dict[str, int]) -> str:
     rows = [
         ["PSNR", f"{before:.2f}", f"{v3.psnr:.2f}", f"{before:.2f}", f"{ten[2].psnr:.2f}"],
         ["Size", _mb(sizes["frames"]), _mb(v3.bytes), _mb(ten[0].bytes), _mb(ten[2].bytes)],
@@ -70,7 +70,7 @@ def _table_4(before: float, v3: Row, ten: list[Row], sizes: dict[str, int]) -> s
     )
 
 
-def _table_8(run: Path, plain: Row, ten: list[Row], sizes: dict[str, int]) -> str:
+def _table_8(run: Path, plain: RatePoint, ten: list[RatePoint], sizes: dict[str, int]) -> str:
     """Config. 1 has every point in every group, offsets included; it is counted, not trained, and has no PSNR."""
     total = sizes["points"] + sizes["offsets"]
     seconds = Store(run / "work").seconds()
@@ -90,17 +90,17 @@ def _table_8(run: Path, plain: Row, ten: list[Row], sizes: dict[str, int]) -> st
     return _markdown("Table 8. Ablation on model size.", ["Config.", "#1", "#2", "#3", "Full"], rows)
 
 
-def _table_9(nine: list[Row]) -> str:
+def _table_9(nine: list[RatePoint]) -> str:
     header = ["Config.", "q", "o", "s", "c^base", "c^rest", "PSNR", "Size", "CR"]
     return _markdown("Table 9. Ablation on Gaussian point quantization, frame 0.", header, _rows(TABLE_9, nine))
 
 
-def _table_10(ten: list[Row]) -> str:
+def _table_10(ten: list[RatePoint]) -> str:
     header = ["Config.", "Source", "CRF_265", "QP_DRC", "PSNR", "Size", "CR"]
     return _markdown("Table 10. Ablation on deformation encoding.", header, _rows(TABLE_10, ten))
 
 
-def _rows(keys: dict[tuple[str, ...], EncodeConfig], rows: list[Row]) -> list[list[str]]:
+def _rows(keys: dict[tuple[str, ...], EncodeConfig], rows: list[RatePoint]) -> list[list[str]]:
     return [
         [f"#{number}", *key, f"{row.psnr:.3f}", _mb(row.bytes), f"{row.bytes / rows[0].bytes:.1%}"]
         for number, (key, row) in enumerate(zip(keys, rows, strict=True), 1)

@@ -6,17 +6,17 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from splatreel.capture.agreement import Placed, Rig, agreeing, trusted
+from splatreel.capture.calibration_agreement import CalibratedCamera, CalibratedRig, agreeing, trusted
 
 RNG = np.random.default_rng(0)
 
 
-def rig(count: int = 6, points: int = 300) -> Rig:
+def rig(count: int = 6, points: int = 300) -> CalibratedRig:
     rotations = Rotation.from_rotvec(RNG.normal(0, 0.5, (count, 3))).as_matrix()
-    return {f"cam{n}": Placed(rotations[n], RNG.normal(0, 2, 3), 0.9, points) for n in range(count)}
+    return {f"cam{n}": CalibratedCamera(rotations[n], RNG.normal(0, 2, 3), 0.9, points) for n in range(count)}
 
 
-def elsewhere(cameras: Rig) -> Rig:
+def elsewhere(cameras: CalibratedRig) -> CalibratedRig:
     """The same rig in a world that is turned, larger and moved."""
     turn = Rotation.from_rotvec([0.3, 1.2, -0.5]).as_matrix()
     return {
@@ -25,7 +25,7 @@ def elsewhere(cameras: Rig) -> Rig:
     }
 
 
-def turned(placed: Placed, degrees: float) -> Placed:
+def turned(placed: CalibratedCamera, degrees: float) -> CalibratedCamera:
     return replace(placed, rotation=Rotation.from_rotvec([0, np.radians(degrees), 0]).as_matrix() @ placed.rotation)
 
 

@@ -7,11 +7,19 @@ from xml.etree import ElementTree
 import pytest
 
 from splatreel.errors import UsageError
-from splatreel.evaluation import rates
+from splatreel.evaluation import rate_distortion
 from splatreel.evaluation.bd_rate import bd_rate
 from splatreel.evaluation.chart import rate_chart
-from splatreel.evaluation.rates import Sweep, bytes_at, curves, rate_distortion, sweep_of, table
-from splatreel.evaluation.tables import paper_tables
+from splatreel.evaluation.paper_tables import paper_tables
+from splatreel.evaluation.rate_distortion import (
+    RatePoint,
+    Sweep,
+    bytes_at,
+    curves,
+    rate_distortion_points,
+    sweep_of,
+    table,
+)
 from splatreel.progress import Silent
 from tests.evaluation import scenes
 
@@ -32,7 +40,7 @@ def test_rows_are_measured_from_real_reels_and_only_once(
     run: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     record, capture = tmp_path / "out" / "codec.jsonl", scenes.capture(run)
-    rows = rate_distortion(sweep_of(run, capture, 2, record=record), NAMES)
+    rows = rate_distortion_points(sweep_of(run, capture, 2, record=record), NAMES)
     assert [row.name for row in rows] == NAMES
     paper, fine, coarse = rows
     assert coarse.bytes < fine.bytes < paper.bytes
@@ -43,10 +51,10 @@ def test_rows_are_measured_from_real_reels_and_only_once(
     def nothing(*_: object) -> None:
         raise AssertionError("measured again")
 
-    monkeypatch.setattr(rates, "reencode", nothing)
-    assert rate_distortion(sweep_of(run, capture, 2, record=record), NAMES) == rows
+    monkeypatch.setattr(rate_distortion, "reencode", nothing)
+    assert rate_distortion_points(sweep_of(run, capture, 2, record=record), NAMES) == rows
     with pytest.raises(AssertionError, match="measured again"):
-        rate_distortion(sweep_of(run, capture, 3, record=record), NAMES)
+        rate_distortion_points(sweep_of(run, capture, 3, record=record), NAMES)
     text = table(rows)
     assert f"| predictive 4 | {coarse.bytes / 1e6:.3f} |" in text
     assert "BD-rate: the two have no quality in common." in text  # of the paper's codec there is but one row
@@ -57,7 +65,7 @@ def test_rows_are_measured_from_real_reels_and_only_once(
 
 def test_an_unknown_configuration_is_named(run: Path) -> None:
     with pytest.raises(UsageError, match=r"No configuration is called 'best'\. Known are paper, "):
-        rate_distortion(sweep_of(run, scenes.capture(run), 5), ["best"])
+        rate_distortion_points(sweep_of(run, scenes.capture(run), 5), ["best"])
 
 
 def cells(text: str, title: str) -> list[list[str]]:
@@ -100,10 +108,10 @@ def test_bd_rate_known_answers() -> None:
 
 
 def test_bytes_at_a_loss() -> None:
-    rows = [rates.Row("x", size, 0, 30 - loss, loss, {}) for size, loss in ((1000, 0.1), (4000, 0.0))]
+    rows = [RatePoint("x", size, 0, 30 - loss, loss, {}) for size, loss in ((1000, 0.1), (4000, 0.0))]
     assert bytes_at(rows, 0.05) == pytest.approx(2000)
     assert bytes_at(rows, 0.2) is None
-    assert bytes_at([*rows, rates.Row("x", 2000, 0, 30, -0.1, {})], 0.0) == pytest.approx(1000 * 2**0.5)
+    assert bytes_at([*rows, RatePoint("x", 2000, 0, 30, -0.1, {})], 0.0) == pytest.approx(1000 * 2**0.5)
     assert curves(rows) == {"paper": [], "predictive": []}
 
 

@@ -11,7 +11,7 @@ from splatreel.capture.base import Capture
 from splatreel.config import Config
 from splatreel.config.records import updated
 from splatreel.errors import UsageError
-from splatreel.evaluation.yardstick import StillFrame
+from splatreel.evaluation.oracle_report import SingleFrame
 from splatreel.recon.run import checkpoint
 from splatreel.recon.run.run_lock import differences
 
@@ -21,7 +21,7 @@ DECIDING = ("keyframe", "encode", "correct_colors", "seed")
 """The fields of `Config` that a single frame depends on."""
 
 
-class Ledger:
+class OracleFrames:
     """The finished frames of one capture and configuration, in a file that is replaced whenever one is added.
 
     Raises `UsageError` where the file holds those of another, `ReconstructionError` where it cannot be read.
@@ -35,9 +35,9 @@ class Ledger:
             "capture": capture.describe(),
             "config": {name: decide[name] for name in DECIDING},
         }
-        self.frames: dict[int, StillFrame] = self._load() if path.exists() else {}
+        self.frames: dict[int, SingleFrame] = self._load() if path.exists() else {}
 
-    def _load(self) -> dict[int, StillFrame]:
+    def _load(self) -> dict[int, SingleFrame]:
         found = checkpoint.load_json(self.path)
         theirs: dict[str, Any] = found if isinstance(found, dict) else {}
         settings = updated(theirs.get("config"))
@@ -49,11 +49,11 @@ class Ledger:
                 "Choose another --out, ask for the same again, or delete the file to start over."
             )
         try:
-            return {frame["frame"]: StillFrame.from_dict(frame) for frame in theirs["frames"]}
+            return {frame["frame"]: SingleFrame.from_dict(frame) for frame in theirs["frames"]}
         except (KeyError, TypeError) as error:
             raise UsageError(f"{self.path}: is damaged ({error!r}). Delete it to start over.") from error
 
-    def add(self, frame: StillFrame) -> None:
+    def add(self, frame: SingleFrame) -> None:
         self.frames[frame.frame] = frame
         self.save(None)
 

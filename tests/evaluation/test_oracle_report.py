@@ -2,12 +2,12 @@ import dataclasses
 
 import pytest
 
+from splatreel.evaluation.oracle_report import OracleReport, Score, SingleFrame
 from splatreel.evaluation.report import Quality
-from splatreel.evaluation.yardstick import Score, StillFrame, Yardstick
 
 FRAMES = [
-    StillFrame(0, Score(Quality(30, 31, 0.9), None), Quality(29, 30, 0.89), 100, 2_000_000, 10.0, "cpu"),
-    StillFrame(
+    SingleFrame(0, Score(Quality(30, 31, 0.9), None), Quality(29, 30, 0.89), 100, 2_000_000, 10.0, "cpu"),
+    SingleFrame(
         15, Score(Quality(34, 35, 0.94), Quality(28, 29, 0.8)), Quality(33, 34, 0.93), 300, 4_000_000, 20.0, "cpu"
     ),
 ]
@@ -15,16 +15,16 @@ REEL = [Score(Quality(29.5, 30, 0.88), None), Score(Quality(31, 32, 0.9), Qualit
 
 
 def test_a_frame_survives_its_record() -> None:
-    assert [StillFrame.from_dict(dataclasses.asdict(frame)) for frame in FRAMES] == FRAMES
+    assert [SingleFrame.from_dict(dataclasses.asdict(frame)) for frame in FRAMES] == FRAMES
 
 
 def test_means_and_distances_are_known() -> None:
-    yardstick = Yardstick(FRAMES, REEL)
-    assert yardstick.mean() == Score(Quality(32, 33, pytest.approx(0.92)), Quality(28, 29, 0.8))
-    assert yardstick.decoded().psnr == 31
-    assert yardstick.distance() == {"whole": pytest.approx(1.75), "moving": pytest.approx(5.0)}
-    record = yardstick.reel_dict("a reel")
-    assert record["distance"] == yardstick.distance()
+    report = OracleReport(FRAMES, REEL)
+    assert report.mean() == Score(Quality(32, 33, pytest.approx(0.92)), Quality(28, 29, 0.8))
+    assert report.decoded().psnr == 31
+    assert report.distance() == {"whole": pytest.approx(1.75), "moving": pytest.approx(5.0)}
+    record = report.reel_dict("a reel")
+    assert record["distance"] == report.distance()
     assert [frame["distance"] for frame in record["frames"]] == [
         {"whole": 0.5, "moving": None},
         {"whole": 3, "moving": 5},
@@ -32,9 +32,9 @@ def test_means_and_distances_are_known() -> None:
 
 
 def test_the_tables_say_the_same() -> None:
-    text = Yardstick(FRAMES, REEL).to_markdown()
+    text = OracleReport(FRAMES, REEL).to_markdown()
     assert "| 0 | 30.00 | 31.00 | 0.9000 |  |  | 29.00 | 100 | 2.000 MB | 10.0 s |" in text
     assert "| mean | 32.00 | 33.00 | 0.9200 | 28.00 | 0.8000 | 31.00 | 200 | 3.000 MB | 15.0 s |" in text
     assert "| 15 | 34.00 | 31.00 | 3.00 | 0.9400 | 0.9000 | 28.00 | 23.00 | 5.00 |" in text
     assert "| mean | 32.00 | 30.25 | 1.75 | 0.9200 | 0.8900 | 28.00 | 23.00 | 5.00 |" in text
-    assert "reel" not in Yardstick(FRAMES, []).to_markdown()
+    assert "reel" not in OracleReport(FRAMES, []).to_markdown()

@@ -7,18 +7,18 @@ from pathlib import Path
 import numpy as np
 from PIL import Image, ImageOps
 
+from splatreel.capture.image_sequences import image_files
 from splatreel.capture.images import image_size
-from splatreel.capture.pictures import image_files
 from splatreel.errors import CaptureError
 from splatreel.progress import Progress
 
-STILLS = "also/"
+PHOTO_FOLDER = "also/"
 """What their names begin with among the cameras' pictures. Cameras' have no folder."""
 LONGEST = 2400
 """Pixels that they are reduced to: more tell COLMAP hardly more."""
 
 
-def check_stills(folder: Path) -> list[Path]:
+def check_photos(folder: Path) -> list[Path]:
     """The photographs of a folder. Raises `CaptureError` where there are none, or one cannot be read."""
     if not folder.is_dir():
         raise CaptureError(f"{folder}: is not a folder. Name a folder of photographs.")
@@ -30,7 +30,7 @@ def check_stills(folder: Path) -> list[Path]:
     return files
 
 
-def write_stills(files: list[Path], pictures: Path, progress: Progress) -> list[str]:
+def write_photos(files: list[Path], pictures: Path, progress: Progress) -> list[str]:
     """Upright copies of photographs in the folder `pictures`, those of one size together: they share a lens. Returns their names."""
     names = []
     progress.stage("reading photographs", len(files))
@@ -43,7 +43,7 @@ def write_stills(files: list[Path], pictures: Path, progress: Progress) -> list[
                 f"{file}: cannot be read as a picture ({error}). Copy it again or leave it out."
             ) from error
         image.thumbnail((LONGEST, LONGEST), Image.Resampling.LANCZOS)
-        name = f"{STILLS}{image.width}x{image.height}/{number:05d}.jpg"
+        name = f"{PHOTO_FOLDER}{image.width}x{image.height}/{number:05d}.jpg"
         (pictures / name).parent.mkdir(parents=True, exist_ok=True)
         image.save(pictures / name, quality=95)
         names.append(name)

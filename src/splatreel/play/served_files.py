@@ -12,7 +12,7 @@ from splatreel.errors import ReelError
 MANIFEST = "manifest.json"
 
 
-class Listing:
+class ServedFiles:
     """The manifest of a reel as it is now: it is read again when the file changes, as that of a live reel does. For any thread."""
 
     def __init__(self, reel: Path) -> None:

@@ -13,7 +13,7 @@ from splatreel.errors import UsageError
 _HOST = re.compile(r"(?:([A-Za-z0-9._-]{1,253})|\[([0-9A-Fa-f:.]{2,45})\])(?::\d{1,5})?")
 
 
-class Names:
+class AllowedHosts:
     """What a Host header may say.
 
     bound: the address that the server listens on; given: as the user called it. Where it is one of this machine's own (loopback), only

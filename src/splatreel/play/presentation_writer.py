@@ -13,7 +13,7 @@ from splatreel.play.timeline import open_reel
 
 
 @dataclass(frozen=True)
-class Presenter:
+class PresentationWriter:
     """Called with a writer and a group that was just published, or None when the reel is about to be complete.
 
     words: `title`, `author`, `description`, `licence`, those that shall change; the others stay as they are. otherwise: for those

@@ -8,7 +8,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from splatreel.errors import UsageError
-from splatreel.play.path import CameraPath, Keyframe, read_path
+from splatreel.play.camera_path import CameraPath, Keyframe, read_path
 
 GOLDEN = Path(__file__).parents[1] / "data" / "golden-paths.json"
 """Paths and where they are at some seconds, which the player's tests compare as well."""
@@ -67,7 +67,7 @@ def golden_document(folder: Path) -> list[dict]:
 
 
 def test_is_where_the_golden_numbers_say(tmp_path: Path):
-    """`python -m tests.play.test_path` writes them anew."""
+    """`python -m tests.play.test_camera_path` writes them anew."""
     for entry, want in zip(golden_document(tmp_path), json.loads(GOLDEN.read_text()), strict=True):
         assert entry["path"] == want["path"]
         for moment, expected in zip(entry["moments"], want["moments"], strict=True):

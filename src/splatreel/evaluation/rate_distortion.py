@@ -20,7 +20,7 @@ from splatreel.errors import UsageError
 from splatreel.evaluation.bd_rate import bd_rate
 from splatreel.evaluation.evaluate import check_same_capture, check_unseen, choose_cameras, choose_frames, read_frames
 from splatreel.evaluation.metrics import psnr
-from splatreel.evaluation.uncompressed import undecoded_frames
+from splatreel.evaluation.uncompressed import uncompressed_frames
 from splatreel.play.timeline import Timeline
 from splatreel.progress import Progress, Silent
 from splatreel.recon.encode.reencode import reencode
@@ -45,7 +45,7 @@ Write = Callable[[Path, EncodeConfig], object]
 
 
 @dataclass(frozen=True)
-class Row:
+class RatePoint:
     """One way to encode. loss: dB below the PSNR before encoding. sections: bytes by kind of file and section."""
 
     name: str
@@ -79,11 +79,11 @@ class Sweep:
         self._known = self._load()
         self.before = self._cached("before encoding", self._before)["psnr"]
 
-    def measure(self, name: str, config: EncodeConfig, write: Write | None = None) -> Row:
+    def measure(self, name: str, config: EncodeConfig, write: Write | None = None) -> RatePoint:
         """Encode, decode and compare. write: how the reel is written; by default the run as it is."""
-        return Row(**self._cached(name, lambda: dataclasses.asdict(self._measure(name, config, write))))
+        return RatePoint(**self._cached(name, lambda: dataclasses.asdict(self._measure(name, config, write))))
 
-    def _measure(self, name: str, config: EncodeConfig, write: Write | None) -> Row:
+    def _measure(self, name: str, config: EncodeConfig, write: Write | None) -> RatePoint:
         with tempfile.TemporaryDirectory(prefix="splatreel-rates-") as folder:
             if write is None:
                 reencode(self.run / "work", Path(folder), config, pick_device("auto"), self.progress)
@@ -92,10 +92,10 @@ class Sweep:
             info, timeline = reel_info(folder), Timeline(ReelReader(folder))
             after = self._score(lambda frame: timeline.at(frame / timeline.fps))
         offsets = sum(info.section_bytes["group"].get(section, 0) for section in MOTION)
-        return Row(name, info.bytes, offsets, after, self.before - after, info.section_bytes)
+        return RatePoint(name, info.bytes, offsets, after, self.before - after, info.section_bytes)
 
     def _before(self) -> dict:
-        return {"psnr": self._score(undecoded_frames(self.run / "work", self.run / "reel"))}
+        return {"psnr": self._score(uncompressed_frames(self.run / "work", self.run / "reel"))}
 
     def _score(self, at: Callable[[int], Gaussians]) -> float:
         """Mean PSNR of all views and frames."""
@@ -133,7 +133,7 @@ def sweep_of(
     return Sweep(run, capture, frames, progress or Silent(), record)
 
 
-def rate_distortion(sweep: Sweep, names: Sequence[str] | None = None) -> list[Row]:
+def rate_distortion_points(sweep: Sweep, names: Sequence[str] | None = None) -> list[RatePoint]:
     """All ways of CONFIGURATIONS, or those named. Raises `UsageError` for an unknown name."""
     unknown = set(names or []) - set(CONFIGURATIONS)
     if unknown:
@@ -141,7 +141,7 @@ def rate_distortion(sweep: Sweep, names: Sequence[str] | None = None) -> list[Ro
     return [sweep.measure(name, CONFIGURATIONS[name]) for name in names or CONFIGURATIONS]
 
 
-def bytes_at(rows: list[Row], loss: float) -> float | None:
+def bytes_at(rows: list[RatePoint], loss: float) -> float | None:
     """The fewest bytes at which the configurations in rows lose no more than `loss`, in between by the logarithm of the bytes.
 
     Coarser steps may lose less on views held out: where the curve turns, its smaller end counts. None outside of what they cover.
@@ -154,7 +154,7 @@ def bytes_at(rows: list[Row], loss: float) -> float | None:
     return None
 
 
-def curves(rows: list[Row]) -> dict[str, list[tuple[float, float]]]:
+def curves(rows: list[RatePoint]) -> dict[str, list[tuple[float, float]]]:
     """(bytes, PSNR) of the paper's codec and of ours."""
     return {
         codec: [(row.bytes, row.psnr) for row in rows if row.name.startswith(codec)]
@@ -162,7 +162,7 @@ def curves(rows: list[Row]) -> dict[str, list[tuple[float, float]]]:
     }
 
 
-def table(rows: list[Row]) -> str:
+def table(rows: list[RatePoint]) -> str:
     """The rows as Markdown, and what ours takes at the paper's quality."""
     paper = next((row for row in rows if row.name == "paper"), rows[0])
     lines = ["| configuration | MB | of the first | offsets MB | PSNR dB | loss dB |", "|---|---|---|---|---|---|"]
