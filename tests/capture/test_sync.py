@@ -4,7 +4,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from splatreel.capture.sync import RATE, synchronise
+from splatreel.capture.sync import RATE, synchronize
 from splatreel.errors import CaptureError
 from splatreel.progress import Silent
 from tests.capture.films import film
@@ -35,7 +35,7 @@ def folder(tmp_path: Path) -> Path:
 
 def test_videos_start_when_all_of_them_have_begun(folder: Path) -> None:
     (folder / "splatreel.json").write_text('{"fps": 10}')
-    starts = synchronise(folder, Silent())
+    starts = synchronize(folder, Silent())
     assert starts == pytest.approx({name: 1.25 - began for name, began in BEGAN.items()}, abs=2 / RATE)
     assert json.loads((folder / "splatreel.json").read_text()) == {"fps": 10, "starts": starts}
 
@@ -43,17 +43,17 @@ def test_videos_start_when_all_of_them_have_begun(folder: Path) -> None:
 def test_a_video_without_sound_is_named(folder: Path) -> None:
     film(folder / "d.mp4", None)
     with pytest.raises(CaptureError, match=r"d\.mp4: has no sound"):
-        synchronise(folder, Silent())
+        synchronize(folder, Silent())
     assert not (folder / "splatreel.json").exists()
 
 
 def test_a_video_that_heard_something_else_is_named(folder: Path) -> None:
     film(folder / "d.mp4", 0.1 * np.random.default_rng(2).normal(size=4 * HEARD))
     with pytest.raises(CaptureError, match="what d heard fits nothing"):
-        synchronise(folder, Silent())
+        synchronize(folder, Silent())
 
 
 def test_one_video_has_nothing_to_be_brought_together_with(tmp_path: Path) -> None:
     film(tmp_path / "a.mp4", None)
     with pytest.raises(CaptureError, match="1 videos"):
-        synchronise(tmp_path, Silent())
+        synchronize(tmp_path, Silent())

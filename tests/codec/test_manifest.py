@@ -105,7 +105,7 @@ def test_uris_that_leave_the_reel(uri):
         (lambda d: d.update(frames=-1), "frames"),
         (lambda d: d.update(background=[0.1, 0.2]), "background"),
         (lambda d: d.update(background=[0.1, 0.2, 1.2]), "background"),
-        (lambda d: d.update(background="grey"), "background"),
+        (lambda d: d.update(background="gray"), "background"),
         (lambda d: d.update(clearance=0.3), "clearance"),
         (lambda d: d.update(clearance={"focus": [0, 0, 0]}), "share"),
         (lambda d: d.update(clearance={"focus": [0, 0, 0], "share": 1.5}), "share"),

@@ -32,7 +32,7 @@ def test_what_is_measured(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> No
             work()
         return [16.0, 40.0, 56.0]
 
-    monkeypatch.setattr(speed, "medians", medians)
+    monkeypatch.setattr(speed, "medians_ms", medians)
     capture = WallCapture(4, speed=0.3)
     capture.held_out = ["cam03"]
     rows = bench_reconstruct(

@@ -51,12 +51,12 @@ def test_spline():
 
 @pytest.mark.parametrize("unit", [1.0, 5.0])
 def test_arap(unit):
-    means, neighbour = normal(300, 3), torch.randint(300, (300,), generator=torch.Generator().manual_seed(2))
-    neighbour[:3] = torch.arange(3)  # at no distance
+    means, neighbor = normal(300, 3), torch.randint(300, (300,), generator=torch.Generator().manual_seed(2))
+    neighbor[:3] = torch.arange(3)  # at no distance
     weights = torch.rand(300, generator=torch.Generator().manual_seed(3))
 
     def of(module, dx, dq):
-        return module.arap(means.to(dx.dtype), dx, dq, neighbour, weights.to(dx.dtype), unit)
+        return module.arap(means.to(dx.dtype), dx, dq, neighbor, weights.to(dx.dtype), unit)
 
     offsets = [0.3 * normal(300, 3, seed=4), torch.tensor([1.0, 0, 0, 0]) + 0.3 * normal(300, 4, seed=5)]
     assert_parity(lambda *o: of(splat, *o), lambda *o: of(twin, *o), offsets, 3e-5)

@@ -1,4 +1,4 @@
-"""Whole renders and nearest neighbours."""
+"""Whole renders and nearest neighbors."""
 
 import math
 
@@ -69,8 +69,8 @@ def test_neighbours_equal_brute_force(k, asked):
     generator = torch.Generator().manual_seed(0)
     points = torch.rand(200, 3, generator=generator)
     queries = torch.rand(30, 3, generator=generator) if asked else None
-    indices, distances = splat.nearest_neighbours(points, k, queries)
-    expected_indices, expected_distances = twin.nearest_neighbours(points, k, queries)
+    indices, distances = splat.nearest_neighbors(points, k, queries)
+    expected_indices, expected_distances = twin.nearest_neighbors(points, k, queries)
     assert torch.equal(indices, expected_indices)
     assert indices.dtype == torch.int64
     torch.testing.assert_close(distances, expected_distances)
@@ -78,7 +78,7 @@ def test_neighbours_equal_brute_force(k, asked):
 
 def test_coinciding_points_are_each_others_neighbours():
     points = torch.zeros(4, 3)
-    indices, distances = splat.nearest_neighbours(points, 2)
+    indices, distances = splat.nearest_neighbors(points, 2)
     assert indices.shape == (4, 2)
     assert not (indices == torch.arange(4)[:, None]).any()
     assert not distances.any()
@@ -87,7 +87,7 @@ def test_coinciding_points_are_each_others_neighbours():
 @pytest.mark.parametrize("k", [0, 4])
 def test_too_many_neighbours_are_refused(k):
     with pytest.raises(GaussiansError, match="there are 3"):
-        splat.nearest_neighbours(torch.zeros(4, 3), k)
+        splat.nearest_neighbors(torch.zeros(4, 3), k)
 
 
 def test_antialiased_opacities_fall_by_what_the_blur_adds_to_the_area():

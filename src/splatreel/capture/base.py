@@ -75,7 +75,7 @@ class Request:
 
 
 class Capture(ABC):
-    """Synchronised images of static cameras.
+    """Synchronized images of static cameras.
 
     cameras: every camera, resized to the output size. held_out: names of those kept for evaluation. frames: how many time steps
     there are after the frame range is applied; fps: time steps a second. points: [P, 3] float32 and point_colors: [P, 3] float32

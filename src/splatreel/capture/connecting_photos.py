@@ -13,7 +13,7 @@ from splatreel.errors import CaptureError
 from splatreel.progress import Progress
 
 PHOTO_FOLDER = "also/"
-"""What their names begin with among the cameras' pictures. Cameras' have no folder."""
+"""Their folder among the cameras' pictures, which have none of their own."""
 LONGEST = 2400
 """Pixels that they are reduced to: more tell COLMAP hardly more."""
 

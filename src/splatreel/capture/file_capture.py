@@ -1,4 +1,4 @@
-"""What all captures of files have in common: one source of pictures for all cameras, of which some may have lenses that bend."""
+"""Captures whose pictures are files: one source of frames for all cameras, some of which may have lens distortion."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ class FrameSource(Protocol):
 class FileCapture(Capture):
     """A capture whose pictures are files.
 
-    held_out: what the format holds out; the request comes first. lenses: of those cameras whose pictures have to be straightened.
+    held_out: what the format holds out; the request comes first. lenses: of those cameras whose pictures are distorted.
     """
 
     def __init__(

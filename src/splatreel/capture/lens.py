@@ -1,4 +1,4 @@
-"""What a lens bends is straightened as pictures are read: a pinhole camera instead, with a picture of any size and shape."""
+"""Removes lens distortion as pictures are read: a pinhole camera takes the lens's place, with a picture of any size and shape."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ class Lens:
     """A picture of a lens, and where it shows each pixel of the pinhole camera's.
 
     width, height: to read the lens's picture at, about as finely as it is wanted. places: [H, W, 2] float32 pixels in it, whose
-    centres are whole numbers.
+    centers are whole numbers.
     """
 
     width: int

@@ -1,4 +1,4 @@
-"""Recognise a capture's format and open it."""
+"""Recognize a capture's format and open it."""
 
 from __future__ import annotations
 

@@ -32,7 +32,7 @@ class Agreement:
     clear: float
 
 
-def synchronise(path: Path, progress: Progress) -> dict[str, float]:
+def synchronize(path: Path, progress: Progress) -> dict[str, float]:
     """Find by sound when the videos of a folder start, and note it in its `splatreel.json`; returns seconds by camera.
 
     Raises `CaptureError` for a video without sound, or one that heard nothing that the others did.
@@ -81,7 +81,7 @@ def listen(file: Path) -> np.ndarray:
     """The sound of a video from its first picture on, [samples] float32 at `RATE`. Raises `CaptureError` where there is none."""
     if not channels(file):
         raise CaptureError(
-            f"{file}: has no sound to synchronise by. Write into splatreel.json when each video starts, or cut the "
+            f"{file}: has no sound to synchronize by. Write into splatreel.json when each video starts, or cut the "
             f"videos to the same moment."
         )
     parts, count = [], 0

@@ -17,7 +17,7 @@ from av.video.reformatter import Interpolation
 from splatreel.errors import CaptureError
 
 UPSAMPLE_CHROMA = Interpolation.BICUBIC | Interpolation.FULL_CHR_H_INT | Interpolation.ACCURATE_RND
-"""FFmpeg interpolates 4:2:0 colour only when told so; by default it repeats it, which costs 2 dB at saturated edges."""
+"""FFmpeg interpolates 4:2:0 color only when told so; by default it repeats it, which costs 2 dB at saturated edges."""
 
 
 class VideoFile:

@@ -148,11 +148,11 @@ def capture_sync(capture: Positional[Path], /) -> None:
     Args:
         capture: Folder of the videos, one a camera.
     """
-    from splatreel.capture.sync import synchronise
+    from splatreel.capture.sync import synchronize
     from splatreel.progress import console
 
     with closing(console()) as progress:
-        starts = synchronise(capture, progress)
+        starts = synchronize(capture, progress)
     say(f"{capture / 'splatreel.json'}: seconds of each video at which all of them start")
     for name, start in starts.items():
         say(f"  {name} {start:.3f}")

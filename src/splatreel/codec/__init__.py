@@ -1,1 +1,1 @@
-"""Bytes in and out: quantisation, point clouds, offset codecs, the manifest, reading and writing reels. No torch."""
+"""Bytes in and out: quantization, point clouds, offset codecs, the manifest, reading and writing reels. No torch."""

@@ -1,4 +1,4 @@
-"""The boxes of an MP4 file, looked through before FFmpeg is: it makes room for as many samples as a table claims, 24 bytes each."""
+"""Checks the boxes of an MP4 file before FFmpeg reads it, which allocates 24 bytes for every sample that a table claims."""
 
 from __future__ import annotations
 

@@ -1,7 +1,7 @@
-"""How much memory decoding a file takes, by what it says of itself, and how much it may take (docs/format.md).
+"""How much memory decoding a file takes by its header, and how much it may take (docs/format.md).
 
-Repeated numbers take no bytes in a good code, so that a small file can hold a great many points. Nothing is made room for before
-it is known to be what a file of that length may honestly hold.
+Repeated numbers compress to almost nothing, so that a small file can claim a great many points. No memory is allocated before it
+is known to be no more than a file of that length may hold.
 """
 
 from __future__ import annotations

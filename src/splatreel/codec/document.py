@@ -1,4 +1,4 @@
-"""JSON of files that are not trusted."""
+"""Parsing of JSON from untrusted files."""
 
 from __future__ import annotations
 

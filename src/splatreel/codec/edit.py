@@ -1,4 +1,4 @@
-"""Changing what a finished reel says for people; its points stay as they are."""
+"""Changes a finished reel's title, author, description and licence; its points stay as they are."""
 
 from __future__ import annotations
 

@@ -16,7 +16,7 @@ _MATRIX = struct.pack(">9I", 1 << 16, 0, 0, 0, 1 << 16, 0, 0, 0, 1 << 30)
 _TRACK = 1
 
 
-def initialisation(channels: int) -> bytes:
+def initialization(channels: int) -> bytes:
     """The file that comes before any segment: what the track is, without samples. channels: 1 or 2.
 
     Pre-skip is 0 and there is no edit list: what a packet decodes to is heard at the packet's time.

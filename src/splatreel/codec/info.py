@@ -37,7 +37,7 @@ class ReelInfo:
 
 
 def reel_info(location: str | Path, rendition: str | None = None) -> ReelInfo:
-    """Take stock of a reel. Reads all files, decodes none. Raises `ReelError` if one is missing or damaged.
+    """Sizes of a reel. Reads all files, decodes none. Raises `ReelError` if one is missing or damaged.
 
     rendition: which one, of those that the manifest names; None: the best.
     """

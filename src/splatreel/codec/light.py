@@ -9,7 +9,7 @@ from splatreel.codec.section import Section, Sections, named, section_of
 from splatreel.errors import ReelError
 
 BITS = 12
-"""Of the logarithms over their range: where the light halves, a thirtieth of a grey level."""
+"""Of the logarithms over their range: where the light halves, a thirtieth of a gray level."""
 MOST = 1024.0
 """Factor by which light may be brighter or darker."""
 

@@ -1,4 +1,4 @@
-"""Morton (Z-order) codes: neighbours in space become neighbours in a list."""
+"""Morton (Z-order) codes: neighbors in space become neighbors in a list."""
 
 from __future__ import annotations
 
@@ -9,13 +9,13 @@ MAX_BITS = 21
 
 
 def encode(q: np.ndarray) -> np.ndarray:
-    """Codes [N] uint64 of lattice points q [N, 3], 0 <= q < 2^21: bit 3b + a of a code is bit b of axis a."""
+    """Codes [N] uint64 of whole coordinates q [N, 3], 0 <= q < 2^21: bit 3b + a of a code is bit b of axis a."""
     x, y, z = (_spread(q[:, axis].astype(np.uint64)) for axis in range(3))
     return x | (y << np.uint64(1)) | (z << np.uint64(2))
 
 
 def decode(codes: np.ndarray) -> np.ndarray:
-    """Lattice points [N, 3] int64 of codes [N], the inverse of `encode`."""
+    """Whole coordinates [N, 3] int64 of codes [N], the inverse of `encode`."""
     codes = codes.astype(np.uint64)
     return np.stack([_gather(codes >> np.uint64(axis)) for axis in range(3)], -1).astype(np.int64)
 

@@ -1,4 +1,4 @@
-"""What a manifest says for people beside the points: words, pictures, sound, and how far views hold (docs/format.md).
+"""The presentation of a reel in its manifest: texts, pictures, sound, and the limits of its views (docs/format.md).
 
 Every field is optional. Parsing trusts nothing that it reads.
 """
@@ -91,7 +91,7 @@ class Sound:
 
 @dataclass(frozen=True)
 class Limits:
-    """Where views hold; None: no limit. focus: what the cameras look at, world units.
+    """The limits of views; None: no limit. focus: what the cameras look at, world units.
 
     angle: most degrees, seen from the focus, between a viewer and the nearest camera of the reel.
     distance: of a viewer from the focus, least and most, world units. floor: least height of a viewer along the reel's `up`.
@@ -105,7 +105,7 @@ class Limits:
 
 @dataclass(frozen=True)
 class Presentation:
-    """What there is of all this. Texts are plain; an empty one is absent."""
+    """What a manifest holds for people beside the points. Texts are plain; an empty one is absent."""
 
     title: str = ""
     author: str = ""

@@ -1,4 +1,4 @@
-"""Bit quantisation (paper section 4.3, Fig. 6): floats to integers of few bits, their ranges recorded; integers to bytes."""
+"""Bit quantization (paper section 4.3, Fig. 6): floats to integers of few bits, their ranges recorded; integers to bytes."""
 
 from __future__ import annotations
 
@@ -77,7 +77,7 @@ def inflate(data: bytes, parameters: Parameters, size: int) -> bytes:
 
 
 def encode_linear(values: np.ndarray, bits: int, log: bool = False) -> tuple[bytes, Parameters]:
-    """Quantise each column of values [N, C] over its own range; `log` quantises log2 of positive values."""
+    """Quantize each column of values [N, C] over its own range; `log` quantizes log2 of positive values."""
     columns = np.asarray(values, np.float64)
     if log:
         columns = np.log2(np.maximum(columns, np.finfo(np.float32).tiny))

@@ -13,7 +13,7 @@ import numpy as np
 from av.error import FFmpegError
 
 from splatreel.codec.boxes import check_samples
-from splatreel.codec.fragments import PACKET, RATE, initialisation, segment
+from splatreel.codec.fragments import PACKET, RATE, initialization, segment
 from splatreel.codec.presentation import Asset, Sound, SoundSegment, Vec3
 from splatreel.codec.writer import ReelWriter
 from splatreel.errors import MissingDependencyError, ReelError
@@ -81,7 +81,7 @@ def encode_sound(blocks: Iterable[np.ndarray], channels: int) -> EncodedSound:
     packets = packets[1 : 1 + -(-count // PACKET)]
     cut = [packets[first : first + _SEGMENT] for first in range(0, len(packets), _SEGMENT)]
     segments = tuple(segment(i, i * _SEGMENT * PACKET, part) for i, part in enumerate(cut))
-    return EncodedSound(channels, initialisation(channels), segments, len(packets) * PACKET)
+    return EncodedSound(channels, initialization(channels), segments, len(packets) * PACKET)
 
 
 def decode_sound(init: bytes, segments: list[bytes], channels: int) -> Iterator[tuple[int, np.ndarray]]:

@@ -1,4 +1,4 @@
-"""Is a reel whole? Reads and decodes all of it and compares it with what it says of itself."""
+"""Verifies a reel: reads and decodes all of it and compares it with its manifest and its files' headers."""
 
 from __future__ import annotations
 

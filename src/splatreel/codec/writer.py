@@ -71,7 +71,7 @@ class ReelWriter:
     ) -> tuple[Gaussians, np.ndarray]:
         """Encode the static points born at `group`; they are published together with that group.
 
-        importance: [N, 3], how much of the pictures hangs on each point's shape, colour and place; None: all alike.
+        importance: [N, 3], how much of the pictures hangs on each point's shape, color and place; None: all alike.
         encoded: what `encode_layer` gave for the same, if it has been called.
 
         Returns the decoded points in reel order (train on against these: later groups then absorb the error), and
@@ -132,7 +132,7 @@ class ReelWriter:
         return Asset(uri, len(data), hashlib.sha256(data).hexdigest())
 
     def present(self, presentation: Presentation) -> None:
-        """Say this beside the points from now on: words, and assets that are written. What it no longer names is deleted."""
+        """Publish another presentation, whose assets are written already. Assets that it no longer names are deleted."""
         left = {asset.uri for asset in self._manifest.assets} - {asset.uri for asset in presentation.assets}
         left -= {"manifest.json", *(file.uri for file in self._manifest.files)}
         self._publish(replace(self._manifest, presentation=presentation), live=self._manifest.live)

@@ -1,4 +1,4 @@
-"""Timings of the parts, on made-up input of a stated size."""
+"""Timings of rendering, training steps and coding, on made-up input of a stated size."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ def bench_codec(points: int, frames: int, repeats: int) -> list[Timing]:
 
 
 def cloud(points: int, seed: int = 0) -> Gaussians:
-    """Random small Gaussians in a box in front of `front_camera`; their colour hardly changes with the view."""
+    """Random small Gaussians in a box in front of `front_camera`; their color hardly changes with the view."""
     rng = np.random.default_rng(seed)
     quats = rng.normal(size=(points, 4))
     sh = rng.normal(0, 0.02, (points, 16, 3))

@@ -78,7 +78,7 @@ def evaluate(
                 write_png(out / "pictures" / f"{view.name.replace('/', '_')}.png", comparison(truth, image))
         progress.update(done, psnr=float(np.mean([q.psnr for q in scores.values()])))
     spent = {**(seconds or {}), "evaluate": round(time.monotonic() - started, 3)}
-    report = summarise(reader, reel_info(reel, rendition), scores, before, flicker, views, spent, device)
+    report = summarize(reader, reel_info(reel, rendition), scores, before, flicker, views, spent, device)
     report = replace(report, coverage=list(coverage))
     if out is not None:
         report.write(out)
@@ -97,7 +97,7 @@ def measure(
     return Quality(psnr(*pair), psnr_per_channel(*pair), ssim(*pair), distance)
 
 
-def summarise(
+def summarize(
     reader: ReelReader,
     info: ReelInfo,
     scores: dict[tuple[int, str], Quality],
@@ -148,7 +148,7 @@ def degrees_from(manifest: Manifest, views: Sequence[Camera]) -> dict[str, float
 
 
 def read_frames(capture: Capture, frames: list[int], names: list[str]):
-    """Yield (frame, float32 [C, H, W, 3] 0..1) for ascending frames, reading neighbours together."""
+    """Yield (frame, float32 [C, H, W, 3] 0..1) for ascending frames, reading neighbors together."""
     for first in range(0, len(frames), CHUNK):
         chunk = frames[first : first + CHUNK]
         together = chunk[-1] - chunk[0] + 1 == len(chunk)

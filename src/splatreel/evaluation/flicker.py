@@ -1,4 +1,4 @@
-"""Flicker: how far the steps that a picture takes from frame to frame are from those of the truth."""
+"""Flicker: how far a picture's changes from frame to frame are from the truth's."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ class Flicker:
         self._last[camera] = frame, off
 
     def mean(self, at_borders: bool) -> float | None:
-        """Mean absolute error of the steps in grey levels of 255, at borders or elsewhere; None if there are none."""
+        """Mean absolute error of the steps in gray levels of 255, at borders or elsewhere; None if there are none."""
         values = [step for (frame, _), step in self.steps.items() if (frame in self.borders) == at_borders]
         return float(np.mean(values)) if values else None
 

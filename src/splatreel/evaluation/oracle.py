@@ -1,6 +1,6 @@
-"""What geometry and cameras allow: single frames reconstructed each on its own, on cameras that training has not seen.
+"""The oracle: single frames reconstructed each on its own, compared with held-out cameras. It shows what geometry and cameras allow.
 
-No motion, no layers and no cross-fade can go wrong there, so every dynamic result is judged by its distance to this. It is also the
+No motion, layers or cross-fade can go wrong there, so every dynamic result is judged by its distance to this. It is also the
 baseline "3DGS per frame", with its bytes and its seconds.
 """
 

@@ -1,4 +1,4 @@
-"""oracle.json: frames that are finished, so that a killed measurement is continued by the same command."""
+"""The frames in oracle.json that are finished, so that the same command continues a measurement that was killed."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""How good single frames can become, and how far below that a reel stays: the contents of oracle.json and oracle.md."""
+"""The contents of oracle.json and oracle.md: how good single frames are, and how far below them a reel is."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What a measurement was made on: without it, a number means nothing."""
+"""The provenance of a measurement: version, machine and capture that it was made on."""
 
 from __future__ import annotations
 

@@ -128,7 +128,7 @@ class Sweep:
 def sweep_of(
     run: Path, capture: Capture, every: int, progress: Progress | None = None, record: Path | None = None
 ) -> Sweep:
-    """A sweep over every so manieth frame that a run and its capture share."""
+    """A sweep over every `every`-th frame that a run and its capture share."""
     frames = choose_frames(min(capture.frames, ReelReader(run / "reel").frames), None)[::every]
     return Sweep(run, capture, frames, progress or Silent(), record)
 

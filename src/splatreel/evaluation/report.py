@@ -37,7 +37,7 @@ class Report:
 
     psnr: dB, each image's pixels and channels pooled, mean over frames and cameras; psnr_per_channel: the
     mean of the channels' own PSNR instead. psnr_undecoded: the same as psnr before encoding, None if that model is not
-    at hand. flicker, flicker_borders: mean absolute error of the steps from frame to frame, grey levels of 255, within
+    at hand. flicker, flicker_borders: mean absolute error of the steps from frame to frame, gray levels of 255, within
     groups and where one fades into the next; None where no two such frames were evaluated. reel_bytes: all files of the
     reel; first_view_bytes: what a player loads for its first picture; bytes_per_second: of video, without the first
     layers, which are loaded once. seconds: wall time of each stage. points_static, points_dynamic: mean of a group.

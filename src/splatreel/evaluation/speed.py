@@ -1,4 +1,4 @@
-"""How fast a capture is reconstructed, in ratios taken within one run: other machines, and other days, have other seconds."""
+"""How fast a capture is reconstructed, as ratios within one run: seconds differ between machines and days."""
 
 from __future__ import annotations
 
@@ -123,7 +123,7 @@ def iteration_row(trainer: GroupTrainer, repeats: int) -> Timing:
     one thread; tiles: the share of them that is drawn otherwise, mean over some cameras and frames.
     """
     middle = trainer.iterations // 2 // MEASURE_EVERY * MEASURE_EVERY
-    layered, whole = (_batch(trainer, at) for at in (middle + MEASURE_EVERY // 2, middle))  # the same regularisers
+    layered, whole = (_batch(trainer, at) for at in (middle + MEASURE_EVERY // 2, middle))  # the same regularizers
     layered()  # until every view has drawn its static points
     for camera in range(len(trainer.pictures.views)):
         trainer.static.view(camera)

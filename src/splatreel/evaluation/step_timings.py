@@ -1,4 +1,4 @@
-"""Timings of training steps on the CPU, each against the same without what makes it quick, measured in turns."""
+"""Timings of training steps on the CPU, each against the same step without an optimization, measured in turns."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A reconstruction before it was encoded: what the cost of compression is measured against."""
+"""A run before it was encoded: the reference for what compression costs."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from splatreel.scene.gaussians import Gaussians
 
 
 def uncompressed_frames(work: Path, reel: Path) -> Callable[[int], Gaussians]:
-    """frame -> everything visible at it, from the checkpoints in work instead of the files of the reel made from them.
+    """A function from a frame to everything visible at it, from the checkpoints in `work` and not from the reel's files.
 
     Raises `ReconstructionError` for checkpoints that are missing or damaged.
     """

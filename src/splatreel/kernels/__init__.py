@@ -1,1 +1,1 @@
-"""All fast code: projection, spherical harmonics, rasterisation, losses, hash grid, nearest neighbours."""
+"""All fast code, behind one signature each: `splat`, `motion`, `adam`, `image`, `carve`, `translation`, `rigid` and `sceneflow`."""

@@ -1,8 +1,8 @@
-"""Differentiable Gaussian splatting on torch tensors: the door to the fast kernels; `motion` and `adam` have two more.
+"""Differentiable Gaussian splatting on torch tensors: the face of most fast kernels. `motion` and `adam` are its others on tensors.
 
 The device of the tensors picks the implementation: numba kernels with hand-written gradients on the CPU, gsplat on CUDA.
 Both follow gsplat's rules: 0.3 px^2 added to the 2D covariance diagonal, alpha = min(0.999, opacity exp(-sigma)), alphas
-below 1/255 skipped, a pixel full once its transmittance would fall to 1e-4, pixel centres at +0.5. `twin` holds a
+below 1/255 skipped, a pixel full once its transmittance would fall to 1e-4, pixel centers at +0.5. `twin` holds a
 readable torch version of every function here, with the same signature, as the oracle of the tests.
 """
 
@@ -69,7 +69,7 @@ def project(
 ) -> Projection:
     """Projects Gaussians to the image; rows of culled ones are zero.
 
-    means: [N, 3] world. quats: [N, 4] wxyz, normalised inside, with the gradient through it. scales: [N, 3].
+    means: [N, 3] world. quats: [N, 4] wxyz, normalized inside, with the gradient through it. scales: [N, 3].
     viewmat: [4, 4] world to camera, K: [3, 3] pixels; neither gets a gradient. near: least depth drawn, scene units.
     antialias: blurred by 0.1 square pixels in place of 0.3, for opacities that are `antialiased`.
     Raises `GaussiansError` for NaN or infinity.
@@ -83,7 +83,7 @@ def project(
 
 
 def spherical_harmonics(degree: int, directions: Tensor, coefficients: Tensor) -> Tensor:
-    """Sum of the harmonics up to degree 0..3 in the 3DGS order, without the 0.5 of 3DGS colours.
+    """Sum of the harmonics up to degree 0..3 in the 3DGS order, without the 0.5 of 3DGS colors.
 
     directions: [N, 3], from the camera to the point, any length. coefficients: [N, K, 3], K >= (degree + 1)^2.
     Returns [N, 3]. Raises `GaussiansError` for a degree the coefficients do not hold.
@@ -98,7 +98,7 @@ def spherical_harmonics(degree: int, directions: Tensor, coefficients: Tensor) -
 
 
 def view_colors(means: Tensor, center: Tensor, base: Tensor, rest: Tensor) -> Tensor:
-    """Colours [N, 3] of points seen from center [3]: 0.5 and the harmonics, at least 0.
+    """Colors [N, 3] of points seen from center [3]: 0.5 and the harmonics, at least 0.
 
     means: [N, 3]. base: [N, 1, 3] and rest: [N, K - 1, 3], K 1, 4, 9 or 16, in the 3DGS order; only they get gradients.
     """
@@ -241,7 +241,7 @@ def render(
     degree: int | None = None,
     antialias: bool = False,
 ) -> Rendered:
-    """The image of Gaussians with SH colours [N, K, 3]; degree defaults to all K holds. antialias: see `antialiased`.
+    """The image of Gaussians with SH colors [N, K, 3]; degree defaults to all K holds. antialias: see `antialiased`.
 
     Call `means2d.retain_grad()` on the result before backward to get screen-space gradients, in loss per pixel.
     """
@@ -279,18 +279,18 @@ def photometric_loss(
     return cpu.PhotometricLoss.apply(image, target, lambda_dssim, gain, tiles)  # pyright: ignore[reportReturnType]
 
 
-def nearest_neighbours(points: Tensor, k: int, queries: Tensor | None = None) -> tuple[Tensor, Tensor]:
+def nearest_neighbors(points: Tensor, k: int, queries: Tensor | None = None) -> tuple[Tensor, Tensor]:
     """The k nearest points of each query: indices [Q, k] int64 and distances [Q, k], nearest first.
 
-    points: [N, 3]. queries: [Q, 3]; None asks for the neighbours of the points themselves, each excluding itself.
+    points: [N, 3]. queries: [Q, 3]; None asks for the neighbors of the points themselves, each excluding itself.
     """
     available = len(points) - (queries is None)
     if not 1 <= k <= available:
-        raise GaussiansError(f"nearest_neighbours: asked for {k} neighbours where there are {available}.")
+        raise GaussiansError(f"nearest_neighbors: asked for {k} neighbors where there are {available}.")
     if points.is_cuda:
-        return twin.nearest_neighbours(points, k, queries)
+        return twin.nearest_neighbors(points, k, queries)
     asked = points if queries is None else queries
-    ranks: Any = np.arange(1, k + 1 + (queries is None))  # a list, so that one neighbour still gives a column
+    ranks: Any = np.arange(1, k + 1 + (queries is None))  # a list, so that one neighbor still gives a column
     found = KDTree(points.detach().numpy()).query(asked.detach().numpy(), k=ranks, workers=threads.count())
     distances, indices = np.asarray(found[0], np.float32), np.asarray(found[1], np.int64)
     if queries is None:
@@ -317,15 +317,15 @@ def hashgrid(coords: Tensor, table: Tensor, resolutions: Tensor | np.ndarray) ->
     return cpu.HashGrid.apply(coords, table, cells)  # pyright: ignore[reportReturnType]
 
 
-def arap(means: Tensor, dx: Tensor, dq: Tensor, neighbour: Tensor, weights: Tensor, unit: float) -> Tensor:
-    """As rigid as possible (paper section 4.2): neighbours rotate alike, translate alike and keep their distance.
+def arap(means: Tensor, dx: Tensor, dq: Tensor, neighbor: Tensor, weights: Tensor, unit: float) -> Tensor:
+    """As rigid as possible (paper section 4.2): neighbors rotate alike, translate alike and keep their distance.
 
-    means, dx: [N, 3]; dq: [N, 4]; neighbour: [N] int64, a neighbour of every point; weights: [N]. Lengths are measured in `unit`.
+    means, dx: [N, 3]; dq: [N, 4]; neighbor: [N] int64, a neighbor of every point; weights: [N]. Lengths are measured in `unit`.
     Only dx and dq get gradients. Mean over the points.
     """
     if means.is_cuda:
-        return twin.arap(means, dx, dq, neighbour, weights, unit)
-    return cpu.Arap.apply(means, dx, dq, neighbour, weights, unit)  # pyright: ignore[reportReturnType]
+        return twin.arap(means, dx, dq, neighbor, weights, unit)
+    return cpu.Arap.apply(means, dx, dq, neighbor, weights, unit)  # pyright: ignore[reportReturnType]
 
 
 def _matrix(value: Tensor | np.ndarray) -> np.ndarray:
@@ -335,7 +335,7 @@ def _matrix(value: Tensor | np.ndarray) -> np.ndarray:
 
 
 def _without_self(indices: np.ndarray, distances: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Drops each point from its own neighbours; among coinciding points it need not be the first."""
+    """Drops each point from its own neighbors; among coinciding points it need not be the first."""
     own = indices == np.arange(len(indices))[:, None]
     own[~own.any(1), -1] = True  # crowded out by coinciding points: drop the last instead
     shape = (len(indices), indices.shape[1] - 1)

@@ -1,4 +1,4 @@
-"""The oracle: every kernel of `splat` as plain, readable torch, differentiated by autograd; dense, for small scenes."""
+"""The twin: every kernel of `splat` as plain, readable torch, differentiated by autograd; dense, for small scenes and tests."""
 
 from __future__ import annotations
 
@@ -173,8 +173,8 @@ def _blur(maps: Tensor) -> Tensor:
     return functional.conv2d(across, window.view(1, 1, -1, 1), padding=(len(window) // 2, 0)).view(maps.shape)
 
 
-def nearest_neighbours(points: Tensor, k: int, queries: Tensor | None = None) -> tuple[Tensor, Tensor]:
-    """As `splat.nearest_neighbours`; brute force, 4096 queries at a time."""
+def nearest_neighbors(points: Tensor, k: int, queries: Tensor | None = None) -> tuple[Tensor, Tensor]:
+    """As `splat.nearest_neighbors`; brute force, 4096 queries at a time."""
     asked = points if queries is None else queries
     indices, distances = [], []
     for start in range(0, len(asked), 4096):
@@ -255,17 +255,17 @@ def multiply(a: Tensor, b: Tensor) -> Tensor:
     return torch.cat([w, aw * bv + bw * av + torch.linalg.cross(av, bv)], -1)
 
 
-def arap(means: Tensor, dx: Tensor, dq: Tensor, neighbour: Tensor, weights: Tensor, unit: float) -> Tensor:
+def arap(means: Tensor, dx: Tensor, dq: Tensor, neighbor: Tensor, weights: Tensor, unit: float) -> Tensor:
     """As `splat.arap`; also what CUDA uses."""
-    half = (means - means[neighbour]).detach() / 2
+    half = (means - means[neighbor]).detach() / 2
     dq, rotation = functional.normalize(dq, dim=-1), _rotation(dq)
-    rotated = ((rotation + rotation[neighbour]) @ half[..., None])[..., 0]
-    apart = 2 * half + dx - dx[neighbour]
+    rotated = ((rotation + rotation[neighbor]) @ half[..., None])[..., 0]
+    apart = 2 * half + dx - dx[neighbor]
     # Delta r, what is left of the motion once the rotation is taken out: about the pair's middle, which is better conditioned than
     # the origin of the world.
     shift = apart - rotated
     stretch = 2 * half.norm(dim=1) - apart.square().sum(1).add(1e-12).sqrt()
-    turned = (dq - dq[neighbour]).abs().sum(1)
+    turned = (dq - dq[neighbor]).abs().sum(1)
     return (weights * (turned + (shift.abs().sum(1) + stretch.abs()) / unit)).mean()
 
 

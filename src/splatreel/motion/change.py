@@ -1,4 +1,4 @@
-"""Where the pictures of a group change at all: nothing else in them can be something that moves."""
+"""Where the pictures of a group change: what moves is nowhere else."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ import numpy as np
 from splatreel import threads
 
 MIN_DIFFERENCE = 8 / 255
-"""Mean absolute difference of the colours around a pixel, 0..1, from which on it counts as changed."""
+"""Mean absolute difference of the colors around a pixel, 0..1, from which on it counts as changed."""
 NOISE = 2.5
 """... and in multiples of what a quarter of the camera's pixels stay below: noise, compression, lamps that flicker."""
 

@@ -21,7 +21,7 @@ WINDOW = 0.02
 FEWEST = 0.15
 """Share of the blocks that must do so; of a frame with fewer nothing is known."""
 DARK, BRIGHT = 16, 250
-"""Grey levels of a block's mean below which, and of a pixel from which on, ratios say nothing."""
+"""Gray levels of a block's mean below which, and of a pixel from which on, ratios say nothing."""
 AROUND = 0.04
 """Blocks that differ from the others by no more than this, of the same logarithm, show how alike a change is everywhere."""
 ALIKE = 4.0
@@ -31,16 +31,16 @@ NORMAL = 1.4826
 CERTAIN = 3.0
 """Standard errors by which cameras must agree on a change that is the scene's."""
 SHOULDER = 240
-"""Grey level from which on a correction fades: what is white stays white."""
+"""Gray level from which on a correction fades: what is white stays white."""
 DAZZLING = 0.15, 0.3
 """Logarithms of a change up to which it does, for what is white is too bright in either light; from the second on it is a white wall
-that was grey, and does not."""
+that was gray, and does not."""
 
 
 def exposures(frames: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """How each camera's exposure, and the light, differ from those at the keyframe. frames: [T, C, H, W, 3] uint8, the keyframe first.
 
-    Returns exposures [T, C, 3] and light [T, 3], float32: logarithms of the factor in each colour. A camera's pictures change by the
+    Returns exposures [T, C, 3] and light [T, 3], float32: logarithms of the factor in each color. A camera's pictures change by the
     sum of both, the factor that most blocks of a picture agree on, if that is more than `ALIKE` times their spread. The light is what
     the cameras have in common, if that is more than `CERTAIN` times what chance could do. Either is shrunk towards nothing as it
     comes near to its limit.
@@ -75,27 +75,27 @@ def _changes(film: np.ndarray) -> np.ndarray:
 
 
 def _blocks(frame: np.ndarray, size: tuple[int, int]) -> np.ndarray:
-    """[N, 3] logarithm of the blocks' mean colours; NaN where they are too dark, or a part of them is white."""
+    """[N, 3] logarithm of the blocks' mean colors; NaN where they are too dark, or a part of them is white."""
     mean = cv2.resize(frame.astype(np.float32), size, interpolation=cv2.INTER_AREA).reshape(-1, 3)
-    plain = cv2.inRange(frame, (0, 0, 0), (BRIGHT - 1,) * 3).astype(np.float32)  # 255 where no colour is at its end
+    plain = cv2.inRange(frame, (0, 0, 0), (BRIGHT - 1,) * 3).astype(np.float32)  # 255 where no color is at its end
     use = (mean.min(1) >= DARK) & (cv2.resize(plain, size, interpolation=cv2.INTER_AREA).ravel() == 255)
     return np.where(use[:, None], np.log(np.maximum(mean, 1)), np.nan)
 
 
 def _agreed(ratios: np.ndarray) -> np.ndarray:
-    """[4] median colours of the largest set of blocks that lie within `WINDOW`, and the spread of those around; NaN if it is small.
+    """[4] median colors of the largest set of blocks that lie within `WINDOW`, and the spread of those around; NaN if it is small.
 
     ratios: [N, 3] logarithms, or NaN.
     """
     ratios = ratios[~np.isnan(ratios[:, 0])]
-    grey = ratios.mean(1)
-    ordered = np.sort(grey)
+    gray = ratios.mean(1)
+    ordered = np.sort(gray)
     counts = np.searchsorted(ordered, ordered + WINDOW, "right") - np.arange(len(ordered))
     if len(ordered) == 0 or counts.max() < FEWEST * len(ratios):
         return np.full(4, np.nan)
     low = ordered[counts.argmax()]
-    middle = np.median(ratios[(grey >= low) & (grey <= low + WINDOW)], 0)
-    around = np.abs(grey - middle.mean())
+    middle = np.median(ratios[(gray >= low) & (gray <= low + WINDOW)], 0)
+    around = np.abs(gray - middle.mean())
     return np.append(middle, NORMAL * np.median(around[around <= AROUND]))
 
 

@@ -69,7 +69,7 @@ def lift(
     if config.lift == "vote":
         labels = _vote(splats.means, weights, NEIGHBORS)
     else:
-        labels = _optimise(splats, cameras, targets, near, config, seed)
+        labels = _minimize(splats, cameras, targets, near, config, seed)
     return torch.where(weights.seen, labels, 0).cpu().numpy().astype(np.float32)
 
 
@@ -86,7 +86,7 @@ def shares(
 def gathered(splats: SplatTensors, camera: Camera, images: Tensor, near: float) -> Tensor:
     """What of images [H, W, K] falls to each point, by how much of every pixel it fills; [N, K].
 
-    Sums over the pixels of T_i alpha_i times the image: the gradient of a rendered image to the points' colours.
+    Sums over the pixels of T_i alpha_i times the image: the gradient of a rendered image to the points' colors.
     """
     colors = torch.zeros(len(splats.means), images.shape[2], device=images.device, requires_grad=True)
     _draw(splats, colors, camera, near).backward(images)
@@ -102,7 +102,7 @@ def _contributions(splats: SplatTensors, cameras: list[Camera], masks: Tensor, n
 
 
 def _draw(splats: SplatTensors, colors: Tensor, camera: Camera, near: float) -> Tensor:
-    """Colours [N, C] alpha-blended to an image [H, W, C]; only the colours get gradients."""
+    """Colors [N, C] alpha-blended to an image [H, W, C]; only the colors get gradients."""
     width, height = camera.width, camera.height
     with torch.no_grad():
         projection = splat.project(
@@ -113,28 +113,28 @@ def _draw(splats: SplatTensors, colors: Tensor, camera: Camera, near: float) -> 
 
 
 def _vote(means: Tensor, weights: _Contributions, neighbours: int) -> Tensor:
-    """The share of each point's contributions that falls into the masks, averaged with its nearest seen neighbours'; [N]."""
+    """The share of each point's contributions that falls into the masks, averaged with its nearest seen neighbors'; [N]."""
     seen = weights.seen
     votes = torch.where(seen, weights.share, 0)
     count = min(neighbours, len(means) - 1)
     if count < 1:
         return votes
-    index = splat.nearest_neighbours(means, count)[0]
+    index = splat.nearest_neighbors(means, count)[0]
     around = torch.cat([torch.arange(len(means), device=means.device)[:, None], index], 1)
     return votes[around].sum(1) / seen[around].sum(1).clamp_min(1)
 
 
-def _optimise(
+def _minimize(
     splats: SplatTensors, cameras: list[Camera], masks: Tensor, near: float, config: LayeringConfig, seed: int
 ) -> Tensor:
-    """Labels that minimise the paper's L_m, [N], one random view an iteration.
+    """Labels that minimize the paper's L_m, [N], one random view an iteration.
 
     The sums over points are divided by the number of views, as each iteration holds only one view's share of the first term.
     """
     rng = np.random.default_rng(seed)
     count = len(splats.means)
     labels = torch.full((count,), 0.5, device=splats.means.device, requires_grad=True)
-    nearest = splat.nearest_neighbours(splats.means, 1)[0][:, 0] if count > 1 else torch.zeros(1, dtype=torch.int64)
+    nearest = splat.nearest_neighbors(splats.means, 1)[0][:, 0] if count > 1 else torch.zeros(1, dtype=torch.int64)
     optimizer = torch.optim.Adam([labels], lr=LIFT_RATE)
     for iteration in range(ITERATIONS):
         view = int(rng.integers(len(cameras)))

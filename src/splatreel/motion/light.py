@@ -1,6 +1,6 @@
 """Light that changes on things that rest: shadows pass over them, lamps go on (beyond the paper).
 
-Flow sees a shadow move, or nothing at all, and both are wrong: what is in its way changes colour and stays where it is. All views
+Flow sees a shadow move, or nothing at all, and both are wrong: what is in its way changes color and stays where it is. All views
 that see such a point see it grow darker by the same factor, where of a body that passes before it each view shows another part.
 """
 
@@ -31,7 +31,7 @@ BLUR = 0.8
 SEEN = 0.3
 """Pixels of such a picture that a point must fill to be seen in it."""
 DARK = 8.0
-"""Grey levels added to all brightness: the noise of what is black is no light."""
+"""Gray levels added to all brightness: the noise of what is black is no light."""
 MOST = 0.2
 """Share of all points that may be called lit anew: beyond, the strongest are."""
 

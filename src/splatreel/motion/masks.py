@@ -20,7 +20,7 @@ ENOUGH_WIDTH = 320
 LEAST_FLOW = 0.5
 """Pixels; shorter flow is not told from noise, however small the images."""
 ENOUGH_FRAMES = 0.4
-"""Share of the selected frames in which a pixel must move to be labelled without a flow that returns."""
+"""Share of the selected frames in which a pixel must move to be labeled without a flow that returns."""
 CHANGED = 6 / 255
 """Flow counts only where the two images also differ by this much, in 0..1: flow on flat walls is noise. Lower lets noise of the
 cameras in, higher loses what moves before something of its own color."""
@@ -49,7 +49,7 @@ def motion_masks(frames: np.ndarray, flow: Flow, config: LayeringConfig) -> np.n
     """What moves between the keyframe and later frames of its group, seen at the keyframe; [C, H, W] bool.
 
     frames: [T, C, H, W, 3] uint8, the keyframe first. A pixel moves towards a later frame if its flow is longer than lambda_raft (at
-    the paper's width) and it also looks different there: flow on flat walls is noise. It is labelled if that happens in enough of
+    the paper's width) and it also looks different there: flow on flat walls is noise. It is labeled if that happens in enough of
     the selected frames, or if the flow back returns to it once: background that something passes before does neither, while
     what is too fast for the flow to return has left for most frames. With one selected frame this is the paper's rule. What
     appears only later has no pixel at the keyframe and is left to the adaptive conversion of static points.
@@ -97,7 +97,7 @@ def later_frames(count: int, wanted: int) -> list[int]:
 
 
 def _difference(a: np.ndarray, b: np.ndarray) -> np.ndarray:
-    """Mean absolute difference of the colours over a 5 x 5 neighbourhood, [H, W] float32 0..1."""
+    """Mean absolute difference of the colors over a 5 x 5 neighborhood, [H, W] float32 0..1."""
     return cv2.GaussianBlur(cv2.absdiff(a, b).mean(-1, dtype=np.float32) / 255, (5, 5), 0)
 
 
@@ -112,7 +112,7 @@ class GrabCutSegmenter:
     """GrabCut (Rother et al. 2004) seeded by the mask: classical, needs no weights.
 
     It may grow a mask by less than `reach` of the image's width. Growth that runs up to that limit found no border of its own (the
-    colours do not tell the object from its background) and is taken back, patch by patch.
+    colors do not tell the object from its background) and is taken back, patch by patch.
     """
 
     def __init__(self, reach: float = 0.03, iterations: int = 2, width: int = 480) -> None:

@@ -10,7 +10,7 @@ from splatreel import threads
 from splatreel.motion.change import difference
 
 SAME = 8 / 255
-"""Mean absolute difference of the colours around a pixel, from which on a frame says nothing about the keyframe."""
+"""Mean absolute difference of the colors around a pixel, from which on a frame says nothing about the keyframe."""
 
 
 def temporal_mean(frames: np.ndarray) -> np.ndarray:

@@ -157,7 +157,7 @@ def identity(count: int) -> np.ndarray:
 
 def _neighbors(means: Tensor) -> Tensor | None:
     count = min(NEIGHBORS, len(means) - 1)
-    return splat.nearest_neighbours(means, count)[0] if count > 0 else None
+    return splat.nearest_neighbors(means, count)[0] if count > 0 else None
 
 
 def _enlarged(images: Tensor) -> Tensor:

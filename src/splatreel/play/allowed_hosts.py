@@ -1,5 +1,5 @@
-"""Names by which a server may be asked for, so that a page elsewhere cannot read a reel by giving its own name this machine's
-address (DNS rebinding)."""
+"""Host names that a server answers to, so that a page elsewhere cannot read a reel by giving its own name this machine's address
+(DNS rebinding)."""
 
 from __future__ import annotations
 

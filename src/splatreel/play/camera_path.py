@@ -38,7 +38,7 @@ class Keyframe:
 class CameraPath:
     """A smooth way through keyframes, whose `at` grow. loop: it begins again at the end.
 
-    Eyes follow cubics whose rates at a keyframe are of a parabola through it and its neighbours, turns the same on the sphere; the
+    Eyes follow cubics whose rates at a keyframe are of a parabola through it and its neighbors, turns the same on the sphere; the
     reel's time goes straight from keyframe to keyframe.
     """
 

@@ -1,4 +1,4 @@
-"""What time a player shows: it runs while playing, ends or begins again at the end, and can be set."""
+"""A player's clock: it runs while playing, stops or loops at the end, and can be set."""
 
 from __future__ import annotations
 

@@ -1,5 +1,5 @@
-"""One HTTP connection with limits that uvicorn leaves to whoever stands before it: requests of bounded size that come in bounded
-time, readers that go on reading, and a bounded number of connections at once."""
+"""An HTTP connection with the limits that uvicorn leaves to a reverse proxy: requests of bounded size that arrive in bounded time,
+readers that keep reading, and a bounded number of connections."""
 
 from __future__ import annotations
 

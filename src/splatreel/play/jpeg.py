@@ -24,5 +24,5 @@ def jpeg_within(pixels: np.ndarray, most: int, qualities: Sequence[int] = QUALIT
 
 
 def to_bytes(image: np.ndarray) -> np.ndarray:
-    """Colours from 0 to 1, which may exceed it, as uint8."""
+    """Colors from 0 to 1, which may exceed it, as uint8."""
     return np.rint(np.clip(image, 0, 1) * 255).astype(np.uint8)

@@ -1,4 +1,4 @@
-"""The player's page with what a reel says of itself: its title, and tags for those who show links (Open Graph, Twitter cards)."""
+"""The player's page with a reel's metadata: its title, and tags for previews of links (Open Graph, Twitter cards)."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The picture that stands for a reel until it plays: the start camera's, at the first frame, as a player will show it."""
+"""The poster, which is shown until a reel plays: the start camera's picture at the first frame, as a player will show it."""
 
 from __future__ import annotations
 

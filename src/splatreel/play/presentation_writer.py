@@ -1,4 +1,4 @@
-"""What a reel has for people beside its points, put into it while it is written: words, a poster, thumbnails."""
+"""Adds a reel's presentation while the reel is written: texts, a poster, thumbnails."""
 
 from __future__ import annotations
 

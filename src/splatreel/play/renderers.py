@@ -1,4 +1,4 @@
-"""Pictures of Gaussians by our kernels, on the processor or on a CUDA device, for programs that only play."""
+"""Renders Gaussians with our kernels, on the CPU or a CUDA device, for programs that only play."""
 
 from __future__ import annotations
 

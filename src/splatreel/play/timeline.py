@@ -19,7 +19,7 @@ from splatreel.scene.group import Group
 
 
 class Moment(Gaussians):
-    """All that a reel shows at a moment. rests: [N] bool, its static points. light: [3], what has brightened all colours.
+    """All that a reel shows at a moment. rests: [N] bool, its static points. light: [3], what has brightened all colors.
 
     fade: where one group fades to the next, what either shows alone, and the weight of the next.
     """
@@ -119,7 +119,7 @@ class Timeline:
     def _weight(self, frame: float, group: Group) -> float:
         overlap = self.manifest.overlap
         share = min((frame - group.first_frame) / overlap, 1.0) if overlap else 1.0
-        # Eased: an opaque point in front of the others shows half of its colour at a tenth of its weight.
+        # Eased: an opaque point in front of the others shows half of its color at a tenth of its weight.
         return share * share * (3 - 2 * share)
 
     def _fading(self, frame: float, weight: float, old: Group, new: Group, light: np.ndarray | None) -> Moment:

@@ -1,4 +1,4 @@
-"""Files that are there whole or not at all, and folders to work in that leave nothing behind.
+"""Atomic writes of files, and temporary folders that are removed even where the program was killed.
 
 What is being written has a name that nobody can guess, is created by nobody else before, and is locked: what a killed program left
 has no lock, and the next one removes it.

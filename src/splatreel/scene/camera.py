@@ -1,4 +1,4 @@
-"""Pinhole cameras in the OpenCV convention: x right, y down, z forward, pixel centres at +0.5."""
+"""Pinhole cameras in the OpenCV convention: x right, y down, z forward, pixel centers at +0.5."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ class Camera:
 
     @property
     def center(self) -> np.ndarray:
-        """Optical centre in world units, [3] float32."""
+        """Optical center in world units, [3] float32."""
         return -self.viewmat[:3, :3].T @ self.viewmat[:3, 3]
 
     @property
@@ -71,7 +71,7 @@ def _short(array: np.ndarray) -> list[float]:
 def focus_point(cameras: list[Camera]) -> np.ndarray:
     """The point closest, in the least squares sense, to all optical axes; [3] float64.
 
-    A weak pull to the mean camera centre keeps nearly parallel rigs finite.
+    A weak pull to the mean camera center keeps nearly parallel rigs finite.
     """
     centers = np.stack([c.center for c in cameras]).astype(np.float64)
     directions = np.stack([c.forward for c in cameras]).astype(np.float64)

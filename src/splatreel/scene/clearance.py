@@ -1,4 +1,4 @@
-"""How much room a viewer has: what rests is not drawn so near to him that no camera can have seen anything there."""
+"""Clearance before a viewer: static points nearer than anything that a camera can have seen are not drawn."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from splatreel.scene.camera import Camera
 
 @dataclass(frozen=True)
 class Clearance:
-    """Static points at less than `share` of the depth that `focus` [3], world units, has for a viewer are not drawn for him.
+    """Static points at less than `share` of the depth that `focus` [3], world units, has for a viewer are not drawn.
 
     Between cameras, and close to where a new one stands, hang splats that only distant cameras have seen, and there they only looked
     well. Where cameras stood, nothing was that near. Who walks into the scene comes closer to the focus, and sees what is near; and
@@ -27,7 +27,7 @@ class Clearance:
 
     @staticmethod
     def from_dict(value: dict[str, Any] | None) -> Clearance:
-        """None: everything is drawn."""
+        """From the manifest's JSON. None: everything is drawn."""
         if value is None:
             return NONE
         x, y, z = value["focus"]

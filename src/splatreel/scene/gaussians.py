@@ -69,9 +69,9 @@ class Gaussians:
         return Gaussians(self.means, self.quats, self.scales, np.clip(self.opacities + shade[:, 3], 0, 1), sh)
 
     def brightened(self, factor: np.ndarray) -> Gaussians:
-        """Every colour, seen from anywhere, times factor [3]."""
+        """Every color, seen from anywhere, times factor [3]."""
         sh = self.sh * factor
-        sh[:, 0] += (factor - 1) * np.float32(0.5 / C0)  # colours are 0.5 and what harmonics add
+        sh[:, 0] += (factor - 1) * np.float32(0.5 / C0)  # colors are 0.5 and what harmonics add
         return Gaussians(self.means, self.quats, self.scales, self.opacities, sh)
 
     def faded(self, weight: float | np.ndarray) -> Gaussians:

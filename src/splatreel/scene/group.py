@@ -50,7 +50,7 @@ class Group:
         return self.dx.shape[0]
 
     def at(self, frame: float) -> Gaussians:
-        """The dynamic points at a frame counted from first_frame; between frames dx and shade are linear, dq normalised linear.
+        """The dynamic points at a frame counted from first_frame; between frames dx and shade are linear, dq normalized linear.
 
         Times outside the group are clamped to its first and last frame. Without its light, which is that of the static points, too.
         """

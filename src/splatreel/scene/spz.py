@@ -1,7 +1,7 @@
 """Gaussians as SPZ, Niantic's compressed splat file, version 3 (https://github.com/nianticlabs/spz).
 
 gzip around: `u32` magic, `u32` version, `u32` points, `u8` SH degree, `u8` fractional bits, `u8` flags, `u8` 0; then column by column
-of the points: positions (3 x 24 bits, fixed point), opacities (u8), base colours (3 x u8), logarithms of scales (3 x u8), rotations
+of the points: positions (3 x 24 bits, fixed point), opacities (u8), base colors (3 x u8), logarithms of scales (3 x u8), rotations
 (u32: the three smallest parts), SH coefficients (u8, a coefficient's three channels together).
 """
 
@@ -22,7 +22,7 @@ MAGIC, VERSION = 0x5053474E, 3
 _LARGEST = (1 << 23) - 1
 _MOST_BITS = 20
 _COLOR_SCALE = 0.15
-"""Base colours may be out of range where the higher bands bring them back."""
+"""Base colors may be out of range where the higher bands bring them back."""
 _SH_STEPS = (8, 16, 16)
 """Of the 256 levels, for degrees 1 to 3, as Niantic's writer has them."""
 _FLIPPED_SH = np.array([1, -1, -1, 1, -1, 1, 1, -1, 1, -1, 1, -1, -1, 1, -1, 1])
@@ -33,7 +33,7 @@ def write_spz(path: str | Path, gaussians: Gaussians, antialias: bool = False) -
     """Write an SPZ file atomically. Axes go from right, down, front, as PLY files of 3DGS have them, to SPZ's right, up, back.
 
     antialias: they are to be drawn so (`render_image`), which the file's flags tell. Scales keep a step of 6 %, opacities and
-    colours 8 bits. Raises `GaussiansError` if the file cannot be written or a point is too far away.
+    colors 8 bits. Raises `GaussiansError` if the file cannot be written or a point is too far away.
     """
     path = Path(path)
     points = len(gaussians)

@@ -10,7 +10,7 @@ from splatreel.capture.builtin.synthetic import make_cameras, make_capture
 from splatreel.capture.builtin.toyroom import BALL_RADIUS, BALL_REACH, ball, impacts
 from splatreel.capture.opening import open_capture
 from splatreel.capture.sound import RATE, choose, read_sound
-from splatreel.capture.sync import synchronise
+from splatreel.capture.sync import synchronize
 from splatreel.progress import Silent
 
 SECONDS = 2.0
@@ -70,7 +70,7 @@ def test_the_sound_of_some_frames_is_that_of_their_time(room: Path) -> None:
 
 
 def test_sync_finds_that_they_start_together(room: Path) -> None:
-    starts = synchronise(room, Silent())
+    starts = synchronize(room, Silent())
     assert len(starts) == 14
     assert max(starts.values()) < 0.01, "what is left is the way of the sound"
     assert open_capture(room).frames == 60

@@ -11,7 +11,7 @@ from splatreel.errors import ReelError
 def test_klt_keeps_what_few_directions_hold():
     rng = np.random.default_rng(0)
     samples = rng.normal(size=(500, 3)) @ rng.normal(size=(3, 30))
-    basis, shifts = klt.analyse(samples, 0.01)
+    basis, shifts = klt.analyze(samples, 0.01)
     assert basis.shape == (30, 3)
     back = klt.coefficients(samples, basis, shifts) @ klt.real(basis, shifts).T
     assert np.abs(back - samples).max() < 0.02

@@ -1,4 +1,4 @@
-"""Prediction from neighbours: levels, error bounds, what it saves, damage."""
+"""Prediction from neighbors: levels, error bounds, what it saves, damage."""
 
 import contextlib
 from itertools import pairwise
@@ -25,7 +25,7 @@ def test_every_point_is_in_one_level_and_its_neighbours_in_coarser_ones(count):
     assert 1 <= levels.starts[1] < 2 * lod_prediction.FIRST_LEVEL
     assert (levels.weights[: levels.starts[1]] == 0).all()
     for first, end in pairwise(levels.starts):
-        weights, near = levels.weights[first:end], levels.neighbours[first:end]
+        weights, near = levels.weights[first:end], levels.neighbors[first:end]
         assert known[near[weights > 0]].all()
         assert first == 0 or (weights.sum(1) == 4096).all()
         assert (weights >= 0).all()
@@ -35,7 +35,7 @@ def test_every_point_is_in_one_level_and_its_neighbours_in_coarser_ones(count):
 
 
 def plain_nearest(q, point, stride):
-    """(neighbours, weights) of a point as the format says it, without compiling."""
+    """(neighbors, weights) of a point as the format says it, without compiling."""
     middle = point // stride
     there = [j * stride for j in range(middle - 7, middle + 9) if 0 <= j * stride < len(q)]
     near = sorted(there, key=lambda other: ((q[other] - q[point]) ** 2).sum())[:4]
@@ -53,7 +53,7 @@ def test_neighbours_are_those_of_the_format():
         stride = 2 ** (len(levels.starts) - 1 - level)
         for place in range(first, end, 7) if level else ():
             near, weights = plain_nearest(q, levels.order[place], stride)
-            assert levels.neighbours[place, : len(near)].tolist() == near
+            assert levels.neighbors[place, : len(near)].tolist() == near
             assert levels.weights[place].tolist() == weights
 
 
@@ -61,7 +61,7 @@ def test_neighbours_are_near():
     q = quantized(2000)
     levels = lod_prediction.levels_of(q)
     last = slice(levels.starts[-2], None)
-    near = np.linalg.norm(q[levels.neighbours[last, 0]] - q[levels.order[last]], axis=1)
+    near = np.linalg.norm(q[levels.neighbors[last, 0]] - q[levels.order[last]], axis=1)
     assert np.median(near) < 0.6 * np.median(np.linalg.norm(q[1::2] - q[::-1][1::2], axis=1))
     assert (levels.weights[:, 0] >= levels.weights[:, 3]).all()
 

@@ -3,7 +3,7 @@
 It shares nothing with the splatting code, so that a reconstruction is judged against something that knows no Gaussians.
 What stands still is traced once a camera; a frame then traces only the rays, and the shadow rays, that may meet what moves.
 The kernels run on one thread without the interpreter lock: cameras are traced in parallel.
-World and camera conventions are those of `scene.camera`; lengths are world units, colours linear 0..1.
+World and camera conventions are those of `scene.camera`; lengths are world units, colors linear 0..1.
 """
 
 from __future__ import annotations
@@ -44,7 +44,7 @@ class Still(NamedTuple):
 
     samples: [H, W, S * S, 11] float32: DEPTH, distance along the unit ray; MIRRORED, the mirror hit or -1; POINT [3], what is seen, in
     the mirror where one is hit; AMBIENT [3] and DIRECT [3], the light it sends from the surroundings and straight from the lamp.
-    pixels: [H, W, 7] float64: PLAIN [3], the colour when nothing moves; MIDDLE [3] and SPREAD, a sphere around the points.
+    pixels: [H, W, 7] float64: PLAIN [3], the color when nothing moves; MIDDLE [3] and SPREAD, a sphere around the points.
     """
 
     samples: np.ndarray
@@ -100,7 +100,7 @@ def _lit(still, shapes, i, me, light, sample, x, y, z):
 
 @njit(cache=True, error_model="numpy")
 def _shade(still, moving, i, light, sample, x, y, z):
-    """Colour leaving moving solid i at a point, with the shadows of everything."""
+    """Color leaving moving solid i at a point, with the shadows of everything."""
     ar, ag, ab, r, g, b = _lit(still, moving, i, -1, light, sample, x, y, z)
     if r + g + b > 0:
         sx, sy, sz, distance = _lamp(light, sample, x, y, z)
@@ -190,7 +190,7 @@ def _unchanged(camera, light, moving, pixels, row, col):
 
 @njit(cache=True, error_model="numpy")
 def _sample(camera, light, still, moving, samples, row, col, s):
-    """Colour of one sub-sample, given what it sees of the standing solids."""
+    """Color of one sub-sample, given what it sees of the standing solids."""
     ox, oy, oz = camera[0, 0], camera[0, 1], camera[0, 2]
     dx, dy, dz = _ray(camera, row, col, s)
     depth, mirror = samples[row, col, s, DEPTH], int(samples[row, col, s, MIRRORED])
@@ -246,14 +246,14 @@ def _trace_cover(camera, moving, counts, samples, cover, distance):
 
 
 def _pack(camera: Camera) -> np.ndarray:
-    """[6, 3] float64: centre, right, down, forward, (cx, cy, 0), (fx, fy, 0)."""
+    """[6, 3] float64: center, right, down, forward, (cx, cy, 0), (fx, fy, 0)."""
     viewmat, K = camera.viewmat.astype(np.float64), camera.K.astype(np.float64)
     center = -viewmat[:3, :3].T @ viewmat[:3, 3]
     return np.stack([center, *viewmat[:3, :3], [K[0, 2], K[1, 2], 0], [K[0, 0], K[1, 1], 0]])
 
 
 def trace_still(camera: Camera, still: Shapes, light: np.ndarray) -> Still:
-    """What `camera` sees of the standing solids. light: [3], the lamp's centre."""
+    """What `camera` sees of the standing solids. light: [3], the lamp's center."""
     samples = np.empty((camera.height, camera.width, SAMPLES * SAMPLES, SAMPLE_COLUMNS), np.float32)
     _trace_still(_pack(camera), light, still, samples)
     points = samples[..., POINT : POINT + 3].astype(np.float64)

@@ -31,7 +31,7 @@ class Shapes(NamedTuple):
 
     solids: [N, 30] float64: KIND; TEXTURE with its SCALE and PHASE; OCCLUSION, how strongly it darkens the ambient light around
     it; REACH, the radius of the sphere around it; POSITION [3]; HALF [3] extents (a cylinder's axis is y); ROTATION [3 x 3] local
-    to world; COLORS [3 x 3], three linear colours.
+    to world; COLORS [3 x 3], three linear colors.
     bodies: [B, 7] float64: CENTER [3] and RADIUS of a sphere around its solids, the FIRST solid and the END, and whether it SHADOWS
     anything.
     """
@@ -42,7 +42,7 @@ class Shapes(NamedTuple):
 
 @njit(cache=True, error_model="numpy")
 def three(array, i, k):
-    """Three neighbouring numbers; a slice would cost a reference count that all threads share."""
+    """Three neighboring numbers; a slice would cost a reference count that all threads share."""
     return array[i, k], array[i, k + 1], array[i, k + 2]
 
 

@@ -147,7 +147,7 @@ def _film(folder: Path, camera: Camera, recipe: dict) -> Iterator[int]:
 
 
 def llff_row(camera: Camera, near: float, far: float) -> np.ndarray:
-    """[17] float64: the 3x5 matrix of axes (down, right, backwards), centre and (height, width, focal), then near and far."""
+    """[17] float64: the 3x5 matrix of axes (down, right, backwards), center and (height, width, focal), then near and far."""
     right, down, forward = camera.viewmat[:3, :3].astype(np.float64)
     hwf = [camera.height, camera.width, camera.K[0, 0]]
     matrix = np.stack([down, right, -forward, camera.center, hwf], 1)

@@ -122,7 +122,7 @@ def _emblem(u, v, face, colors):
 
 @njit(cache=True, error_model="numpy")
 def albedo(kind, x, y, z, nx, ny, nz, half, colors, scale, phase):
-    """Linear colour of a texture at a local point with local normal; see the constants above for the kinds."""
+    """Linear color of a texture at a local point with local normal; see the constants above for the kinds."""
     ax, ay, az = abs(nx), abs(ny), abs(nz)
     face = 0 if ax >= ay and ax >= az else (1 if ay >= az else 2)
     u, v, hu, hv = (

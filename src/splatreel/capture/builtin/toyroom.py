@@ -40,7 +40,7 @@ class Builder:
         self._bodies: list[tuple[int, bool]] = []
 
     def body(self, shadows: bool = True) -> None:
-        """Start a body; solids added from now on are part of it. Neighbours share one, so that rays can pass them by together."""
+        """Start a body; solids added from now on are part of it. Neighbors share one, so that rays can pass them by together."""
         self._bodies.append((len(self._solids), shadows))
 
     def add(
@@ -139,7 +139,7 @@ def _room(b: Builder, rng: np.random.Generator) -> None:
 
 
 def _books(b: Builder, rng: np.random.Generator) -> None:
-    """A board on the wall with books of two colours each."""
+    """A board on the wall with books of two colors each."""
     b.body()
     b.add(BOX, (-0.85, 1.14, -1.62), (0.75, 0.03, 0.18), (WOOD,), occlusion=0.15)
     x = -1.5

@@ -1,4 +1,4 @@
-"""What the built-in capture's cameras hear: the ball as it hits the floor and the bumpers. World units are metres."""
+"""What the built-in capture's cameras hear: the ball as it hits the floor and the bumpers. World units are meters."""
 
 from __future__ import annotations
 
@@ -8,9 +8,9 @@ from splatreel.capture.builtin.toyroom import impacts
 from splatreel.capture.sound import RATE
 
 SPEED = 343.0
-"""Of sound, metres a second."""
+"""Of sound, meters a second."""
 LOUDNESS = 1.6
-"""Of an impact at a metre; a camera four metres away is well below full scale."""
+"""Of an impact at a metre; a camera four meters away is well below full scale."""
 MODES = {
     "floor": ((95.0, 0.045, 1.0), (210.0, 0.03, 0.7), (480.0, 0.014, 0.4), (1150.0, 0.006, 0.25)),
     "bumper": ((310.0, 0.03, 0.5), (720.0, 0.018, 0.6), (1640.0, 0.009, 0.45), (2900.0, 0.005, 0.3)),

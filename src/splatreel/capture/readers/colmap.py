@@ -199,7 +199,7 @@ def pictures_by_camera(folder: Path, names: list[str]) -> dict[str, list[Path]]:
 
 
 def _points(reconstruction: Any) -> tuple[np.ndarray | None, np.ndarray | None]:
-    """Sparse points [P, 3] float32 and their colours 0..1, in the order of their ids; None where there are none."""
+    """Sparse points [P, 3] float32 and their colors 0..1, in the order of their ids; None where there are none."""
     points = [p for _, p in sorted(reconstruction.points3D.items())]
     if not points:
         return None, None

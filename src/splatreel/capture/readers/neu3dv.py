@@ -1,7 +1,7 @@
 """Neural 3D Video folders: one `camNN.mp4` a camera and `poses_bounds.npy` (LLFF).
 
 A row of poses_bounds is a 3x5 matrix, then near and far. The matrix holds camera-to-world axes in the order (down, right,
-backwards), the camera centre, and (height, width, focal). The principal point is the image centre.
+backwards), the camera center, and (height, width, focal). The principal point is the image center.
 An optional `splatreel.json` beside the videos says more (`capture/sidecar.py`).
 """
 

@@ -1,4 +1,4 @@
-"""Values of points, one row a point, as a section: quantised (paper section 4.3), as they are, or as pictures (V3)."""
+"""Values of points, one row a point, as a section: quantized (paper section 4.3), as they are, or as pictures (V3)."""
 
 from __future__ import annotations
 

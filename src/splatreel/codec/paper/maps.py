@@ -1,4 +1,4 @@
-"""Values of points as pictures (paper section 4.3): Morton order run through blocks, so that what is near in space is near there."""
+"""Values of points as pictures (paper section 4.3): Morton order in blocks, so that neighbors in space are neighbors there."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The paper's codings of motion by name (section 4.3, Table 10): what of it is coded, and as what.
+"""The paper's codings of motion by name (section 4.3, Table 10): which values are coded, and how.
 
     h265        `ofs`: the offsets dx and dq themselves
     h265-ori    `ori`: x + dx and q dq; the canonical points are those of the first frame, and not stored once more

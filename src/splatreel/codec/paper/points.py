@@ -1,7 +1,7 @@
 """Positions as a Draco point cloud (paper section 4.3, QP_DRC), in Morton order.
 
-Draco gets whole numbers, not metres: its own float arithmetic then is exact, and every decoder, whatever its language,
-sorts exactly the same lattice points.
+Draco gets whole numbers, not meters: its own float arithmetic then is exact, and every decoder, whatever its language,
+sorts exactly the same points.
 """
 
 from __future__ import annotations
@@ -40,7 +40,7 @@ def encode_points(means: np.ndarray, bits: int) -> tuple[bytes, Parameters, np.n
         quantization_origin=[0.0, 0.0, 0.0],
     )
     parameters: Parameters = {"codec": "draco", "bits": bits, "min": low.tolist(), "range": extent}
-    if not np.array_equal(_decode_lattice(data, bits, len(means)), q[order]):
+    if not np.array_equal(_decode_quantized(data, bits, len(means)), q[order]):
         raise ReelError("Draco did not give back the positions it was given. Use another version of DracoPy.")
     return data, parameters, order
 
@@ -49,10 +49,10 @@ def decode_points(data: bytes, parameters: Parameters, count: int) -> np.ndarray
     """Positions [count, 3] float32 in Morton order. Raises `ReelError`."""
     bits = integer(parameters, "bits", 4, morton.MAX_BITS)
     low, extent = numbers(parameters, "min", 3), number(parameters, "range", 0, 1e30)
-    return (low + _decode_lattice(data, bits, count) * (extent / ((1 << bits) - 1))).astype(np.float32)
+    return (low + _decode_quantized(data, bits, count) * (extent / ((1 << bits) - 1))).astype(np.float32)
 
 
-def _decode_lattice(data: bytes, bits: int, count: int) -> np.ndarray:
+def _decode_quantized(data: bytes, bits: int, count: int) -> np.ndarray:
     """Whole numbers [count, 3] int64, sorted by Morton code."""
     _check_header(data, count)
     try:
@@ -82,7 +82,7 @@ def _check_header(data: bytes, count: int) -> None:
 
 
 def _separate(q: np.ndarray, bits: int) -> np.ndarray:
-    """Move points that share a lattice cell to free cells next to it: Draco keeps only one of equal points.
+    """Move points that share a cell of the grid to free cells next to it: Draco keeps only one of equal points.
 
     A cell is a millionth of the scene, so nobody sees the move; clones of 3DGS do coincide.
     """

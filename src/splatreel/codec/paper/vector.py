@@ -1,4 +1,4 @@
-"""Vector quantisation of the higher SH coefficients (paper section 4.3): k-means with a small codebook."""
+"""Vector quantization of the higher SH coefficients (paper section 4.3): k-means with a small codebook."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ def kmeans(vectors: np.ndarray, entries: int, seed: int = 0, weights: np.ndarray
 
     weights: [N] > 0, how much each vector matters; None: all alike. The same input and seed give the same codebook. Where there
     are no more different vectors than entries, they are the codebook. Opacity is no good weight (within 0.01 dB over four
-    seeds), how much the pictures hang on a point's colour is: docs/experiments/README.md.
+    seeds), how much the pictures hang on a point's color is: docs/experiments/README.md.
     """
     vectors = np.ascontiguousarray(vectors, np.float32)
     rng = np.random.default_rng(seed)
@@ -29,7 +29,7 @@ def kmeans(vectors: np.ndarray, entries: int, seed: int = 0, weights: np.ndarray
     codebook = different[np.sort(rng.choice(len(different), entries, replace=False, p=share))]
     for _ in range(_ROUNDS):
         nearest, distance = assign(vectors, codebook)
-        codebook = _centres(vectors, masses, nearest, distance, entries)
+        codebook = _centers(vectors, masses, nearest, distance, entries)
     return codebook
 
 
@@ -48,7 +48,7 @@ def assign(vectors: np.ndarray, codebook: np.ndarray) -> tuple[np.ndarray, np.nd
     return nearest, np.maximum(distance, 0)
 
 
-def _centres(
+def _centers(
     vectors: np.ndarray, masses: np.ndarray, nearest: np.ndarray, distance: np.ndarray, entries: int
 ) -> np.ndarray:
     """Means of the clusters; an empty cluster moves to a vector that is served worst."""
@@ -56,6 +56,6 @@ def _centres(
     columns = [np.bincount(nearest, masses * column, entries) for column in vectors.T.astype(np.float64)]
     empty = np.flatnonzero(mass == 0)
     mass[empty] = 1
-    centres = np.stack(columns, 1) / mass[:, None]
-    centres[empty] = vectors[np.argsort(-distance * masses, kind="stable")[: len(empty)]]
-    return centres.astype(np.float32)
+    centers = np.stack(columns, 1) / mass[:, None]
+    centers[empty] = vectors[np.argsort(-distance * masses, kind="stable")[: len(empty)]]
+    return centers.astype(np.float32)

@@ -1,8 +1,8 @@
 """A Gaussian's shape as six numbers: the logarithm of the square root of its covariance, R diag(log2 s) R^T.
 
-It knows no order of axes and no signs, turning something round costs the more the longer it is, and neighbours on a surface are alike
-in it. All six are as far apart as shapes are: an orthonormal basis of the symmetric matrices, but for the size, which counts
-sqrt 2 times as much.
+It does not depend on the order of axes or on signs, a rotation changes it the more the longer the Gaussian is, and neighbors on a
+surface have similar numbers. Distances of the six are distances of shapes: they are an orthonormal basis of the symmetric matrices,
+but for the size, which counts sqrt 2 times as much.
 """
 
 from __future__ import annotations
@@ -44,7 +44,7 @@ def to_shapes(numbers):
         m[_XX], m[_YY], m[_ZZ] = size - along + across, size - along - across, size + 2 * along
         m[_XY], m[_XZ], m[_YZ] = numbers[i, 3] / root2, numbers[i, 4] / root2, numbers[i, 5] / root2
         q[0], q[1], q[2], q[3] = 1.0, 0.0, 0.0, 0.0
-        _diagonalise(m, q)
+        _diagonalize(m, q)
         quats[i] = q / np.sqrt(q[0] * q[0] + q[1] * q[1] + q[2] * q[2] + q[3] * q[3])
         for k, octaves in enumerate((m[_XX], m[_YY], m[_ZZ])):
             scales[i, k] = 2.0 ** min(max(octaves, -LARGEST), LARGEST)
@@ -52,7 +52,7 @@ def to_shapes(numbers):
 
 
 @njit(**EXACT)
-def _diagonalise(m, q):
+def _diagonalize(m, q):
     """Turns the axes of m until it is diagonal; q becomes the rotation that took them there."""
     for _ in range(_SWEEPS):
         rest = m[_XY] * m[_XY] + m[_XZ] * m[_XZ] + m[_YZ] * m[_YZ]

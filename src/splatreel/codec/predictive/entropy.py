@@ -1,7 +1,7 @@
-"""Entropy coding of whole numbers: rANS, a few lanes in turn, so that a processor decodes them at the same time (docs/format.md).
+"""Entropy coding of whole numbers: rANS in a few interleaved lanes, which a processor decodes at the same time (docs/format.md).
 
-Each number has a context that both sides know before it. A context has its own frequencies, sent in front. After Duda, "Asymmetric
-numeral systems", 2013; interleaved lanes after Giesen, "Interleaved entropy coders", 2014.
+Each number has a context that encoder and decoder know before it. A context has its own frequencies, stored in front.
+After Duda, "Asymmetric numeral systems", 2013; interleaved lanes after Giesen, "Interleaved entropy coders", 2014.
 """
 
 from __future__ import annotations
@@ -35,7 +35,7 @@ def encode(values: np.ndarray, contexts: np.ndarray, count: int) -> bytes:
     values, contexts = np.asarray(values, np.int64), np.asarray(contexts, np.int64)
     tokens, lengths = _tokens(values)
     counts = np.bincount(contexts * TOKENS + tokens, minlength=count * TOKENS)
-    frequencies = np.stack([_normalised(row) for row in counts.reshape(count, TOKENS)])
+    frequencies = np.stack([_normalized(row) for row in counts.reshape(count, TOKENS)])
     starts = np.cumsum(frequencies, 1) - frequencies
     shift = _LANES if len(values) >= 1000 else 0
     states = np.full(1 << shift, _LOW, np.int64)
@@ -145,7 +145,7 @@ def _tokens(values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     return np.where(direct, values, _DIRECT + 2 * (lengths - 4) + (values >> lengths & 1)), lengths
 
 
-def _normalised(counts: np.ndarray) -> np.ndarray:
+def _normalized(counts: np.ndarray) -> np.ndarray:
     """Frequencies [TOKENS] that sum to 4096 (or are all 0), none that occurs below 1."""
     total = int(counts.sum())
     if not total:

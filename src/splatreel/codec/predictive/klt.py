@@ -1,4 +1,4 @@
-"""The Karhunen-Loeve transform: samples as few numbers in a basis of their own, which is sent along (docs/format.md)."""
+"""The Karhunen-Loeve transform: samples as few coefficients in a basis of their own, which is stored with them (docs/format.md)."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ _SPARE = 8
 """Rounding the basis costs at most about this fraction of a step."""
 
 
-def analyse(samples: np.ndarray, step: float) -> tuple[np.ndarray, list[int]]:
+def analyze(samples: np.ndarray, step: float) -> tuple[np.ndarray, list[int]]:
     """The basis [D, K] int64 of samples [M, D] and shifts [K]: column k in units of 2^-shifts[k].
 
     Directions in which the samples spread by less than a twentieth of a step are left out; K is at least 1, K D at most `MOST_NUMBERS`.

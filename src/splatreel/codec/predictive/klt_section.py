@@ -27,7 +27,7 @@ def encode_klt(kind: int, values: np.ndarray, step: float, predictor: Predictor)
     """Values [N, D, C]: D is what the transform is over, the C channels share its basis. Also gives them as decoded, [D, N, C]."""
     count, dimensions, channels = values.shape
     samples = values.transpose(0, 2, 1).reshape(-1, dimensions)
-    basis, shifts = klt.analyse(samples, step)
+    basis, shifts = klt.analyze(samples, step)
     found = klt.coefficients(samples, basis, shifts).reshape(count, channels, -1).transpose(0, 2, 1) / step
     order, classes = klt.columns_of(found), predictor.classes[:, kind]
     wanted = found.reshape(count, -1)[:, order]

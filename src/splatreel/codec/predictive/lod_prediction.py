@@ -1,8 +1,8 @@
 """Level-of-detail prediction: whole numbers of points, predicted from points nearby of coarser levels (docs/format.md).
 
 Points come in Morton order. Every 2^k-th of them comes first, then those half way between, and so on: a level of detail at a time.
-A point is predicted from the nearest points of the coarser levels, and what is left is entropy coded; how large it will be is told by
-the same neighbours. All arithmetic is exact, so that every decoder finds the same numbers.
+A point is predicted from the nearest points of the coarser levels, and what is left is entropy coded; the same
+neighbors tell how large that will be. All arithmetic is exact, so that every decoder finds the same numbers.
 """
 
 from __future__ import annotations
@@ -18,9 +18,9 @@ from splatreel.errors import ReelError
 
 FIRST_LEVEL = 64
 """The coarsest level has between this many points and twice as many, and is predicted to be zero."""
-NEIGHBOURS = 4
+NEIGHBORS = 4
 _REACH = 8
-"""Points of the coarser levels, before and after in Morton order, that neighbours are chosen from."""
+"""Points of the coarser levels, before and after in Morton order, that neighbors are chosen from."""
 _WEIGHT_BITS = 12
 _WEIGHT = 1 << _WEIGHT_BITS
 _LIMIT = 1 << 30
@@ -33,7 +33,7 @@ CONTEXTS = len(_EDGES) + 1
 _LARGEST = 4095
 """Sizes matter up to this many eighths of a step,"""
 _LARGEST_SIZE = 65535
-"""and of a neighbour up to this many steps of class 0."""
+"""and of a neighbor up to this many steps of class 0."""
 _CONTEXT_OF = np.searchsorted(_EDGES, np.arange(_LARGEST + 1), side="right").astype(np.uint8)
 
 
@@ -41,13 +41,13 @@ _CONTEXT_OF = np.searchsorted(_EDGES, np.arange(_LARGEST + 1), side="right").ast
 class Levels:
     """In which order points are decoded, and from which others each is predicted.
 
-    order: [N], level after level. starts: where each level starts in it, and N. neighbours, weights: [N, 4] by place in `order`,
+    order: [N], level after level. starts: where each level starts in it, and N. neighbors, weights: [N, 4] by place in `order`,
     weights in 4096ths; all 0 in the first level.
     """
 
     order: np.ndarray
     starts: list[int]
-    neighbours: np.ndarray
+    neighbors: np.ndarray
     weights: np.ndarray
 
 
@@ -64,18 +64,18 @@ def levels_of(quantized: np.ndarray) -> Levels:
         stride //= 2
     sizes = [len(part) for part in parts]
     order = np.concatenate(parts).astype(np.int32)
-    neighbours, weights = _nearest(np.ascontiguousarray(quantized), order, np.repeat(strides, sizes))
-    return Levels(order, [0, *np.cumsum(sizes).tolist()], neighbours, weights)
+    neighbors, weights = _nearest(np.ascontiguousarray(quantized), order, np.repeat(strides, sizes))
+    return Levels(order, [0, *np.cumsum(sizes).tolist()], neighbors, weights)
 
 
 @njit(**EXACT)
 def _nearest(quantized, order, strides):
     """The nearest of 16 multiples of stride around each point; ties go to the earlier. Weights fall with the distance."""
     count = len(order)
-    neighbours = np.zeros((count, NEIGHBOURS), np.int32)
-    weights = np.zeros((count, NEIGHBOURS), np.int32)
+    neighbors = np.zeros((count, NEIGHBORS), np.int32)
+    weights = np.zeros((count, NEIGHBORS), np.int32)
     far = np.int64(1) << 60
-    squares, found, nearness = np.empty(NEIGHBOURS, np.int64), np.empty(NEIGHBOURS, np.int64), np.empty(NEIGHBOURS)
+    squares, found, nearness = np.empty(NEIGHBORS, np.int64), np.empty(NEIGHBORS, np.int64), np.empty(NEIGHBORS)
     for place in range(count):
         point, stride = order[place], strides[place]
         if stride == 0:
@@ -88,23 +88,23 @@ def _nearest(quantized, order, strides):
             x = quantized[candidate, 0] - quantized[point, 0]
             y = quantized[candidate, 1] - quantized[point, 1]
             z = quantized[candidate, 2] - quantized[point, 2]
-            square, k = x * x + y * y + z * z, NEIGHBOURS
+            square, k = x * x + y * y + z * z, NEIGHBORS
             while k > 0 and square < squares[k - 1]:
-                if k < NEIGHBOURS:
+                if k < NEIGHBORS:
                     squares[k], found[k] = squares[k - 1], found[k - 1]
                 k -= 1
-            if k < NEIGHBOURS:
+            if k < NEIGHBORS:
                 squares[k], found[k] = square, candidate
         # Square root, sum and quotient of doubles are exactly defined; the order of the sum is part of the format.
-        for k in range(NEIGHBOURS):
+        for k in range(NEIGHBORS):
             nearness[k] = 1 / (1 + np.sqrt(np.float64(squares[k]))) if squares[k] < far else 0.0
         total, rest = ((nearness[0] + nearness[1]) + nearness[2]) + nearness[3], _WEIGHT
-        for k in range(1, NEIGHBOURS):
+        for k in range(1, NEIGHBORS):
             weights[place, k] = np.floor(nearness[k] * _WEIGHT / total)
             rest -= weights[place, k]
         weights[place, 0] = rest
-        neighbours[place] = found
-    return neighbours, weights
+        neighbors[place] = found
+    return neighbors, weights
 
 
 def encode_lod(
@@ -122,7 +122,7 @@ def encode_lod(
     ends = _all(values.shape) if ends is None else ends
     found, sizes = _empty(values.shape)
     used = _predict_and_round(
-        values, levels.order, levels.neighbours, levels.weights, classes, ends, residuals, contexts, found, sizes
+        values, levels.order, levels.neighbors, levels.weights, classes, ends, residuals, contexts, found, sizes
     )
     if used < 0:
         raise ReelError("Values are too many steps from zero to be encoded. Use a coarser step.")
@@ -137,7 +137,7 @@ def decode_lod(
     ends = _all(shape) if ends is None else ends
     found, sizes = _empty(shape)
     if not _predict_and_read(
-        levels.order, levels.neighbours, levels.weights, classes, ends, found, sizes, *stream.parts
+        levels.order, levels.neighbors, levels.weights, classes, ends, found, sizes, *stream.parts
     ):
         raise ReelError("decodes to numbers that are too large, or ends before all of them are read.")
     stream.finish()
@@ -161,7 +161,7 @@ def _empty(shape: tuple[int, int]) -> tuple[np.ndarray, np.ndarray]:
 
 @njit(**EXACT)
 def _expect(values, sizes, near, weights, shift, columns, expected, around):
-    """Fills what a point's neighbours let expect in its first columns: values, and sizes of residuals in eighths of its steps.
+    """Fills what a point's neighbors let expect in its first columns: values, and sizes of residuals in eighths of its steps.
 
     A loop of its own, so that a processor takes several columns at once. Doubles hold the sums exactly.
     """
@@ -178,14 +178,14 @@ def _expect(values, sizes, near, weights, shift, columns, expected, around):
 
 
 @njit(**EXACT)
-def _predict_and_round(values, order, neighbours, weights, classes, ends, residuals, contexts, found, sizes):
+def _predict_and_round(values, order, neighbors, weights, classes, ends, residuals, contexts, found, sizes):
     """Fills residuals and contexts, in the order of coding, and values as decoded; how many residuals, -1 where one is too large."""
     used = 0
     expected, around = np.empty(found.shape[1]), np.empty(found.shape[1], np.int32)
     for place in range(len(order)):
         point = order[place]
         shift = classes[point]
-        _expect(found, sizes, neighbours[place], weights[place], shift, ends[point], expected, around)
+        _expect(found, sizes, neighbors[place], weights[place], shift, ends[point], expected, around)
         recent = around[0]
         for column in range(ends[point]):
             missing = (values[point, column] - expected[column]) / (1 << shift)
@@ -202,13 +202,13 @@ def _predict_and_round(values, order, neighbours, weights, classes, ends, residu
 
 
 @njit(**EXACT)
-def _predict_and_read(order, neighbours, weights, classes, ends, found, sizes, lookup, states, words, raw, cursor):
+def _predict_and_read(order, neighbors, weights, classes, ends, found, sizes, lookup, states, words, raw, cursor):
     """Fills the values; whether they are in range and the stream was long enough."""
     expected, around = np.empty(found.shape[1]), np.empty(found.shape[1], np.int32)
     for place in range(len(order)):
         point = order[place]
         shift = classes[point]
-        _expect(found, sizes, neighbours[place], weights[place], shift, ends[point], expected, around)
+        _expect(found, sizes, neighbors[place], weights[place], shift, ends[point], expected, around)
         recent = around[0]
         for column in range(ends[point]):
             number = take(_CONTEXT_OF[(around[column] + recent) >> 1], lookup, states, words, raw, cursor)

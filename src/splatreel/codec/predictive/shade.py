@@ -13,11 +13,11 @@ from splatreel.config import EncodeConfig
 
 SHADE = np.diag([1.0, 1.0, 1.0, 2.0])
 SHADE[:3, :3] = COLORS
-"""From c_base and opacity to what is coded: opacity counts twice as much as colour, about what it changes in a picture."""
+"""From c_base and opacity to what is coded: opacity counts twice as much as color, about what it changes in a picture."""
 
 
 def encode_shade(shade: np.ndarray, order: np.ndarray, predictor: Predictor, config: EncodeConfig) -> Sections:
-    """Section `shade` of changes of colour and opacity [T, N, 4], in the order of the input points."""
+    """Section `shade` of changes of color and opacity [T, N, 4], in the order of the input points."""
     values = np.asarray(shade, np.float64)[:, order].transpose(1, 0, 2) @ SHADE.T
     return {"shade": encode_klt(COLOR, values, STEPS.shade * config.coarseness, predictor)[0]}
 

@@ -20,7 +20,7 @@ from torch.autograd.function import once_differentiable
 
 from splatreel.kernels.cpu import binning, deform, harmonics, hashgrid, motion, project, rasterize, similarity
 
-CHUNK = 3  # channels the rasteriser blends at once; other counts but 1 are padded and take several passes
+CHUNK = 3  # channels the rasterizer blends at once; other counts but 1 are padded and take several passes
 
 
 def _arrays(*tensors: Tensor) -> list[np.ndarray]:
@@ -34,7 +34,7 @@ def _array(tensor: Tensor) -> np.ndarray:
 
 
 def _gradient(found: Tensor | None, values: np.ndarray) -> np.ndarray:
-    """The gradient to some values; zeros where nothing hangs on them, as mostly on alpha, without filling them anew each time."""
+    """The gradient to some values; shared zeros where the loss does not depend on them, as it mostly does not on alpha."""
     return _array(found) if found is not None else _zeros(values.shape)
 
 
@@ -181,7 +181,7 @@ def _bins(means2d, conics, opacities, depths, radii, width: int, height: int) ->
 
 
 def _split(values: np.ndarray) -> list[np.ndarray]:
-    """values [..., C] in parts the rasteriser takes: C 1 as it is, else threes, the last padded with zeros."""
+    """values [..., C] in parts the rasterizer takes: C 1 as it is, else threes, the last padded with zeros."""
     channels = values.shape[-1]
     if channels in (1, CHUNK):
         return [values]
@@ -239,8 +239,8 @@ class HashGrid(Function):
 
 class Arap(Function):
     @staticmethod
-    def forward(ctx: Any, means: Tensor, dx: Tensor, dq: Tensor, neighbour: Tensor, weights: Tensor, unit: float):
-        arrays = *_arrays(means, dx, dq), neighbour.contiguous().numpy(), *_arrays(weights)
+    def forward(ctx: Any, means: Tensor, dx: Tensor, dq: Tensor, neighbor: Tensor, weights: Tensor, unit: float):
+        arrays = *_arrays(means, dx, dq), neighbor.contiguous().numpy(), *_arrays(weights)
         loss, *gradients = motion.arap(*arrays, unit=unit)
         ctx.gradients = _tensors(*gradients)
         return torch.tensor(loss, dtype=torch.float32)

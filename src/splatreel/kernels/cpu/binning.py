@@ -25,7 +25,7 @@ DEPTH = 6  # column of `Bins.splats`
 
 @dataclass(frozen=True)
 class Bins:
-    """Splats prepared for rasterisation and sorted into tiles; M (splat, tile) pairs in all.
+    """Splats prepared for rasterization and sorted into tiles; M (splat, tile) pairs in all.
 
     splats: [N, 8] float32, half a cache line: x, y, the conic in powers of two (halved where the quadratic form halves it), log2
     opacity, depth, and nothing.

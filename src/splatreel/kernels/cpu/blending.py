@@ -1,4 +1,4 @@
-"""The kernels of the rasteriser: front-to-back alpha blending of one tile after the other, and its gradient.
+"""The kernels of the rasterizer: front-to-back alpha blending of one tile after the other, and its gradient.
 
 One task renders one 16 x 16 tile in a small scratch that stays in the first-level cache: planes of 256 floats, one a
 quantity, at constant offsets, so that LLVM can prove the planes independent and turn the loop over a splat's rows of
@@ -33,9 +33,9 @@ P1, P2, P3, P4, P5, P6 = (
 MIN_EXPONENT = F(-8)  # below 1/255, so such alphas are dropped anyway
 
 
-# Scratch planes. Both passes: transmittance, pixel centre x and y. Forward: then the colour accumulated.
+# Scratch planes. Both passes: transmittance, pixel center x and y. Forward: then the color accumulated.
 X, Y, RGB = PIXELS, 2 * PIXELS, 3 * PIXELS
-# Backward: then the remainder (what splats behind contribute to the loss), gradient to alpha, gradient to colour.
+# Backward: then the remainder (what splats behind contribute to the loss), gradient to alpha, gradient to color.
 REST, D_ALPHA, D_RGB = 3 * PIXELS, 4 * PIXELS, 5 * PIXELS
 
 
@@ -84,7 +84,7 @@ def _extent(rows, start, end, some):
 
 @njit(inline="always")
 def _start(buffer, top, left, first, last, shape):
-    """Fills a tile's pixel centres and transmittance; pixels outside the image or the rows first..last are full."""
+    """Fills a tile's pixel centers and transmittance; pixels outside the image or the rows first..last are full."""
     for r in range(TILE):
         for x in range(TILE):
             p = r * TILE + x
@@ -183,7 +183,7 @@ def _shade(buffer, first, last, x, y, a, b, c, log_opacity, red, green, blue, rg
 def _make_backward(channels: int):
     """The backward kernel for 1 or 3 channels, front to back as the forward one.
 
-    `rest` starts as the gradient-weighted colour and alpha of the pixel and loses each splat's share in turn, so that
+    `rest` starts as the gradient-weighted color and alpha of the pixel and loses each splat's share in turn, so that
     what remains belongs to the splats behind: no transmittance need be stored or divided back. Six moments of
     d(log alpha) over the pixels are all that mean, conic and opacity gradients need.
     """

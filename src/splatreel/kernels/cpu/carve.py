@@ -1,4 +1,4 @@
-"""Space carving: which views call a place wrong, and how well they agree on its colour. One task a place."""
+"""Space carving: whose masks hold a place, and how well these views agree on its color. One task a ray."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Points of one moment as a view sees them: deformed, shaded, projected and coloured in one pass, and the gradient of it all.
+"""Points of one moment as a view sees them: deformed, shaded, projected and colored in one pass, and the gradient of it all.
 
 One by one these are two dozen passes over memory, and as many calls: half of what an iteration of a group spends outside of blending.
 """

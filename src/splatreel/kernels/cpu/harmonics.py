@@ -47,7 +47,7 @@ def backward(
 
 
 def colors(means: np.ndarray, center: np.ndarray, base: np.ndarray, rest: np.ndarray) -> np.ndarray:
-    """[N, 3] colours of points seen from center [3]: 0.5 and the harmonics, at least 0. base: [N, 1, 3], rest: [N, K - 1, 3]."""
+    """[N, 3] colors of points seen from center [3]: 0.5 and the harmonics, at least 0. base: [N, 1, 3], rest: [N, K - 1, 3]."""
     out = np.empty((len(means), 3), np.float32)
     _colors(means, center, base, rest, out)
     return out

@@ -13,7 +13,7 @@ SERIAL: dict[str, Any] = {"fastmath": True, "cache": True, "error_model": "numpy
 PARALLEL: dict[str, Any] = {**SERIAL, "parallel": True}
 
 F = np.float32
-U = np.uint64  # index type: with signed indices LLVM cannot rule out wrap-around and silently stops vectorising
+U = np.uint64  # index type: with signed indices LLVM cannot rule out wrap-around and silently stops vectorizing
 ZERO, HALF, ONE, TWO = F(0), F(0.5), F(1), F(2)
 
 

@@ -1,7 +1,7 @@
-"""Moving points: cubic splines in time blended over shared nodes, quaternion products, and how rigidly neighbours move.
+"""Moving points: cubic splines in time blended over shared nodes, quaternion products, and how rigidly neighbors move.
 
 Each is a handful of operations a point, which torch would spread over dozens of passes through memory. Sums over the points that
-share a node or a neighbour are taken in an order that does not depend on the threads: the same bits for any number of them.
+share a node or a neighbor are taken in an order that does not depend on the threads: the same bits for any number of them.
 """
 
 from __future__ import annotations
@@ -48,16 +48,16 @@ def offsets_gradient(
 
 
 def arap(
-    means: np.ndarray, dx: np.ndarray, dq: np.ndarray, neighbour: np.ndarray, weights: np.ndarray, unit: float
+    means: np.ndarray, dx: np.ndarray, dq: np.ndarray, neighbor: np.ndarray, weights: np.ndarray, unit: float
 ) -> tuple[float, np.ndarray, np.ndarray]:
     """The loss, and its gradients to dx and dq."""
     n = len(means)
     losses, units = np.empty(n, np.float32), np.empty((n, 5), np.float32)
     here, there = np.empty((n, 7), np.float32), np.empty((n, 7), np.float32)
     d_dx, d_dq = np.empty_like(dx), np.empty_like(dq)
-    _normalise(dq, units)
-    _pairs(means, dx, units, neighbour, weights, F(1 / unit), F(1 / max(n, 1)), losses, here, there)
-    _scatter(neighbour, there, here)
+    _normalize(dq, units)
+    _pairs(means, dx, units, neighbor, weights, F(1 / unit), F(1 / max(n, 1)), losses, here, there)
+    _scatter(neighbor, there, here)
     _split_gradient(units, here, d_dx, d_dq)
     return float(losses.sum(dtype=np.float64)), d_dx, d_dq
 
@@ -112,7 +112,7 @@ def _product(aw, ax, ay, az, bw, bx, by, bz):
 
 @njit(inline="always")
 def _unit(q, i):
-    """The normalised quaternion i, and one over its norm."""
+    """The normalized quaternion i, and one over its norm."""
     w, x, y, z = q[i, 0], q[i, 1], q[i, 2], q[i, 3]
     inverse = ONE / max(math.sqrt(w * w + x * x + y * y + z * z), F(1e-12))
     return w * inverse, x * inverse, y * inverse, z * inverse, inverse
@@ -120,7 +120,7 @@ def _unit(q, i):
 
 @njit(inline="always")
 def _before_unit(w, x, y, z, inverse, gw, gx, gy, gz):
-    """Gradient to a quaternion before normalisation, from that to the unit quaternion."""
+    """Gradient to a quaternion before normalization, from that to the unit quaternion."""
     along = gw * w + gx * x + gy * y + gz * z
     return (
         (gw - along * w) * inverse,
@@ -150,7 +150,7 @@ def turn_one_backward(i, quats, dq, d_product, d_quats, d_dq):
 
 
 @njit(**PARALLEL)
-def _normalise(dq, units):
+def _normalize(dq, units):
     for i in prange(dq.shape[0]):
         units[i, 0], units[i, 1], units[i, 2], units[i, 3], units[i, 4] = _unit(dq, i)
 
@@ -190,10 +190,10 @@ def _sign(value):
 
 
 @njit(**PARALLEL)
-def _pairs(means, dx, units, neighbour, weights, per_unit, share, losses, here, there):
-    """Each pair's part of the mean, and its gradients to (dx, unit quaternion) of the point and of its neighbour."""
+def _pairs(means, dx, units, neighbor, weights, per_unit, share, losses, here, there):
+    """Each pair's part of the mean, and its gradients to (dx, unit quaternion) of the point and of its neighbor."""
     for i in prange(means.shape[0]):
-        j, weight = neighbour[i], weights[i] * share
+        j, weight = neighbor[i], weights[i] * share
         scale = weight * per_unit
         hx, hy, hz = (
             HALF * (means[i, 0] - means[j, 0]),

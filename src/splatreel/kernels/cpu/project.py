@@ -97,7 +97,7 @@ def _rotation(w, x, y, z):
 
 @njit(inline="always")
 def _unit(quats, i):
-    """The normalised quaternion i, and one over its norm."""
+    """The normalized quaternion i, and one over its norm."""
     w, x, y, z = quats[i, 0], quats[i, 1], quats[i, 2], quats[i, 3]
     inverse = ONE / max(math.sqrt(w * w + x * x + y * y + z * z), F(1e-12))
     return w * inverse, x * inverse, y * inverse, z * inverse, inverse
@@ -187,7 +187,7 @@ def _covariance_gradient(conics, d_conics, i):
 
 @njit(inline="always")
 def _quaternion_gradient(w, x, y, z, inverse, n00, n01, n02, n10, n11, n12, n20, n21, n22):
-    """Gradient to the quaternion before normalisation, from that to the rotation matrix."""
+    """Gradient to the quaternion before normalization, from that to the rotation matrix."""
     qw = TWO * (x * (n21 - n12) + y * (n02 - n20) + z * (n10 - n01))
     qx = TWO * (-TWO * x * (n11 + n22) + y * (n10 + n01) + z * (n20 + n02) + w * (n21 - n12))
     qy = TWO * (x * (n10 + n01) - TWO * y * (n00 + n22) + z * (n21 + n12) + w * (n02 - n20))

@@ -1,4 +1,4 @@
-"""Tile rasteriser for the CPU: front-to-back alpha blending of sorted splats and its exact gradient."""
+"""Tile rasterizer for the CPU: front-to-back alpha blending of sorted splats and its exact gradient."""
 
 from __future__ import annotations
 

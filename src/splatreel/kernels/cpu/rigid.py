@@ -74,7 +74,7 @@ def _pairs(patch, seen):
 
 @njit(**SERIAL)
 def _difference(places, move, pairs, colors, views, unseen=CAP):
-    """Mean difference of the pairs' colours after a move; `unseen` if fewer than half of them still see it: a few prove little."""
+    """Mean difference of the pairs' colors after a move; `unseen` if fewer than half of them still see it: a few prove little."""
     total, count = ZERO, 0
     for p in range(pairs.shape[0]):
         i, c = pairs[p, 0], pairs[p, 1]
@@ -166,7 +166,7 @@ def _changed(move, center, axis, amount):
 
 @njit(**SERIAL)
 def _extent(places, patch):
-    """Centre [3] of a patch and the mean distance of its points from it."""
+    """Center [3] of a patch and the mean distance of its points from it."""
     center, size = np.zeros(3, np.float32), ZERO
     for i in patch:
         for k in range(3):

@@ -127,7 +127,7 @@ def skin(points: Tensor, nodes: Tensor) -> tuple[Tensor, Tensor]:
     """The four nearest nodes of every point, [N, 4], and their weights [N, 4], which sum to one; [N, 0] if there are no nodes."""
     if len(nodes) == 0:
         return points.new_zeros(len(points), 0, dtype=torch.int64), points.new_zeros(len(points), 0)
-    index, distance = splat.nearest_neighbours(nodes, min(4, len(nodes)), queries=points)
+    index, distance = splat.nearest_neighbors(nodes, min(4, len(nodes)), queries=points)
     width = distance[:, -1].median().clamp_min(1e-9)
     weights = torch.exp(-2 * (distance / width) ** 2) + 1e-6
     return index, weights / weights.sum(1, keepdim=True)

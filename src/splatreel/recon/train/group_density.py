@@ -154,7 +154,7 @@ class GroupDensity:
         k = min(NEIGHBORS, len(everything) - 1)
         surrounded = torch.zeros_like(alive)
         if len(index) and k > 0:
-            neighbors = splat.nearest_neighbours(everything, k)[0][: len(index)]
+            neighbors = splat.nearest_neighbors(everything, k)[0][: len(index)]
             dynamic = (neighbors >= len(index)).float().mean(1)
             surrounded[index] = dynamic > self.config.layering.adapt_neighbors
         return surrounded

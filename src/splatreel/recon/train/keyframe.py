@@ -46,7 +46,7 @@ def starting_points(
     points = torch.from_numpy(np.asarray(positions, np.float32)).to(device)
     neighbors = min(3, len(points) - 1)
     if neighbors > 0:
-        distances = splat.nearest_neighbours(points, neighbors)[1]
+        distances = splat.nearest_neighbors(points, neighbors)[1]
         size = distances.square().mean(1).sqrt().clamp(2e-3 * unit, 0.07 * unit)
     else:
         size = torch.full((len(points),), 0.02 * unit, device=device)

@@ -23,7 +23,7 @@ class Neighbors:
         """Up to `count` for each of means [N, 3]; None of a point that is alone. Far ones count less."""
         if len(means) < 2:
             return None
-        index, distance = splat.nearest_neighbours(means.detach(), min(count, len(means) - 1))
+        index, distance = splat.nearest_neighbors(means.detach(), min(count, len(means) - 1))
         width = 2 * distance[:, -1:].median().clamp_min(1e-9)
         closeness = torch.exp(-((distance / width) ** 2))
         return Neighbors(index.T.contiguous(), closeness.T.contiguous())  # an iteration draws one rank of all
