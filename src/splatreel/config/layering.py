@@ -7,6 +7,9 @@ from typing import Annotated, Literal
 
 from splatreel.config.values import Count, Range, Share, Weight, check
 
+PAPER_WIDTH = 1352
+"""Image width, in pixels, that the thresholds of flow and of gradients are for, as in the paper."""
+
 
 @dataclass(frozen=True)
 class LayeringConfig:

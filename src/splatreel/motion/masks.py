@@ -9,12 +9,11 @@ import cv2
 import numpy as np
 
 from splatreel.config import LayeringConfig
+from splatreel.config.layering import PAPER_WIDTH
 from splatreel.errors import UsageError
 from splatreel.motion.flow import Flow, each_view
 from splatreel.motion.sam2 import Sam2Segmenter
 
-PAPER_WIDTH = 1352
-"""Image width, in pixels, to which the paper's flow threshold refers."""
 ENOUGH_WIDTH = 320
 """Pictures are halved for their flow as long as this many pixels are left of their width: masks need no more, and flow is slow."""
 LEAST_FLOW = 0.5

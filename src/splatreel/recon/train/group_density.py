@@ -7,6 +7,7 @@ import torch
 from torch import Tensor
 
 from splatreel.config import Config
+from splatreel.config.layering import PAPER_WIDTH
 from splatreel.kernels import splat
 from splatreel.motion.lift import NEIGHBORS
 from splatreel.recon.train.density import CULL_OPACITY, GradientMeter, too_large
@@ -16,9 +17,6 @@ from splatreel.recon.train.render import Drawing, StaticCache, View, contributio
 
 CONVERT_FROM, CONVERT_TO = 0.25, 0.8
 """Share of training in which points are converted and cloned: before, everything that moves pulls; after, none could learn."""
-
-FULL_WIDTH = 1352
-"""Image width that the paper's thresholds are for."""
 
 LEAST_BUDGET = 2000
 """Points that a group may gain in all, or half of those that it starts with."""
@@ -90,7 +88,7 @@ class GroupDensity:
     def convert_and_clone(self, pictures: Pictures) -> None:
         """Adaptive static-point conversion (paper 4.1), then clone dynamic points that the images still pull at (4.2)."""
         layering, alive = self.config.layering, self.static.alive
-        threshold = layering.adapt_gradient * (FULL_WIDTH / pictures.views[0].width)
+        threshold = layering.adapt_gradient * (PAPER_WIDTH / pictures.views[0].width)
         pull_static, pull_moving = self.static_meter.mean(), self.moving_meter.mean()
         convert = alive & (pull_static > threshold) | alive & self._surrounded(alive)
         converted = self._within_budget(convert & self.convertible, pull_static)
