@@ -65,7 +65,7 @@ def forward(moment: DeformedPoints, center: np.ndarray, view: Pinhole) -> tuple[
     opaque = 1 / (1 + np.exp(np.minimum(-logits, F(80))))
     seen = ProjectedPoints(means2d, conics, colors, depths, radii, means, quats, np.exp(moment.log_scales), opaque)
     pinhole = view.viewmat, view.lens, view.limits, center
-    _forward(moment, seen, view.blur == FINE_BLUR, *pinhole, opacities)
+    _deform(moment, seen, view.blur == FINE_BLUR, *pinhole, opacities)
     return opacities, seen
 
 
@@ -83,7 +83,7 @@ def backward(
     d_moment = _like(*moment[:6], moment.dq, moment.shade)
     room = _like(d_conics, moment.quats)
     d_seen = d_means2d, d_conics, d_colors, d_opacities
-    _backward(moment, seen, view.blur == FINE_BLUR, view.viewmat, view.lens, center, d_seen, room, d_moment)
+    _deform_backward(moment, seen, view.blur == FINE_BLUR, view.viewmat, view.lens, center, d_seen, room, d_moment)
     return d_moment
 
 
@@ -99,7 +99,7 @@ def _kept_area(conics, i):
 
 
 @njit(**PARALLEL)
-def _forward(moment, seen, antialias, V, lens, limits, center, opacities):
+def _deform(moment, seen, antialias, V, lens, limits, center, opacities):
     canonical, turns, _, _, base, rest, dx, dq, shade = moment
     means2d, conics, colors, depths, radii, means, quats, scales, opaque = seen
     moved, shaded = dx.shape[0] > 0, shade.shape[0] > 0
@@ -119,7 +119,7 @@ def _forward(moment, seen, antialias, V, lens, limits, center, opacities):
 
 
 @njit(**PARALLEL)
-def _backward(moment, seen, antialias, V, lens, center, d_seen, room, d_moment):
+def _deform_backward(moment, seen, antialias, V, lens, center, d_seen, room, d_moment):
     _, turns, _, _, _, _, _, dq, shade = moment
     _, conics, colors, _, radii, means, quats, scales, opaque = seen
     d_means2d, d_conics, d_colors, d_opacities = d_seen
