@@ -17,7 +17,7 @@ ROOT = Path(__file__).parent.parent
 USE = """
 import importlib.util, sys
 import splatreel
-import splatreel.play.film, splatreel.play.presenter, splatreel.play.server
+import splatreel.play.film, splatreel.play.presentation_writer, splatreel.play.server
 assert importlib.util.find_spec("torch") is None, "torch is installed"
 reel = splatreel.open_reel(sys.argv[1])
 gaussians = reel.at(0.5 * reel.duration)

@@ -79,7 +79,15 @@ def encode(
     try:
         with hold(out):
             _check_folder(run, out)  # somebody else may have finished it by now
-            reencode(run / "work", out, config, pick_device("auto"), progress, target_mbps, PresentationWriter(_words_of(run)))
+            reencode(
+                run / "work",
+                out,
+                config,
+                pick_device("auto"),
+                progress,
+                target_mbps,
+                PresentationWriter(_words_of(run)),
+            )
     finally:
         progress.close()
     say(describe(str(out), reel_info(out)))
