@@ -12,6 +12,7 @@ from splatreel.recon.layering.tracking import GroupStart
 from splatreel.recon.train.group import GroupTrainer
 from splatreel.recon.train.pictures import Pictures
 from splatreel.recon.train.render import View, draw
+from splatreel.scene.static_points import StaticPoints
 from tests.recon.captures import blots
 from tests.recon.scenes import random_gaussians, ring
 from tests.recon.small import plain
@@ -31,7 +32,8 @@ def trainer(seed: int, speed: float) -> GroupTrainer:
     gains = CameraGains(len(CAMERAS), CPU)
     gains.load(torch.from_numpy(rng.uniform(0.9, 1.1, (len(CAMERAS), 3)).astype(np.float32)))
     config = plain({"group.length": FRAMES, "group.overlap": 0, "group.iterations_per_frame": 10})
-    return GroupTrainer(frames, GroupStart(thing, tracks), static, np.ones(len(static), bool), gains, config, seed)
+    resting = StaticPoints(static, np.ones(len(static), bool))
+    return GroupTrainer(frames, GroupStart(thing, tracks), resting, config, gains=gains, seed=seed)
 
 
 def gradients(group: GroupTrainer, frame: int, camera: int, layered: bool) -> tuple[float, list[Tensor], Tensor | None]:

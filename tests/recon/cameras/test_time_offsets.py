@@ -16,6 +16,7 @@ from splatreel.recon.train.group import GroupTrainer
 from splatreel.recon.train.pictures import Pictures
 from splatreel.recon.train.render import View
 from splatreel.scene.gaussians import Gaussians
+from splatreel.scene.static_points import StaticPoints
 from tests.recon.captures import blots
 from tests.recon.scenes import ring
 from tests.recon.small import plain
@@ -51,12 +52,10 @@ def trained(
     trainer = GroupTrainer(
         Pictures(torch.from_numpy(pictures), views, NEAR, UNIT),
         GroupStart(THING, tracks),
-        WALL,
-        np.ones(len(WALL), bool),
-        gains,
+        StaticPoints(WALL, np.ones(len(WALL), bool)),
         config,
-        seed=0,
-        delays=delays,
+        gains=gains,
+        time_offsets=delays,
     )
     trainer.train(Silent())
     return trainer, delays

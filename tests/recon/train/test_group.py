@@ -20,6 +20,7 @@ from splatreel.recon.train.pictures import Pictures
 from splatreel.recon.train.render import View
 from splatreel.scene.gaussians import Gaussians
 from splatreel.scene.group import Group
+from splatreel.scene.static_points import StaticPoints
 from tests.recon.captures import blots
 from tests.recon.scenes import ring
 from tests.recon.small import plain
@@ -64,13 +65,11 @@ def trainer(
     dynamic: Gaussians = THING,
     static: Gaussians = WALL,
     tracks=None,
-    convertible=None,
+    may_move=None,
 ):
-    alive = np.ones(len(static), bool)
     gains = CameraGains(len(CAMERAS), CPU, enabled=False)
-    return GroupTrainer(
-        filmed, GroupStart(dynamic, tracks), static, alive, gains, config, seed=0, convertible=convertible
-    )
+    resting = StaticPoints(static, np.ones(len(static), bool))
+    return GroupTrainer(filmed, GroupStart(dynamic, tracks), resting, config, gains=gains, may_move=may_move)
 
 
 def with_group(config: Config, **changes) -> Config:
@@ -196,7 +195,7 @@ def test_a_pull_alone_makes_a_static_point_dynamic(filmed: Pictures) -> None:
 def test_what_must_stay_is_not_converted(filmed: Pictures) -> None:
     settings = config(iterations=8, adapt_every=10, adapt_gradient=0.0, adapt_neighbors=2.0)
     may = np.arange(len(WALL)) % 2 == 0
-    alive = trainer(filmed, settings, convertible=may).train(Silent()).alive
+    alive = trainer(filmed, settings, may_move=may).train(Silent()).alive
     assert alive[~may].all()
     assert not alive[may].all()
 
@@ -289,9 +288,9 @@ def test_gains_are_applied_and_left_as_they_are(filmed: Pictures) -> None:
     gains = CameraGains(len(CAMERAS), CPU)
     gains.load(torch.tensor([[1.0] * 3, [1.0] * 3, [0.5] * 3, [1.0] * 3]))
     kept = gains.values.detach().clone()
-    alive = np.ones(len(WALL), bool)
+    wall = StaticPoints(WALL, np.ones(len(WALL), bool))
     tracks = np.stack([moved(THING, t).means for t in range(FRAMES)])
-    group = GroupTrainer(dim, GroupStart(THING, tracks), WALL, alive, gains, config(iterations=2), 0)
+    group = GroupTrainer(dim, GroupStart(THING, tracks), wall, config(iterations=2), gains=gains)
     assert group.psnr() > 35
     group.train(Silent())
     torch.testing.assert_close(gains.values.detach(), kept)

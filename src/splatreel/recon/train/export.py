@@ -53,14 +53,14 @@ def _shade(shade: Tensor, logits: Tensor) -> Tensor:
 
 @torch.no_grad()
 def training_psnr(
-    points: MovingPoints, static: StaticCache, pictures: Pictures, gains: Tensor, delays: TimeOffsets
+    points: MovingPoints, static: StaticCache, pictures: Pictures, gains: Tensor, time_offsets: TimeOffsets
 ) -> float:
     """Mean dB over a few pictures spread over the group's frames and cameras. gains: [C, 3]."""
     values = []
     for k in range(SAMPLES):
         frame = k * (pictures.count - 1) // (SAMPLES - 1)
         camera = (k * 7) % len(pictures.views)
-        view, moment = pictures.views[camera], delays.moment(frame, camera, pictures.count)
+        view, moment = pictures.views[camera], time_offsets.moment(frame, camera, pictures.count)
         image = draw(points.at(moment, view, pictures.near), view, static.view(camera)).image
         values.append(psnr(image * gains[camera], pictures.images[frame, camera]))
     return float(np.mean(values))

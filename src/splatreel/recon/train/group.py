@@ -20,7 +20,7 @@ from splatreel.recon.train.pictures import Pictures
 from splatreel.recon.train.regularizers import Neighbors
 from splatreel.recon.train.render import StaticCache, draw
 from splatreel.recon.train.schedule import FrameSchedule
-from splatreel.scene.gaussians import Gaussians
+from splatreel.scene.static_points import StaticPoints
 
 SHOW_EVERY = 50
 """Iterations between two that say their loss."""
@@ -36,29 +36,30 @@ class GroupTrainer:
         self,
         pictures: Pictures,
         start: GroupStart,
-        static: Gaussians,
-        alive: np.ndarray,
-        gains: CameraGains,
+        static: StaticPoints,
         config: Config,
-        seed: int,
-        convertible: np.ndarray | None = None,
-        delays: TimeOffsets | None = None,
+        *,
+        gains: CameraGains,
+        time_offsets: TimeOffsets | None = None,
+        may_move: np.ndarray | None = None,
+        seed: int = 0,
     ) -> None:
-        """alive, convertible: [S] bool, the static points that are shown, and those of them that may become dynamic (None: all)."""
+        """time_offsets: to be learned further; None: all cameras are in step. may_move: [S] bool, the static points that density
+        control may make dynamic; None: all that are alive."""
         device, group = pictures.images.device, config.group
         self.config, self.gains, self.full_size = config, gains, pictures
-        self.delays = delays or TimeOffsets(len(pictures.views), enabled=False)
+        self.time_offsets = time_offsets or TimeOffsets(len(pictures.views), enabled=False)
         self.pictures = pictures.halved() if group.coarse_share else pictures
         self.points = MovingPoints.of(start, self.pictures, group, seed)
-        self.static = StaticCache(static, self.pictures.views, pictures.near, device)
-        self.static.set_alive(torch.from_numpy(alive).to(device))
+        self.static = StaticCache(static.points, self.pictures.views, pictures.near, device)
+        self.static.set_alive(torch.from_numpy(static.alive).to(device))
         self.iterations = group.iterations_per_frame * pictures.count
         self.schedule = FrameSchedule(
             pictures.count, len(pictures.views), self.iterations, group.progressive_share, seed
         )
         self.rng = np.random.default_rng(seed)
-        may_move = torch.from_numpy(alive if convertible is None else convertible).to(device)
-        self.density = GroupDensity(self.points, self.static, may_move, config, self.iterations, self.rng)
+        movable = torch.from_numpy(static.alive if may_move is None else may_move).to(device)
+        self.density = GroupDensity(self.points, self.static, movable, config, self.iterations, self.rng)
         self.find_neighbors()
 
     def train(self, progress: Progress) -> GroupResult:
@@ -85,9 +86,9 @@ class GroupTrainer:
         frame, camera = self.schedule.draw(iteration)
         last_frame = self.schedule.frontier(iteration)
         self.points.deformation.extend_to(last_frame)
-        moment = self.delays.moment(frame, camera, self.pictures.count)
+        moment = self.time_offsets.moment(frame, camera, self.pictures.count)
         changes = self.points.changes(moment)
-        if self.delays.enabled:  # of the hash grid they are no leaves
+        if self.time_offsets.enabled:  # of the hash grid they are no leaves
             changes.dx.retain_grad()
             changes.dq.retain_grad()
 
@@ -117,7 +118,7 @@ class GroupTrainer:
         )
         loss = backward(GROUP, drawn, self.config.group)["photometric"].detach()
 
-        self._learn_delay(camera, moment, changes, share)
+        self._learn_time_offset(camera, moment, changes, share)
         if tiles is not None:  # else it is the loss of another set of pixels
             self.schedule.note(frame, camera, loss)
         self.density.measure(iteration, drawing, view)
@@ -129,11 +130,11 @@ class GroupTrainer:
         self.neighbors = Neighbors.of(self.points.means, NEIGHBORS)
 
     def result(self) -> GroupResult:
-        return group_result(self.points, self.pictures.count, self.static.alive, self.delays.learned())
+        return group_result(self.points, self.pictures.count, self.static.alive, self.time_offsets.learned())
 
     def psnr(self) -> float:
         """Mean dB over a few of the pictures that are trained on."""
-        return training_psnr(self.points, self.static, self.pictures, self.gains.values, self.delays)
+        return training_psnr(self.points, self.static, self.pictures, self.gains.values, self.time_offsets)
 
     def _use_full_size(self) -> None:
         if self.pictures is not self.full_size:
@@ -142,15 +143,15 @@ class GroupTrainer:
             self.density.restart()
             self.find_neighbors()
 
-    def _learn_delay(self, camera: int, moment: float, changes: Changes, share: float) -> None:
+    def _learn_time_offset(self, camera: int, moment: float, changes: Changes, share: float) -> None:
         """When a camera took its picture, by how the loss changes with the moment that was drawn."""
         frames = self.pictures.count
-        if not self.delays.enabled or frames < 2:
+        if not self.time_offsets.enabled or frames < 2:
             return
         d_dx, d_dq = changes.dx.grad, changes.dq.grad
         if d_dx is not None and d_dq is not None:
             gained = slope(self.points.deformation, self.points.means, moment, frames, d_dx, d_dq)
-            self.delays.note(camera, gained, share)
+            self.time_offsets.note(camera, gained, share)
 
     def _shows(self, iteration: int) -> bool:
         return (iteration + 1) % SHOW_EVERY == 0

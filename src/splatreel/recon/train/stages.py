@@ -59,18 +59,17 @@ def group_trainer(
     """may_move: [S] bool, the static points that conversion may make dynamic; None: all that are alive."""
     images = torch.from_numpy(data.images).to(data.device)
     views = [View.of(camera, data.device, data.antialias, data.layout) for camera in data.cameras]
-    offsets = TimeOffsets(len(data.cameras), config.group.time_offsets)
-    offsets.load(data.time_offsets)
+    time_offsets = TimeOffsets(len(data.cameras), config.group.time_offsets)
+    time_offsets.load(data.time_offsets)
     return GroupTrainer(
         Pictures(images, views, data.near, data.unit),
         start,
-        static.points,
-        static.alive,
-        gains_of(data, config),
+        static,
         config,
-        data.seed + data.span.index,
-        may_move,
-        offsets,
+        gains=gains_of(data, config),
+        time_offsets=time_offsets,
+        may_move=may_move,
+        seed=data.seed + data.span.index,
     )
 
 
