@@ -13,7 +13,7 @@ from splatreel.config.records import updated
 from splatreel.errors import UsageError
 from splatreel.evaluation.oracle_report import SingleFrame
 from splatreel.recon.run import checkpoint
-from splatreel.recon.run.run_lock import differences
+from splatreel.recon.run.run_record import differences
 
 VERSION = 1
 """Raised when frames of before cannot be compared with new ones."""

@@ -1,26 +1,17 @@
-"""An output folder belongs to one capture and one configuration, and to one process at a time."""
+"""An output folder belongs to one process at a time, and to one run (`run_record`)."""
 
 from __future__ import annotations
 
-import json
 import os
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any
 
 from splatreel.capture.base import Capture
 from splatreel.config import Config
-from splatreel.config.records import updated
 from splatreel.errors import ReconstructionError
-from splatreel.recon.run import checkpoint
+from splatreel.recon.run.run_record import check_record, has_record, run_record, save_record
 from splatreel.scene.atomic import lock, sweep
-
-VERSION = 1
-"""Raised when checkpoints of before can no longer be continued."""
-FINGERPRINT = "fingerprint"
-SHOWN = 3
-"""Differences that a message lists."""
 
 
 class RunLock:
@@ -33,8 +24,7 @@ class RunLock:
 
     def __init__(self, out: Path, capture: Capture, config: Config, sound: str = "auto") -> None:
         self.out, self.reel, self.work = out, out / "reel", out / "work"
-        self.record = {"version": VERSION, "capture": capture.describe(), "config": json.loads(config.to_json())}
-        self.record["sound"] = Path(sound).name  # a file may be elsewhere the next time
+        self.record = run_record(capture, config, sound)
         self._lock: int | None = None
 
     def __enter__(self) -> RunLock:
@@ -54,20 +44,11 @@ class RunLock:
 
     def keep(self) -> None:
         """Say whose folder this is; called when the first checkpoint is about to be written."""
-        checkpoint.save_json(self.work / "run.json", self.record)
+        save_record(self.work, self.record)
 
     def _check(self) -> None:
-        path = self.work / "run.json"
-        if path.exists():
-            theirs = checkpoint.load_json(path)
-            theirs = {"sound": "auto"} | (theirs if isinstance(theirs, dict) else {})
-            found = differences(theirs | {"config": updated(theirs.get("config"))}, self.record)
-            if found:
-                more = [f"and {len(found) - SHOWN} more"] if len(found) > SHOWN else []
-                raise ReconstructionError(
-                    f"{path}: this folder holds another reconstruction: {'; '.join([*found[:SHOWN], *more])}. "
-                    "Choose another --out, ask for the same again, or delete the folder to start over."
-                )
+        if has_record(self.work):
+            check_record(self.work, self.record)
         elif (self.reel / "manifest.json").exists():
             raise ReconstructionError(
                 f"{self.reel}: holds a reel already, but {self.work} has no checkpoints it could be continued from. "
@@ -115,18 +96,3 @@ def hold(reel: Path) -> Iterator[None]:
     finally:
         if handle is not None:
             os.close(handle)
-
-
-def differences(theirs: dict[str, Any], mine: dict[str, Any], prefix: str = "") -> list[str]:
-    """What two nested records say differently, such as `config.seed is 1 there, 0 now`; the fingerprint only if nothing else."""
-    found = []
-    for name in sorted({*theirs, *mine} - {FINGERPRINT}):
-        a, b = theirs.get(name), mine.get(name)
-        if isinstance(a, dict) and isinstance(b, dict):
-            found += differences(a, b, f"{prefix}{name}.")
-        elif a != b:
-            now = json.dumps(b) if name in mine else "not to be set"
-            found.append(f"{prefix}{name} is {json.dumps(a):.60} there, {now:.60} now")
-    if not found and theirs.get(FINGERPRINT) != mine.get(FINGERPRINT):
-        found.append(f"the {prefix.rstrip('.')} has other files or camera poses")
-    return found

@@ -10,9 +10,8 @@ from torch import Tensor
 
 from splatreel.config import GroupConfig
 from splatreel.recon.deform.appearance import Appearance, detect_cuts
-from splatreel.recon.deform.hashgrid import HashGrid
+from splatreel.recon.deform.models import make_deformation
 from splatreel.recon.deform.protocol import Deformation
-from splatreel.recon.deform.trajectory import Trajectory
 from splatreel.recon.layering.tracking import GroupStart
 from splatreel.recon.train.pictures import Pictures
 from splatreel.recon.train.points import TrainablePoints
@@ -52,9 +51,8 @@ class MovingPoints:
         canonical = TrainablePoints.from_gaussians(start.dynamic, rates, device)
         tracks, shades = (None if a is None else torch.from_numpy(a).to(device) for a in (start.tracks, start.shades))
         fixed = None if shades is None else shades.any(2).any(0)
-        model = HashGrid if config.deformation == "hashgrid" and len(canonical) else Trajectory
         means = canonical.means.detach()
-        deformation = model(means, pictures.count, pictures.unit, seed, tracks, fixed)
+        deformation = make_deformation(config.deformation, means, pictures.count, pictures.unit, seed, tracks, fixed)
         if not config.appearance:
             return MovingPoints(canonical, deformation, None)
         cuts = detect_cuts(pictures.images)
