@@ -39,7 +39,7 @@ def files() -> dict[str, bytes]:
         dx, dq = random_motion(np.random.default_rng(0), moving, FRAMES)
         group = Group(0, 0, moving, dx, dq, np.arange(40) % 3 > 0)
         found[f"group-{name}"], _ = encode_group(group, config, weights(POINTS))
-        if config.source == "ofs":
+        if config.h265.source == "ofs":
             shade = np.linspace(-0.2, 0.2, FRAMES * POINTS * 4, dtype=np.float32).reshape(FRAMES, POINTS, 4)
             light = np.linspace(0.5, 2, FRAMES * 3, dtype=np.float32).reshape(FRAMES, 3)
             shaded = dataclasses.replace(group, shade=shade, light=light)

@@ -124,6 +124,7 @@ def hint(page: Page) -> None:
     page.evaluate(f"{REEL}.setAttribute('gestures', 'cooperative')")
     page.mouse.move(60, 60)
     again_and_again(page, "new WheelEvent('wheel', {deltaY: 50, bubbles: true, composed: true, cancelable: true})")
+    page.locator("splat-reel .gestures.shown").wait_for()
 
 
 def opened(entry: str) -> Callable[[Page], None]:
