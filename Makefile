@@ -11,7 +11,7 @@ demo: $(SETUP)  ## capture, reconstruct, compress, evaluate and play the built-i
 	$(BIN)/splatreel demo --out out/demo
 
 test: $(SETUP) $(if $(NPM),player/node_modules/.package-lock.json)
-	GOMP_SPINCOUNT=0 $(BIN)/python -m coverage run -m pytest --coverage --durations=15
+	GOMP_SPINCOUNT=0 $(BIN)/python -m pytest --coverage --durations=15
 
 check: $(SETUP)  ## style, types, the import ladder and the sizes; that the committed player is the one its source builds
 	$(BIN)/ruff check .

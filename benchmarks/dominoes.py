@@ -1,6 +1,6 @@
 """Dominoes: a third film, beside the built-in capture and basketball, and unkind on purpose.
 
-Eighteen cameras in a ring, each with its own colours and noise; small dominoes fall within a second (the paper's own failure case),
+Eighteen cameras in a ring, each with its own colors and noise; small dominoes fall within a second (the paper's own failure case),
 a figure waves, a ball is thrown across; the wallpaper looks the same everywhere.
 
 python benchmarks/dominoes.py
@@ -27,7 +27,7 @@ LIGHT = np.array([0.8, 5.5, 1.2])
 CAMERAS, DOMINOES = 18, 14
 HELD_OUT = ("cam04", "cam11")
 NOISE, GAIN = 3.0, 0.04
-"""Standard deviations: of the pixels, in grey levels; of the logarithm of the training cameras' colour gains."""
+"""Standard deviations: of the pixels, in gray levels; of the logarithm of the training cameras' color gains."""
 
 
 def main(

@@ -25,7 +25,7 @@ from splatreel.scene.camera import Camera
 
 FPS = 30
 VISIBLE, SMALLEST = 20, 1e-3
-"""Grey levels by which a pixel shows a thing, or its shadow; the least share of the picture that is looked at."""
+"""Gray levels by which a pixel shows a thing, or its shadow; the least share of the picture that is looked at."""
 SKIN = (0.9, 0.7, 0.58)
 
 
@@ -33,7 +33,7 @@ SKIN = (0.9, 0.7, 0.58)
 class Film:
     """A scene and those who film it. moving: what moves, at a time in seconds. light: where the lamp is.
 
-    noise: standard deviation of pixels, in grey levels. gain: that of the logarithm of the training cameras' colour gains.
+    noise: standard deviation of pixels, in gray levels. gain: that of the logarithm of the training cameras' color gains.
     drift: how far their exposures go up and down meanwhile, each by itself: the logarithm of a gain of all channels. late: frames by
     which they are out of step at most; the held-out cameras are late as the others are in the mean.
     """
@@ -75,7 +75,7 @@ class Film:
                 video.add(noisy.clip(0, 255).astype(np.uint8))
 
     def picture(self, camera: Camera, seen: Still, seconds: float) -> np.ndarray:
-        """[H, W, 3] grey levels without noise, at a time. seen: what the camera sees of what stands."""
+        """[H, W, 3] gray levels without noise, at a time. seen: what the camera sees of what stands."""
         return trace_frame(camera, seen, self.still, self.moving(seconds), self.light)
 
     def _habits(self, number: int) -> np.ndarray:

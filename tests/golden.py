@@ -67,7 +67,7 @@ def random_motion(rng: np.random.Generator, points: Gaussians, frames: int) -> t
 
 
 def random_shade(rng: np.random.Generator, count: int, frames: int) -> np.ndarray:
-    """[T, N, 4]: a light that passes over the points, each in its own colour, and points that fade."""
+    """[T, N, 4]: a light that passes over the points, each in its own color, and points that fade."""
     passing = np.sin(np.linspace(0, 3, frames))[:, None, None]
     return (passing * rng.normal(size=(1, count, 4)) * [0.5, 0.5, 0.5, 0.3]).astype(np.float32)
 

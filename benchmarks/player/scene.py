@@ -24,7 +24,7 @@ LARGEST = 0.03
 
 
 def read_points(path: Path) -> Gaussians:
-    """A 3DGS PLY as it is, or coloured points as splats about as large as the way to their neighbours."""
+    """A 3DGS PLY as it is, or colored points as splats about as large as the way to their neighbors."""
     if path.suffix == ".ply":
         return read_ply(path)
     with np.load(path) as data:

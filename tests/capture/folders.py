@@ -28,12 +28,12 @@ def cameras(count: int = 4) -> list[Camera]:
 
 
 def frame(camera: int, number: int, width: int = WIDTH, height: int = HEIGHT) -> np.ndarray:
-    """A flat image whose colour says which camera and which frame it is; uint8 [height, width, 3]."""
+    """A flat image whose color says which camera and which frame it is; uint8 [height, width, 3]."""
     return np.full((height, width, 3), (20 + 15 * number, 40 + 40 * camera, 128), np.uint8)
 
 
 def which(image: np.ndarray) -> tuple[int, int]:
-    """(camera, frame) by the colour of an image that `frame` made."""
+    """(camera, frame) by the color of an image that `frame` made."""
     red, green, _ = image.reshape(-1, 3).mean(0)
     return round((green - 40) / 40), round((red - 20) / 15)
 

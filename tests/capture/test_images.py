@@ -18,9 +18,9 @@ def test_an_image_shrinks_to_the_mean_of_each_area(tmp_path: Path) -> None:
 
 
 def test_grey_and_transparent_images_become_rgb(tmp_path: Path) -> None:
-    Image.new("L", (8, 8), 77).save(tmp_path / "grey.png")
+    Image.new("L", (8, 8), 77).save(tmp_path / "gray.png")
     Image.new("RGBA", (8, 8), (1, 2, 3, 200)).save(tmp_path / "clear.png")
-    assert read_image(tmp_path / "grey.png", 8, 8)[0, 0].tolist() == [77, 77, 77]
+    assert read_image(tmp_path / "gray.png", 8, 8)[0, 0].tolist() == [77, 77, 77]
     assert read_image(tmp_path / "clear.png", 8, 8)[0, 0].tolist() == [1, 2, 3]
 
 

@@ -27,7 +27,7 @@ def test_the_demo_makes_a_reel_and_a_report_and_is_continued(
     report = json.loads((tmp_path / "demo" / "report.json").read_text())
     manifest = json.loads((tmp_path / "demo" / "reel" / "manifest.json").read_text())
     assert (report["frames"], report["width"], report["height"]) == (8, 64, 48)
-    assert report["psnr"] > 18  # about 21.7; the mean colour alone has 13.7
+    assert report["psnr"] > 18  # about 21.7; the mean color alone has 13.7
     assert report["psnr"] == pytest.approx(report["psnr_undecoded"], abs=0.5)
     assert report["peak_memory_bytes"] > 0
     assert {"capture", "keyframe", "group", "encode", "evaluate"} <= set(report["seconds"])

@@ -58,7 +58,7 @@ def test_a_file_at_the_bound_takes_no_more_memory_than_that(tmp_path) -> None:
     predictive, paper = EncodeConfig(), EncodeConfig(codec="h265", sh_entries=2)
     files = {
         "layer": encode_layer(0, 0, equal(140_000, 0, False), predictive)[0],
-        "layer-colours": encode_layer(0, 0, equal(70_000, 3, False), predictive)[0],
+        "layer-colors": encode_layer(0, 0, equal(70_000, 3, False), predictive)[0],
         "group": encode_group(still(70, equal(16_000, 0, False)), predictive)[0],
         "group-long": encode_group(still(200, equal(6000, 1, False)), predictive)[0],
         "layer-paper": encode_layer(0, 0, equal(30_000, 3, True), paper)[0],

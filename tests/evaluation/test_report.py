@@ -71,8 +71,8 @@ def test_markdown_states_the_numbers() -> None:
     assert "31.52 dB" in text
     assert "2.5 MB, 1.25 MB a second" in text
     assert "| cam00 | 31.50 | 0.9500 |  |  |" in text
-    assert "off by 0.80 grey levels, 0.84 where groups meet" in text
-    assert "0.80 grey levels |" in report(flicker_borders=None).to_markdown()
+    assert "off by 0.80 gray levels, 0.84 where groups meet" in text
+    assert "0.80 gray levels |" in report(flicker_borders=None).to_markdown()
     assert "Flicker | not measured" in report(flicker=None).to_markdown()
     assert "before encoding | not measured" in report(psnr_undecoded=None).to_markdown()
 

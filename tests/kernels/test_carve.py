@@ -10,7 +10,7 @@ NEAR, LEAST, SHARE = 0.8, 3.0, 0.6
 
 
 def scene(seed: int = 0) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """places [R, D, 3], some beside or behind cameras, own colours, images, masks and depths, some infinite."""
+    """places [R, D, 3], some beside or behind cameras, own colors, images, masks and depths, some infinite."""
     rng = np.random.default_rng(seed)
     places = rng.normal(0, 1.5, (60, 9, 3)).astype(np.float32)
     images = rng.integers(0, 256, (7, 30, 40, 3)).astype(np.uint8)

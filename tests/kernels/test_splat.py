@@ -65,7 +65,7 @@ def test_nan_is_refused(name):
 
 @pytest.mark.parametrize("k", [1, 5])
 @pytest.mark.parametrize("asked", [True, False])
-def test_neighbours_equal_brute_force(k, asked):
+def test_neighbors_equal_brute_force(k, asked):
     generator = torch.Generator().manual_seed(0)
     points = torch.rand(200, 3, generator=generator)
     queries = torch.rand(30, 3, generator=generator) if asked else None
@@ -76,7 +76,7 @@ def test_neighbours_equal_brute_force(k, asked):
     torch.testing.assert_close(distances, expected_distances)
 
 
-def test_coinciding_points_are_each_others_neighbours():
+def test_coinciding_points_are_each_others_neighbors():
     points = torch.zeros(4, 3)
     indices, distances = splat.nearest_neighbors(points, 2)
     assert indices.shape == (4, 2)
@@ -85,7 +85,7 @@ def test_coinciding_points_are_each_others_neighbours():
 
 
 @pytest.mark.parametrize("k", [0, 4])
-def test_too_many_neighbours_are_refused(k):
+def test_too_many_neighbors_are_refused(k):
     with pytest.raises(GaussiansError, match="there are 3"):
         splat.nearest_neighbors(torch.zeros(4, 3), k)
 

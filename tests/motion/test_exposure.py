@@ -22,7 +22,7 @@ def filmed(drift: np.ndarray, cover: float = 0.0, noise: float = 0.5) -> np.ndar
 
 
 def drifting() -> np.ndarray:
-    """Each camera's exposure goes its own way, by up to five percent, and its colours a little apart."""
+    """Each camera's exposure goes its own way, by up to five percent, and its colors a little apart."""
     rng = np.random.default_rng(1)
     phase, colors = rng.uniform(0, 6.3, CAMERAS), rng.uniform(0.9, 1.1, (CAMERAS, 3))
     waves = 0.05 * np.sin(phase + 0.5 * np.arange(FRAMES)[:, None])
@@ -82,7 +82,7 @@ def test_white_walls_are_as_grey_as_they_were_in_dim_light() -> None:
     assert np.all(film == 150)
 
 
-def test_a_frame_that_shows_something_else_takes_its_neighbours_exposure() -> None:
+def test_a_frame_that_shows_something_else_takes_its_neighbors_exposure() -> None:
     drift = np.linspace(0, 0.07, FRAMES)[:, None, None] * np.linspace(-1, 1, CAMERAS)[None, :, None] * np.ones(3)
     film = filmed(drift)
     film[3] = np.random.default_rng(2).integers(20, 200, (CAMERAS, 9, 16, 3)).repeat(8, 1).repeat(8, 2)

@@ -15,7 +15,7 @@ CENTER, RADIUS = np.array([0.3, -0.1, 0.2]), 0.35
 
 
 def ball() -> Gaussians:
-    """Opaque points on a sphere, in colours that vary slowly and are never the background's."""
+    """Opaque points on a sphere, in colors that vary slowly and are never the background's."""
     directions = np.random.default_rng(0).normal(size=(1500, 3))
     means = CENTER + RADIUS * directions / np.linalg.norm(directions, axis=1, keepdims=True)
     count = len(means)
@@ -112,7 +112,7 @@ def test_a_view_that_something_stands_before_has_no_say() -> None:
 
 
 def test_what_few_views_call_wrong_is_borne_out_by_doubts_unless_something_moves_there() -> None:
-    """As with a thing that only two or three views see before a wall of another colour."""
+    """As with a thing that only two or three views see before a wall of another color."""
     images = pictures(ball())
     wrong = np.stack([error_masks(EMPTY, image).error for image in images])
     uncertain = wrong.copy()

@@ -1,4 +1,4 @@
-"""A thin bar that swings farther than it is wide: flow does not find_new_points it, its colours in all views do."""
+"""A thin bar that swings farther than it is wide: flow does not find_new_points it, its colors in all views do."""
 
 import itertools
 

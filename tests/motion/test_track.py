@@ -20,7 +20,7 @@ STEP = np.array([0.06, -0.03, 0.02])
 
 
 def sheet(x: np.ndarray, y: np.ndarray, z: float, size: float, seed: int) -> Gaussians:
-    """Opaque points in rows and columns, facing the cameras, in colours that vary over a few of them."""
+    """Opaque points in rows and columns, facing the cameras, in colors that vary over a few of them."""
     means = np.stack(np.meshgrid(x, y, [z], indexing="ij"), -1).reshape(-1, 3)
     count = len(means)
     waves = np.random.default_rng(seed).normal(size=(3, 12, 3)) * [1 / size, 1 / size, 0] * 0.35
@@ -157,7 +157,7 @@ def test_points_found_later_are_followed_both_ways(start: int) -> None:
     assert furthest(tracks, truth) < 1
 
 
-def test_hidden_points_go_with_their_neighbours() -> None:
+def test_hidden_points_go_with_their_neighbors() -> None:
     """A bar stands in front of three columns of the patch, in every view."""
     bar = sheet(np.array([-0.1, 0.0, 0.1]), np.linspace(-1, 1, 41), -0.35, 0.07, 2)
     truth = paths(PATCH, 4)

@@ -234,7 +234,7 @@ def poster() -> str:
 
 @dataclass(frozen=True)
 class Screen:
-    """A state: what is asked of the page, what is done before it opens and after, its size, colours and screen."""
+    """A state: what is asked of the page, what is done before it opens and after, its size, colors and screen."""
 
     act: Callable[[Page], None]
     before: Callable[[Page], None] = nothing

@@ -43,7 +43,7 @@ def postered(page: Page) -> Page:
 
 
 def center(page: Page) -> np.ndarray:
-    """Colour in the middle of the window, a little above the wheel that turns there."""
+    """Color in the middle of the window, a little above the wheel that turns there."""
     picture = np.asarray(Image.open(io.BytesIO(page.screenshot())).convert("RGB"), int)
     return picture[picture.shape[0] // 4, picture.shape[1] // 2]
 

@@ -66,13 +66,13 @@ def eyes(page: Page) -> tuple[np.ndarray, np.ndarray]:
 
 
 def expected(side: int, seconds: float = 0.0) -> np.ndarray:
-    """The CPU's picture of an eye: beside the reel's camera, whose median distance to the middle is two metres."""
+    """The CPU's picture of an eye: beside the reel's camera, whose median distance to the middle is two meters."""
     reel = open_reel(GOLDEN)
     middle = np.asarray(reel.manifest.bounds).mean(0)
-    metres = 2 / np.sort([np.linalg.norm(camera.center - middle) for camera in reel.manifest.cameras])[1]
+    meters = 2 / np.sort([np.linalg.norm(camera.center - middle) for camera in reel.manifest.cameras])[1]
     start = reel.manifest.camera
     viewmat = start.viewmat.copy()
-    viewmat[0, 3] -= side * APART / 2 / metres
+    viewmat[0, 3] -= side * APART / 2 / meters
     K = np.array([[0.75 * SIDE, 0, SIDE / 2], [0, 0.75 * SIDE, SIDE / 2], [0, 0, 1]])
     return np.clip(reel.render(reel.at(seconds), Camera("eye", viewmat, K, SIDE, SIDE)), 0, 1)
 

@@ -52,7 +52,7 @@ def site(tmp_path_factory: pytest.TempPathFactory):
 
 
 def variation(element: Locator) -> float:
-    """Of the colours of an element's screenshot."""
+    """Of the colors of an element's screenshot."""
     return float(np.asarray(Image.open(io.BytesIO(element.screenshot())).convert("RGB"), float).std())
 
 

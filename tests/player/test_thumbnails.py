@@ -23,7 +23,7 @@ def color(index: int) -> tuple[int, int, int]:
 
 
 def sheet(number: int) -> bytes:
-    """Plain colours, one a picture; the last sheet has one row."""
+    """Plain colors, one a picture; the last sheet has one row."""
     left = min(COUNT - number * COLUMNS * ROWS, COLUMNS * ROWS)
     picture = Image.new("RGB", (COLUMNS * SIZE[0], -(-left // COLUMNS) * SIZE[1]))
     for k in range(left):
@@ -53,7 +53,7 @@ def add_thumbnails(page: Page) -> list[str]:
 
 
 def shown(page: Page) -> np.ndarray:
-    """Colour in the middle of the thumbnail."""
+    """Color in the middle of the thumbnail."""
     image = page.locator("splat-reel .thumbnail img")
     image.wait_for()
     page.wait_for_timeout(250)

@@ -25,7 +25,7 @@ def arc(count: int = 5) -> list[Camera]:
 
 
 def texture(seed: int) -> np.ndarray:
-    """Smooth colour noise that has features at several sizes, [512, 512, 3] float32 0..255."""
+    """Smooth color noise that has features at several sizes, [512, 512, 3] float32 0..255."""
     rng = np.random.default_rng(seed)
     layers = [cv2.resize(rng.random((n, n, 3)).astype(np.float32), (512, 512)) for n in (16, 64, 160)]
     total = sum(layers)

@@ -54,7 +54,7 @@ def test_no_points(tmp_path):
 
 
 def test_reads_other_types_and_extra_properties(tmp_path):
-    """Editors write doubles, colours and no normals."""
+    """Editors write doubles, colors and no normals."""
     names = [
         "x",
         "y",

@@ -46,7 +46,7 @@ def encode(
         crf: Quality of the lossy offset tracks; lower is better and larger.
         position_bits: Bits of a coordinate of a point.
         scale_bits: Bits of a scale.
-        sh_entries: Size of the codebook of view-dependent colour; 0 drops it.
+        sh_entries: Size of the codebook of view-dependent color; 0 drops it.
         source: What of the motion becomes video: ofs, the offsets; ori, where points are; dif, differences from frame to frame; or
             raw, offsets as float32. The web player plays ofs only.
         settings: Any setting of encode that `splatreel config` lists, such as encode.h265.crf_rotation=30; as often as you like.

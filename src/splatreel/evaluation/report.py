@@ -142,7 +142,7 @@ def flickers(within: float | None, borders: float | None) -> str:
     if within is None:
         return "not measured: no two frames in a row"
     beyond = "" if borders is None else f", {borders:.2f} where groups meet"
-    return f"steps from frame to frame are off by {within:.2f} grey levels{beyond}"
+    return f"steps from frame to frame are off by {within:.2f} gray levels{beyond}"
 
 
 def megabytes(count: float) -> str:

@@ -112,11 +112,11 @@ def _draw(splats: SplatTensors, colors: Tensor, camera: Camera, near: float) -> 
     return splat.rasterize(means2d, conics, colors, splats.opacities, depths, radii, width, height)[0]
 
 
-def _vote(means: Tensor, weights: _Contributions, neighbours: int) -> Tensor:
+def _vote(means: Tensor, weights: _Contributions, neighbors: int) -> Tensor:
     """The share of each point's contributions that falls into the masks, averaged with its nearest seen neighbors'; [N]."""
     seen = weights.seen
     votes = torch.where(seen, weights.share, 0)
-    count = min(neighbours, len(means) - 1)
+    count = min(neighbors, len(means) - 1)
     if count < 1:
         return votes
     index = splat.nearest_neighbors(means, count)[0]

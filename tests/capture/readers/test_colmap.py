@@ -70,7 +70,7 @@ def test_the_smallest_images_that_are_large_enough_are_read(scene: Path) -> None
     ],
 )
 def test_what_a_lens_bends_is_straight(tmp_path: Path, model: str, params: str) -> None:
-    """Pictures whose colours say which way a pixel looks."""
+    """Pictures whose colors say which way a pixel looks."""
     pycolmap = pytest.importorskip("pycolmap")
     scene = folders.colmap(tmp_path / "scene", model, params)
     lens = pycolmap.Camera(model=model, width=64, height=48, params=[float(p) for p in params.split()])

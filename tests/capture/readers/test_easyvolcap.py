@@ -49,7 +49,7 @@ def test_sizes_may_be_left_to_the_pictures(tmp_path: Path) -> None:
 
 
 def test_what_a_lens_bends_is_straight(tmp_path: Path) -> None:
-    """Pictures whose colours say which way a pixel looks, through OpenCV's own lens."""
+    """Pictures whose colors say which way a pixel looks, through OpenCV's own lens."""
     bends = (-0.15, 0.02, 0.004, -0.003, 0.01)
     scene = folders.easyvolcap(tmp_path / "actor1", bends=bends, size=1)
     y, x = np.mgrid[:24, :32].astype(float) + 0.5

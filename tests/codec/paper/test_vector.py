@@ -5,10 +5,10 @@ import numpy as np
 from splatreel.codec.paper import vector
 
 
-def blobs(count=2000, centres=20, seed=0):
+def blobs(count=2000, centers=20, seed=0):
     rng = np.random.default_rng(seed)
-    middle = rng.normal(size=(centres, 45))
-    return (middle[rng.integers(0, centres, count)] + 0.01 * rng.normal(size=(count, 45))).astype(np.float32), middle
+    middle = rng.normal(size=(centers, 45))
+    return (middle[rng.integers(0, centers, count)] + 0.01 * rng.normal(size=(count, 45))).astype(np.float32), middle
 
 
 def test_finds_the_clusters():
@@ -16,7 +16,7 @@ def test_finds_the_clusters():
     codebook = vector.kmeans(vectors, 60)
     assert codebook.shape == (60, 45)
     _, distance = vector.assign(vectors, codebook)
-    assert distance.mean() < 0.02  # against 45 when nothing fits, 0.0045 for the blobs' own centres
+    assert distance.mean() < 0.02  # against 45 when nothing fits, 0.0045 for the blobs' own centers
 
 
 def test_assign_is_the_nearest():

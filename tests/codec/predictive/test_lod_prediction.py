@@ -19,7 +19,7 @@ def quantized(count, seed=0, bits=12):
 
 
 @pytest.mark.parametrize("count", [1, 2, 63, 64, 127, 128, 129, 1000])
-def test_every_point_is_in_one_level_and_its_neighbours_in_coarser_ones(count):
+def test_every_point_is_in_one_level_and_its_neighbors_in_coarser_ones(count):
     levels = lod_prediction.levels_of(quantized(count))
     known = np.zeros(count, bool)
     assert 1 <= levels.starts[1] < 2 * lod_prediction.FIRST_LEVEL
@@ -46,7 +46,7 @@ def plain_nearest(q, point, stride):
     return near, weights
 
 
-def test_neighbours_are_those_of_the_format():
+def test_neighbors_are_those_of_the_format():
     q = quantized(700, bits=3)  # many are equally near
     levels = lod_prediction.levels_of(q)
     for level, (first, end) in enumerate(pairwise(levels.starts)):
@@ -57,7 +57,7 @@ def test_neighbours_are_those_of_the_format():
             assert levels.weights[place].tolist() == weights
 
 
-def test_neighbours_are_near():
+def test_neighbors_are_near():
     q = quantized(2000)
     levels = lod_prediction.levels_of(q)
     last = slice(levels.starts[-2], None)

@@ -76,7 +76,7 @@ def beside(camera: Camera, degrees: float) -> Camera:
 
 
 def test_a_camera_that_stands_alone_is_kept_and_said_to_be_unchecked() -> None:
-    """It shows the other side, on which there is nothing that its neighbours show: no evidence that it is anywhere else."""
+    """It shows the other side, on which there is nothing that its neighbors show: no evidence that it is anywhere else."""
     images = TRUTH.copy()
     images[8] = TRUTH[8, ::-1, ::-1]
     for degrees in (90, 130, 180):

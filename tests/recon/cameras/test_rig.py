@@ -101,7 +101,7 @@ def test_a_camera_that_was_touched_is_put_right_and_a_stranger_left_out(tmp_path
     assert apart(rig.cameras[2], CORNER[2]) < 0.3
     assert len(rig.gains) == len(rig.time_offsets) == len(rig.exposure) == 8
     assert notes.lines[0].startswith("cam2 is not where its pose says")
-    assert notes.lines[1].startswith("cam6 shows nothing that its neighbours do")
+    assert notes.lines[1].startswith("cam6 shows nothing that its neighbors do")
     again = restored_rig(Rig.of(said), store, 3)
     assert again.names == rig.names
     assert np.array_equal(again.cameras[2].viewmat, rig.cameras[2].viewmat)
@@ -118,7 +118,7 @@ def test_a_camera_that_is_touched_later_is_put_right_from_the_next_group_on(tmp_
     frames = PICTURES.copy()
     frames[:, 1] = frames[:, 1, ::-1, ::-1]
     rig = rig.standing(check_poses_again(rig, frames, notes))
-    assert notes.lines[1] == "cam1 no longer shows what its neighbours do: check its video"
+    assert notes.lines[1] == "cam1 no longer shows what its neighbors do: check its video"
     assert len(rig.cameras) == 9
 
 

@@ -9,7 +9,7 @@ import torch
 from splatreel.kernels.image import render_image
 from splatreel.progress import Silent
 from splatreel.recon.cameras.color_gains import CameraGains
-from splatreel.recon.cameras.time_offsets import CERTAIN, MOST, TimeOffsets, slope
+from splatreel.recon.cameras.time_offsets import CERTAIN, MOST_FRAMES, TimeOffsets, slope
 from splatreel.recon.deform.trajectory import Trajectory
 from splatreel.recon.layering.tracking import GroupStart
 from splatreel.recon.train.group import GroupTrainer
@@ -107,10 +107,10 @@ def test_moments_stay_in_the_group_and_the_mean_is_zero() -> None:
     delays = TimeOffsets(3)
     for _ in range(400):
         delays.note(0, torch.tensor(-1.0), 0.0)
-    assert delays.values[0] == pytest.approx(MOST)
+    assert delays.values[0] == pytest.approx(MOST_FRAMES)
     assert delays.moment(4, 0, 5) == 4
     assert delays.moment(0, 1, 5) == 0
-    assert delays.moment(2, 0, 5) == pytest.approx(2 + MOST)
+    assert delays.moment(2, 0, 5) == pytest.approx(2 + MOST_FRAMES)
 
 
 def test_the_slope_is_that_of_the_loss() -> None:

@@ -23,7 +23,7 @@ def test_hidden_and_unseen_points_count_less() -> None:
     assert (found[2] == 0).all()
     assert (found[1] < 0.1 * found[0]).all()
     assert (found[3] > 0).all()
-    assert found[0, 1] > found[3, 1]  # the larger a point, the more hangs on its colour
+    assert found[0, 1] > found[3, 1]  # the larger a point, the more hangs on its color
     np.testing.assert_array_equal(found, weigh([points, points], [camera], 0.01, torch.device("cpu")))
 
 

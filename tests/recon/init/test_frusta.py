@@ -55,9 +55,9 @@ def test_planes_follow_the_subject() -> None:
     assert errors[1] < 0.05 < errors[0] / 4
 
 
-def test_neighbouring_planes_are_a_pixel_or_two_apart() -> None:
+def test_neighboring_planes_are_a_pixel_or_two_apart() -> None:
     cameras = telephoto()
-    nearest = nearest_cameras(cameras, planesweep.NEIGHBOURS)
+    nearest = nearest_cameras(cameras, planesweep.NEIGHBORS)
     before = depth_ranges(cameras, NONE)
     ranges, planes = focused(cameras, before, WIDTH, SWEEP_PLANES)
     others = [cameras[j] for j in nearest[2]]

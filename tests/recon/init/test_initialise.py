@@ -38,7 +38,7 @@ def test_nothing_is_triangulated_without_texture() -> None:
     assert len(triangulate(cameras, np.full((5, HEIGHT, WIDTH, 3), 90, np.uint8)).points) == 0
 
 
-def test_swept_depth_is_right_where_neighbours_agree() -> None:
+def test_swept_depth_is_right_where_neighbors_agree() -> None:
     cameras = arc()
     maps = planesweep.sweep(cameras, pictures(cameras), np.tile([1.5, 10.0], (5, 1)), width=WIDTH, planes=64)
     for camera, found in zip(cameras, maps, strict=True):
@@ -149,7 +149,7 @@ def test_measures_without_any_point_come_from_the_cameras() -> None:
     assert 0 < near_plane(cameras, none) < ranges.max()
 
 
-def test_nearest_cameras_are_the_neighbours_in_the_arc() -> None:
+def test_nearest_cameras_are_the_neighbors_in_the_arc() -> None:
     nearest = nearest_cameras(arc(5), 2)
     assert set(nearest[2]) == {1, 3}
     assert nearest[0, 0] == 1

@@ -10,7 +10,7 @@ from splatreel.capture.sound import RATE
 SPEED = 343.0
 """Of sound, meters a second."""
 LOUDNESS = 1.6
-"""Of an impact at a metre; a camera four meters away is well below full scale."""
+"""Of an impact at a meter; a camera four meters away is well below full scale."""
 MODES = {
     "floor": ((95.0, 0.045, 1.0), (210.0, 0.03, 0.7), (480.0, 0.014, 0.4), (1150.0, 0.006, 0.25)),
     "bumper": ((310.0, 0.03, 0.5), (720.0, 0.018, 0.6), (1640.0, 0.009, 0.45), (2900.0, 0.005, 0.3)),

@@ -1,4 +1,4 @@
-"""Per-camera colour gain, learned with the scene and anchored at a mean of one."""
+"""Per-camera color gain, learned with the scene and anchored at a mean of one."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ class CameraGains:
         return self._adam.tensor.detach()
 
     def restart(self) -> None:
-        """Forget the optimiser's momentum: a run continued from a checkpoint goes on as one that was never stopped."""
+        """Forget the optimizer's momentum: a run continued from a checkpoint goes on as one that was never stopped."""
         self._start(self.values, self._adam.rate)
 
     def of(self, camera: int) -> Tensor | None:

@@ -20,7 +20,7 @@ class Mended:
 class Findings:
     """What an inspection found, by index of the cameras.
 
-    mended: those that were put right. strangers: those that do not show what their neighbours do. doubtful: all that seem wrong, if
+    mended: those that were put right. strangers: those that do not show what their neighbors do. doubtful: all that seem wrong, if
     they are so many that nobody can tell which are right; the first two are empty then. unchecked: those that show too little of what
     the others do for anybody to tell. misread: what all poses are in truth, where they are not what was asked for.
     """
@@ -48,7 +48,7 @@ class Findings:
 
     def doubts(self, names: list[str]) -> list[str]:
         """Sentences on those that could not be."""
-        wrong = "shows nothing that its neighbours do from where it is said to be, and is left out: check its pose and its video"
+        wrong = "shows nothing that its neighbors do from where it is said to be, and is left out: check its pose and its video"
         said = [f"{names[number]} {wrong}" for number in self.strangers]
         if self.doubtful:
             doubtful = ", ".join(names[number] for number in self.doubtful)

@@ -19,13 +19,13 @@ from splatreel.recon.cameras.findings import Findings, Mended
 from splatreel.recon.cameras.readings import misread, related
 from splatreel.recon.init.features import detect, epipolar_lines, match, off_line
 from splatreel.recon.init.planesweep import project, unproject
-from splatreel.recon.init.triangulate import intersect, neighbour_pairs, reprojection_errors, separation
+from splatreel.recon.init.triangulate import intersect, neighbor_pairs, reprojection_errors, separation
 from splatreel.scene.camera import Camera, focus_point
 
-NEIGHBOURS = 6
-REACHES = 0.03, 0.015, 0.008
+NEIGHBORS = 6
+SEARCH_WIDTHS = 0.03, 0.015, 0.008
 """Of the picture's width: how far off their lines features are looked for, from round to round; nobody is put right by more."""
-CLOSE = 0.7
+MATCH_PIXELS = 0.7
 """Pixels by which what is believed may be off."""
 NARROW = 3.0
 """Degrees between two cameras' views of a place, below which they do not know how far it is."""
@@ -36,7 +36,7 @@ PLENTY = 160
 """Features that are enough to tell that; of half as many, on a dancer before plain walls, twice as far off is asked."""
 GAIN = 1.4
 """Times as many places must be shown where they are then."""
-FEWEST = 80, 200
+FEWEST_POINTS_AND_MATCHES = 80, 200
 """Places by which a camera is judged, and matches by which it is a stranger."""
 CHANCE = 1.6
 """Times as many matches as by chance that are on their lines in any camera that sees what the others do."""
@@ -44,7 +44,7 @@ WIDE = 60.0
 """Degrees between two cameras' directions, from which on features hardly match, wherever they stand."""
 ALIKE = 2.0, 50
 """Times as many matches as by chance that are on their lines, and of how many, where two cameras show the same things."""
-STEP = 1e-3
+POSE_STEP = 1e-3
 """Radians, and of the cameras' distance from each other: what six unknowns of a pose are counted in."""
 BEHIND = 1e6
 """Pixels at which a place behind a camera is shown: nowhere near."""
@@ -75,22 +75,22 @@ class _Sight:
     """What cameras show at some moments, and what they have in common. frames: [T, C, H, W, 3] uint8."""
 
     def __init__(self, cameras: list[Camera], frames: np.ndarray) -> None:
-        self.cameras, self.pairs = list(cameras), neighbour_pairs(cameras, NEIGHBOURS)
-        self.apart, self.chance = separation(cameras), CLOSE / (REACHES[0] * cameras[0].width)
+        self.cameras, self.pairs = list(cameras), neighbor_pairs(cameras, NEIGHBORS)
+        self.apart, self.chance = separation(cameras), MATCH_PIXELS / (SEARCH_WIDTHS[0] * cameras[0].width)
         forwards = np.stack([camera.forward for camera in cameras])
         self.narrow = forwards @ forwards.T > np.cos(np.radians(WIDE))
         with ThreadPoolExecutor(threads.count()) as pool:
             self.features = [list(pool.map(detect, images)) for images in frames]
-        self.matches = {pair: self._match(pair, REACHES[0]) for pair in self.pairs}
+        self.matches = {pair: self._match(pair, SEARCH_WIDTHS[0]) for pair in self.pairs}
         self._near: dict[Pair, np.ndarray] = {}
 
     def move(self, number: int) -> None:
         """Put a camera where most of what it shows says, ever more closely."""
         around = [pair for pair in self.pairs if number in pair]
-        for reach in REACHES:
+        for reach in SEARCH_WIDTHS:
             self.matches |= {pair: self._match(pair, reach) for pair in around}
             self.cameras[number] = self.judge(number).camera
-        self.matches |= {pair: self._match(pair, REACHES[0]) for pair in around}
+        self.matches |= {pair: self._match(pair, SEARCH_WIDTHS[0]) for pair in around}
         self._near = {pair: near for pair, near in self._near.items() if pair not in around}
 
     def _match(self, pair: Pair, reach: float) -> list[np.ndarray]:
@@ -101,12 +101,12 @@ class _Sight:
     def stranger(self, number: int) -> bool:
         """Whether its features are on the others' lines hardly more often than anything would be that is looked for in reach."""
         near = self._on_lines(self._comparable(number))
-        return len(near) >= FEWEST[1] and near.mean() < CHANCE * self.chance
+        return len(near) >= FEWEST_POINTS_AND_MATCHES[1] and near.mean() < CHANCE * self.chance
 
     def alone(self, number: int) -> bool:
         """Whether it shows too little of what the others do, whether that fits or not."""
         near = self._on_lines([pair for pair in self.pairs if number in pair])
-        return len(self._on_lines(self._comparable(number))) < FEWEST[1] and not self._alike(near)
+        return len(self._on_lines(self._comparable(number))) < FEWEST_POINTS_AND_MATCHES[1] and not self._alike(near)
 
     def _comparable(self, number: int) -> list[Pair]:
         """Its pairs that would show the same things if all were right: others do that are as different and more."""
@@ -126,17 +126,17 @@ class _Sight:
             for seen, found in zip(self.features, self.matches[a, b], strict=True):
                 lines = epipolar_lines(self.cameras[a], self.cameras[b], seen[a].pixels[found[:, 0]])
                 off.append(off_line(lines, seen[b].pixels[found[:, 1]]))
-            self._near[a, b] = np.abs(np.concatenate(off)) < CLOSE
+            self._near[a, b] = np.abs(np.concatenate(off)) < MATCH_PIXELS
         return np.concatenate([np.zeros(0, bool), *(self._near[pair] for pair in pairs)])
 
     def judge(self, number: int) -> Verdict:
         """Where a camera would have to be to show most places where they are that two others agree on."""
         camera = self.cameras[number]
         places, pixels = self._places(number)
-        if len(places) < FEWEST[0]:
+        if len(places) < FEWEST_POINTS_AND_MATCHES[0]:
             return Verdict(camera)
         far = [np.linalg.norm(camera.center - other.center) for other in self.cameras if other is not camera]
-        units = STEP * np.repeat([1, float(np.median(far))], 3)
+        units = POSE_STEP * np.repeat([1, float(np.median(far))], 3)
 
         def off(change: np.ndarray) -> np.ndarray:
             shown, _ = project(_moved(camera, units * change), places)
@@ -147,7 +147,7 @@ class _Sight:
         change = _agreed(before, slopes)
         step = (slopes @ change).reshape(-1, 2)
         before = before.reshape(-1, 2)
-        at_once, believed = (np.linalg.norm(error, axis=1) < CLOSE for error in (before, before + step))
+        at_once, believed = (np.linalg.norm(error, axis=1) < MATCH_PIXELS for error in (before, before + step))
         moved = float(np.median(np.linalg.norm(step[believed], axis=1))) if believed.any() else 0.0
         gain, features = believed.sum() / max(at_once.sum(), 1), len(np.unique(pixels, axis=0))
         return Verdict(_moved(camera, units * change), gain, moved, features)
@@ -166,7 +166,7 @@ class _Sight:
             error = reprojection_errors(projections, found[track], views, spots).reshape(-1, 2).max(1)
             rays = found[:, None] - centers[views.reshape(-1, 2)]
             rays /= np.maximum(np.linalg.norm(rays, axis=2, keepdims=True), 1e-12)
-            sure = (error < CLOSE) & ((rays[:, 0] * rays[:, 1]).sum(1) < np.cos(np.radians(NARROW)))
+            sure = (error < MATCH_PIXELS) & ((rays[:, 0] * rays[:, 1]).sum(1) < np.cos(np.radians(NARROW)))
             places.append(found[sure])
             pixels.append(seen[number].pixels[own[couples[sure, 0]]])
         return np.concatenate(places), np.concatenate(pixels)
@@ -210,7 +210,7 @@ def check_poses(cameras: list[Camera], frames: np.ndarray) -> Findings:
             return Findings({}, [], suspects)
         if many or 2 * len(unchecked) > len(cameras):
             lost = sorted({*suspects, *unchecked})
-            misfit = related(sight.features[0], neighbour_pairs(cameras, 1))
+            misfit = related(sight.features[0], neighbor_pairs(cameras, 1))
             return Findings({}, [], lost) if misfit else Findings({}, [], [], lost)
         if not wrong:
             break
@@ -234,7 +234,7 @@ def _couples(own: np.ndarray) -> np.ndarray:
 def _agreed(off: np.ndarray, slopes: np.ndarray) -> np.ndarray:
     """The change [6] that brings most of off [2 M] + slopes [2 M, 6] change near zero: Geman and McClure's weights, ever stricter."""
     change = np.zeros(6)
-    for close in np.geomspace(max(np.percentile(np.abs(off), 75), CLOSE), CLOSE, ROUNDS):
+    for close in np.geomspace(max(np.percentile(np.abs(off), 75), MATCH_PIXELS), MATCH_PIXELS, ROUNDS):
         squares = np.square((off + slopes @ change).reshape(-1, 2)).sum(1).repeat(2)
         weighed = slopes * np.square(close**2 / (squares + close**2))[:, None]
         change = np.linalg.solve(weighed.T @ slopes + FREE * np.eye(6), -weighed.T @ off)

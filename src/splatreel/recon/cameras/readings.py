@@ -1,7 +1,7 @@
 """What a capture's poses may have been meant as, where they do not fit its pictures (beyond the paper).
 
 Files hold camera to world where world to camera is asked for, or axes of OpenGL's. By themselves such matrices are as good as any; but
-features of neighbouring cameras then lie on no epipolar lines, or behind the cameras. Pictures that show the same, but not where poses
+features of neighboring cameras then lie on no epipolar lines, or behind the cameras. Pictures that show the same, but not where poses
 and lenses say, tell from those that show too little of what the others do.
 """
 
@@ -14,14 +14,14 @@ import numpy as np
 
 from splatreel.capture.poses import inverted, turned_about
 from splatreel.recon.init.features import Features, epipolar_lines, match, off_line
-from splatreel.recon.init.triangulate import intersect, neighbour_pairs
+from splatreel.recon.init.triangulate import intersect, neighbor_pairs
 from splatreel.scene.camera import Camera
 
-REACH, CLOSE = 0.03, 0.7
+SEARCH_WIDTH, MATCH_PIXELS = 0.03, 0.7
 """How far off their lines features are looked for, of the picture's width; and how near they are where poses are right, pixels."""
 FITS = 0.2
 """Share of the matches of nearest cameras that fit, from which on poses are taken as they are said to be."""
-CLEARLY, FEWEST = 3.0, 60
+CLEAR_RATIO, FEWEST_MATCHES = 3.0, 60
 """Times as many matches that fit, against chance and against the poses as they are said to be; and how many of them, at least."""
 SIMILAR, TOLERANCE, RELATED = 0.8, 1.0, 16
 """The second best match must be so much farther off, pixels off a line of whatever geometry, and how many matches then tell that two
@@ -50,8 +50,12 @@ def misread(cameras: list[Camera], features: list[Features], matches: Matches) -
         found, many = fitting(stood := meant(cameras), features, match_nearest(stood, features))
         if found > share:
             best, share, count = name, found, many
-    chance = CLOSE / (REACH * cameras[0].width)
-    return best if count >= FEWEST and share > CLEARLY * max(said, chance / 2) and share > 1.5 * chance else None
+    chance = MATCH_PIXELS / (SEARCH_WIDTH * cameras[0].width)
+    return (
+        best
+        if count >= FEWEST_MATCHES and share > CLEAR_RATIO * max(said, chance / 2) and share > 1.5 * chance
+        else None
+    )
 
 
 def related(features: list[Features], pairs: list[tuple[int, int]]) -> bool:
@@ -79,18 +83,18 @@ def _show_the_same(a: Features, b: Features) -> bool:
 def match_nearest(cameras: list[Camera], features: list[Features]) -> Matches:
     """Of each camera and its nearest."""
     return {
-        (i, j): match(cameras[i], cameras[j], features[i], features[j], REACH * cameras[i].width)
-        for i, j in neighbour_pairs(cameras, 1)
+        (i, j): match(cameras[i], cameras[j], features[i], features[j], SEARCH_WIDTH * cameras[i].width)
+        for i, j in neighbor_pairs(cameras, 1)
     }
 
 
 def fitting(cameras: list[Camera], features: list[Features], matches: Matches) -> tuple[float, int]:
     """Share of the matches of nearest cameras that lie on their epipolar lines and before both cameras, and how many do."""
     total, fits = 0, 0
-    for i, j in neighbour_pairs(cameras, 1):
+    for i, j in neighbor_pairs(cameras, 1):
         a, b, found = cameras[i], cameras[j], matches[i, j]
         there, here = features[j].pixels[found[:, 1]], features[i].pixels[found[:, 0]]
-        near = np.abs(off_line(epipolar_lines(a, b, here), there)) < CLOSE
+        near = np.abs(off_line(epipolar_lines(a, b, here), there)) < MATCH_PIXELS
         total += len(found)
         fits += int(_before(a, b, here[near], there[near]).sum())
     return fits / max(total, 1), fits

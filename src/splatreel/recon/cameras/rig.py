@@ -91,7 +91,7 @@ def check_poses_again(rig: Rig, frames: np.ndarray, progress: Progress) -> Poses
     found = check_poses(rig.cameras, frames)
     _tell_repairs(rig, found, progress)
     for number in found.strangers:
-        progress.note(f"{rig.names[number]} no longer shows what its neighbours do: check its video")
+        progress.note(f"{rig.names[number]} no longer shows what its neighbors do: check its video")
     return Poses(_viewmats(rig, found))
 
 

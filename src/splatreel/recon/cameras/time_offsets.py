@@ -12,7 +12,7 @@ from splatreel.recon.deform.protocol import Deformation
 
 RATE = 0.03
 """Frames that a delay may go in one step at first; a tenth of it in the end."""
-MOST = 1.5
+MOST_FRAMES = 1.5
 """Frames that a camera may be late or early: of what is farther off, tracks are wrong already."""
 LATER = 0.3
 """Of how far chance carries a delay that the pictures do not tell, the share of the second half of the steps, by their sizes."""
@@ -59,7 +59,7 @@ class TimeOffsets:
         self.restart()
 
     def restart(self) -> None:
-        """Forget the optimiser's momentum: a run continued from a checkpoint goes on as one that was never stopped."""
+        """Forget the optimizer's momentum: a run continued from a checkpoint goes on as one that was never stopped."""
         self._slopes, self._squares, self._rounds = (np.zeros(len(self.values)) for _ in range(3))
         self._halfway = self.values.copy()
         self._pending: list[tuple[int, Tensor]] = []
@@ -97,7 +97,7 @@ class TimeOffsets:
         momentum = self._slopes[seen] / (1 - fade ** self._rounds[seen])
         square = self._squares[seen] / (1 - fade_square ** self._rounds[seen])
         self.values[seen] -= rate * momentum / (np.sqrt(square) + 1e-15)
-        self.values = np.clip(self.values - self.values.mean(), -MOST, MOST)
+        self.values = np.clip(self.values - self.values.mean(), -MOST_FRAMES, MOST_FRAMES)
 
 
 @torch.no_grad()

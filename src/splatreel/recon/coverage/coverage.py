@@ -11,15 +11,15 @@ import torch
 from splatreel.progress import Progress
 from splatreel.recon.coverage.trial import Trial, leave_one_out, shrunk, smaller
 from splatreel.recon.init.layout import clearance_of
-from splatreel.recon.init.limits import LEAST
+from splatreel.recon.init.limits import LEAST_DEGREES
 from splatreel.recon.init.triangulate import Tracks, triangulate
 from splatreel.scene.camera import Camera, angles_apart, focus_point
 
 WIDTH = 480
 """Pixels across the pictures that points in common are looked for in, at most."""
-NEIGHBOURS = 6
+NEIGHBORS = 6
 """Nearest cameras that each one is compared with."""
-FEW = 20
+FEWEST_SHARED = 20
 """Points that a camera shares with two others, below which it is named."""
 SAME = 0.004
 """Of the scene's distance: points this close are one."""
@@ -46,11 +46,11 @@ class Coverage:
         """Degrees from a camera up to which views hold at most, where a trial has failed: it does not tell more."""
         if self.trial is None or self.trial.holds:
             return None
-        return round(min(LEAST, self.trial.angle / 2), 2)
+        return round(min(LEAST_DEGREES, self.trial.angle / 2), 2)
 
     def sentences(self) -> list[str]:
         """What a user reads of it."""
-        far, few = int(np.argmax(self.angles)), [c for c, count in enumerate(self.shared) if count < FEW]
+        far, few = int(np.argmax(self.angles)), [c for c, count in enumerate(self.shared) if count < FEWEST_SHARED]
         least, most = f"{min(self.angles):.0f}", f"{max(self.angles):.0f}"
         said = [
             f"cameras are {least if least == most else f'{least} to {most}'} degrees from the nearest other one, seen from the middle "
@@ -73,7 +73,7 @@ class Coverage:
             f"tried without {trial.camera}, {trial.angle:.0f} degrees from the nearest other camera: its picture comes out with "
             f"{trial.psnr:.1f} dB"
         )
-        without = f"the nearest camera's picture has {trial.nearest:.1f} dB there, one flat colour {trial.flat:.1f} dB"
+        without = f"the nearest camera's picture has {trial.nearest:.1f} dB there, one flat color {trial.flat:.1f} dB"
         if trial.holds:
             return [f"{tried} in this quick trial ({without}): new views between the cameras will hold"]
         return [
@@ -110,10 +110,10 @@ def cover(
     small = [smaller(camera, WIDTH) for camera in cameras]
     progress.stage("looking for points that several cameras show", len(cameras))
     shown = np.stack([shrunk(image, camera) for image, camera in zip(images, small, strict=True)])
-    tracks = triangulate(small, shown, NEIGHBOURS)
+    tracks = triangulate(small, shown, NEIGHBORS)
     progress.update(len(cameras))
     seen = tracks.points if points is None else np.asarray(points, np.float64)
-    focus = np.array(clearance_of(cameras, seen).focus) if len(seen) >= FEW else focus_point(cameras)
+    focus = np.array(clearance_of(cameras, seen).focus) if len(seen) >= FEWEST_SHARED else focus_point(cameras)
     trial = None
     if device is not None:
         trial = leave_one_out(cameras, shown, focus, points, point_colors, near, device, progress)

@@ -28,14 +28,14 @@ MARGIN = 1.0
 BEST = 99.0
 """dB of pictures that are the same."""
 GAINS = 0.5, 2.0
-"""By what a colour may be multiplied for a picture to fit: cameras' exposures differ."""
+"""By what a color may be multiplied for a picture to fit: cameras' exposures differ."""
 
 
 @dataclass(frozen=True)
 class Trial:
     """camera: which was left out. angle: degrees from there to the nearest of the others, seen from the focus.
 
-    psnr: dB of its picture as reconstructed from the others. flat: of one colour all over, the mean. nearest: of the nearest camera's
+    psnr: dB of its picture as reconstructed from the others. flat: of one color all over, the mean. nearest: of the nearest camera's
     picture in place of it.
     """
 

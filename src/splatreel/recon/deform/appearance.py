@@ -23,9 +23,9 @@ RATES = (8e-3, 8e-3, 8e-3, 8e-2)
 """Learning rates of c_base and of the logit of the opacity."""
 LAMBDA = (3e-3, 3e-3, 3e-3, 1e-4)
 """Weights of the mean absolute change: it is worth its bytes only where it shows."""
-STRONG, CUT, LEAST = 40, 1.5, 0.002
-"""Gray levels by which a pixel changes strongly; at a cut CUT times as many do as in the frames before and after, and at least the
-share LEAST of all."""
+CUT_GRAY_LEVELS, CUT_RATIO, CUT_SHARE = 40, 1.5, 0.002
+"""Gray levels by which a pixel changes strongly. At a cut CUT_RATIO times as many do as in the frames before and after, and at
+least the share CUT_SHARE of all."""
 
 
 class Appearance:
@@ -99,10 +99,10 @@ def detect_cuts(images: Tensor) -> list[int]:
     few = images[:, :, ::2, ::2]
     shares = [_strong(before.short(), now.short()) for before, now in pairwise(few)]
     around = [max(shares[max(i - 1, 0) : i] + shares[i + 1 : i + 2], default=1.0) for i in range(len(shares))]
-    cut = [share > max(CUT * other, LEAST) for share, other in zip(shares, around, strict=True)]
+    cut = [share > max(CUT_RATIO * other, CUT_SHARE) for share, other in zip(shares, around, strict=True)]
     return [i + 1 for i in range(len(cut)) if cut[i]]
 
 
 def _strong(before: Tensor, now: Tensor) -> float:
     """Share of the pixels of all cameras that change strongly."""
-    return float(((now - before).abs().amax(-1) > STRONG).float().mean())
+    return float(((now - before).abs().amax(-1) > CUT_GRAY_LEVELS).float().mean())

@@ -47,7 +47,7 @@ def weigh(
     antialias: bool = False,
     views: int = VIEWS,
 ) -> np.ndarray:
-    """[N, 3] float32: how much the pictures change with a point's shape (its log scales), its colour and its place (world units).
+    """[N, 3] float32: how much the pictures change with a point's shape (its log scales), its color and its place (world units).
 
     moments: the same N points at some times, each seen by `views` of the cameras at most. device: where they are drawn. Root of the
     summed squares over all pixels of the derivatives, estimated: the gradient of a picture weighted by random signs has that sum as

@@ -16,7 +16,7 @@ RATIO = 0.85
 
 @dataclass(frozen=True)
 class Features:
-    """pixels: [F, 2] float64, pixel centres at +0.5. descriptors: [F, 128] float32, unit (RootSIFT). colors: [F, 3] uint8."""
+    """pixels: [F, 2] float64, pixel centers at +0.5. descriptors: [F, 128] float32, unit (RootSIFT). colors: [F, 3] uint8."""
 
     pixels: np.ndarray
     descriptors: np.ndarray

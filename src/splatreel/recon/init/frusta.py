@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 
-from splatreel.recon.init.planesweep import NEIGHBOURS, inside, plane_homographies, project, unproject
+from splatreel.recon.init.planesweep import NEIGHBORS, inside, plane_homographies, project, unproject
 from splatreel.recon.init.triangulate import nearest_cameras
 from splatreel.scene.camera import Camera
 
@@ -16,16 +16,16 @@ MOST_PLANES = 320
 GRID, LEVELS = (9, 7), 256
 """Pixels across and down a picture, and inverse depths, that are looked at."""
 SHARE, PARTNERS = 0.05, 2
-"""Of these pixels, those that so many neighbours must see at a depth for it to count."""
+"""Of these pixels, those that so many neighbors must see at a depth for it to count."""
 
 
 def focused(cameras: list[Camera], ranges: np.ndarray, width: int, planes: int) -> tuple[np.ndarray, np.ndarray]:
     """Ranges [C, 2] of depth, world units, and [C] how many planes to sweep there.
 
     ranges: [C, 2] where depths may be. width: of the maps, pixels. Where `planes` planes are so far apart that the pictures hardly fit
-    on any, the range is cut to what neighbours see as well, and has more of them; else nothing changes.
+    on any, the range is cut to what neighbors see as well, and has more of them; else nothing changes.
     """
-    nearest = nearest_cameras(cameras, NEIGHBOURS)
+    nearest = nearest_cameras(cameras, NEIGHBORS)
     height = max(round(cameras[0].height * width / cameras[0].width), 1)
     small = [camera.resized(width, height) for camera in cameras]
     ranges, counts = ranges.copy(), np.full(len(cameras), planes)

@@ -30,7 +30,7 @@ SWEEP_PLANES = 80
 FILL_PIXELS = 8
 FILL_ANCHORS = 6
 COLOR_DISTANCE = 0.5
-"""How many pixels away a difference of one grey level of 255 counts when a depth is borrowed from a neighbour."""
+"""How many pixels away a difference of one gray level of 255 counts when a depth is borrowed from a neighbor."""
 RANDOM_POINTS = 10_000
 FLAT = 0.02
 """Standard deviation (0..1) in a 5x5 patch below which a surface counts as flat and gets fewer points."""
@@ -175,7 +175,7 @@ def _finest_grain(cameras: list[Camera], points: np.ndarray) -> np.ndarray:
 
 
 def _seen_surface(depth_map: DepthMap, needed: int, depth_range: np.ndarray) -> _Cloud:
-    """The pixels whose depth `needed` neighbours agree with."""
+    """The pixels whose depth `needed` neighbors agree with."""
     kept = (depth_map.agreeing >= needed) & (depth_map.depth < 0.98 * depth_range[1])
     gray = cv2.cvtColor(depth_map.image, cv2.COLOR_RGB2GRAY).astype(np.float32) / 255
     variance = cv2.blur(gray * gray, (5, 5)) - cv2.blur(gray, (5, 5)) ** 2
@@ -185,7 +185,7 @@ def _seen_surface(depth_map: DepthMap, needed: int, depth_range: np.ndarray) -> 
 
 
 def _filled(depth_map: DepthMap, needed: int, sparse: np.ndarray) -> _Cloud:
-    """A point every few pixels where no depth is trusted, at the depth of pixels near in place and colour.
+    """A point every few pixels where no depth is trusted, at the depth of pixels near in place and color.
 
     Of these it is the second farthest: a point that is too far hides behind a surface, one that is too near, as any mean of a thing's
     depth and of the wall's behind it is, floats before it.
@@ -229,7 +229,7 @@ def _refuted(points: np.ndarray, maps: list[DepthMap], needed: int) -> np.ndarra
 
 
 def _random_points(cameras: list[Camera], images: np.ndarray, ranges: np.ndarray, rng: np.random.Generator) -> _Cloud:
-    """Points at random pixels and random inverse depths of all cameras, with those pixels' colours."""
+    """Points at random pixels and random inverse depths of all cameras, with those pixels' colors."""
     count = -(-RANDOM_POINTS // len(cameras))
     points, colors = [], []
     for camera, image, (low, high) in zip(cameras, images, ranges, strict=True):

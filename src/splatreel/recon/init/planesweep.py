@@ -1,7 +1,7 @@
 """Dense depth by plane sweep and semi-global matching, for the walls and floors that have no features to triangulate.
 
-For every camera, planes parallel to its image are swept through the scene; each neighbour's image is warped by the plane's
-homography and compared patch by patch (zero-mean normalised cross-correlation, blind to the cameras' different gains). Paths in
+For every camera, planes parallel to its image are swept through the scene; each neighbor's image is warped by the plane's
+homography and compared patch by patch (zero-mean normalized cross-correlation, blind to the cameras' different gains). Paths in
 four directions (Hirschmueller 2008, "Stereo processing by semiglobal matching") carry depth into weak texture.
 """
 
@@ -18,18 +18,18 @@ from splatreel import threads
 from splatreel.recon.init.triangulate import nearest_cameras
 from splatreel.scene.camera import Camera
 
-NEIGHBOURS = 4
+NEIGHBORS = 4
 PATCH = 5
 NOISE = 2.5 / 255
 """Standard deviation of a patch below which it counts as flat: noise would otherwise correlate by chance."""
 SMALL_STEP, LARGE_STEP = 0.06, 0.5
-"""Costs of a change of depth by one plane, and by more, between neighbouring pixels (P1, P2 of semi-global matching)."""
+"""Costs of a change of depth by one plane, and by more, between neighboring pixels (P1, P2 of semi-global matching)."""
 AGREEMENT_PLANES = 1.5
 
 
 @dataclass(frozen=True)
 class DepthMap:
-    """depth: [H, W] float32 world units along the camera's axis. agreeing: [H, W] uint8, how many neighbours' maps agree."""
+    """depth: [H, W] float32 world units along the camera's axis. agreeing: [H, W] uint8, how many neighbors' maps agree."""
 
     camera: Camera
     image: np.ndarray
@@ -50,7 +50,7 @@ def sweep(
     small_cameras = [c.resized(width, height) for c in cameras]
     small = [cv2.resize(image, (width, height), interpolation=cv2.INTER_AREA) for image in images]
     grays = [cv2.cvtColor(image, cv2.COLOR_RGB2GRAY).astype(np.float32) / 255 for image in small]
-    nearest = nearest_cameras(cameras, NEIGHBOURS)
+    nearest = nearest_cameras(cameras, NEIGHBORS)
     counts = np.broadcast_to(planes, len(cameras))
     steps = (1 / ranges[:, 0] - 1 / ranges[:, 1]) / (counts - 1)
 
@@ -134,7 +134,7 @@ def _cost_volume(
 
 
 def plane_homographies(camera: Camera, other: Camera, depths: np.ndarray) -> np.ndarray:
-    """[D, 3, 3]: pixels of `camera` (integer centres, as OpenCV counts) to those of `other` by way of the planes z = depth."""
+    """[D, 3, 3]: pixels of `camera` (integer centers, as OpenCV counts) to those of `other` by way of the planes z = depth."""
     relative = other.viewmat.astype(np.float64) @ np.linalg.inv(camera.viewmat.astype(np.float64))
     shift = np.array([[1, 0, -0.5], [0, 1, -0.5], [0, 0, 1]])
     tilt = np.zeros((len(depths), 3, 3))
@@ -144,7 +144,7 @@ def plane_homographies(camera: Camera, other: Camera, depths: np.ndarray) -> np.
 
 @numba.njit(nogil=True, cache=True, fastmath=True)
 def _correlate(mean, deviation, scores, plane):  # pragma: no cover - compiled
-    """Write one plane of costs: the mean of the better half of the neighbours, so that an occluded one does not count."""
+    """Write one plane of costs: the mean of the better half of the neighbors, so that an occluded one does not count."""
     count = scores.shape[0]
     half = (count + 1) // 2
     for y in range(mean.shape[0]):
@@ -153,7 +153,7 @@ def _correlate(mean, deviation, scores, plane):  # pragma: no cover - compiled
             valid = 0
             for k in range(count):
                 other = scores[k, 0, y, x]
-                if other < 0:  # outside of the neighbour's image
+                if other < 0:  # outside of the neighbor's image
                     continue
                 variance = max(scores[k, 1, y, x] - other * other, 0.0) + np.float32(NOISE * NOISE)
                 value = (scores[k, 2, y, x] - mean[y, x] * other) / (deviation[y, x] * np.sqrt(variance))

@@ -32,15 +32,15 @@ class Tracks:
     seen: np.ndarray
 
 
-def triangulate(cameras: list[Camera], images: np.ndarray, neighbours: int = 8) -> Tracks:
-    """Match SIFT features between neighbouring cameras and triangulate those that at least three cameras agree on.
+def triangulate(cameras: list[Camera], images: np.ndarray, neighbors: int = 8) -> Tracks:
+    """Match SIFT features between neighboring cameras and triangulate those that at least three cameras agree on.
 
     images: [C, H, W, 3] uint8. Textureless images give no points; that is not an error.
     """
     features = [detect(image) for image in images]
     first = np.cumsum([0] + [len(f.pixels) for f in features])
     edges: list[np.ndarray] = [np.zeros((0, 2), np.int64)]
-    for i, j in neighbour_pairs(cameras, neighbours):
+    for i, j in neighbor_pairs(cameras, neighbors):
         matches = match(cameras[i], cameras[j], features[i], features[j], EPIPOLAR_PIXELS)
         edges.append(matches + np.array([first[i], first[j]]))
     pairs = np.concatenate(edges)
@@ -50,9 +50,9 @@ def triangulate(cameras: list[Camera], images: np.ndarray, neighbours: int = 8) 
     return _solve_stars(cameras, np.concatenate([pairs, pairs[:, ::-1]]), camera, pixels, colors)
 
 
-def neighbour_pairs(cameras: list[Camera], neighbours: int) -> list[tuple[int, int]]:
+def neighbor_pairs(cameras: list[Camera], neighbors: int) -> list[tuple[int, int]]:
     """Pairs i < j of cameras of which one is among the other's nearest."""
-    nearest = nearest_cameras(cameras, neighbours)
+    nearest = nearest_cameras(cameras, neighbors)
     return sorted({(min(i, int(j)), max(i, int(j))) for i in range(len(cameras)) for j in nearest[i]})
 
 

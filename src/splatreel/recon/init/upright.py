@@ -14,7 +14,7 @@ SCALES = [math.sin(math.radians(angle)) for angle in (45, 30, 20, 12, 12, 12, 12
 TRUST = 0.01
 """How much the mean of the cameras' own up counts beside one camera: (3 / 30)^2, the degrees by which cameras roll and by which
 that mean leans."""
-LEVEL, MOST = 0.5, 0.6
+LEVEL_SINE, LEVEL_CAMERAS = 0.5, 0.6
 """The sine of a level camera's roll at most, and the share of the cameras that must be level, or else none is taken to be."""
 
 
@@ -22,7 +22,7 @@ def upright(cameras: Sequence[Camera]) -> np.ndarray:
     """Unit up direction [3] of the world that cameras stand in: perpendicular to their right axes, as far as these decide it.
 
     The mean of their up vectors leans to where most of them look from, for cameras that look down lean forward together; a level
-    camera's right axis is horizontal however it looks. u minimises sum w (right u)^2 + TRUST |u - mean|^2, so that the mean decides
+    camera's right axis is horizontal however it looks. u minimizes sum w (right u)^2 + TRUST |u - mean|^2, so that the mean decides
     where right axes do not: of one camera, of parallel ones, and of cameras rolled at random. w falls for a camera on its side.
     """
     rights = np.stack([camera.viewmat[0, :3] for camera in cameras])
@@ -32,7 +32,7 @@ def upright(cameras: Sequence[Camera]) -> np.ndarray:
         weights = 1 / (1 + (rights @ up / scale) ** 2) ** 2
         spread = (rights * weights[:, None]).T @ rights
         up = _unit(np.linalg.solve(spread + TRUST * np.eye(3), weights @ ups))
-    return up if np.mean(np.abs(rights @ up) < LEVEL) >= MOST else mean
+    return up if np.mean(np.abs(rights @ up) < LEVEL_SINE) >= LEVEL_CAMERAS else mean
 
 
 def _unit(vector: np.ndarray) -> np.ndarray:

@@ -1,4 +1,4 @@
-"""Points that rest while their light changes: they belong to a group as what moves does, and only their colours change."""
+"""Points that rest while their light changes: they belong to a group as what moves does, and only their colors change."""
 
 from __future__ import annotations
 

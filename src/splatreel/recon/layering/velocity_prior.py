@@ -9,7 +9,7 @@ from scipy.spatial import KDTree
 
 from splatreel.scene.group import Group
 
-REACH = 0.01
+SAME_POINT_DISTANCE = 0.01
 """Of the viewing distance: how far the refinement of a keyframe takes a point, some pixels."""
 
 
@@ -34,6 +34,6 @@ class VelocityPrior:
         motions = np.zeros((len(places), 3), np.float32)
         if len(self.places) and len(places):
             distances, nearest = (np.asarray(column) for column in KDTree(self.places).query(places))
-            near = distances < REACH * unit
+            near = distances < SAME_POINT_DISTANCE * unit
             motions[near] = self.motions[nearest[near]]
         return motions

@@ -9,7 +9,7 @@ import torch
 
 from splatreel.errors import MissingDependencyError, ReconstructionError, UsageError
 
-SHARE = 0.6
+PICTURES_SHARE = 0.6
 """Of the GPU's free memory, at most, for pictures: training needs the rest."""
 
 
@@ -29,9 +29,9 @@ def pick_device(name: str) -> torch.device:
 
 def check_room(needed: int, free: int, width: int) -> None:
     """Raises `ReconstructionError` where pictures of `needed` bytes and that width do not fit into `free` bytes of a GPU."""
-    if needed > SHARE * free:
-        fits = int(width * math.sqrt(SHARE * free / needed)) // 2 * 2
+    if needed > PICTURES_SHARE * free:
+        fits = int(width * math.sqrt(PICTURES_SHARE * free / needed)) // 2 * 2
         raise ReconstructionError(
             f"The pictures of one group, {width} pixels wide, take {needed / 1e9:.1f} GB; the GPU has {free / 1e9:.1f} GB free, "
-            f"of which they may fill {SHARE:.0%}. Ask for --width {fits}, or use --device cpu."
+            f"of which they may fill {PICTURES_SHARE:.0%}. Ask for --width {fits}, or use --device cpu."
         )

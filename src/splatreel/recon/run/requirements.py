@@ -11,7 +11,7 @@ MIN_CAMERAS = 3
 MIN_SIDE = 8
 """Pixels; smaller images show nothing that cameras could agree on."""
 BLACK, WHITE = 24, 231
-"""Grey levels up to which, and from which on, a picture is called black or white: what videos call so, and some noise."""
+"""Gray levels up to which, and from which on, a picture is called black or white: what videos call so, and some noise."""
 
 
 def check_capture(capture: Capture) -> None:

@@ -6,7 +6,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
-LEAST, MOST = 0.5, 3.0
+LEAST_DRAWS, MOST_DRAWS = 0.5, 3.0
 """How often a frame comes up in a round, at least and at most."""
 
 
@@ -59,7 +59,7 @@ class FrameSchedule:
             seen = np.isfinite(losses)
             mean = np.where(seen, losses, 0).sum(0) / np.maximum(seen.sum(0), 1)
             relative = np.where(seen, losses / np.maximum(mean, 1e-12), 0).sum(1) / np.maximum(seen.sum(1), 1)
-            share = np.where(seen.any(1), np.clip(relative, LEAST, MOST), 1.0)
+            share = np.where(seen.any(1), np.clip(relative, LEAST_DRAWS, MOST_DRAWS), 1.0)
         return share / share.mean()
 
     def _near(self, last: int) -> int:
