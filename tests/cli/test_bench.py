@@ -7,7 +7,7 @@ import pytest
 
 from splatreel.capture import opening
 from splatreel.cli.main import main
-from splatreel.evaluation import rates
+from splatreel.evaluation import rate_distortion
 from tests.evaluation import scenes
 
 
@@ -60,8 +60,10 @@ def test_values_that_make_no_sense(
 def test_bench_codec_of_a_run_writes_table_chart_and_record(
     requests: list[dict], tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    measure = rates.rate_distortion
-    monkeypatch.setattr(rates, "rate_distortion", lambda sweep: measure(sweep, ["predictive 1.2", "predictive 4"]))
+    measure = rate_distortion.rate_distortion
+    monkeypatch.setattr(
+        rate_distortion, "rate_distortion", lambda sweep: measure(sweep, ["predictive 1.2", "predictive 4"])
+    )
     run, out = scenes.write_run(tmp_path / "run"), tmp_path / "out"
     assert main(["bench", "codec", str(run), "capture", "--every", "5", "--out", str(out)]) == 0
     printed = capsys.readouterr().out
