@@ -60,7 +60,7 @@ def test_values_that_make_no_sense(
 def test_bench_codec_of_a_run_writes_table_chart_and_record(
     requests: list[dict], tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    measure = rate_distortion.rate_distortion
+    measure = rate_distortion.rate_distortion_points
     monkeypatch.setattr(
         rate_distortion, "rate_distortion", lambda sweep: measure(sweep, ["predictive 1.2", "predictive 4"])
     )
