@@ -62,7 +62,7 @@ def test_bench_codec_of_a_run_writes_table_chart_and_record(
 ) -> None:
     measure = rate_distortion.rate_distortion_points
     monkeypatch.setattr(
-        rate_distortion, "rate_distortion", lambda sweep: measure(sweep, ["predictive 1.2", "predictive 4"])
+        rate_distortion, "rate_distortion_points", lambda sweep: measure(sweep, ["predictive 1.2", "predictive 4"])
     )
     run, out = scenes.write_run(tmp_path / "run"), tmp_path / "out"
     assert main(["bench", "codec", str(run), "capture", "--every", "5", "--out", str(out)]) == 0
