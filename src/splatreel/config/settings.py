@@ -86,23 +86,16 @@ def changed(config: T, values: Mapping[str, Any]) -> T:
 
     Raises `UsageError` for values that no run can have.
     """
-    own = {name: value for name, value in values.items() if "." not in name}
-    return dataclasses.replace(cast(Any, config), **own | _sections(config, values))
-
-
-def _sections(owner: Any, values: Mapping[str, Any]) -> dict[str, Any]:
-    """The sections of `owner` that settings with a dot in their name change."""
+    own: dict[str, Any] = {}
     inner: dict[str, dict[str, Any]] = {}
     for name, value in values.items():
         section, dot, rest = name.partition(".")
         if dot:
             inner.setdefault(section, {})[rest] = value
-    found = {}
-    for section, some in inner.items():
-        mine = getattr(owner, section)
-        own = {name: value for name, value in some.items() if "." not in name}
-        found[section] = dataclasses.replace(mine, **own | _sections(mine, some))
-    return found
+        else:
+            own[name] = value
+    own |= {section: changed(getattr(config, section), some) for section, some in inner.items()}
+    return dataclasses.replace(cast(Any, config), **own)
 
 
 def parse_settings(texts: Iterable[str]) -> dict[str, Any]:
