@@ -10,7 +10,8 @@ from pathlib import Path
 import numpy as np
 
 from splatreel.codec.container import write_atomically
-from splatreel.codec.group_file import decode_group, decode_layer, encode_group, encode_layer
+from splatreel.codec.encoder import ReelEncoder
+from splatreel.codec.group_file import decode_group, decode_layer
 from splatreel.codec.header import ReelHeader
 from splatreel.codec.manifest import FileEntry, Manifest, parse_manifest
 from splatreel.codec.presentation import EMPTY, Asset, Presentation
@@ -35,16 +36,15 @@ class ReelWriter:
 
     def __init__(self, path: str | Path, header: ReelHeader, *, config: EncodeConfig, resume: bool = False) -> None:
         self.path = Path(path)
-        first, *others = config.renditions or (None,)
-        self.config = config if first is None else config.rendition(first)
-        self._others = {name: config.rendition(name) for name in others}
+        self.encoder = ReelEncoder(config)
+        self.config = self.encoder.config
         self._pending: FileEntry | None = None
         self._manifest = Manifest(
             **vars(header),
             generator=f"splatreel {metadata.version('splatreel')}",
             live=True,
             frames=0,
-            renditions=config.renditions if others else (),
+            renditions=config.renditions if self.encoder.others else (),
         )
         self._check_header()
         published = self._published()
@@ -72,7 +72,7 @@ class ReelWriter:
         """Encode the static points born at `group`; they are published together with that group.
 
         importance: [N, 3], how much of the pictures hangs on each point's shape, color and place; None: all alike.
-        encoded: what `encode_layer` gave for the same, if it has been called.
+        encoded: what `encoder.layer` gave for the same, if it has been called.
 
         Returns the decoded points in reel order (train on against these: later groups then absorb the error), and
         order [N]: order[i] is the index of the input point that became reel point i.
@@ -82,29 +82,17 @@ class ReelWriter:
         if not len(gaussians):
             return gaussians, np.zeros(0, np.int64)
         uri = f"layers/{group:04d}.safetensors"
-        data, order = encoded or self.encode_layer(group, first_frame, gaussians, importance)
+        data, order = encoded or self.encoder.layer(group, first_frame, gaussians, importance)
         entry = self._write(uri, data, FileEntry(uri, 0, "", first_frame, 0, len(gaussians), group))
         self._pending = entry
         return decode_layer(data, uri)[1], order
-
-    def encode_layer(
-        self, group: int, first_frame: int, gaussians: Gaussians, importance: np.ndarray | None = None
-    ) -> tuple[bytes, np.ndarray]:
-        """The file that `add_layer` writes, and the order; touches nothing, so that threads can do it ahead."""
-        return encode_layer(group, first_frame, gaussians, self.config, importance)
-
-    def encode_group(self, group: Group, importance: np.ndarray | None = None) -> dict[str, bytes]:
-        """By uri the files that `add_group` writes, the best first; touches nothing, so that threads can do it ahead."""
-        name = f"groups/{group.index:04d}"
-        configs = {f"{name}.safetensors": self.config} | {f"{name}.{n}.safetensors": c for n, c in self._others.items()}
-        return {uri: encode_group(group, config, importance)[0] for uri, config in configs.items()}
 
     def add_group(
         self, group: Group, importance: np.ndarray | None = None, encoded: dict[str, bytes] | None = None
     ) -> Group:
         """Encode and publish a group; returns it decoded, its dynamic points in reel order. importance: see `add_layer`.
 
-        encoded: what `encode_group` gave for the same, if it has been called.
+        encoded: what `encoder.group` gave for the same, if it has been called.
 
         Raises `ReelError` if its `alive` does not fit the layers.
         """
@@ -118,10 +106,10 @@ class ReelWriter:
                 f"Group {group.index} says of {len(group.alive)} static points whether they are alive, but the layers "
                 f"hold {static}. Add the layer of this group before it."
             )
-        files = encoded or self.encode_group(group, importance)
+        files = encoded or self.encoder.group(group, importance)
         blank = FileEntry("", 0, "", group.first_frame, group.frames, len(group.dynamic), group.index)
         entry, *others = (self._write(uri, data, replace(blank, uri=uri)) for uri, data in files.items())
-        entry = replace(entry, renditions=dict(zip(self._others, others, strict=True)))
+        entry = replace(entry, renditions=dict(zip(self.encoder.others, others, strict=True)))
         self._publish(self._manifest.with_files(layers, [*self._manifest.groups, entry]))
         self._pending = None
         return decode_group(files[entry.uri], entry.uri)

@@ -154,6 +154,6 @@ def motion(job: Job, data: GroupInput, start: GroupStart, static: StaticPoints) 
 
 def publish_group(job: Job, group: Group, static: StaticPoints, writer: ReelWriter) -> None:
     """Keep the finished group, and then write it for players: what is in the reel is never trained again."""
-    importance = group_importance(writer, static.points, group, job.device)[0]
+    importance = group_importance(writer.manifest, writer.config, static.points, group, job.device)[0]
     job.store.group(group.index).save_group(StoredGroup(group, importance))
     writer.add_group(group, importance)

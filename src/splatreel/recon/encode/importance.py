@@ -7,7 +7,8 @@ from collections.abc import Iterable
 import numpy as np
 import torch
 
-from splatreel.codec.writer import ReelWriter
+from splatreel.codec.header import ReelHeader
+from splatreel.config import EncodeConfig
 from splatreel.kernels import splat
 from splatreel.scene.camera import Camera
 from splatreel.scene.gaussians import Gaussians
@@ -22,18 +23,18 @@ Importance = tuple[np.ndarray | None, np.ndarray | None]
 """Of a group's dynamic points [N, 3], and of all static points so far [S, 3]; None where the codec has no use for it."""
 
 
-def group_importance(writer: ReelWriter, static: Gaussians, group: Group, device: torch.device) -> Importance:
-    """What `weigh` says of the points of a group over its frames. static: all static points so far, in the order of training.
+def group_importance(
+    reel: ReelHeader, config: EncodeConfig, static: Gaussians, group: Group, device: torch.device
+) -> Importance:
+    """What `weigh` says of the points of a group over its frames. static: all that `group.alive` speaks of, in that order.
 
     Nothing hangs on static points that are not alive.
     """
-    config = writer.config
     if config.codec == "h265" and not (config.h265.weighted_codebook and config.sh_entries):
         return None, None
     times = np.linspace(0, group.frames - 1, min(GROUP_MOMENTS, group.frames))
     moments = (Gaussians.concatenate([group.at(time), static[group.alive]]) for time in times)
-    manifest = writer.manifest
-    found = weigh(moments, list(manifest.cameras), manifest.near, device, manifest.antialias, GROUP_VIEWS)
+    found = weigh(moments, list(reel.cameras), reel.near, device, reel.antialias, GROUP_VIEWS)
     resting = np.zeros((len(static), 3), np.float32)
     resting[group.alive] = found[len(group.dynamic) :]
     return found[: len(group.dynamic)], resting

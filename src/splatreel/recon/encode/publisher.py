@@ -63,7 +63,7 @@ class Publisher:
         with ThreadPoolExecutor(workers) as pool:
             for index in range(count):
                 ready = self._prepare(index)
-                waiting.append((ready, pool.submit(self.writer.encode_group, ready.group, ready.importance)))
+                waiting.append((ready, pool.submit(self.writer.encoder.group, ready.group, ready.importance)))
                 while len(waiting) > (workers if index + 1 < count else 0):
                     before, files = waiting.popleft()
                     self._write(before, files.result())
@@ -78,7 +78,7 @@ class Publisher:
             born = layer.importance
             if born is None and resting is not None:
                 born = resting[-len(layer.trained) :]
-            encoded = self.writer.encode_layer(index, group.first_frame, layer.trained, born)
+            encoded = self.writer.encoder.layer(index, group.first_frame, layer.trained, born)
             self._order = np.concatenate([self._order, len(self._order) + encoded[1]])
         # The alive bits count in the order that training saw; another encoder may have put the points into another order.
         group = dataclasses.replace(group, alive=group.alive[self._order])
@@ -91,7 +91,9 @@ class Publisher:
         index = stored.group.index
         if index not in self.measured:
             static = self.store.static(index)
-            self.measured[index] = group_importance(self.writer, static, stored.group, self.device)
+            self.measured[index] = group_importance(
+                self.writer.manifest, self.writer.config, static, stored.group, self.device
+            )
         return self.measured[index]
 
     def _write(self, ready: Ready, files: dict[str, bytes] | None) -> None:
