@@ -33,5 +33,13 @@ class ReconstructionError(SplatreelError):
     """Reconstruction cannot start or go on."""
 
 
+class StorageError(SplatreelError):
+    """A folder elsewhere, such as a bucket, cannot be reached or refuses. lasting: to try again would change nothing."""
+
+    def __init__(self, message: str, *, lasting: bool = False) -> None:
+        super().__init__(message)
+        self.lasting = lasting
+
+
 class MissingDependencyError(SplatreelError):
     """An optional package is needed; the message names the extra that brings it."""

@@ -1,0 +1,130 @@
+"""A folder behind any address that fsspec knows: buckets of S3, Google or Azure, SFTP, memory."""
+
+from __future__ import annotations
+
+import contextlib
+import posixpath
+import secrets
+from typing import Any
+
+from splatreel.errors import MissingDependencyError, StorageError, UsageError
+from splatreel.storage.folder import PLAIN, REFUSALS, Headers, is_plain
+
+_WHOLE = ("s3", "s3a", "gs", "gcs", "az", "abfs", "abfss", "oss", "obs", "memory")
+"""Protocols by which a file appears when all of it has arrived. By others it is written under another name and moved."""
+_PACKAGES = {
+    "s3": "s3fs",
+    "s3a": "s3fs",
+    "gs": "gcsfs",
+    "gcs": "gcsfs",
+    **dict.fromkeys(("az", "abfs", "abfss"), "adlfs"),
+}
+"""What fsspec needs for the protocols that people use most."""
+
+
+class RemoteFolder:
+    """The folder at a URL such as `s3://bucket/reels/one`. Who may use it, and where the service is, say the environment variables and
+    files of the service's own tools, or those of fsspec.
+
+    Raises `UsageError` for an address that is none, `MissingDependencyError` where a Python package is missing.
+    """
+
+    def __init__(self, url: str) -> None:
+        self._url = url.rstrip("/")
+        self._protocol = url.partition("://")[0]
+        self._files, root = _open(url, self._protocol)
+        self._root = root.rstrip("/")
+        if not self._root.strip("/"):
+            raise UsageError(
+                f"{url}: names no folder. Write the bucket as well, such as {self._protocol}://BUCKET/REEL."
+            )
+
+    def address(self, name: str) -> str:
+        return f"{self._url}/{name}"
+
+    def read(self, name: str, most: int) -> bytes | None:
+        try:
+            return self._files.cat_file(f"{self._root}/{name}", start=0, end=most)
+        except FileNotFoundError:
+            return None
+        except Exception as error:
+            raise self._failed(name, "cannot be read", error) from error
+
+    def write(self, name: str, data: bytes, headers: Headers = PLAIN) -> None:
+        path = f"{self._root}/{name}"
+        try:
+            if self._protocol in _WHOLE:
+                self._files.pipe_file(path, data, **header_arguments(self._protocol, headers))
+            else:
+                self._move_into_place(path, data)
+        except Exception as error:
+            raise self._failed(name, f"could not be written ({len(data)} bytes)", error) from error
+
+    def sizes(self, prefix: str = "") -> dict[str, int]:
+        folder = posixpath.dirname(prefix)
+        try:
+            self._files.invalidate_cache()
+            found = self._files.find(f"{self._root}/{folder}".rstrip("/"), detail=True)
+        except FileNotFoundError:
+            return {}
+        except Exception as error:
+            raise self._failed(prefix, "cannot be listed", error) from error
+        names = {str(path).removeprefix(f"{self._root}/"): int(entry["size"]) for path, entry in found.items()}
+        return {name: size for name, size in names.items() if name.startswith(prefix) and is_plain(name)}
+
+    def remove(self, name: str) -> None:
+        try:
+            with contextlib.suppress(FileNotFoundError):
+                self._files.rm_file(f"{self._root}/{name}")
+        except Exception as error:
+            raise self._failed(name, "cannot be deleted", error) from error
+
+    def _move_into_place(self, path: str, data: bytes) -> None:
+        folder, name = posixpath.split(path)
+        temporary = f"{folder}/.{name}.{secrets.token_hex(8)}.tmp"
+        self._files.makedirs(folder, exist_ok=True)
+        try:
+            self._files.pipe_file(temporary, data)
+            self._files.mv(temporary, path)
+        except BaseException:
+            with contextlib.suppress(Exception):
+                self._files.rm_file(temporary)
+            raise
+
+    def _failed(self, name: str, what: str, error: Exception) -> StorageError:
+        reason = " ".join(str(error).split()) or type(error).__name__
+        return StorageError(f"{self.address(name)}: {what} ({reason:.300}).", lasting=isinstance(error, REFUSALS))
+
+
+def _open(url: str, protocol: str) -> tuple[Any, str]:
+    """fsspec's file system, and the path within it."""
+    try:
+        from fsspec.core import url_to_fs
+    except ModuleNotFoundError as error:
+        raise MissingDependencyError(
+            f"{url}: addresses of buckets need fsspec. Run\n  pip install 'splatreel[cloud]'{_further(protocol)}"
+        ) from error
+    try:
+        return url_to_fs(url, use_listings_cache=False)
+    except ImportError as error:
+        further = _further(protocol)
+        advice = f"Run\n  pip install{further}" if further else f"{error}"
+        raise MissingDependencyError(f"{url}: a Python package for {protocol}:// is missing. {advice}") from error
+    except ValueError as error:
+        raise UsageError(f"{url}: is no address of a folder ({error}). Correct it.") from error
+    except Exception as error:
+        raise StorageError(f"{url}: cannot be reached ({error}).", lasting=isinstance(error, REFUSALS)) from error
+
+
+def _further(protocol: str) -> str:
+    package = _PACKAGES.get(protocol)
+    return f" {package}" if package else ""
+
+
+def header_arguments(protocol: str, headers: Headers) -> dict[str, Any]:
+    """How `pipe_file` of a protocol is told of headers; of other protocols than these, the host decides itself."""
+    if protocol in ("s3", "s3a"):
+        return {"ContentType": headers.type, "CacheControl": headers.caching}
+    if protocol in ("gs", "gcs"):
+        return {"content_type": headers.type, "fixed_key_metadata": {"cache_control": headers.caching}}
+    return {}

@@ -1,0 +1,54 @@
+"""Trying again, after growing pauses, what fails because of the line."""
+
+from __future__ import annotations
+
+import random
+import time
+from collections.abc import Callable
+from typing import TypeVar
+
+from splatreel.errors import StorageError
+from splatreel.storage.folder import PLAIN, Folder, Headers
+
+T = TypeVar("T")
+PAUSES = (0.5, 1.0, 2.0, 4.0, 8.0, 16.0)
+"""Seconds between attempts; up to a half is added by chance, so that many machines do not come back together."""
+
+
+def untold(why: str) -> None:
+    """Tells nobody."""
+
+
+class RetryingFolder:
+    """A folder of which every method is tried again. tell: hears why. pauses: seconds; after the last one the error is raised."""
+
+    def __init__(
+        self, folder: Folder, tell: Callable[[str], None] = untold, pauses: tuple[float, ...] = PAUSES
+    ) -> None:
+        self._folder, self._tell, self._pauses = folder, tell, pauses
+
+    def address(self, name: str) -> str:
+        return self._folder.address(name)
+
+    def read(self, name: str, most: int) -> bytes | None:
+        return self._try(lambda: self._folder.read(name, most))
+
+    def write(self, name: str, data: bytes, headers: Headers = PLAIN) -> None:
+        self._try(lambda: self._folder.write(name, data, headers))
+
+    def sizes(self, prefix: str = "") -> dict[str, int]:
+        return self._try(lambda: self._folder.sizes(prefix))
+
+    def remove(self, name: str) -> None:
+        self._try(lambda: self._folder.remove(name))
+
+    def _try(self, action: Callable[[], T]) -> T:
+        for pause in self._pauses:
+            try:
+                return action()
+            except StorageError as error:
+                if error.lasting:
+                    raise
+                self._tell(f"{error} Trying again.")
+                time.sleep(pause * (1 + random.random() / 2))
+        return action()

@@ -1,0 +1,161 @@
+"""Files that machines without a common disk share: each carries them between its own disk and one folder elsewhere."""
+
+from __future__ import annotations
+
+import hashlib
+import re
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass
+from pathlib import Path
+
+from splatreel.errors import StorageError
+from splatreel.scene.atomic import replacing, sweep
+from splatreel.storage.folder import is_plain
+from splatreel.storage.opening import open_folder
+from splatreel.storage.retrying import PAUSES, RetryingFolder, untold
+
+_KEPT = re.compile(r"(?P<name>.+)@(?P<version>[0-9]{6})-(?P<sha256>[0-9a-f]{64})", re.DOTALL)
+_LISTINGS = 3
+"""How often files are looked up again that were replaced while they were being fetched."""
+
+
+@dataclass(frozen=True)
+class SharedFile:
+    """The newest version of a file in the shared folder."""
+
+    name: str
+    bytes: int
+    sha256: str
+    version: int
+
+    @property
+    def key(self) -> str:
+        """Where it lies there: `keyframe.safetensors@000000-SHA256`."""
+        return f"{self.name}@{self.version:06d}-{self.sha256}"
+
+
+class SharedFolder:
+    """A folder at any address of `open_folder`, to which files are pushed and from which they are pulled.
+
+    A file lies there under its name with the version and the digest. So one listing says what has changed, nobody ever meets half a
+    file, and no clock is needed to know which is the newest. Any number of machines may push at a time, if no two push a file of the
+    same name. What fails because of the line is tried again, and `tell` hears why.
+
+    Raises `UsageError` or `MissingDependencyError` for an address that cannot be used; its methods raise `StorageError`.
+    """
+
+    def __init__(
+        self, url: str | Path, tell: Callable[[str], None] = untold, pauses: tuple[float, ...] = PAUSES
+    ) -> None:
+        self._url = str(url)
+        self._folder = RetryingFolder(open_folder(url), tell, pauses)
+
+    def files(self, prefix: str = "") -> dict[str, SharedFile]:
+        """By name the files whose name begins so."""
+        return _newest(self._versions(prefix))
+
+    def push(self, folder: Path, names: Iterable[str]) -> list[str]:
+        """Send files of a folder here, given by their paths within it. Returns the names of those that had changed.
+
+        Raises `StorageError` for a file that is not here, or whose path leads out of the folder.
+        """
+        names = list(names)
+        versions = self._versions(_common(names))
+        newest, sent = _newest(versions), []
+        for name in names:
+            data = _read(folder, name)
+            digest, there = hashlib.sha256(data).hexdigest(), newest.get(name)
+            if there is None or (there.bytes, there.sha256) != (len(data), digest):
+                version = 0 if there is None else there.version + 1
+                self._folder.write(SharedFile(name, len(data), digest, version).key, data)
+                sent.append(name)
+                there = None
+            for old in versions:
+                if old.name == name and old != there:
+                    self._folder.remove(old.key)
+        return sent
+
+    def pull(self, names: Iterable[str], into: Path) -> list[str]:
+        """Fetch these files into a folder here; those that are there already are left as they are. Returns the names of the others.
+
+        Raises `StorageError` for a name that is not in the shared folder, and for a file that is damaged there.
+        """
+        names = list(names)
+        return self._pull(_common(names), set(names), into)
+
+    def pull_all(self, prefix: str, into: Path) -> list[str]:
+        """The same for all files whose name begins with prefix; none is no error."""
+        return self._pull(prefix, None, into)
+
+    def _pull(self, prefix: str, names: set[str] | None, into: Path) -> list[str]:
+        fetched: list[str] = []
+        for _ in range(_LISTINGS):
+            files = self.files(prefix)
+            if missing := sorted((names or set()) - set(files)):
+                raise StorageError(f"{self._url}: has no file {missing[0]!r:.200}. Is the job done that makes it?")
+            wanted = files if names is None else names
+            left = [files[name] for name in sorted(wanted) if not _is_here(into, files[name])]
+            found = [file.name for file in left if self._fetch(file, into)]
+            fetched += found
+            if len(found) == len(left):
+                return sorted(set(fetched))
+        raise StorageError(f"{self._url}: files there change faster than they can be fetched. Try again later.")
+
+    def _fetch(self, file: SharedFile, into: Path) -> bool:
+        """False where it has been replaced since."""
+        data = self._folder.read(file.key, file.bytes + 1) if file.bytes else b""
+        if data is None:
+            return False
+        if hashlib.sha256(data).hexdigest() != file.sha256:
+            raise StorageError(f"{self._folder.address(file.key)}: is damaged, delete it.", lasting=True)
+        path = into / file.name
+        try:
+            path.parent.mkdir(parents=True, exist_ok=True)
+            sweep(path.parent, path.name)
+            with replacing(path) as temporary:
+                temporary.write_bytes(data)
+        except OSError as error:
+            raise StorageError(f"{path}: could not be written ({error.strerror or error}).") from error
+        return True
+
+    def _versions(self, prefix: str) -> list[SharedFile]:
+        found = [(_KEPT.fullmatch(key), size) for key, size in self._folder.sizes(prefix).items()]
+        files = [SharedFile(m["name"], size, m["sha256"], int(m["version"])) for m, size in found if m]
+        return [file for file in files if is_plain(file.name)]
+
+
+def _newest(versions: list[SharedFile]) -> dict[str, SharedFile]:
+    return {file.name: file for file in sorted(versions, key=lambda file: (file.version, file.sha256))}
+
+
+def _common(names: list[str]) -> str:
+    """The folder that all names have in common, with its last slash: only that need be listed."""
+    parts = [name.split("/")[:-1] for name in names]
+    shared = []
+    for level in zip(*parts, strict=False):
+        if len(set(level)) > 1:
+            break
+        shared.append(level[0])
+    return "".join(f"{part}/" for part in shared)
+
+
+def _read(folder: Path, name: str) -> bytes:
+    if not is_plain(name):
+        raise StorageError(f"{name!r:.200}: is no path within a folder.", lasting=True)
+    try:
+        return (folder / name).read_bytes()
+    except OSError as error:
+        raise StorageError(f"{folder / name}: cannot be read ({error.strerror or error}).", lasting=True) from error
+
+
+def _is_here(folder: Path, file: SharedFile) -> bool:
+    path = folder / file.name
+    try:
+        if path.stat().st_size != file.bytes:
+            return False
+        with open(path, "rb") as opened:
+            return hashlib.file_digest(opened, "sha256").hexdigest() == file.sha256
+    except FileNotFoundError:
+        return False
+    except OSError as error:
+        raise StorageError(f"{path}: cannot be read ({error.strerror or error}).") from error

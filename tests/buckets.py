@@ -1,0 +1,106 @@
+"""An S3-compatible server on this machine, buckets in it, and a folder whose line breaks."""
+
+from __future__ import annotations
+
+import json
+import logging
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from typing import Any
+
+import pytest
+
+from splatreel.errors import StorageError
+from splatreel.storage.folder import PLAIN, Folder, Headers
+
+CREDENTIALS = {"AWS_ACCESS_KEY_ID": "key", "AWS_SECRET_ACCESS_KEY": "secret", "AWS_DEFAULT_REGION": "us-east-1"}
+CORS = {
+    "CORSRules": [
+        {
+            "AllowedOrigins": ["*"],
+            "AllowedMethods": ["GET", "HEAD"],
+            "AllowedHeaders": ["Range", "If-Match", "If-None-Match"],
+            "ExposeHeaders": ["Content-Length", "Content-Range", "ETag"],
+            "MaxAgeSeconds": 86400,
+        }
+    ]
+}
+"""What docs/publishing.md tells people to set; a test compares the two."""
+
+
+def readable_by_all(bucket: str) -> dict[str, Any]:
+    """The policy that docs/publishing.md tells people to set."""
+    rule = {"Effect": "Allow", "Principal": "*", "Action": "s3:GetObject", "Resource": f"arn:aws:s3:::{bucket}/*"}
+    return {"Version": "2012-10-17", "Statement": [rule]}
+
+
+@contextmanager
+def s3_server() -> Iterator[str]:
+    """Its address. Only what a bucket's own rules allow is allowed to pages of other sites."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("MOTO_DISABLE_GLOBAL_CORS", "true")
+        server = pytest.importorskip("moto.server").ThreadedMotoServer("127.0.0.1", 0, verbose=False)
+        logging.getLogger("werkzeug").setLevel("ERROR")
+        server.start()
+        host, port = server.get_host_and_port()
+        yield f"http://{host}:{port}"
+        server.stop()
+
+
+@dataclass(frozen=True)
+class Bucket:
+    """An empty bucket. client: boto3's, for what no test is about."""
+
+    name: str
+    server: str
+    client: Any
+
+    def url(self, path: str) -> str:
+        """As Splatreel is given it."""
+        return f"s3://{self.name}/{path}"
+
+    def web(self, path: str) -> str:
+        """As browsers ask for it."""
+        return f"{self.server}/{self.name}/{path}"
+
+    def open_to_pages(self) -> None:
+        """As docs/publishing.md tells."""
+        self.client.put_bucket_cors(Bucket=self.name, CORSConfiguration=CORS)
+        self.client.put_bucket_policy(Bucket=self.name, Policy=json.dumps(readable_by_all(self.name)))
+
+    def headers(self, key: str) -> dict[str, str]:
+        return self.client.head_object(Bucket=self.name, Key=key)["ResponseMetadata"]["HTTPHeaders"]
+
+
+class BreakingFolder:
+    """A folder whose line breaks at the n-th write, counted from 0, and at each that is told; what was written is logged.
+
+    halves: the line breaks after the file has arrived, before the answer.
+    """
+
+    def __init__(self, folder: Folder, breaks: set[int], halves: bool = False) -> None:
+        self.folder, self.breaks, self.halves = folder, breaks, halves
+        self.log: list[str] = []
+        self.writes = 0
+
+    def address(self, name: str) -> str:
+        return self.folder.address(name)
+
+    def read(self, name: str, most: int) -> bytes | None:
+        return self.folder.read(name, most)
+
+    def write(self, name: str, data: bytes, headers: Headers = PLAIN) -> None:
+        number, self.writes = self.writes, self.writes + 1
+        if number not in self.breaks or self.halves:
+            self.folder.write(name, data, headers)
+            self.log.append(name)
+        if number in self.breaks:
+            raise StorageError(f"{self.address(name)}: could not be written (the line is cut).")
+
+    def sizes(self, prefix: str = "") -> dict[str, int]:
+        return self.folder.sizes(prefix)
+
+    def remove(self, name: str) -> None:
+        self.folder.remove(name)
+        self.log.append(f"-{name}")

@@ -1,0 +1,146 @@
+import subprocess
+import sys
+
+import pytest
+
+from splatreel.errors import StorageError, UsageError
+from splatreel.storage.folder import Headers, LocalFolder, is_plain
+from splatreel.storage.opening import is_url, local_path, open_folder
+from splatreel.storage.remote_folder import RemoteFolder, header_arguments
+
+
+def test_what_is_written_is_found_listed_read_and_removed(address):
+    folder = open_folder(address)
+    assert folder.sizes() == {}
+    assert folder.read("a/b.txt", 10) is None
+    folder.write("a/b.txt", b"hello", Headers("text/plain"))
+    folder.write("a/b.txt", b"hello, world")
+    folder.write("a/empty", b"")
+    folder.write("c", b"1")
+    assert folder.sizes() == {"a/b.txt": 12, "a/empty": 0, "c": 1}
+    assert folder.sizes("a/b") == {"a/b.txt": 12}
+    assert folder.sizes("a/") == {"a/b.txt": 12, "a/empty": 0}
+    assert folder.sizes("nothing/here") == {}
+    assert folder.read("a/b.txt", 5) == b"hello"
+    assert folder.read("a/b.txt", 100) == b"hello, world"
+    folder.remove("a/b.txt")
+    folder.remove("a/b.txt")
+    assert set(folder.sizes()) == {"a/empty", "c"}
+    assert folder.address("c") == f"{address}/c"
+
+
+def test_what_others_change_is_seen(address):
+    """No listing is kept."""
+    mine, other = open_folder(address), open_folder(address)
+    mine.write("a", b"1")
+    assert mine.sizes() == {"a": 1}
+    other.write("b", b"22")
+    assert mine.sizes() == {"a": 1, "b": 2}
+
+
+def test_a_bucket_that_is_not_there_is_named(bucket):
+    folder = open_folder("s3://no-such-bucket/reel")
+    with pytest.raises(StorageError, match=r"s3://no-such-bucket/reel/a: could not be written \(1 bytes\)") as caught:
+        folder.write("a", b"1")
+    assert caught.value.lasting
+
+
+def test_a_server_that_is_not_there_may_come_back(bucket, monkeypatch):
+    from s3fs import S3FileSystem
+
+    monkeypatch.setenv("AWS_ENDPOINT_URL", "http://127.0.0.1:9")
+    monkeypatch.setenv("AWS_MAX_ATTEMPTS", "1")
+    monkeypatch.setattr(S3FileSystem, "retries", 1)
+    S3FileSystem.clear_instance_cache()
+    with pytest.raises(StorageError, match="cannot be listed") as caught:
+        open_folder("s3://bucket/reel").sizes()
+    S3FileSystem.clear_instance_cache()
+    assert not caught.value.lasting
+
+
+def test_headers_reach_the_bucket(bucket):
+    open_folder(bucket.url("reel")).write("manifest.json", b"{}", Headers("application/json", "no-cache"))
+    found = bucket.headers("reel/manifest.json")
+    assert (found["content-type"], found["cache-control"]) == ("application/json", "no-cache")
+
+
+def test_headers_are_said_as_each_service_wants_them():
+    headers = Headers("image/jpeg", "no-cache")
+    assert header_arguments("s3", headers) == {"ContentType": "image/jpeg", "CacheControl": "no-cache"}
+    google = {"content_type": "image/jpeg", "fixed_key_metadata": {"cache_control": "no-cache"}}
+    assert header_arguments("gs", headers) == google
+    assert header_arguments("memory", headers) == {}
+
+
+def test_where_files_appear_while_they_are_written_they_are_moved_into_place(tmp_path, monkeypatch):
+    """Here fsspec's own files of this machine stand for those of SFTP and the like."""
+    fsspec = pytest.importorskip("fsspec", reason="needs the extra cloud")
+    folder = RemoteFolder("memory://any")
+    folder._files, folder._root, folder._protocol = fsspec.filesystem("file"), str(tmp_path / "there"), "sftp"
+    folder.write("a/b", b"old")
+    monkeypatch.setattr(folder._files, "mv", lambda *_: (_ for _ in ()).throw(OSError("cut")))
+    with pytest.raises(StorageError, match="cut"):
+        folder.write("a/b", b"new")
+    assert folder.read("a/b", 9) == b"old"
+    assert [path.name for path in (tmp_path / "there" / "a").iterdir()] == ["b"]
+
+
+@pytest.mark.parametrize(
+    ("address", "error", "words"),
+    [
+        ("nix://bucket/reel", UsageError, "Protocol not known"),
+        ("s3://", UsageError, "names no folder"),
+        ("http://host/reel", UsageError, "web servers take no files"),
+        ("file://host/reel", UsageError, "three slashes"),
+    ],
+)
+def test_addresses_that_cannot_be_used(address, error, words):
+    pytest.importorskip("fsspec", reason="needs the extra cloud")
+    with pytest.raises(error, match=words):
+        open_folder(address)
+
+
+@pytest.mark.parametrize(
+    ("url", "missing", "command"),
+    [
+        ("gs://bucket/reel", "gcsfs", "pip install gcsfs"),
+        ("s3://bucket/reel", "s3fs", "pip install s3fs"),
+        ("s3://bucket/reel", "fsspec", "pip install 'splatreel[cloud]' s3fs"),
+    ],
+)
+def test_a_missing_package_is_named(url, missing, command):
+    pytest.importorskip("fsspec", reason="needs the extra cloud")
+    code = "import sys; sys.modules[sys.argv[2]] = None\nfrom splatreel.cli.failure import explain\n"
+    code += "from splatreel.storage.opening import open_folder\n"
+    code += "try: open_folder(sys.argv[1])\nexcept Exception as error: print(explain(error, [])[0])"
+    result = subprocess.run([sys.executable, "-c", code, url, missing], capture_output=True, text=True, check=True)
+    assert result.stdout.startswith(f"Error: {url}: ")
+    assert result.stdout.endswith(f"\n  {command}\n")
+
+
+def test_paths_need_no_fsspec(tmp_path):
+    code = "import sys; sys.modules['fsspec'] = None\nfrom splatreel.storage.opening import open_folder\n"
+    code += "open_folder(sys.argv[1]).write('a/b', b'1'); print(open_folder('file://' + sys.argv[1]).sizes())"
+    result = subprocess.run([sys.executable, "-c", code, str(tmp_path)], capture_output=True, text=True, check=True)
+    assert result.stdout == "{'a/b': 1}\n"
+
+
+def test_paths_and_addresses_are_told_apart(tmp_path):
+    assert [is_url(text) for text in ("s3://a", "memory://a", "C:\\reel", "a/b", "c:/x", "s3:/a")] == [
+        True,
+        True,
+    ] + 4 * [False]
+    assert local_path("file:///some/a%20b") == local_path("/some/a b")
+    assert local_path("s3://a/b") is None
+
+
+def test_names_that_lead_elsewhere_are_not_plain():
+    assert all(map(is_plain, ("a", "a/b.c", "work/group0001/keyframe.safetensors@000000-ab", "a b")))
+    assert not any(map(is_plain, ("", "/a", "a/", "../a", "a/../b", "a//b", ".hidden", "a/.b", "a\\b", "a\nb")))
+
+
+def test_a_disk_that_refuses_is_named(tmp_path):
+    (tmp_path / "file").write_text("")
+    folder = LocalFolder(tmp_path / "file")
+    with pytest.raises(StorageError, match="file/a: could not be written"):
+        folder.write("a", b"1")
