@@ -100,10 +100,8 @@ class _Solver:
         colmap, progress = self.colmap, self.progress
         if self.photos:
             progress.stage(f"comparing {len(self.photos)} photographs", 1)
-            colmap.extract_features(
-                self.known, self.pictures, image_names=self.photos, camera_mode=colmap.CameraMode.PER_FOLDER
-            )
-            colmap.match_exhaustive(self.known, matching_options=self._matching())
+            self._extract(self.known, self.photos, colmap.CameraMode.PER_FOLDER)
+            self._match(self.known, 0)
             progress.update(1)
         frames = np.unique(np.linspace(0, videos.frames - 1, MOMENTS).round().astype(int)).tolist()
         progress.stage(f"placing {len(names)} cameras at {len(frames)} moments", 4 * len(frames))
@@ -126,12 +124,14 @@ class _Solver:
         self.progress.update(4 * moment + 1)
         if self.known.exists():
             shutil.copy(self.known, database)
-        colmap.extract_features(database, self.pictures, image_names=images, camera_mode=colmap.CameraMode.PER_IMAGE)
+        self._extract(database, images, colmap.CameraMode.PER_IMAGE)
         self.progress.update(4 * moment + 2)
-        colmap.match_exhaustive(database, matching_options=self._matching())
+        seed = moment + 1  # what hangs on chance is to differ from moment to moment
+        self._match(database, seed)
         self.progress.update(4 * moment + 3)
         options = colmap.IncrementalPipelineOptions()
-        options.random_seed = moment + 1  # what hangs on chance is to differ from moment to moment
+        options.random_seed = seed
+        options.num_threads = 1  # several add up the errors of many points in any order
         out = self.folder / f"models{moment}"
         out.mkdir()
         models = colmap.incremental_mapping(database, self.pictures, out, options=options)
@@ -139,10 +139,18 @@ class _Solver:
         found = [model for model in models.values() if _rig(model)]
         return max(found, key=lambda model: (len(_rig(model)), len(model.points3D)), default=None)
 
-    def _matching(self) -> Any:
-        matching = self.colmap.FeatureMatchingOptions()
+    def _extract(self, database: Path, images: list[str], mode: Any) -> None:
+        """Find the features of pictures. Threads are done in any order, so that the pictures are numbered before."""
+        self.colmap.Database.open(database).close()
+        self.colmap.import_images(database, self.pictures, camera_mode=mode, image_names=images)
+        self.colmap.extract_features(database, self.pictures, image_names=images, camera_mode=mode)
+
+    def _match(self, database: Path, seed: int) -> None:
+        """Find what pictures have in common, the same for the same seed: without one, each thread draws numbers of its own."""
+        matching, verification = self.colmap.FeatureMatchingOptions(), self.colmap.TwoViewGeometryOptions()
         matching.guided_matching = True  # once two cameras are known roughly, their lines tell where to look for more
-        return matching
+        verification.ransac.random_seed = seed
+        self.colmap.match_exhaustive(database, matching_options=matching, verification_options=verification)
 
 
 def _rig(model: Any) -> CalibratedRig:
