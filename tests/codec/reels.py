@@ -17,6 +17,9 @@ from splatreel.scene.group import Group
 from tests.golden import camera, random_gaussians, random_motion
 
 CONFIG = EncodeConfig(codec="h265", sh_entries=16)
+QUICK = EncodeConfig(coarseness=1.0)
+HOW = "config", "resume", "first_group", "page"
+"""What of a writer is no field of its header."""
 
 
 def new_writer(path: Path, **changes) -> ReelWriter:
@@ -31,7 +34,7 @@ def new_writer(path: Path, **changes) -> ReelWriter:
         "camera": camera("start", 0),
         "cameras": [camera("a", 1)],
     }
-    how = {name: changes.pop(name) for name in ("config", "resume") if name in changes}
+    how = {name: changes.pop(name) for name in HOW if name in changes}
     return ReelWriter(path, ReelHeader(**(settings | changes)), **({"config": CONFIG} | how))
 
 
@@ -58,6 +61,26 @@ def write_reel(path: Path, groups: int = 2) -> Path:
         writer.add_layer(index, 2 * index, points(born, seed=index))
         static += born
         writer.add_group(new_group(index, 15, static))
+    writer.finish()
+    return path
+
+
+def add_chapter_group(writer: ReelWriter, index: int, chapter: int) -> None:
+    """A group of a reel in chapters: 6 static points of all, 4 of each chapter from its first group on, 2 from its second on."""
+    first = index // chapter * chapter
+    if index == 0:
+        writer.add_layer(0, 0, points(6, seed=1000))
+    born = {first: 4, first + 1: 2}.get(index, 0)
+    writer.add_layer(index, 2 * index, points(born, seed=2000 + index), until=first + chapter)
+    static = 10 if index == first else 12
+    writer.add_group(new_group(index, 3, np.arange(static) % 5 != index % 5))
+
+
+def write_chapters(path: Path, groups: int = 12, chapter: int = 4, page: int = 2, **changes) -> Path:
+    """A finished reel in chapters, with pages of so few groups (`add_chapter_group`)."""
+    writer = new_writer(path, **({"config": QUICK, "page": page} | changes))
+    for index in range(groups):
+        add_chapter_group(writer, index, chapter)
     writer.finish()
     return path
 

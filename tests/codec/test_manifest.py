@@ -97,7 +97,8 @@ def test_uris_that_leave_the_reel(uri):
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        (lambda d: d.update(version=2), "version 2"),
+        (lambda d: d.update(version=3), "version 3"),
+        (lambda d: d.update(version=True), "version True"),
         (lambda d: d.update(format="mp4"), "not the manifest"),
         (lambda d: d.update(fps=0), "fps"),
         (lambda d: d.update(fps=float("nan")), "fps"),

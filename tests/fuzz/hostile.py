@@ -67,7 +67,7 @@ MANIFEST_LIES: dict[str, Callable[[dict[str, Any]], object]] = {
     "manifest-infinite-frames": lambda m: m.update(frames=10**400),
     "manifest-no-camera": lambda m: m.update(camera=None),
     "manifest-bounds-of-one-corner": lambda m: m.update(bounds=[[0, 0, 0]]),
-    "manifest-later-version": lambda m: m.update(version=2),
+    "manifest-later-version": lambda m: m.update(version=3),
     "manifest-endless": lambda m: m.update(frames=1 << 40),
     "manifest-endless-group": lambda m: (m.update(frames=1 << 40), m["groups"][-1].update(frames=(1 << 40) - 2)),
     "manifest-points-without-bytes": lambda m: m["layers"][0].update(points=800_000),

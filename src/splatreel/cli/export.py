@@ -59,17 +59,17 @@ def export(
     from splatreel.play.timeline import open_reel
 
     source = open_reel(reel_folder(reel), rendition, megabytes(max_memory))
-    total = source.manifest.frames
+    start, total = source.manifest.first_frame, source.manifest.frames
     if path is not None and (out.suffix != ".mp4" or frames is not None):
         raise UsageError(
             "--path is for films (--out F.mp4), and says itself which times of the reel they show: leave out --frames."
         )
     if (out.suffix in FORMATS) != (frame is not None):
         raise UsageError("One file takes --frame N; a folder of them, or a film (.mp4), takes --frames A:B or nothing.")
-    first, end = (frame, frame + 1) if frame is not None else parse_frames(frames) or (0, total)
-    if not 0 <= first < end <= total:
-        wrong = f"frame {frame}" if frame is not None else f"frame {end - 1}"
-        raise UsageError(f"{reel}: there is no {wrong}; choose 0 to {total - 1}.")
+    first, end = (frame, frame + 1) if frame is not None else parse_frames(frames) or (start, total)
+    if not start <= first < end <= total:
+        wrong = f"frame {frame}" if frame is not None else f"frame {first if first < start else end - 1}"
+        raise UsageError(f"{reel}: there is no {wrong}; choose {start} to {total - 1}.")
     place = out.parent if out.suffix else out
     place.mkdir(parents=True, exist_ok=True)
     sweep(place, out.name if out.suffix else "")

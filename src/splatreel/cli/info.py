@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import json as json_format
+from collections import Counter
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -41,11 +42,12 @@ def describe(name: str, found: ReelInfo) -> str:
     """The summary of a reel: the whole, the groups, the sections."""
     manifest = found.manifest
     width, height = manifest.camera.width, manifest.camera.height
-    seconds = manifest.frames / manifest.fps
+    count = manifest.frames - manifest.first_frame
+    seconds = count / manifest.fps
     state = "still growing, " if manifest.live else ""
     lines = [
         f"{name}: {state}made by {manifest.generator or 'an unnamed program'}",
-        f"  {manifest.frames} frames at {manifest.fps:g} a second, {seconds:.2f} s, from {width} x {height} pixels",
+        f"  {count} frames at {manifest.fps:g} a second, {seconds:.2f} s, from {width} x {height} pixels",
         f"  {len(manifest.cameras)} cameras; color depends on the view by spherical harmonics of degree {manifest.sh_degree}",
         f"  {found.bytes:,} bytes, {found.bytes_per_second:,.0f} for each second of video; {found.first_view_bytes:,} are fetched "
         "before the first picture",
@@ -62,14 +64,7 @@ def describe(name: str, found: ReelInfo) -> str:
         ]
         lines.append(f"  groups in renditions: {', '.join(rates)}")
     lines += presented(manifest)
-    for group in manifest.groups:
-        born = next((layer for layer in manifest.layers if layer.group == group.group), None)
-        new = f"{born.points:,} new static points ({born.bytes:,} bytes)" if born else "no new static points"
-        last = group.first_frame + group.frames - 1
-        lines.append(
-            f"  group {group.group}: frames {group.first_frame} to {last}, "
-            f"{group.points:,} dynamic points ({group.bytes:,} bytes), {new}"
-        )
+    lines += group_lines(manifest)
     points = {"layer": manifest.layers, "group": manifest.groups}
     for kind, sections in found.section_bytes.items():
         count = max(sum(file.points for file in points[kind]), 1)
@@ -77,6 +72,24 @@ def describe(name: str, found: ReelInfo) -> str:
         if parts:
             lines.append(f"  sections of the {kind}s, in bytes (and bits a point): {', '.join(parts)}")
     return "\n".join([*lines, *rate_chart(manifest)])
+
+
+def group_lines(manifest: Manifest) -> list[str]:
+    """A line for each group: what is its own, and what was born at it."""
+    points, sizes = Counter[int](), Counter[int]()
+    for layer in manifest.layers:
+        points[layer.group] += layer.points
+        sizes[layer.group] += layer.bytes
+    return [
+        f"  group {group.group}: frames {group.first_frame} to {group.end - 1}, "
+        f"{group.points:,} dynamic points ({group.bytes:,} bytes), "
+        + (
+            f"{points[group.group]:,} new static points ({sizes[group.group]:,} bytes)"
+            if group.group in points
+            else "no new static points"
+        )
+        for group in manifest.groups
+    ]
 
 
 def presented(manifest: Manifest) -> list[str]:
@@ -112,9 +125,11 @@ ROWS, BAR = 24, 48
 
 def rate_chart(manifest: Manifest) -> list[str]:
     """Megabits a second that a player fetches while groups play: their own files, and the layers born at them, drawn lighter."""
-    groups, born = manifest.groups, {layer.group: layer.bytes for layer in manifest.layers}
+    groups, born = manifest.groups, Counter[int]()
     if not groups:
         return []
+    for layer in manifest.layers:
+        born[layer.group] += layer.bytes
     ends = [group.first_frame for group in groups[1:]] + [manifest.frames]
     together = -(-len(groups) // ROWS)
     rows = []
@@ -122,7 +137,7 @@ def rate_chart(manifest: Manifest) -> list[str]:
         last = min(first + together, len(groups)) - 1
         seconds = max(ends[last] - groups[first].first_frame, 1) / manifest.fps
         own = sum(group.bytes for group in groups[first : last + 1])
-        layers = sum(born.get(index, 0) for index in range(first, last + 1))
+        layers = sum(born[group.group] for group in groups[first : last + 1])
         rows.append((groups[first].first_frame / manifest.fps, 8e-6 * own / seconds, 8e-6 * layers / seconds))
     top = max(own + layers for _, own, layers in rows) or 1.0
     lines = ["  rate over time, Mbit/s (█ groups, ░ new static points)"]

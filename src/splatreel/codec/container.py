@@ -12,12 +12,13 @@ import safetensors.numpy
 
 from splatreel.codec import budget
 from splatreel.codec.document import parse_object
-from splatreel.codec.manifest import VERSION
 from splatreel.codec.quantize import integer
 from splatreel.codec.section import Section, Sections
 from splatreel.errors import ReelError
 from splatreel.scene.atomic import replacing
 
+VERSION = 1
+"""Of layer and group files; that of manifests is their own."""
 _KEY = "splatreel"
 _PADDING = "padding"
 _MAX_HEADER = 1 << 20

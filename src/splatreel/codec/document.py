@@ -1,8 +1,9 @@
-"""Parsing of JSON from untrusted files."""
+"""JSON: parsing it from untrusted files, and writing it so that it can be read."""
 
 from __future__ import annotations
 
 import json
+from collections.abc import Mapping
 from typing import Any
 
 from splatreel.errors import ReelError
@@ -26,3 +27,22 @@ def parse_object(text: bytes | str, what: str = "") -> dict[str, Any]:
     if not isinstance(value, dict):
         raise ReelError(f"{subject} is not a JSON object.".strip())
     return value
+
+
+def items(document: Mapping[str, Any], name: str, low: int, high: int) -> list[Any]:
+    """The list of that name. Raises `ReelError` where there is none of `low` to `high` items."""
+    value = document.get(name)
+    if not isinstance(value, list) or not low <= len(value) <= high:
+        raise ReelError(f"has {name} that are not a list of {low} to {high} items.")
+    return value
+
+
+def in_lines(document: Mapping[str, Any]) -> str:
+    """JSON with a line for each field, and for each object of its lists: short, and yet to be read."""
+    return "{\n" + ",\n".join(f"{json.dumps(name)}: {_lines(value)}" for name, value in document.items()) + "\n}\n"
+
+
+def _lines(value: Any) -> str:
+    if isinstance(value, list) and value and isinstance(value[0], dict):
+        return "[\n" + ",\n".join(_lines(entry) for entry in value) + "\n]"
+    return json.dumps(value, separators=(",", ":"), allow_nan=False)

@@ -9,6 +9,7 @@ from pathlib import Path
 from splatreel.codec.container import write_atomically
 from splatreel.codec.manifest import Manifest, parse_manifest
 from splatreel.codec.presentation import check_text
+from splatreel.codec.source import open_source
 from splatreel.errors import ReelError
 
 
@@ -19,7 +20,7 @@ def edit_reel(folder: Path, words: Mapping[str, str]) -> Manifest:
     """
     file = folder / "manifest.json"
     try:
-        manifest = parse_manifest(file.read_bytes(), str(file))
+        manifest = parse_manifest(file.read_bytes(), str(file), open_source(folder).read)
     except OSError as error:
         raise ReelError(f"{file}: cannot be read ({error.strerror}). Name the folder of a reel.") from error
     if manifest.live:

@@ -8,19 +8,21 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from splatreel.codec.container import unpack_file
-from splatreel.codec.manifest import FileEntry, Manifest
+from splatreel.codec.file_entry import FileEntry
+from splatreel.codec.manifest import Manifest
 from splatreel.codec.reader import ReelReader
 from splatreel.errors import ReelError
 
 
 @dataclass(frozen=True)
 class ReelInfo:
-    """Sizes in bytes, of one rendition where there are several. The manifest counts into `bytes` and `first_view_bytes` only."""
+    """Sizes in bytes, of one rendition where there are several. The manifest counts into `bytes` and `first_view_bytes` only, its pages
+    into `bytes`, the first of them into `first_view_bytes`."""
 
     manifest: Manifest
     bytes: int
     first_view_bytes: int
-    """What a player fetches before it shows the first frame: the manifest, the first group and the layers born at it."""
+    """What a player fetches before it shows the first frame: the manifest, the first group and the layers that live at it."""
     bytes_per_second: float
     """Of everything but the first layers, which are fetched once."""
     layer_bytes: list[int]
@@ -47,13 +49,15 @@ def reel_info(location: str | Path, rendition: str | None = None) -> ReelInfo:
     layers, groups = manifest.layers, manifest.groups
     manifest_bytes = len(whole.to_json().encode())
     layer_bytes, group_bytes = [e.bytes for e in layers], [e.bytes for e in groups]
-    first = manifest_bytes + sum(e.bytes for e in (*layers, *groups) if e.group == 0)
-    growth = sum(e.bytes for e in layers if e.group > 0) + sum(group_bytes)
+    first = manifest_bytes + sum(page.bytes for page in whole.pages[:1])
+    first += sum(layers[index].bytes for index in manifest.living(manifest.first_group)) + sum(group_bytes[:1])
+    growth = sum(e.bytes for e in layers if e.group > manifest.first_group) + sum(group_bytes)
+    seconds = (manifest.frames - manifest.first_frame) / manifest.fps
     return ReelInfo(
         manifest=manifest,
-        bytes=manifest_bytes + sum(layer_bytes) + sum(group_bytes),
+        bytes=manifest_bytes + sum(page.bytes for page in whole.pages) + sum(layer_bytes) + sum(group_bytes),
         first_view_bytes=first,
-        bytes_per_second=growth / reel.duration if reel.frames else 0.0,
+        bytes_per_second=growth / seconds if reel.frames else 0.0,
         layer_bytes=layer_bytes,
         group_bytes=group_bytes,
         section_bytes={"layer": _section_bytes(reel, layers), "group": _section_bytes(reel, groups)},

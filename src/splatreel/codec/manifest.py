@@ -2,58 +2,60 @@
 
 from __future__ import annotations
 
-import json
 import re
-from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
+from collections.abc import Iterable
+from dataclasses import dataclass, replace
+from functools import cached_property
 from itertools import pairwise
 from typing import Any
 
 import numpy as np
 
-from splatreel.codec.budget import MOST_FRAMES, most_points
-from splatreel.codec.document import parse_object
+from splatreel.codec.budget import most_points
+from splatreel.codec.document import in_lines, items, parse_object
+from splatreel.codec.file_entry import (
+    BIG,
+    MAX_FILES,
+    FileEntry,
+    birth_order,
+    group_to_json,
+    layer_to_json,
+    parse_group,
+    parse_layer,
+)
 from splatreel.codec.header import BLACK, ReelHeader
-from splatreel.codec.presentation import EMPTY, Asset, Presentation, parse_digest, parse_presentation, parse_uri
+from splatreel.codec.manifest_pages import (
+    Fetch,
+    Page,
+    PageEntry,
+    join_layers,
+    load_pages,
+    parse_page_entries,
+    rendition_bytes,
+)
+from splatreel.codec.presentation import EMPTY, Asset, Presentation, parse_presentation
 from splatreel.codec.quantize import boolean, integer, number, numbers
 from splatreel.errors import ReelError
 from splatreel.scene.camera import Camera
 from splatreel.scene.clearance import NONE, Clearance
 
 FORMAT = "splatreel"
-VERSION = 1
+VERSIONS = 1, 2
+"""The second where a layer is retired or not alone at its group, where groups were dropped, and where there are pages."""
 MAX_BYTES = 16 << 20
 """Size of the largest manifest that is read."""
-MAX_FILE_BYTES = 1 << 30
-"""Size of the largest layer or group file that is read."""
 
 MAX_RENDITIONS = 16
 _NAME = re.compile(r"[a-z0-9][a-z0-9_-]{0,31}")
-_BIG = 1 << 40
-
-
-@dataclass(frozen=True)
-class FileEntry:
-    """One layer or group file. group: the group a layer was born at, a group's own index. frames: 0 for layers.
-
-    renditions: the same group in the reel's other renditions, by name; without renditions of their own.
-    """
-
-    uri: str
-    bytes: int
-    sha256: str
-    first_frame: int
-    frames: int
-    points: int
-    group: int
-    renditions: Mapping[str, FileEntry] = field(default_factory=dict)
 
 
 @dataclass(frozen=True, kw_only=True)
 class Manifest(ReelHeader):
     """The fields of `manifest.json`: the header, and the files that there are.
 
-    live: more will come. frames: of all groups so far.
+    live: more will come. frames: the end of all groups so far.
+    layers, groups: all of them, those of the pages, too. first_group: the number of the first, where earlier ones were dropped.
+    pages: the files that hold the first groups, as many as they say; the others are in the manifest itself.
     renditions: names of the rates that the groups are there in, best first; the first is that of the groups' own files, and the
     layers are common to all. Empty where there is nothing to choose.
     """
@@ -63,8 +65,17 @@ class Manifest(ReelHeader):
     frames: int
     layers: tuple[FileEntry, ...] = ()
     groups: tuple[FileEntry, ...] = ()
+    first_group: int = 0
+    pages: tuple[PageEntry, ...] = ()
     renditions: tuple[str, ...] = ()
     presentation: Presentation = EMPTY
+
+    @property
+    def version(self) -> int:
+        """Of the format, as low as what the reel holds allows."""
+        many = any(a.group == b.group for a, b in pairwise(self.layers))
+        retired = any(layer.until is not None for layer in self.layers)
+        return 2 if self.first_group or self.pages or many or retired else 1
 
     @property
     def files(self) -> list[FileEntry]:
@@ -73,8 +84,28 @@ class Manifest(ReelHeader):
         return [*self.layers, *self.groups, *others]
 
     @property
+    def uris(self) -> set[str]:
+        """Every file of the reel but the manifest."""
+        return {entry.uri for entry in (*self.files, *self.assets, *self.pages)}
+
+    @property
+    def end_group(self) -> int:
+        """The number that the next group gets."""
+        return self.first_group + len(self.groups)
+
+    @property
+    def first_frame(self) -> int:
+        """The first frame that can be shown; 0 where there is no group yet."""
+        return self.groups[0].first_frame if self.groups else 0
+
+    @property
+    def paged(self) -> int:
+        """How many groups are in pages."""
+        return sum(page.groups for page in self.pages)
+
+    @property
     def assets(self) -> list[Asset]:
-        """Every other file of the reel but the manifest."""
+        """Pictures and sound."""
         return self.presentation.assets
 
     def of_rendition(self, name: str) -> Manifest:
@@ -83,26 +114,49 @@ class Manifest(ReelHeader):
             there = f"has {', '.join(self.renditions)}" if self.renditions else "has no renditions to choose from"
             raise ReelError(f"has no rendition {name!r:.100}; it {there}.")
         groups = (replace(group.renditions.get(name, group), renditions={}) for group in self.groups)
-        return replace(self, groups=tuple(groups), renditions=())
+        return replace(self, groups=tuple(groups), renditions=(), pages=())
+
+    def without_pages(self) -> Manifest:
+        """The same reel, all in the manifest itself."""
+        return replace(self, pages=())
 
     def rendition_bytes(self) -> dict[str, int]:
         """By rendition: bytes of its groups."""
-        return {name: sum(g.renditions.get(name, g).bytes for g in self.groups) for name in self.renditions}
+        return rendition_bytes(self.groups, self.renditions)
 
-    def with_files(self, layers: list[FileEntry], groups: list[FileEntry]) -> Manifest:
+    def with_files(self, layers: Iterable[FileEntry], groups: Iterable[FileEntry]) -> Manifest:
         """The same reel with these files, its number of frames counted anew."""
-        frames = max((g.first_frame + g.frames for g in groups), default=0)
-        return replace(self, layers=tuple(layers), groups=tuple(groups), frames=frames)
+        layers, groups = tuple(layers), tuple(groups)
+        return replace(self, layers=layers, groups=groups, frames=max((group.end for group in groups), default=0))
+
+    def group_entry(self, group: int) -> FileEntry:
+        """The file of the group of that number. Raises `ReelError` where it is not there."""
+        if not self.first_group <= group < self.end_group:
+            there = f"{len(self.groups)} groups" + (f" from {self.first_group} on" if self.first_group else "")
+            raise ReelError(f"has {there}, group {group} was asked for.")
+        return self.groups[group - self.first_group]
+
+    def living(self, group: int) -> list[int]:
+        """Which layers a group shows, by their places in `layers`: it says of each of their points whether it is alive."""
+        born, until, _ = self._lives
+        return np.flatnonzero((born <= group) & (group < until)).tolist()
 
     def static_points(self, group: int) -> int:
-        """Static points of all layers born up to a group."""
-        return sum(layer.points for layer in self.layers if layer.group <= group)
+        """Points of the layers that live at a group."""
+        born, until, points = self._lives
+        return int(points[(born <= group) & (group < until)].sum())
+
+    @cached_property
+    def _lives(self) -> np.ndarray:
+        """[3, L]: the groups at which layers are born and retired, and their points."""
+        lives = [(layer.group, BIG + 1 if layer.until is None else layer.until, layer.points) for layer in self.layers]
+        return np.array(lives, np.int64).reshape(-1, 3).T
 
     def to_json(self) -> str:
-        """The text of the file."""
+        """The text of the file. What is in pages is not in it."""
         document = {
             "format": FORMAT,
-            "version": VERSION,
+            "version": self.version,
             "generator": self.generator,
             "live": self.live,
             "fps": self.fps,
@@ -124,17 +178,24 @@ class Manifest(ReelHeader):
         if self.renditions:
             document["renditions"] = [{"name": n, "bytes": b} for n, b in self.rendition_bytes().items()]
         document |= self.presentation.to_json()
-        document |= {
-            "layers": [_file_to_json(layer, "layer") for layer in self.layers],
-            "groups": [_file_to_json(group, "group") for group in self.groups],
-        }
-        return "{\n" + ",\n".join(f"{json.dumps(name)}: {_lines(value)}" for name, value in document.items()) + "\n}\n"
+        if self.first_group:
+            document["first_group"] = self.first_group
+        if self.pages:
+            document["pages"] = [page.to_json() for page in self.pages]
+        own = self.groups[self.paged :]
+        layers = [layer for layer in self.layers if not self.pages or layer.until is None or layer.until > own[0].group]
+        document |= {"layers": [*map(layer_to_json, layers)], "groups": [*map(group_to_json, own)]}
+        return in_lines(document)
 
 
-def parse_manifest(data: bytes, source: str) -> Manifest:
-    """The manifest in data. Raises `ReelError`, with `source` in its message, for whatever is not a valid one."""
+def parse_manifest(data: bytes, source: str, fetch: Fetch | None = None, whole: bool = True) -> Manifest:
+    """The manifest in data, joined with its pages. fetch: gets a page; None: a manifest that has some is refused.
+
+    whole: False takes what there is up to the first page that is missing or damaged, as of a reel of which nothing follows.
+    Raises `ReelError`, with `source` in its message, for whatever is not a valid one.
+    """
     try:
-        return _parse(_load(data))
+        return _parse(_load(data), fetch, whole)
     except ReelError as error:
         raise ReelError(f"{source}: {error}") from error
 
@@ -145,60 +206,105 @@ def _load(data: bytes) -> dict[str, Any]:
     document = parse_object(data)
     if document.get("format") != FORMAT:
         raise ReelError("is not the manifest of a reel: its `format` is not 'splatreel'.")
-    if document.get("version") != VERSION or isinstance(document["version"], bool):
-        raise ReelError(f"has version {document.get('version')!r}; this Splatreel reads {VERSION}. Update Splatreel.")
+    version = document.get("version")
+    if version not in VERSIONS or isinstance(version, bool):
+        read = " and ".join(map(str, VERSIONS))
+        raise ReelError(f"has version {version!r:.60}; this Splatreel reads {read}. Update Splatreel.")
     return document
 
 
-def _parse(document: dict[str, Any]) -> Manifest:
-    live = boolean(document, "live")
-    bounds = [numbers({"bounds": corner}, "bounds", 3) for corner in _list(document, "bounds", 2, 2)]
-    if (bounds[0] > bounds[1]).any():
-        raise ReelError(f"has bounds whose first corner {bounds[0].tolist()} is above its second.")
-    layers = [_parse_file(entry, "layer", i) for i, entry in enumerate(_list(document, "layers", 0, 1 << 20))]
-    names = _parse_names(document)
-    groups = [_parse_group(entry, i, names) for i, entry in enumerate(_list(document, "groups", 0, 1 << 20))]
-    for kind, order in (("groups", [g.first_frame for g in groups]), ("layers", [layer.group for layer in layers])):
-        if any(a >= b for a, b in pairwise(order)):
-            raise ReelError(f"has {kind} that are not in order of time.")
-    if not groups and not live:
+def _parse(document: dict[str, Any], fetch: Fetch | None, whole: bool) -> Manifest:
+    manifest = _parse_header(document)
+    version, names = document["version"], manifest.renditions
+    if version > 1:
+        first = integer(document, "first_group", 0, BIG) if "first_group" in document else 0
+        manifest = replace(manifest, first_group=first, pages=parse_page_entries(document, names))
+    own = manifest.first_group + manifest.paged
+    layers = tuple(parse_layer(entry, i, version) for i, entry in enumerate(items(document, "layers", 0, MAX_FILES)))
+    listed = items(document, "groups", 0, MAX_FILES)
+    part = Page(layers, tuple(parse_group(entry, i, own + i, names) for i, entry in enumerate(listed)))
+    if not part.groups and not (manifest.live and not manifest.pages):
         raise ReelError("has no group.")
+    pages, complete = _load_pages(manifest, fetch, whole)
+    if complete:
+        manifest = _joined(manifest, [*pages, part])
+        _check(manifest, document)
+        return manifest
+    cut = manifest.first_group + sum(len(page.groups) for page in pages)
+    kept = replace(manifest, pages=manifest.pages[: len(pages)], live=True)
+    mortal = {layer.uri: layer for page in pages for layer in page.layers if layer.group < cut}
+    stay = [layer for layer in layers if layer.until is None and layer.group < cut]
+    return kept.with_files(
+        sorted([*stay, *mortal.values()], key=birth_order), [g for page in pages for g in page.groups]
+    )
+
+
+def _load_pages(manifest: Manifest, fetch: Fetch | None, whole: bool) -> tuple[list[Page], bool]:
+    """The pages, and whether these are all; they are unless `whole` is False."""
+    pages: list[Page] = []
+    if manifest.pages and fetch is None:
+        raise ReelError("has pages, and is not read alone. Name the folder of the reel, or its address.")
+    try:
+        if manifest.pages and fetch:
+            for page in load_pages(manifest.pages, manifest.first_group, manifest.renditions, fetch):
+                pages.append(page)  # those before one that fails are kept
+    except ReelError:
+        if whole:
+            raise
+    return pages, len(pages) == len(manifest.pages)
+
+
+def _joined(manifest: Manifest, parts: list[Page]) -> Manifest:
+    """With the layers and groups of all parts, that of the manifest itself last."""
+    return manifest.with_files(join_layers(parts), (group for part in parts for group in part.groups))
+
+
+def _check(manifest: Manifest, document: dict[str, Any]) -> None:
+    layers, groups = manifest.layers, manifest.groups
+    if any(a.first_frame >= b.first_frame for a, b in pairwise(groups)):
+        raise ReelError("has groups that are not in order of time.")
+    if document["version"] == 1 and any(a.group >= b.group for a, b in pairwise(layers)):
+        raise ReelError("has layers that are not in order of time.")
     if sum(layer.points for layer in layers) > most_points(sum(layer.bytes for layer in layers)):
         raise ReelError("has layers of more points than their bytes hold.")
     for before, after in pairwise(groups):
-        if before.first_frame + before.frames < after.first_frame:
+        if before.end < after.first_frame:
             raise ReelError(f"has no group for the frames from {before.uri}'s last to {after.uri}'s first.")
-    end = max((group.first_frame + group.frames for group in groups), default=0)
-    if document.get("frames") != end:
-        raise ReelError(f"says it has {document.get('frames')!r:.60} frames, its groups hold {end}.")
-    if layers and layers[-1].group >= len(groups):
+    if document.get("frames") != manifest.frames or isinstance(document["frames"], bool):
+        raise ReelError(f"says it has {document.get('frames')!r:.60} frames, its groups hold {manifest.frames}.")
+    if layers and layers[-1].group >= manifest.end_group:
         raise ReelError(f"has a layer of group {layers[-1].group}, but {len(groups)} groups.")
+    for entry, (name, size) in zip(document.get("renditions", []), manifest.rendition_bytes().items(), strict=False):
+        if integer(entry, "bytes", 0, BIG) != size:
+            raise ReelError(f"says that rendition {name} has {entry['bytes']} bytes; its groups have {size}.")
+
+
+def _parse_header(document: dict[str, Any]) -> Manifest:
+    """All but the layers and groups, and what there is of pages."""
+    live = boolean(document, "live")
+    bounds = [numbers({"bounds": corner}, "bounds", 3) for corner in items(document, "bounds", 2, 2)]
+    if (bounds[0] > bounds[1]).any():
+        raise ReelError(f"has bounds whose first corner {bounds[0].tolist()} is above its second.")
     generator = document.get("generator", "")
-    manifest = Manifest(
+    return Manifest(
         generator=generator if isinstance(generator, str) else "",
         live=live,
         fps=number(document, "fps", 1e-3, 1e5),
-        frames=integer(document, "frames", 0 if live else 1, _BIG),
-        group_length=integer(document, "group_length", 1, _BIG),
-        overlap=integer(document, "overlap", 0, _BIG),
+        frames=integer(document, "frames", 0 if live else 1, BIG),
+        group_length=integer(document, "group_length", 1, BIG),
+        overlap=integer(document, "overlap", 0, BIG),
         sh_degree=integer(document, "sh_degree", 0, 3),
         bounds=np.stack(bounds),
         up=numbers(document, "up", 3),
         camera=_parse_camera(document.get("camera")),
-        cameras=tuple(_parse_camera(camera) for camera in _list(document, "cameras", 0, 100_000)),
+        cameras=tuple(_parse_camera(camera) for camera in items(document, "cameras", 0, 100_000)),
         near=number(document, "near", 1e-30, 1e30) if "near" in document else 0.01,
         clearance=_parse_clearance(document["clearance"]) if "clearance" in document else NONE,
         antialias=boolean(document, "antialias", False),
         background=_parse_background(document),
-        layers=tuple(layers),
-        groups=tuple(groups),
-        renditions=names,
+        renditions=_parse_names(document),
         presentation=parse_presentation(document),
     )
-    for entry, (name, size) in zip(document.get("renditions", []), manifest.rendition_bytes().items(), strict=False):
-        if integer(entry, "bytes", 0, _BIG) != size:
-            raise ReelError(f"says that rendition {name} has {entry['bytes']} bytes; its groups have {size}.")
-    return manifest
 
 
 def _parse_background(document: dict[str, Any]) -> tuple[float, float, float]:
@@ -219,50 +325,12 @@ def _parse_clearance(entry: object) -> Clearance:
 
 def _parse_names(document: dict[str, Any]) -> tuple[str, ...]:
     """Of the renditions. One alone is none to choose from."""
-    entries = _list(document, "renditions", 0, MAX_RENDITIONS) if "renditions" in document else []
+    entries = items(document, "renditions", 0, MAX_RENDITIONS) if "renditions" in document else []
     given = [entry.get("name") if isinstance(entry, dict) else None for entry in entries]
     names = tuple(name for name in given if isinstance(name, str) and _NAME.fullmatch(name))
     if len(set(names)) < len(given):
         raise ReelError("has renditions without names of their own, of a to z, 0 to 9, _ and -.")
     return names if len(names) > 1 else ()
-
-
-def _parse_group(entry: object, index: int, names: tuple[str, ...]) -> FileEntry:
-    """A group in all its renditions; `entry` itself is the first."""
-    group = _parse_file(entry, "group", index)
-    others = entry.get("renditions", {}) if isinstance(entry, dict) else {}
-    if not isinstance(others, dict) or not all(isinstance(others.get(name), dict) for name in names[1:]):
-        raise ReelError(f"groups[{index}] is not there in each of the renditions {', '.join(names)}.")
-    common = {"first_frame": group.first_frame, "frames": group.frames}
-    return replace(group, renditions={name: _parse_file(others[name] | common, "group", index) for name in names[1:]})
-
-
-def _parse_file(entry: object, kind: str, index: int) -> FileEntry:
-    try:
-        if not isinstance(entry, dict):
-            raise ReelError("is not an object.")
-        size = integer(entry, "bytes", 1, MAX_FILE_BYTES)
-        return FileEntry(
-            uri=parse_uri(entry),
-            bytes=size,
-            sha256=parse_digest(entry),
-            first_frame=integer(entry, "first_frame", 0, _BIG),
-            frames=integer(entry, "frames", 1, MOST_FRAMES) if kind == "group" else 0,
-            points=integer(entry, "points", 0, most_points(size)),
-            group=index if kind == "group" else integer(entry, "group", 0, _BIG),
-        )
-    except ReelError as error:
-        raise ReelError(f"{kind}s[{index}] {error}") from error
-
-
-def _file_to_json(entry: FileEntry, kind: str) -> dict[str, Any]:
-    common = {"uri": entry.uri, "bytes": entry.bytes, "sha256": entry.sha256, "first_frame": entry.first_frame}
-    own = {"frames": entry.frames} if kind == "group" else {"group": entry.group}
-    others = {
-        name: {"uri": file.uri, "bytes": file.bytes, "sha256": file.sha256, "points": file.points}
-        for name, file in entry.renditions.items()
-    }
-    return common | own | {"points": entry.points} | ({"renditions": others} if others else {})
 
 
 def _parse_camera(value: object) -> Camera:
@@ -291,17 +359,3 @@ def _parse_camera(value: object) -> Camera:
 def _short(array: np.ndarray) -> list[float]:
     """As float32, in as few digits as tell them apart: many cameras are a good part of a small reel."""
     return [float(str(value)) for value in np.asarray(array, np.float32).ravel()]
-
-
-def _lines(value: Any) -> str:
-    """JSON on one line, or, of a list of objects, on one each: short, and yet to be read."""
-    if isinstance(value, list) and value and isinstance(value[0], dict):
-        return "[\n" + ",\n".join(_lines(entry) for entry in value) + "\n]"
-    return json.dumps(value, separators=(",", ":"), allow_nan=False)
-
-
-def _list(document: dict[str, Any], name: str, low: int, high: int) -> list:
-    value = document.get(name)
-    if not isinstance(value, list) or not low <= len(value) <= high:
-        raise ReelError(f"has {name} that are not a list of {low} to {high} items.")
-    return value

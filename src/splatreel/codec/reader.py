@@ -8,14 +8,17 @@ from pathlib import Path
 
 import numpy as np
 
+from splatreel.codec.file_entry import FileEntry
 from splatreel.codec.group_file import decode_group, decode_layer
-from splatreel.codec.manifest import MAX_BYTES, FileEntry, Manifest, parse_manifest
+from splatreel.codec.manifest import MAX_BYTES, Manifest, parse_manifest
 from splatreel.codec.presentation import Asset
 from splatreel.codec.source import open_source
 from splatreel.errors import ReelError
 from splatreel.scene.gaussians import Gaussians
 from splatreel.scene.group import Group
 
+_CACHED_STATIC = 2
+"""What rests in two groups is shown at once in an overlap."""
 _CACHED_GROUPS = 3
 """Two are shown at once in an overlap; one more makes stepping back and forth over a border free."""
 
@@ -34,7 +37,7 @@ class ReelReader:
         self._rendition = rendition
         self.manifest = self._read_manifest()
         self._layers: dict[str, Gaussians] = {}
-        self._static: tuple[int, Gaussians, np.ndarray] | None = None
+        self._static: OrderedDict[tuple[int, ...], tuple[Gaussians, np.ndarray]] = OrderedDict()
         self._groups: OrderedDict[int, Group] = OrderedDict()
 
     @property
@@ -54,7 +57,7 @@ class ReelReader:
         """Drop what was decoded."""
         self._layers.clear()
         self._groups.clear()
-        self._static = None
+        self._static.clear()
 
     def layer(self, index: int) -> Gaussians:
         """The static points of layers[index] of the manifest, in reel order."""
@@ -68,21 +71,34 @@ class ReelReader:
         return self._layers[entry.sha256]
 
     def static(self, group: int) -> tuple[Gaussians, np.ndarray]:
-        """All static points of the layers born up to a group, alive or not, and the group [S] each was born at."""
-        count = sum(layer.group <= group for layer in self.manifest.layers)
-        if self._static is None or self._static[0] != count:
-            layers = [self.layer(i) for i in range(count)]
+        """The static points of the layers that live at a group, alive or not, and the group [S] each was born at."""
+        living = tuple(self.manifest.living(group))
+        if living not in self._static:
+            entries = [self.manifest.layers[index] for index in living]
+            layers = [self.layer(index) for index in living]
             points = Gaussians.concatenate(layers) if layers else Gaussians.empty(0)
-            born = np.repeat([entry.group for entry in self.manifest.layers[:count]], [len(g) for g in layers])
-            self._static = (count, points, born.astype(np.int64))
-        return self._static[1:]
+            born = np.repeat([entry.group for entry in entries], [len(layer) for layer in layers])
+            self._static[living] = points, born.astype(np.int64)
+            if len(self._static) > _CACHED_STATIC:
+                self._static.popitem(last=False)
+            self._forget_retired()
+        self._static.move_to_end(living)
+        return self._static[living]
+
+    def _forget_retired(self) -> None:
+        """Layers that are retired once are kept in memory only while they show: a reel may last for hours."""
+        shown = {index for living in self._static for index in living}
+        kept = {e.sha256 for index, e in enumerate(self.manifest.layers) if e.until is None or index in shown}
+        self._layers = {digest: layer for digest, layer in self._layers.items() if digest in kept}
 
     def group(self, index: int) -> Group:
-        """The group of that index."""
-        if not 0 <= index < len(self.manifest.groups):
-            raise ReelError(f"{self.name}: has {len(self.manifest.groups)} groups, group {index} was asked for.")
+        """The group of that number; the first of a reel has the manifest's `first_group`."""
+        try:
+            entry = self.manifest.group_entry(index)
+        except ReelError as error:
+            raise ReelError(f"{self.name}: {error}") from error
         if index not in self._groups:
-            self._groups[index] = self._load_group(self.manifest.groups[index])
+            self._groups[index] = self._load_group(entry)
             if len(self._groups) > _CACHED_GROUPS:
                 self._groups.popitem(last=False)
         self._groups.move_to_end(index)
@@ -91,7 +107,12 @@ class ReelReader:
     def read_file(self, entry: FileEntry | Asset) -> bytes:
         """The bytes of a file, of the length and digest the manifest says. Raises `ReelError` otherwise."""
         name = self._source.name(entry.uri)
-        data = self._source.read(entry.uri, entry.bytes)
+        try:
+            data = self._source.read(entry.uri, entry.bytes)
+        except ReelError as error:
+            if self.manifest.live:
+                raise ReelError(f"{error} A live reel drops what is old: open it again.") from error
+            raise
         if len(data) != entry.bytes:
             raise ReelError(f"{name}: has {len(data)} bytes, the manifest says {entry.bytes}. Copy the reel anew.")
         if hashlib.sha256(data).hexdigest() != entry.sha256:
@@ -104,13 +125,23 @@ class ReelReader:
         return self._source.name("manifest.json")
 
     def _read_manifest(self) -> Manifest:
-        manifest = parse_manifest(self._source.read("manifest.json", MAX_BYTES), self.name)
+        manifest = self._joined_manifest()
         if self._rendition is None:
             return manifest
         try:
             return manifest.of_rendition(self._rendition)
         except ReelError as error:
             raise ReelError(f"{self.name}: {error}") from error
+
+    def _joined_manifest(self, tries: int = 3) -> Manifest:
+        """A live reel may drop a page after the manifest that names it was read: then there is a newer manifest."""
+        data = self._source.read("manifest.json", MAX_BYTES)
+        try:
+            return parse_manifest(data, self.name, self._source.read)
+        except ReelError:
+            if tries > 1 and self._source.read("manifest.json", MAX_BYTES) != data:
+                return self._joined_manifest(tries - 1)
+            raise
 
     def _load_group(self, entry: FileEntry) -> Group:
         name = self._source.name(entry.uri)
@@ -119,7 +150,9 @@ class ReelReader:
         self._check_same(name, found, (entry.group, entry.points, entry.first_frame, entry.frames))
         static = self.manifest.static_points(entry.group)
         if len(group.alive) != static:
-            raise ReelError(f"{name}: section 'alive' holds {len(group.alive)} bits, the layers {static} points.")
+            raise ReelError(
+                f"{name}: section 'alive' holds {len(group.alive)} bits, the layers that live then {static} points."
+            )
         return group
 
     def _check_same(self, name: str, found: tuple[int, ...], said: tuple[int, ...]) -> None:

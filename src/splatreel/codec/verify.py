@@ -41,20 +41,20 @@ def verify_reel(location: str | Path, most: int | None = None) -> Verified:
         problems += _problems(lambda i=index: _check_layer(reel, i))
     for rendition in manifest.renditions or (None,):
         chosen = ReelReader(location, rendition, most)
-        for index in range(len(manifest.groups)):
-            problems += _problems(lambda r=chosen, i=index: _check_group(r, i))
+        for group in manifest.groups:
+            problems += _problems(lambda r=chosen, i=group.group: _check_group(r, i))
     for asset in manifest.assets:
         problems += _problems(lambda a=asset: reel.read_file(a))
     problems += _problems(lambda: _check_sound(reel))
     if problems:
         raise ReelError("\n".join(dict.fromkeys(problems)))
     return Verified(
-        files=len(manifest.files) + len(manifest.assets) + 1,
-        bytes=sum(entry.bytes for entry in [*manifest.files, *manifest.assets]),
+        files=len(manifest.files) + len(manifest.assets) + len(manifest.pages) + 1,
+        bytes=sum(entry.bytes for entry in [*manifest.files, *manifest.assets, *manifest.pages]),
         layers=len(manifest.layers),
         groups=len(manifest.groups),
         points=sum(entry.points for entry in (*manifest.layers, *manifest.groups)),
-        strangers=_strangers(Path(location), {"manifest.json"} | {e.uri for e in [*manifest.files, *manifest.assets]}),
+        strangers=_strangers(Path(location), {"manifest.json"} | manifest.uris),
     )
 
 
@@ -83,7 +83,7 @@ def _check_layer(reel: ReelReader, index: int) -> None:
 
 def _check_group(reel: ReelReader, index: int) -> None:
     reel.forget()
-    group, uri = reel.group(index), reel.manifest.groups[index].uri
+    group, uri = reel.group(index), reel.manifest.group_entry(index).uri
     group.dynamic.check_finite(uri)
     if not (np.isfinite(group.dx).all() and np.isfinite(group.dq).all()):
         raise ReelError(f"{uri}: section 'offsets' decodes to NaN or infinity.")

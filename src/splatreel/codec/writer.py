@@ -11,10 +11,13 @@ import numpy as np
 
 from splatreel.codec.container import write_atomically
 from splatreel.codec.encoder import ReelEncoder
+from splatreel.codec.file_entry import FileEntry, birth_order
 from splatreel.codec.group_file import decode_group, decode_layer
 from splatreel.codec.header import ReelHeader
-from splatreel.codec.manifest import FileEntry, Manifest, parse_manifest
+from splatreel.codec.manifest import Manifest, parse_manifest
+from splatreel.codec.manifest_pages import PAGE, make_page
 from splatreel.codec.presentation import EMPTY, Asset, Presentation
+from splatreel.codec.published import MANIFEST, intact_end, is_whole, left_over, published_manifest
 from splatreel.config import EncodeConfig
 from splatreel.errors import ReelError
 from splatreel.scene.gaussians import Gaussians
@@ -24,37 +27,61 @@ from splatreel.scene.group import Group
 class ReelWriter:
     """Encodes layers and groups into the directory `path` and publishes each group in the manifest (docs/format.md).
 
-    For every group, in order: `add_layer` if static points are born at it, then `add_group`. With `resume` the
-    groups already published are kept, as far as their files are there; to go on, start with any index up to their number
-    (with its layer, if it has one): the group of that index and all later ones are dropped. Without it, a reel that is
+    For every group, in order: `add_layer` for the static points that are born at it, if there are some, then `add_group`. With
+    `resume` the groups already published are kept, as far as their files are there; to go on, start with any number up to the next
+    (with its layers, if it has some): the group of that number and all later ones are dropped. Without it, a reel that is
     already in `path` is dropped, with what it says for people (`present`).
 
     header: what the reel says beside its files. config: with renditions, every group is written in each of them; what comes back
-    decoded is the best. Raises `ReelError` where files cannot be read or written, and for what no reader takes: before anything is
-    encoded.
+    decoded is the best. first_group: the number of the first group, where no group is kept; None: 0, or what the reel had that is
+    resumed. Layers that were born earlier come before it. page: groups of a page of the manifest, which has up to twice as many.
+    Raises `ReelError` where files cannot be read or written, and for what no reader takes: before anything is encoded.
     """
 
-    def __init__(self, path: str | Path, header: ReelHeader, *, config: EncodeConfig, resume: bool = False) -> None:
+    def __init__(
+        self,
+        path: str | Path,
+        header: ReelHeader,
+        *,
+        config: EncodeConfig,
+        resume: bool = False,
+        first_group: int | None = None,
+        page: int = PAGE,
+    ) -> None:
         self.path = Path(path)
         self.encoder = ReelEncoder(config)
         self.config = self.encoder.config
-        self._pending: FileEntry | None = None
+        self._page = page
+        self._pending: list[FileEntry] = []
         self._manifest = Manifest(
             **vars(header),
             generator=f"splatreel {metadata.version('splatreel')}",
             live=True,
             frames=0,
+            first_group=first_group or 0,
             renditions=config.renditions if self.encoder.others else (),
         )
         self._check_header()
-        published = self._published()
-        if published:
-            self._manifest = self._manifest.with_files(list(published.layers), list(published.groups))
-            same = published.renditions == self._manifest.renditions
-            self._drop_from(self._intact() if resume and same else 0)
-            self._manifest = replace(self._manifest, presentation=self._whole(published.presentation))
-            if not (resume and same):
-                self.present(EMPTY)
+        if published := published_manifest(self.path):
+            keep = resume and published.renditions == self._manifest.renditions
+            self._take_over(published, keep, first_group)
+
+    def _take_over(self, published: Manifest, keep: bool, first_group: int | None) -> None:
+        """What is whole of an earlier reel if it is kept, else nothing of it."""
+        manifest = self._manifest.with_files(published.layers, published.groups)
+        self._manifest = replace(manifest, first_group=published.first_group, pages=published.pages)
+        if cut := published.paged == len(published.groups):  # its first damaged page, and what followed, is not in it
+            self._publish(self._manifest)
+        if keep:
+            for uri in left_over(self.path, self._manifest, cut):
+                self._delete(uri)
+        self._drop_from(intact_end(self.path, self._manifest) if keep else published.first_group)
+        if not self._manifest.groups:
+            first = first_group if first_group is not None or not keep else published.first_group
+            self._manifest = replace(self._manifest, first_group=first or 0)
+        self._manifest = replace(self._manifest, presentation=self._whole(published.presentation))
+        if not keep:
+            self.present(EMPTY)
 
     @property
     def manifest(self) -> Manifest:
@@ -68,8 +95,12 @@ class ReelWriter:
         gaussians: Gaussians,
         importance: np.ndarray | None = None,
         encoded: tuple[bytes, np.ndarray] | None = None,
+        until: int | None = None,
     ) -> tuple[Gaussians, np.ndarray]:
-        """Encode the static points born at `group`; they are published together with that group.
+        """Encode static points that are born at `group`; they are published together with that group.
+
+        until: the group at which they are retired, the first that says nothing of them; None: they never are. A group may have
+        several layers, the longest-lived first. Before the first group of a reel that begins later, layers may be of any before.
 
         importance: [N, 3], how much of the pictures hangs on each point's shape, color and place; None: all alike.
         encoded: what `encoder.layer` gave for the same, if it has been called.
@@ -77,14 +108,19 @@ class ReelWriter:
         Returns the decoded points in reel order (train on against these: later groups then absorb the error), and
         order [N]: order[i] is the index of the input point that became reel point i.
         """
-        self._check_next(group)
-        self._drop_from(group)
+        early = not self._manifest.groups and 0 <= group < self._manifest.first_group
+        if not early:
+            self._check_next(group)
+            self._drop_from(group)
+        self._pending = [layer for layer in self._pending if layer.group <= group]
+        entry = FileEntry("", 0, "", first_frame, 0, len(gaussians), group, until=until)
+        self._check_order(entry)
         if not len(gaussians):
             return gaussians, np.zeros(0, np.int64)
-        uri = f"layers/{group:04d}.safetensors"
+        before = sum(layer.group == group for layer in self._pending)
+        uri = f"layers/{group:04d}.{before}.safetensors" if before else f"layers/{group:04d}.safetensors"
         data, order = encoded or self.encoder.layer(group, first_frame, gaussians, importance)
-        entry = self._write(uri, data, FileEntry(uri, 0, "", first_frame, 0, len(gaussians), group))
-        self._pending = entry
+        self._pending.append(self._write(uri, data, replace(entry, uri=uri)))
         return decode_layer(data, uri)[1], order
 
     def add_group(
@@ -94,24 +130,25 @@ class ReelWriter:
 
         encoded: what `encoder.group` gave for the same, if it has been called.
 
-        Raises `ReelError` if its `alive` does not fit the layers.
+        Raises `ReelError` if its `alive` does not fit the layers that live at it.
         """
         self._check_next(group.index)
-        pending = self._pending if self._pending and self._pending.group == group.index else None
         self._drop_from(group.index)
-        layers = [*self._manifest.layers, *([pending] if pending else [])]
-        static = sum(layer.points for layer in layers)
+        early = not self._manifest.groups
+        born = [x for x in self._pending if x.group == group.index or (early and x.group < self._manifest.first_group)]
+        layers = [*self._manifest.layers, *born]
+        static = sum(layer.points for layer in layers if layer.lives_at(group.index))
         if group.alive.shape != (static,):
             raise ReelError(
                 f"Group {group.index} says of {len(group.alive)} static points whether they are alive, but the layers "
-                f"hold {static}. Add the layer of this group before it."
+                f"hold {static}. Add the layers of this group before it."
             )
         files = encoded or self.encoder.group(group, importance)
         blank = FileEntry("", 0, "", group.first_frame, group.frames, len(group.dynamic), group.index)
         entry, *others = (self._write(uri, data, replace(blank, uri=uri)) for uri, data in files.items())
         entry = replace(entry, renditions=dict(zip(self.encoder.others, others, strict=True)))
         self._publish(self._manifest.with_files(layers, [*self._manifest.groups, entry]))
-        self._pending = None
+        self._pending = []
         return decode_group(files[entry.uri], entry.uri)
 
     def write_asset(self, uri: str, data: bytes) -> Asset:
@@ -121,11 +158,24 @@ class ReelWriter:
 
     def present(self, presentation: Presentation) -> None:
         """Publish another presentation, whose assets are written already. Assets that it no longer names are deleted."""
-        left = {asset.uri for asset in self._manifest.assets} - {asset.uri for asset in presentation.assets}
-        left -= {"manifest.json", *(file.uri for file in self._manifest.files)}
-        self._publish(replace(self._manifest, presentation=presentation), live=self._manifest.live)
-        for uri in left:
-            self._delete(uri)
+        self._replace(replace(self._manifest, presentation=presentation), live=self._manifest.live)
+
+    def drop_before(self, group: int) -> None:
+        """Drop the groups before that number, and the layers that are retired by then: the retention window of a live reel.
+
+        The manifest is published first. Of the groups that are in pages only whole pages are dropped; the last group stays.
+        """
+        manifest = self._manifest
+        pages, first = list(manifest.pages), manifest.first_group
+        while pages and first + pages[0].groups <= group:
+            first += pages.pop(0).groups
+        if not pages:
+            first = max(first, min(group, manifest.end_group - 1))
+        if first == manifest.first_group or not manifest.groups:
+            return
+        layers = (layer for layer in manifest.layers if layer.until is None or layer.until > first)
+        kept = manifest.with_files(layers, manifest.groups[first - manifest.first_group :])
+        self._replace(replace(kept, first_group=first, pages=tuple(pages)), live=manifest.live)
 
     def finish(self) -> None:
         """Declare the reel complete. Raises `ReelError` if it has no group."""
@@ -134,74 +184,72 @@ class ReelWriter:
         self._publish(self._manifest, live=False)
 
     def _check_header(self) -> None:
-        file = self.path / "manifest.json"
+        file = self.path / MANIFEST
         try:
             parse_manifest(replace(self._manifest, renditions=()).to_json().encode(), str(file))
         except ValueError as error:
             raise ReelError(f"{file}: would hold NaN or infinity. Look for it in the capture.") from error
 
-    def _published(self) -> Manifest | None:
-        file = self.path / "manifest.json"
-        try:
-            return parse_manifest(file.read_bytes(), str(file))
-        except FileNotFoundError:
-            return None
-        except OSError as error:
-            raise ReelError(f"{file}: cannot be read ({error.strerror}). Make it readable or delete it.") from error
-
-    def _intact(self) -> int:
-        """How many groups, from the first on, have all their files as they were written."""
-        broken = [entry.group for entry in self._manifest.files if not self._is_whole(entry)]
-        return min(broken, default=len(self._manifest.groups))
-
     def _whole(self, presentation: Presentation) -> Presentation:
         """Without the pictures and the sound of which a file is damaged: they are made anew."""
         names = {name for name in ("poster", "thumbnails", "sound") if getattr(presentation, name) is not None}
         alone = {name: replace(EMPTY, **{name: getattr(presentation, name)}) for name in names}
-        damaged = [name for name in names if not all(self._is_whole(asset) for asset in alone[name].assets)]
+        damaged = [name for name in names if not all(is_whole(self.path, asset) for asset in alone[name].assets)]
         return replace(presentation, **dict.fromkeys(damaged))
 
-    def _is_whole(self, entry: FileEntry | Asset) -> bool:
-        """Whether a file has the bytes that the manifest says."""
-        path, digest = self.path / entry.uri, hashlib.sha256()
-        try:
-            if path.stat().st_size != entry.bytes:
-                return False
-            with open(path, "rb") as file:
-                while part := file.read(1 << 20):
-                    digest.update(part)
-        except FileNotFoundError:
-            return False
-        except OSError as error:
-            raise ReelError(f"{path}: cannot be read ({error.strerror}). Make it readable or delete it.") from error
-        return digest.hexdigest() == entry.sha256
-
     def _check_next(self, group: int) -> None:
-        if not 0 <= group <= len(self._manifest.groups):
+        if not self._manifest.first_group <= group <= self._manifest.end_group:
+            raise ReelError(f"{self.path}: group {group} cannot be added, the next one is {self._manifest.end_group}.")
+
+    def _check_order(self, layer: FileEntry) -> None:
+        least = max(layer.group, self._manifest.first_group)
+        if layer.until is not None and layer.until <= least:
             raise ReelError(
-                f"{self.path}: group {group} cannot be added, the next one is {len(self._manifest.groups)}."
+                f"{self.path}: a layer of group {layer.group} until {layer.until} would never show; choose more than {least}."
+            )
+        if self._pending and birth_order(layer) < birth_order(self._pending[-1]):
+            raise ReelError(
+                f"{self.path}: a layer of group {layer.group} until {layer.until} cannot follow one of group "
+                f"{self._pending[-1].group} until {self._pending[-1].until}. Add the longest-lived of a group first."
             )
 
     def _drop_from(self, group: int) -> None:
-        """Take a group and all that follows out of the manifest first, and only then delete the files."""
-        self._pending = None
+        """Take a group and all that follows out of the manifest first, and only then delete the files; with the first all layers."""
         manifest = self._manifest
-        dropped = [entry for entry in manifest.files if entry.group >= group]
-        if not dropped:
+        if group >= manifest.end_group:
             return
-        layers = [entry for entry in manifest.layers if entry.group < group]
-        self._publish(manifest.with_files(layers, list(manifest.groups[:group])))
-        for entry in dropped:
-            self._delete(entry.uri)
+        layers = [entry for entry in manifest.layers if manifest.first_group < group > entry.group]
+        self._replace(manifest.with_files(layers, manifest.groups[: group - manifest.first_group]), live=True)
+
+    def _replace(self, manifest: Manifest, live: bool) -> None:
+        """Publish another manifest, and delete the files that it does not name any more."""
+        before = self._manifest.uris
+        self._publish(manifest, live)
+        for uri in sorted(before - self._manifest.uris - {MANIFEST}):
+            self._delete(uri)
 
     def _publish(self, manifest: Manifest, live: bool = True) -> None:
-        """Replace manifest.json; without groups there is none."""
-        manifest = replace(manifest, live=live)
+        """Replace manifest.json, its pages first; without groups there is none."""
+        manifest = self._paged(replace(manifest, live=live))
         if manifest.groups:
-            write_atomically(self.path / "manifest.json", manifest.to_json().encode())
+            write_atomically(self.path / MANIFEST, manifest.to_json().encode())
         else:
-            self._delete("manifest.json")
+            self._delete(MANIFEST)
         self._manifest = manifest
+
+    def _paged(self, manifest: Manifest) -> Manifest:
+        """With as many pages as its groups need, which depends on their number alone; new ones are written."""
+        pages = list(manifest.pages)
+        own = len(manifest.groups) - manifest.paged
+        while pages and own < self._page:
+            own += pages.pop().groups
+        while own >= 2 * self._page:
+            groups = manifest.groups[len(manifest.groups) - own :][: self._page]
+            page, data = make_page(manifest.layers, groups, manifest.renditions)
+            write_atomically(self.path / page.uri, data)
+            pages.append(page)
+            own -= self._page
+        return replace(manifest, pages=tuple(pages))
 
     def _write(self, uri: str, data: bytes, entry: FileEntry) -> FileEntry:
         write_atomically(self.path / uri, data)

@@ -58,7 +58,7 @@ def evaluate(
     reader = ReelReader(reel, rendition, most)
     check_same_capture(reader.manifest, capture, str(reel))
     views = choose_cameras(capture, reader.manifest, cameras)
-    chosen = choose_frames(min(capture.frames, reader.frames), frames)
+    chosen = choose_frames(min(capture.frames, reader.frames), frames, reader.manifest.first_frame)
     picture = chosen[len(chosen) // 2]
     timeline, lpips = Timeline(reader), perceptual.load()
     scores: dict[tuple[int, str], Quality] = {}
@@ -112,7 +112,7 @@ def summarize(
     names = list(dict.fromkeys(name for _, name in scores))
     trained_on = [camera.name for camera in reader.manifest.cameras]
     degrees = degrees_from(reader.manifest, views)
-    alive = [int(reader.group(g).alive.sum()) for g in range(len(reader.manifest.groups))]
+    alive = [int(reader.group(entry.group).alive.sum()) for entry in reader.manifest.groups]
     return Report(
         **asdict(Quality.mean(list(scores.values()))),
         psnr_undecoded=float(np.mean(before)) if before else None,
@@ -178,13 +178,13 @@ def choose_cameras(capture: Capture, manifest: Manifest, names: Sequence[str] | 
     return [capture.camera(name) for name in names]
 
 
-def choose_frames(available: int, frames: Sequence[int] | None) -> list[int]:
-    """Frames in order, all available by default. Raises `UsageError` for one that is not there."""
-    chosen = list(range(available)) if frames is None else sorted(set(frames))
-    bad = [f for f in chosen if not 0 <= f < available]
+def choose_frames(available: int, frames: Sequence[int] | None, first: int = 0) -> list[int]:
+    """Frames in order, by default all from `first` to the one before `available`. Raises `UsageError` for another."""
+    chosen = list(range(first, available)) if frames is None else sorted(set(frames))
+    bad = [f for f in chosen if not first <= f < available]
     if bad or not chosen:
         raise UsageError(
-            f"Frames {bad or 'none'} cannot be evaluated: reel and capture share frames 0 to {available - 1}."
+            f"Frames {bad or 'none'} cannot be evaluated: reel and capture share frames {first} to {available - 1}."
         )
     return chosen
 

@@ -143,12 +143,14 @@ def held_out_views(capture: Capture) -> list[Camera]:
 
 def check_frames(frames: list[int], capture: Capture, timeline: Timeline | None) -> list[int]:
     """Frames in order, each once. Raises `UsageError` for none, or one that the capture or the reel does not have."""
-    available = capture.frames if timeline is None else min(capture.frames, timeline.frames)
-    bad = [frame for frame in frames if not 0 <= frame < available]
+    first, available = 0, capture.frames
+    if timeline is not None:
+        first, available = timeline.manifest.first_frame, min(capture.frames, timeline.frames)
+    bad = [frame for frame in frames if not first <= frame < available]
     if bad or not frames:
         whose = f"{capture.path} has" if timeline is None else f"{capture.path} and the reel share"
         raise UsageError(
-            f"Frames {bad or 'none'} were asked for; {whose} frames 0 to {available - 1}. Choose among these."
+            f"Frames {bad or 'none'} were asked for; {whose} frames {first} to {available - 1}. Choose among these."
         )
     return sorted(set(frames))
 

@@ -129,7 +129,8 @@ def sweep_of(
     run: Path, capture: Capture, every: int, progress: Progress | None = None, record: Path | None = None
 ) -> Sweep:
     """A sweep over every `every`-th frame that a run and its capture share."""
-    frames = choose_frames(min(capture.frames, ReelReader(run / "reel").frames), None)[::every]
+    manifest = ReelReader(run / "reel").manifest
+    frames = choose_frames(min(capture.frames, manifest.frames), None, manifest.first_frame)[::every]
     return Sweep(run, capture, frames, progress or Silent(), record)
 
 

@@ -7,6 +7,7 @@ from pathlib import Path
 
 from splatreel.codec.manifest import MAX_BYTES, parse_manifest
 from splatreel.codec.presentation import EMPTY, Presentation
+from splatreel.codec.source import open_source
 from splatreel.errors import ReelError
 
 MANIFEST = "manifest.json"
@@ -52,8 +53,7 @@ class ServedFiles:
             self._names, self._presentation, self._modified = frozenset({MANIFEST}), EMPTY, status.st_mtime
             self._seen = seen
             if file.is_file() and status.st_size <= MAX_BYTES:
-                manifest = parse_manifest(file.read_bytes(), MANIFEST)
-                files = (entry.uri for entry in (*manifest.files, *manifest.assets))
-                self._names, self._presentation = frozenset({MANIFEST, *files}), manifest.presentation
+                manifest = parse_manifest(file.read_bytes(), MANIFEST, open_source(self._reel).read)
+                self._names, self._presentation = frozenset({MANIFEST, *manifest.uris}), manifest.presentation
         except (OSError, ReelError):
             return

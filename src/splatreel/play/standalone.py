@@ -8,7 +8,7 @@ from dataclasses import replace
 from pathlib import Path
 
 from splatreel.codec.container import unpack_file, write_atomically
-from splatreel.codec.manifest import FileEntry
+from splatreel.codec.file_entry import FileEntry
 from splatreel.codec.presentation import Asset
 from splatreel.codec.reader import ReelReader
 from splatreel.errors import ReelError
@@ -30,7 +30,7 @@ def write_standalone(path: Path, location: str | Path, rendition: str | None = N
     manifest = reel.manifest
     if manifest.renditions:
         manifest = manifest.of_rendition(manifest.renditions[0])
-    manifest = replace(manifest, live=False)
+    manifest = replace(manifest.without_pages(), live=False)
     page = (STATIC / "index.html").read_text(encoding="utf-8")
     parts = [f'<script type="application/json" id="splatreel-manifest">{_inert(manifest.to_json())}</script>']
     parts += [_file("reel", entry.uri, _checked(reel, entry)) for entry in [*manifest.files, *manifest.assets]]

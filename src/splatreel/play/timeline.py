@@ -83,15 +83,16 @@ class Timeline:
             raise ValueError("The time is NaN.")
         if not self.manifest.groups:
             raise ReelError(f"{self.reel.name}: holds no group yet. Wait for the first one to be reconstructed.")
-        frame = float(np.clip(seconds * self.fps, 0, self.frames - 1))
-        index = max(bisect.bisect_right([g.first_frame for g in self.manifest.groups], frame) - 1, 0)
-        new = self.reel.group(index)
+        groups, first = self.manifest.groups, self.manifest.first_frame
+        frame = float(np.clip(seconds * self.fps, first, max(self.frames - 1, first)))
+        place = max(bisect.bisect_right(groups, frame, key=lambda group: group.first_frame) - 1, 0)
+        new = self.reel.group(groups[place].group)
         weight = self._weight(frame, new)
         light = new.light_at(frame - new.first_frame)
-        if index == 0 or weight >= 1:
-            parts = [self.reel.static(index)[0][new.alive], new.at(frame - new.first_frame)]
+        if place == 0 or weight >= 1:
+            parts = [self.reel.static(new.index)[0][new.alive], new.at(frame - new.first_frame)]
             return Moment(parts, [True, False], light)
-        return self._fading(frame, weight, self.reel.group(index - 1), new, light)
+        return self._fading(frame, weight, self.reel.group(groups[place - 1].group), new, light)
 
     def render(self, gaussians: Gaussians, camera: Camera, draw: Draw = draw_on_cpu) -> np.ndarray:
         """The picture that a camera takes of Gaussians of this reel, [H, W, 3] float32, drawn as the manifest says.
@@ -123,15 +124,25 @@ class Timeline:
         return share * share * (3 - 2 * share)
 
     def _fading(self, frame: float, weight: float, old: Group, new: Group, light: np.ndarray | None) -> Moment:
-        static, _ = self.reel.static(new.index)
-        was = np.zeros(len(static), bool)
-        was[: len(old.alive)] = old.alive  # layers only append: the old group's points are the first ones
-        both = static[was & new.alive]
-        leaving = [static[was & ~new.alive], old.at(frame - old.first_frame)]
-        coming = [static[new.alive & ~was], new.at(frame - new.first_frame)]
+        rested, rests = (self.reel.static(group.index)[0] for group in (old, new))
+        living = set(self.manifest.living(new.index))
+        shared = [index for index in self.manifest.living(old.index) if index in living]
+        in_old, in_new = (self._points_of(shared, group.index) for group in (old, new))
+        leaves, comes = old.alive.copy(), new.alive.copy()
+        leaves[in_old] &= ~new.alive[in_new]
+        comes[in_new] &= ~old.alive[in_old]
+        both = rests[new.alive & ~comes]
+        leaving = [rested[leaves], old.at(frame - old.first_frame)]
+        coming = [rests[comes], new.at(frame - new.first_frame)]
         before, after = (Moment([both, *alone], [True, True, False], light) for alone in (leaving, coming))
         parts = [both, *(p.faded(1 - weight) for p in leaving), *(p.faded(weight) for p in coming)]
         return Moment(parts, [True, True, False, True, False], light, (before, after, weight))
+
+    def _points_of(self, layers: list[int], group: int) -> np.ndarray:
+        """[S] bool: which points of the layers that live at a group are of these."""
+        living = self.manifest.living(group)
+        counts = [self.manifest.layers[index].points for index in living]
+        return np.repeat(np.isin(living, layers), counts).astype(bool)
 
 
 def open_reel(location: str | Path, rendition: str | None = None, most: int | None = None) -> Timeline:

@@ -148,7 +148,7 @@ def reconstruct_group(
 
 def restore_group(job: Job, span: GroupSpan, before: Handover, publisher: Publisher) -> Handover:
     """What a finished group handed over, from the checkpoints and what it found; the reel gets what it lacks."""
-    if span.index < len(publisher.writer.manifest.groups):
+    if span.index < publisher.writer.manifest.end_group:
         publisher.skip(span.index)
     else:
         with job.timed("encode"):

@@ -17,7 +17,7 @@ class Group:
     dynamic: the canonical points P^d, at the keyframe or wherever training left them.
     dx: [T, N, 3] float32 position offsets, world units. dq: [T, N, 4] float32 rotation offsets, wxyz, about unit.
     T counts the group's own frames plus the overlap with the next group.
-    alive: [S] bool over all static points of the layers born up to and including this group, in reel order.
+    alive: [S] bool over all static points of the layers that live at this group (born by then, not retired), in reel order.
     shade: [T, N, 4] float32, what c_base and the opacity gain on their canonical values; None where they stay. Beyond the paper:
     light and shadow pass over things, flames flicker, things come and go.
     light: [T, 3] float32, factors by which everything is brighter in red, green and blue; None where it is not. Beyond the paper.

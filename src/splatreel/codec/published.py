@@ -1,0 +1,66 @@
+"""What an earlier run has published of a reel in a folder of this machine, and what of it is whole."""
+
+from __future__ import annotations
+
+import hashlib
+import re
+from pathlib import Path
+
+from splatreel.codec.file_entry import FileEntry
+from splatreel.codec.manifest import Manifest, parse_manifest
+from splatreel.codec.presentation import Asset
+from splatreel.codec.source import open_source
+from splatreel.errors import ReelError
+
+MANIFEST = "manifest.json"
+_NUMBERED = re.compile(r"(?:layers|groups|pages)/(\d+)(?:\.[A-Za-z0-9_-]+)?\.(?:safetensors|json)")
+
+
+def published_manifest(folder: Path) -> Manifest | None:
+    """The manifest in a folder, up to its first damaged page; None where there is none. Raises `ReelError`."""
+    file = folder / MANIFEST
+    try:
+        return parse_manifest(file.read_bytes(), str(file), open_source(folder).read, whole=False)
+    except FileNotFoundError:
+        return None
+    except OSError as error:
+        raise ReelError(f"{file}: cannot be read ({error.strerror}). Make it readable or delete it.") from error
+
+
+def intact_end(folder: Path, manifest: Manifest) -> int:
+    """The number of the first group that is not whole, or lacks a layer that is; the next group's where all are.
+
+    Raises `ReelError` where a file cannot be read.
+    """
+    broken = [entry.group for entry in manifest.files if not is_whole(folder, entry)]
+    return max(min(broken, default=manifest.end_group), manifest.first_group)
+
+
+def is_whole(folder: Path, entry: FileEntry | Asset) -> bool:
+    """Whether a file has the bytes that the manifest says. Raises `ReelError` where it cannot be read."""
+    path, digest = folder / entry.uri, hashlib.sha256()
+    try:
+        if path.stat().st_size != entry.bytes:
+            return False
+        with open(path, "rb") as file:
+            while part := file.read(1 << 20):
+                digest.update(part)
+    except FileNotFoundError:
+        return False
+    except OSError as error:
+        raise ReelError(f"{path}: cannot be read ({error.strerror}). Make it readable or delete it.") from error
+    return digest.hexdigest() == entry.sha256
+
+
+def left_over(folder: Path, manifest: Manifest, cut: bool) -> list[str]:
+    """Files of dropped groups, and pages, that were to be deleted when the writer was killed. cut: also what follows the last group."""
+    found, named = [], manifest.uris
+    for path in (path for kind in ("layers", "groups", "pages") for path in (folder / kind).glob("*")):
+        uri = path.relative_to(folder).as_posix()
+        name = _NUMBERED.fullmatch(uri)
+        if not name or uri in named:
+            continue
+        number = int(name[1])
+        if uri.startswith("pages/") or number < manifest.first_group or (cut and number >= manifest.end_group):
+            found.append(uri)
+    return sorted(found)
