@@ -1,7 +1,7 @@
 """The golden reels: tiny reels, one a codec, that the Python and the TypeScript decoder both turn into the same numbers.
 
 `python -m tests.golden` makes tests/data/golden (h265), tests/data/golden-predictive and tests/data/golden-sound (`tests/flashes.py`)
-anew: do it only when the format changes.
+anew, and those of version 2 (`tests/golden_long.py`): do it only when the format changes.
 
     manifest.json, layers/, groups/     the reel: 2 groups of 6 frames, overlap 2, static points born at both
     expected.npz                        every decoded array
@@ -116,24 +116,27 @@ def write_golden(path: Path, codec: Literal["predictive", "h265"] = "h265", rend
     writer.finish()
 
 
-def decoded(path: Path) -> dict[str, np.ndarray]:
-    """Every array of the reel by name: `layer0.means`, `group1.dynamic.sh`, `group1.dx`, `at0.05.opacities`, ..."""
+def decoded(path: Path, times: tuple[float, ...] = TIMES) -> dict[str, np.ndarray]:
+    """Every array of the reel by name: `layer0.means`, `group1.dynamic.sh`, `group1.dx`, `at0.05.opacities`, ...
+
+    Layers are counted through the manifest and its pages, groups have their own numbers.
+    """
     reel = ReelReader(path)
     arrays: dict[str, np.ndarray] = {}
     for index in range(len(reel.manifest.layers)):
         arrays |= _flat(f"layer{index}", reel.layer(index))
-    for index in range(len(reel.manifest.groups)):
+    for index in (entry.group for entry in reel.manifest.groups):
         group = reel.group(index)
         arrays |= _flat(f"group{index}.dynamic", group.dynamic)
         arrays |= {f"group{index}.{name}": getattr(group, name) for name in ("dx", "dq", "alive")}
         changes = {f"group{index}.{name}": getattr(group, name) for name in ("shade", "light")}
         arrays |= {name: change for name, change in changes.items() if change is not None}
-    for time in TIMES:
+    for time in times:
         arrays |= _flat(f"at{time:g}", Timeline(reel).at(time))
     return arrays
 
 
-def sampled(arrays: dict[str, np.ndarray], values: int = 48) -> dict:
+def sampled(arrays: dict[str, np.ndarray], values: int = 48, times: tuple[float, ...] = TIMES) -> dict:
     """For each array its shape and at most `values` numbers: (positions in the flat array, values there)."""
     entries = {}
     for name, array in arrays.items():
@@ -143,7 +146,7 @@ def sampled(arrays: dict[str, np.ndarray], values: int = 48) -> dict:
         )
         picked = [int(flat[i]) if array.dtype == bool else float(flat[i]) for i in where]
         entries[name] = {"shape": list(array.shape), "index": [int(i) for i in where], "value": picked}
-    return {"tolerance": TOLERANCE, "times": list(TIMES), "arrays": entries}
+    return {"tolerance": TOLERANCE, "times": list(times), "arrays": entries}
 
 
 def _flat(prefix: str, gaussians: Gaussians) -> dict[str, np.ndarray]:
@@ -151,6 +154,9 @@ def _flat(prefix: str, gaussians: Gaussians) -> dict[str, np.ndarray]:
 
 
 def main() -> None:
+    from tests import golden_long  # it needs this module
+
+    golden_long.write_all()
     flashes.write_golden(flashes.GOLDEN)
     for path, codec in ((GOLDEN, "h265"), (PREDICTIVE, "predictive")):
         write_golden(path, codec)
