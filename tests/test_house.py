@@ -109,6 +109,8 @@ ROOMS_OF_RECON = (
     ("encode",),
     ("stages",),
     ("preparation",),
+    ("groups", "shared_scene"),
+    ("jobs",),
     ("pipeline",),
 )
 """The rooms within `recon`, from the lowest rung up; those of one rung do not import each other."""

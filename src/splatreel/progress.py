@@ -62,6 +62,25 @@ class Silent:
     def note(self, text: str) -> None: ...
 
 
+class PartOf:
+    """Hands on what a part of a job says, its share put right. begin, end: the part of the whole that it is, 0..1."""
+
+    def __init__(self, progress: Progress, begin: float, end: float) -> None:
+        self._progress, self._begin, self._end = progress, begin, end
+
+    def stage(self, name: str, total: int, span: Span | None = None) -> None:
+        if span is not None:
+            scale = self._end - self._begin
+            span = self._begin + scale * span[0], self._begin + scale * span[1]
+        self._progress.stage(name, total, span)
+
+    def update(self, done: int, **numbers: float) -> None:
+        self._progress.update(done, **numbers)
+
+    def note(self, text: str) -> None:
+        self._progress.note(text)
+
+
 class Estimate:
     """Seconds left, of the whole job when its stages say which part of it they are, else of the stage."""
 

@@ -39,6 +39,9 @@ class Config:
     """Splats thinner than a pixel are drawn fainter (Mip-Splatting): images of any size look alike."""
     background: bool = True
     """Where nothing is known is the color of the images' borders, not black."""
+    chapter_frames: Annotated[int, Range(0)] = 300
+    """Frames of a chapter. A video longer than one and a half of these gets static points that are common to all of it, and its
+    chapters start from them each on its own, on as many machines as there are. 0: one chapter, however long."""
     seed: Annotated[int, Range(0)] = 0
     """Of everything random."""
 

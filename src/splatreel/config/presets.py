@@ -67,6 +67,7 @@ BEYOND_THE_PAPER: dict[str, Any] = {
     "even_exposure": False,
     "antialias": False,
     "background": False,
+    "chapter_frames": 0,
 }
 """What the paper does not have, turned off."""
 

@@ -109,6 +109,7 @@ UNSAID: dict[str, Any] = {
     "even_exposure": False,
     "antialias": False,
     "background": False,
+    "chapter_frames": 0,
     "seed": 0,
 }
 """What a record means that does not say a setting: it is of a version that did not know it, which did as if it were turned off.

@@ -37,16 +37,22 @@ DAZZLING = 0.15, 0.3
 that was gray, and does not."""
 
 
-def exposures(frames: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """How each camera's exposure, and the light, differ from those at the keyframe. frames: [T, C, H, W, 3] uint8, the keyframe first.
+def exposures(frames: np.ndarray, reference: np.ndarray | None = None) -> tuple[np.ndarray, np.ndarray]:
+    """How each camera's exposure, and the light, differ from those of a reference, by default the first frame.
+
+    frames: [T, C, H, W, 3] uint8, the keyframe first. reference: [C, H, W, 3] uint8.
 
     Returns exposures [T, C, 3] and light [T, 3], float32: logarithms of the factor in each color. A camera's pictures change by the
     sum of both, the factor that most blocks of a picture agree on, if that is more than `ALIKE` times their spread. The light is what
     the cameras have in common, if that is more than `CERTAIN` times what chance could do. Either is shrunk towards nothing as it
     comes near to its limit.
     """
+
+    def of(camera: int) -> np.ndarray:
+        return _changes(frames[:, camera], None if reference is None else reference[camera])
+
     with ThreadPoolExecutor(threads.count()) as pool:
-        changes = np.stack(list(pool.map(lambda camera: _changes(frames[:, camera]), range(frames.shape[1]))), 1)
+        changes = np.stack(list(pool.map(of, range(frames.shape[1]))), 1)
     light = _common(changes)
     return (changes - light[:, None]).astype(np.float32), light.astype(np.float32)
 
@@ -61,12 +67,13 @@ def even_out(frames: np.ndarray, change: np.ndarray) -> None:
         frames[t, c] = cv2.LUT(frames[t, c], table[None])
 
 
-def _changes(film: np.ndarray) -> np.ndarray:
-    """[T, H, W, 3] of one camera to [T, 3]: the logarithm by which it exposed more than at the keyframe."""
+def _changes(film: np.ndarray, reference: np.ndarray | None) -> np.ndarray:
+    """[T, H, W, 3] of one camera to [T, 3]: the logarithm by which it exposed more than in the reference [H, W, 3]."""
     shrink = BLOCKS / max(film.shape[1:3])
     size = max(1, round(shrink * film.shape[2])), max(1, round(shrink * film.shape[1]))
     blocks = [_blocks(frame, size) for frame in film]
-    found = np.array([_agreed(block - blocks[0]) for block in blocks])  # [T, 4], the spread at last
+    base = blocks[0] if reference is None else _blocks(reference, size)
+    found = np.array([_agreed(block - base) for block in blocks])  # [T, 4], the spread at last
     known = np.flatnonzero(~np.isnan(found[:, 3]))
     if len(known) == 0:
         return np.zeros((len(film), 3))

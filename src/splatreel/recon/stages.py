@@ -10,11 +10,11 @@ from functools import partial
 import numpy as np
 import torch
 
-from splatreel.codec.writer import ReelWriter
 from splatreel.recon.cameras.exposure import at_next_keyframe, measure_exposure, take_out, tell_exposure
 from splatreel.recon.cameras.group_input import GroupInput
 from splatreel.recon.cameras.rig import Rig, check_poses_again
 from splatreel.recon.encode.importance import group_importance, weigh
+from splatreel.recon.encode.output import Output
 from splatreel.recon.init.layout import Layout
 from splatreel.recon.layering.labels import Layers, find_layers
 from splatreel.recon.layering.tracking import GroupStart, track
@@ -22,6 +22,7 @@ from splatreel.recon.layering.velocity_prior import VelocityPrior
 from splatreel.recon.run.device import check_room
 from splatreel.recon.run.job import Job
 from splatreel.recon.run.store import StoredGroup, StoredLayer, once
+from splatreel.recon.train.chapter_keyframe import ChapterStart, start_chapter
 from splatreel.recon.train.export import GroupResult
 from splatreel.recon.train.keyframe import KeyframeResult
 from splatreel.recon.train.stages import train_first_keyframe, train_group, train_keyframe
@@ -31,17 +32,19 @@ from splatreel.scene.spans import GroupSpan
 from splatreel.scene.static_points import StaticPoints
 
 
-def look_at_group(job: Job, span: GroupSpan, frames: np.ndarray, rig: Rig, layout: Layout) -> tuple[GroupInput, Rig]:
+def look_at_group(
+    job: Job, span: GroupSpan, frames: np.ndarray, rig: Rig, layout: Layout, reference: np.ndarray | None = None
+) -> tuple[GroupInput, Rig]:
     """What all other stages look at, and the rig as the next group finds it, as far as that is known yet.
 
-    frames: [T, C, H, W, 3] uint8, which are given up: exposures are taken out of them.
+    frames: [T, C, H, W, 3] uint8, which are given up: exposures are taken out of them. reference: as in `measure_exposure`.
     """
     config, store, light = job.config, job.store.group(span.index), None
     if job.device.type == "cuda":
         check_room(frames.nbytes, torch.cuda.mem_get_info(job.device)[0], frames.shape[3])
     with job.timed("exposure"):
         if config.even_exposure:
-            exposure = once(store.exposure, partial(measure_exposure, rig, frames), store.save_exposure)
+            exposure = once(store.exposure, partial(measure_exposure, rig, frames, reference), store.save_exposure)
             tell_exposure(rig, exposure, job.progress)
             take_out(frames, exposure)
             rig, light = at_next_keyframe(rig, exposure, span.own), exposure.light_factors
@@ -87,6 +90,22 @@ def keyframe(job: Job, data: GroupInput, dynamic: Gaussians, static: StaticPoint
     return once(store.keyframe, train, store.save_keyframe)
 
 
+def chapter_start(job: Job, data: GroupInput, static: StaticPoints) -> ChapterStart:
+    """What the first frame of a chapter has beside the static points that all chapters share, and which of these it has not."""
+    span, store = data.span, job.store.group(data.span.index)
+
+    def train() -> ChapterStart:
+        with job.timed("keyframe"):
+            iterations = job.config.keyframe.first_iterations
+            job.say(span, "building what its first frame adds", iterations, job.plan.keyframe(span.index))
+            found = start_chapter(data, static, job.config, job.progress)
+            job.progress.update(iterations, points=len(found.points))
+        found.points.check_finite(f"Chapter of group {span.index}")
+        return found
+
+    return once(store.chapter_start, train, store.save_chapter_start)
+
+
 def layering(job: Job, data: GroupInput, dynamic: Gaussians, static: StaticPoints) -> Layers:
     """Which of all points rest in this group, and which move (paper 4.1)."""
     span, store = data.span, job.store.group(data.span.index)
@@ -103,7 +122,7 @@ def layering(job: Job, data: GroupInput, dynamic: Gaussians, static: StaticPoint
     return once(store.layers, find, store.save_layers)
 
 
-def publish_layer(job: Job, data: GroupInput, layers: Layers, static: StaticPoints, writer: ReelWriter) -> StaticPoints:
+def publish_layer(job: Job, data: GroupInput, layers: Layers, static: StaticPoints, output: Output) -> StaticPoints:
     """Store the new static points as a layer, and go on with what a reader of the reel will see of them (closed loop)."""
     static = static.with_alive(layers.alive)
     if len(layers.settled) == 0:
@@ -113,7 +132,7 @@ def publish_layer(job: Job, data: GroupInput, layers: Layers, static: StaticPoin
         job.say(span, "writing what rests", 1, job.plan.layered(span.index))
         seen = Gaussians.concatenate([layers.settled, layers.dynamic, layers.relit.points, static.living])
         importance = weigh([seen], data.cameras, data.near, job.device, data.antialias)[: len(layers.settled)]
-        decoded, order = writer.add_layer(span.index, span.first, layers.settled, importance)
+        decoded, order = output.add_layer(span.index, span.first, layers.settled, importance)
         job.progress.update(1, points=len(decoded))
     job.store.group(span.index).save_layer(StoredLayer(layers.settled[order], decoded, importance[order]))
     return static.with_layer(decoded)
@@ -152,8 +171,8 @@ def motion(job: Job, data: GroupInput, start: GroupStart, static: StaticPoints) 
     return found
 
 
-def publish_group(job: Job, group: Group, static: StaticPoints, writer: ReelWriter) -> None:
+def publish_group(job: Job, group: Group, static: StaticPoints, output: Output) -> None:
     """Keep the finished group, and then write it for players: what is in the reel is never trained again."""
-    importance = group_importance(writer.manifest, writer.config, static.points, group, job.device)[0]
+    importance = group_importance(output.header, output.config, static.points, group, job.device)[0]
     job.store.group(group.index).save_group(StoredGroup(group, importance))
-    writer.add_group(group, importance)
+    output.add_group(group, importance)

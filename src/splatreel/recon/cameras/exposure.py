@@ -27,9 +27,12 @@ class Exposure:
         return np.exp(self.light) if self.light.any() else None
 
 
-def measure_exposure(rig: Rig, frames: np.ndarray) -> Exposure:
-    """From frames [T, C, H, W, 3] uint8 of a group, the keyframe first. rig: as it is at the keyframe."""
-    change, light = exposures(frames)
+def measure_exposure(rig: Rig, frames: np.ndarray, reference: np.ndarray | None = None) -> Exposure:
+    """From frames [T, C, H, W, 3] uint8 of a group, the keyframe first. rig: as it is at the keyframe, or at the reference.
+
+    reference: [C, H, W, 3] uint8, what frames are compared with; by default the keyframe.
+    """
+    change, light = exposures(frames, reference)
     return Exposure(change + rig.exposure, light + rig.light)
 
 

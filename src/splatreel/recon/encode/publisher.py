@@ -32,29 +32,46 @@ def nothing_more(writer: ReelWriter, group: int | None) -> None:
 
 @dataclass(frozen=True)
 class Ready:
-    """A group that is about to be encoded, with the importance of its points, and the layer born at it, which is encoded."""
+    """A group that is about to be encoded, with the importance of its points, and the layers born at it, which are encoded."""
 
     group: Group
     importance: np.ndarray | None
-    layer: Gaussians | None
-    encoded: tuple[bytes, np.ndarray] | None
+    layers: list[ReadyLayer]
+
+
+@dataclass(frozen=True)
+class ReadyLayer:
+    """An encoded layer, and the order of its points. until: the group at which it is retired; None: never."""
+
+    points: Gaussians
+    data: bytes
+    order: np.ndarray
+    until: int | None
 
 
 class Publisher:
     """Encodes finished groups from their checkpoints, in order from the first.
 
-    device: where importance is measured that no checkpoint has. measured: that importance by group, kept from trial to trial.
+    encoded: take the files that chapters have encoded already, whose settings they are. device: where importance is measured that no
+    checkpoint has. measured: that importance by group, kept from trial to trial.
     """
 
     def __init__(
-        self, writer: ReelWriter, store: Store, device: torch.device, measured: dict[int, Importance] | None = None
+        self,
+        writer: ReelWriter,
+        store: Store,
+        device: torch.device,
+        measured: dict[int, Importance] | None = None,
+        encoded: bool = False,
     ) -> None:
-        self.writer, self.store, self.device = writer, store, device
+        self.writer, self.store, self.device, self.encoded = writer, store, device, encoded
         self.measured = {} if measured is None else measured
-        self._order = np.zeros(0, np.int64)
+        self._firsts = store.chapter_firsts()
+        self._shared = self._order = np.zeros(0, np.int64)
 
     def publish(self, index: int) -> None:
-        self._write(self._prepare(index), None)
+        ready = self._prepare(index)
+        self._write(ready, self.store.group(index).encoded_group() if self.encoded else None)
 
     def publish_all(self, count: int, done: Callable[[int], None]) -> None:
         """The first `count` groups; several are encoded at a time, in threads, by the predictive codec. done: called with how many."""
@@ -69,41 +86,66 @@ class Publisher:
                     self._write(before, files.result())
                     done(before.group.index + 1)
 
+    def skip(self, index: int) -> None:
+        """A group that the reel holds already, in the order of its checkpoint."""
+        for shared, layer in self._born(index):
+            self._extend(np.arange(len(layer.trained)), shared)
+
     def _prepare(self, index: int) -> Ready:
-        stored, layer = self.store.group(index).group(), self.store.group(index).layer()
+        stored = self.store.group(index).group()
         group = stored.group
-        moving, resting = self._importance(stored, layer)
-        encoded = None
-        if layer is not None:
-            born = layer.importance
-            if born is None and resting is not None:
-                born = resting[-len(layer.trained) :]
-            encoded = self.writer.encoder.layer(index, group.first_frame, layer.trained, born)
-            self._order = np.concatenate([self._order, len(self._order) + encoded[1]])
+        born = self._born(index)
+        moving, resting = self._importance(stored, [layer for _, layer in born])
+        layers = []
+        for shared, layer in born:
+            known = layer.importance
+            if known is None and resting is not None:
+                known = resting[len(self._order) : len(self._order) + len(layer.trained)]
+            layers.append(self._ready(index, group.first_frame, layer, known, shared))
+            self._extend(layers[-1].order, shared)
         # The alive bits count in the order that training saw; another encoder may have put the points into another order.
         group = dataclasses.replace(group, alive=group.alive[self._order])
-        return Ready(group, moving, None if layer is None else layer.trained, encoded)
+        return Ready(group, moving, layers)
 
-    def _importance(self, stored: StoredGroup, layer: StoredLayer | None) -> Importance:
+    def _born(self, index: int) -> list[tuple[bool, StoredLayer]]:
+        """The layers born at a group, each with whether all chapters share it. Those of the chapter before are retired at its end."""
+        own, shared = self.store.group(index).layer(), None
+        if self._firsts is not None and index in self._firsts:
+            self._order = self._shared
+            shared = self.store.scene.layer() if index == 0 else None
+        return [(s, layer) for s, layer in ((True, shared), (False, own)) if layer is not None and len(layer.trained)]
+
+    def _extend(self, order: np.ndarray, shared: bool) -> None:
+        self._order = np.concatenate([self._order, len(self._order) + order])
+        if shared:
+            self._shared = self._order
+
+    def _ready(
+        self, index: int, first_frame: int, layer: StoredLayer, importance: np.ndarray | None, shared: bool
+    ) -> ReadyLayer:
+        until = None if shared or self._firsts is None else min((f for f in self._firsts if f > index), default=None)
+        store = self.store.scene if shared else self.store.group(index)
+        data = store.encoded_layer() if self.encoded else None
+        if data is not None:
+            return ReadyLayer(layer.trained, data, np.arange(len(layer.trained)), until)
+        return ReadyLayer(
+            layer.trained, *self.writer.encoder.layer(index, first_frame, layer.trained, importance), until
+        )
+
+    def _importance(self, stored: StoredGroup, born: list[StoredLayer]) -> Importance:
         """As the run measured it, or measured now."""
-        if stored.importance is not None and (layer is None or layer.importance is not None):
+        if stored.importance is not None and all(layer.importance is not None for layer in born):
             return stored.importance, None
         index = stored.group.index
         if index not in self.measured:
             static = self.store.static(index)
-            self.measured[index] = group_importance(
-                self.writer.manifest, self.writer.config, static, stored.group, self.device
-            )
+            reel = self.writer.manifest, self.writer.config
+            self.measured[index] = group_importance(*reel, static, stored.group, self.device)
         return self.measured[index]
 
     def _write(self, ready: Ready, files: dict[str, bytes] | None) -> None:
-        if ready.layer is not None:
-            first = ready.group.first_frame
-            self.writer.add_layer(ready.group.index, first, ready.layer, encoded=ready.encoded)
-        self.writer.add_group(ready.group, ready.importance, files)
-
-    def skip(self, index: int) -> None:
-        """A group that the reel holds already, in the order of its checkpoint."""
-        layer = self.store.group(index).layer()
-        born = 0 if layer is None else len(layer.trained)
-        self._order = np.concatenate([self._order, len(self._order) + np.arange(born)])
+        group = ready.group
+        for layer in ready.layers:
+            encoded = layer.data, layer.order
+            self.writer.add_layer(group.index, group.first_frame, layer.points, encoded=encoded, until=layer.until)
+        self.writer.add_group(group, ready.importance, files)

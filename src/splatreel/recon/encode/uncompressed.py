@@ -26,10 +26,9 @@ class UncompressedReel:
         return self.store.group(index).group().group
 
     def static(self, group: int) -> tuple[Gaussians, np.ndarray]:
-        """All static points born up to a group, as trained, and the group each was born at."""
-        layers = {i: self.store.group(i).layer() for i in range(group + 1)}
-        points = {i: layer.trained for i, layer in layers.items() if layer is not None}
-        if not points:
+        """The static points that `alive` of a group speaks of, as trained, and the group each was born at."""
+        layers = self.store.layers(group)
+        if not layers:
             return Gaussians.empty(0), np.zeros(0, np.int64)
-        born = np.repeat(list(points), [len(p) for p in points.values()])
-        return Gaussians.concatenate(list(points.values())), born
+        born = np.repeat([birth for birth, _ in layers], [len(layer.trained) for _, layer in layers])
+        return Gaussians.concatenate([layer.trained for _, layer in layers]), born

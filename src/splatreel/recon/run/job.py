@@ -18,19 +18,25 @@ from splatreel.scene.spans import GroupSpan
 
 @dataclass
 class Job:
-    """One run. seconds: per stage, summed over the groups and over interrupted runs."""
+    """A run, or one part of it. seconds: per stage, summed over the groups and over interrupted runs.
+
+    spans: its groups. part: its name where there are others, such as chapter0003. groups: of the whole video.
+    """
 
     config: Config
     device: torch.device
     progress: Progress
     store: Store
     spans: list[GroupSpan]
+    part: str = ""
+    groups: int = 0
     plan: Plan = field(init=False)
     seconds: dict[str, float] = field(init=False)
 
     def __post_init__(self) -> None:
-        self.plan = Plan([span.count for span in self.spans], self.config)
-        self.seconds = self.store.seconds()
+        self.groups = self.groups or len(self.spans)
+        self.plan = Plan(self.spans, self.config)
+        self.seconds = self.store.seconds(self.part)
 
     @contextmanager
     def timed(self, stage: str) -> Iterator[None]:
@@ -38,8 +44,8 @@ class Job:
         start = time.monotonic()
         yield
         self.seconds[stage] = round(self.seconds.get(stage, 0.0) + time.monotonic() - start, 3)
-        self.store.save_seconds(self.seconds)
+        self.store.save_seconds(self.seconds, self.part)
 
     def say(self, group: GroupSpan, what: str, steps: int, share: Span) -> None:
         """Begin a bar of so many steps. share: which part of the whole job it is."""
-        self.progress.stage(f"group {group.index + 1}/{len(self.spans)}: {what}", steps, share)
+        self.progress.stage(f"group {group.index + 1}/{self.groups}: {what}", steps, share)

@@ -6,6 +6,7 @@ from collections.abc import Sequence
 
 from splatreel.config import Config
 from splatreel.progress import Span
+from splatreel.scene.spans import GroupSpan
 
 MOTION_COST = 0.7
 """Seconds of an iteration of motion over those of an iteration of a keyframe, roughly: most of the picture stands still."""
@@ -20,19 +21,25 @@ TRACKING_COST = 50.0
 class Plan:
     """The stages of a job in their order, with what each costs beside the others.
 
-    counts: frames of each group, overlap included. Costs are estimates: what moves decides the rest.
+    spans: its groups; the first one trains all points. Costs are estimates: what moves decides the rest.
     """
 
-    def __init__(self, counts: Sequence[int], config: Config) -> None:
+    def __init__(self, spans: Sequence[GroupSpan], config: Config) -> None:
         keyframe, motion = config.keyframe, config.group
         first = keyframe.first_iterations * _cost(keyframe.coarse_share)
         each = MOTION_COST * motion.iterations_per_frame * _cost(motion.coarse_share)
         self._costs = {"points": POINTS_COST}
-        for group, count in enumerate(counts):
-            self._costs[f"keyframe {group}"] = keyframe.refine_iterations if group else first
+        for place, span in enumerate(spans):
+            group, count = span.index, span.count
+            self._costs[f"keyframe {group}"] = keyframe.refine_iterations if place else first
             self._costs[f"layering {group}"] = LAYERING_COST
             self._costs[f"tracking {group}"] = TRACKING_COST * count if motion.tracks else 0.0
             self._costs[f"motion {group}"] = each * count
+
+    @property
+    def total(self) -> float:
+        """What all of it costs, in iterations of a keyframe."""
+        return sum(self._costs.values())
 
     def points(self) -> Span:
         return self._span("points")
@@ -61,7 +68,7 @@ class Plan:
 
     def _span(self, stage: str) -> Span:
         """The part of the whole job a stage is: where it starts and ends, 0..1."""
-        total, begin = sum(self._costs.values()), 0.0
+        total, begin = self.total, 0.0
         for name, cost in self._costs.items():
             if name == stage:
                 return begin / total, (begin + cost) / total

@@ -1,4 +1,4 @@
-"""An output folder belongs to one process at a time, and to one run (`run_record`)."""
+"""An output folder, or a part of it, belongs to one process at a time, and to one run (`run_record`)."""
 
 from __future__ import annotations
 
@@ -17,14 +17,16 @@ from splatreel.scene.atomic import lock, sweep
 class RunLock:
     """The right to write into an output folder, OUT/work and OUT/reel. Use as a context manager.
 
-    Entering makes the folders, keeps other processes out, and removes files that a killed one left half written. Raises
+    part: which part of the run, such as chapter0003, each of which may belong to another process; empty: the reel, and all of a run
+    that has no parts. Entering makes the folders, keeps others out, and removes what a killed one left half written. Raises
     `ReconstructionError` if that cannot be, or the folder holds something else: the run of another capture or
     configuration, or a reel without the checkpoints it was made from. Nothing is overwritten then.
     """
 
-    def __init__(self, out: Path, capture: Capture, config: Config, sound: str = "auto") -> None:
+    def __init__(self, out: Path, capture: Capture, config: Config, sound: str = "auto", part: str = "") -> None:
         self.out, self.reel, self.work = out, out / "reel", out / "work"
         self.record = run_record(capture, config, sound)
+        self.part = part
         self._lock: int | None = None
 
     def __enter__(self) -> RunLock:
@@ -34,9 +36,9 @@ class RunLock:
         except BaseException:
             self._release()
             raise
-        for folder in (self.work, self.reel):
-            for leftover in folder.glob("**/.*.tmp"):
-                leftover.unlink(missing_ok=True)
+        for root in (self.work, self.reel):
+            for folder in (root, *(place for place in root.rglob("*") if place.is_dir())):
+                sweep(folder)
         return self
 
     def __exit__(self, *_: object) -> None:
@@ -59,16 +61,15 @@ class RunLock:
         try:
             self.work.mkdir(parents=True, exist_ok=True)
             self.reel.mkdir(exist_ok=True)
-            handle = os.open(self.work / ".lock", os.O_RDWR | os.O_CREAT, 0o644)
+            handle = os.open(self.work / f".lock{self.part and f'-{self.part}'}", os.O_RDWR | os.O_CREAT, 0o644)
         except OSError as error:
             raise ReconstructionError(
                 f"{error.filename}: cannot be written ({error.strerror}). Choose another --out, or fix what is in the way."
             ) from error
         if not lock(handle):
             os.close(handle)
-            raise ReconstructionError(
-                f"{self.out}: another process is reconstructing into this folder. Wait for it or choose another --out."
-            )
+            what = f"making {self.part} of the run in this folder" if self.part else "reconstructing into this folder"
+            raise ReconstructionError(f"{self.out}: another process is {what}. Wait for it or choose another --out.")
         return handle
 
     def _release(self) -> None:

@@ -11,6 +11,7 @@ from splatreel.config import Config
 from splatreel.config.records import updated
 from splatreel.errors import ReconstructionError
 from splatreel.recon.run import checkpoint
+from splatreel.scene.spans import chapter_spans, group_spans
 
 VERSION = 1
 """Raised when checkpoints of before can no longer be continued."""
@@ -23,7 +24,11 @@ SHOWN = 3
 def run_record(capture: Capture, config: Config, sound: str) -> dict[str, Any]:
     """All that decides what a run makes. sound: as in `reconstruct`."""
     name = Path(sound).name  # a file may be elsewhere the next time
-    return {"version": VERSION, "capture": capture.describe(), "config": json.loads(config.to_json()), "sound": name}
+    settings = json.loads(config.to_json())
+    groups = group_spans(capture.frames, config.group.length, config.group.overlap)
+    if len(chapter_spans(groups, config.chapter_frames)) == 1:
+        settings["chapter_frames"] = 0  # of a short video it decides nothing
+    return {"version": VERSION, "capture": capture.describe(), "config": settings, "sound": name}
 
 
 def has_record(work: Path) -> bool:

@@ -8,6 +8,7 @@ yet, is loaded as None.
 
 from __future__ import annotations
 
+import json
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -18,6 +19,7 @@ import numpy as np
 from splatreel.codec.header import ReelHeader
 from splatreel.codec.presentation import Limits, Presentation, parse_presentation
 from splatreel.errors import ReconstructionError
+from splatreel.motion.clean_plates import CleanPlates
 from splatreel.recon.cameras.exposure import Exposure, at_next_keyframe
 from splatreel.recon.cameras.rig import Poses, Rig
 from splatreel.recon.coverage.coverage import Coverage
@@ -26,6 +28,7 @@ from splatreel.recon.layering.labels import Layers
 from splatreel.recon.layering.relighting import RelitPoints
 from splatreel.recon.layering.tracking import GroupStart
 from splatreel.recon.run import checkpoint
+from splatreel.recon.train.chapter_keyframe import ChapterStart
 from splatreel.recon.train.keyframe import KeyframeResult
 from splatreel.scene.gaussians import Gaussians
 from splatreel.scene.group import Group
@@ -55,7 +58,10 @@ class StoredGroup:
 
 
 class GroupStore:
-    """The checkpoints of one group."""
+    """The checkpoints of one group, or of the scene that chapters share.
+
+    encoded: the files of a reel that are made of them, where they are made before the reel is written.
+    """
 
     def __init__(self, folder: Path) -> None:
         self.folder = folder
@@ -81,6 +87,22 @@ class GroupStore:
     def save_keyframe(self, keyframe: KeyframeResult) -> None:
         self._save("keyframe", checkpoint.pack(keyframe.points) | {"gains": keyframe.gains})
 
+    def chapter_start(self) -> ChapterStart | None:
+        arrays = self._load("chapter")
+        if arrays is None:
+            return None
+        return ChapterStart(checkpoint.unpack(arrays), arrays["gains"], arrays["alive"])
+
+    def save_chapter_start(self, start: ChapterStart) -> None:
+        self._save("chapter", checkpoint.pack(start.points) | {"gains": start.gains, "alive": start.alive})
+
+    def plates(self) -> CleanPlates | None:
+        arrays = self._load("plates")
+        return None if arrays is None else CleanPlates(arrays["images"], arrays["unknown"])
+
+    def save_plates(self, plates: CleanPlates) -> None:
+        self._save("plates", plates._asdict())
+
     def layers(self) -> Layers | None:
         arrays = self._load("layering")
         if arrays is None:
@@ -105,6 +127,29 @@ class GroupStore:
     def save_layer(self, layer: StoredLayer) -> None:
         arrays = checkpoint.pack(layer.trained, "raw_") | checkpoint.pack(layer.decoded, "decoded_")
         self._save("layer", arrays | _present(importance=layer.importance))
+
+    def encoded_layer(self) -> bytes | None:
+        """The file of `layer`, in whose order it is."""
+        arrays = self._load("encoded-layer")
+        return None if arrays is None else arrays["file"].tobytes()
+
+    def save_encoded_layer(self, data: bytes) -> None:
+        self._save("encoded-layer", {"file": np.frombuffer(data, np.uint8)})
+
+    def encoded_group(self) -> dict[str, bytes] | None:
+        """By uri the files of the finished group, the best rendition first."""
+        arrays = self._load("encoded-group")
+        if arrays is None:
+            return None
+        order = json.loads(arrays["uris"].tobytes())
+        return {uri: arrays[f"file{place}"].tobytes() for place, uri in enumerate(order)}
+
+    def save_encoded_group(self, files: dict[str, bytes]) -> None:
+        arrays = {f"file{place}": np.frombuffer(data, np.uint8) for place, data in enumerate(files.values())}
+        self._save("encoded-group", arrays | {"uris": np.frombuffer(json.dumps(list(files)).encode(), np.uint8)})
+
+    def has_encoded_group(self) -> bool:
+        return self._path("encoded-group").exists()
 
     def start(self) -> GroupStart | None:
         arrays = self._load("tracking")
@@ -162,17 +207,37 @@ class Store:
     def group(self, index: int) -> GroupStore:
         return GroupStore(self.work / f"group{index:04d}")
 
-    def finished_groups(self) -> int:
-        """How many groups, from the first on, have been reconstructed."""
-        index = 0
+    @property
+    def scene(self) -> GroupStore:
+        """What chapters share; its folder is there only where there are several."""
+        return GroupStore(self.work / "scene")
+
+    def chapter_firsts(self) -> list[int] | None:
+        """The first group of each chapter; None where the video is one, without static points that are shared."""
+        path = self.work / "chapters.json"
+        return checkpoint.load_json(path) if path.exists() else None
+
+    def save_chapter_firsts(self, firsts: list[int]) -> None:
+        checkpoint.save_json(self.work / "chapters.json", firsts)
+
+    def finished_groups(self, first: int = 0) -> int:
+        """How many groups, from `first` on, have been reconstructed."""
+        index = first
         while self.group(index).finished():
             index += 1
-        return index
+        return index - first
+
+    def layers(self, index: int) -> list[tuple[int, StoredLayer]]:
+        """The layers that a group shows points of, in the order of its `alive` bits, each with the group of its birth."""
+        firsts = self.chapter_firsts()
+        shared = None if firsts is None else self.scene.layer()
+        begin = max((first for first in firsts or [0] if first <= index), default=0)
+        own = [(i, self.group(i).layer()) for i in range(begin, index + 1)]
+        return [(born, layer) for born, layer in [(0, shared), *own] if layer is not None]
 
     def static(self, index: int) -> Gaussians:
-        """All static points born up to a group, as the reel holds them, in the order that training saw them."""
-        layers = [self.group(i).layer() for i in range(index + 1)]
-        return Gaussians.concatenate([Gaussians.empty(0), *(layer.decoded for layer in layers if layer is not None)])
+        """The static points of these layers, as the reel holds them."""
+        return Gaussians.concatenate([Gaussians.empty(0), *(layer.decoded for _, layer in self.layers(index))])
 
     def layout(self) -> Layout | None:
         """What the first frame told of the scene, with the points that go with it (`initial_points`)."""
@@ -216,13 +281,20 @@ class Store:
     def save_coverage(self, coverage: Coverage) -> None:
         checkpoint.save_json(self.work / "coverage.json", coverage.to_dict())
 
-    def seconds(self) -> dict[str, float]:
-        """By stage, summed over the groups and over interrupted runs."""
-        path = self.work / "seconds.json"
-        return checkpoint.load_json(path) if path.exists() else {}
+    def seconds(self, part: str | None = None) -> dict[str, float]:
+        """By stage, summed over the groups and over interrupted runs. part: of a run; None: of all of it."""
+        pattern = "seconds*.json" if part is None else self._seconds(part).name
+        total: dict[str, float] = {}
+        for path in sorted(self.work.glob(pattern)):
+            for stage, seconds in checkpoint.load_json(path).items():
+                total[stage] = total.get(stage, 0.0) + seconds
+        return total
 
-    def save_seconds(self, seconds: dict[str, float]) -> None:
-        checkpoint.save_json(self.work / "seconds.json", seconds)
+    def save_seconds(self, seconds: dict[str, float], part: str = "") -> None:
+        checkpoint.save_json(self._seconds(part), seconds)
+
+    def _seconds(self, part: str) -> Path:
+        return self.work / f"seconds{part and f'-{part}'}.json"
 
     @property
     def _layout(self) -> Path:
@@ -239,6 +311,8 @@ def restored_rig(rig: Rig, store: GroupStore, own: int) -> Rig:
         rig = rig.standing(poses)
     if (keyframe := store.keyframe()) is not None:
         rig = replace(rig, gains=keyframe.gains)
+    if (start := store.chapter_start()) is not None:
+        rig = replace(rig, gains=start.gains)
     if (exposure := store.exposure()) is not None:
         rig = at_next_keyframe(rig, exposure, own)
     if (offsets := store.time_offsets()) is not None:

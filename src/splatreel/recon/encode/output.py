@@ -1,0 +1,98 @@
+"""Where layers and groups go as soon as they are made: into the reel, or, of a chapter, beside its checkpoints."""
+
+from __future__ import annotations
+
+from typing import Protocol
+
+import numpy as np
+
+from splatreel.codec.encoder import ReelEncoder
+from splatreel.codec.group_file import decode_layer
+from splatreel.codec.header import ReelHeader
+from splatreel.codec.writer import ReelWriter
+from splatreel.config import EncodeConfig
+from splatreel.recon.encode.publisher import Present, Publisher
+from splatreel.recon.run.store import Store
+from splatreel.scene.gaussians import Gaussians
+from splatreel.scene.group import Group
+
+
+class Output(Protocol):
+    """What a run hands its layers and groups to. header, config: what the reel says, and how it is encoded."""
+
+    @property
+    def header(self) -> ReelHeader: ...
+
+    @property
+    def config(self) -> EncodeConfig: ...
+
+    def add_layer(
+        self, group: int, first_frame: int, points: Gaussians, importance: np.ndarray | None
+    ) -> tuple[Gaussians, np.ndarray]:
+        """As `ReelWriter.add_layer`: the points decoded, in reel order, and that order."""
+        ...
+
+    def add_group(self, group: Group, importance: np.ndarray | None) -> None: ...
+
+    def restore(self, index: int, last: bool) -> None:
+        """A group that was finished before, and may lack here. last: none follows that was."""
+        ...
+
+
+class ReelOutput:
+    """Into the reel at once. present: adds what is there beside the points."""
+
+    def __init__(self, writer: ReelWriter, publisher: Publisher, present: Present) -> None:
+        self.writer, self.publisher, self.present = writer, publisher, present
+
+    @property
+    def header(self) -> ReelHeader:
+        return self.writer.manifest
+
+    @property
+    def config(self) -> EncodeConfig:
+        return self.writer.config
+
+    def add_layer(
+        self, group: int, first_frame: int, points: Gaussians, importance: np.ndarray | None
+    ) -> tuple[Gaussians, np.ndarray]:
+        return self.writer.add_layer(group, first_frame, points, importance)
+
+    def add_group(self, group: Group, importance: np.ndarray | None) -> None:
+        self.writer.add_group(group, importance)
+        self.present(self.writer, group.index)
+
+    def restore(self, index: int, last: bool) -> None:
+        if index < self.writer.manifest.end_group:
+            self.publisher.skip(index)
+        else:
+            self.publisher.publish(index)
+        if last:
+            self.present(self.writer, index)
+
+
+class ChapterOutput:
+    """Beside the checkpoints, encoded, for whoever writes the reel: chapters are made in any order, on any machine."""
+
+    def __init__(self, store: Store, header: ReelHeader, config: EncodeConfig) -> None:
+        self.store, self.header = store, header
+        self.encoder = ReelEncoder(config)
+
+    @property
+    def config(self) -> EncodeConfig:
+        return self.encoder.config
+
+    def add_layer(
+        self, group: int, first_frame: int, points: Gaussians, importance: np.ndarray | None
+    ) -> tuple[Gaussians, np.ndarray]:
+        data, order = self.encoder.layer(group, first_frame, points, importance)
+        self.store.group(group).save_encoded_layer(data)
+        return decode_layer(data, f"The layer of group {group}")[1], order
+
+    def add_group(self, group: Group, importance: np.ndarray | None) -> None:
+        self.store.group(group.index).save_encoded_group(self.encoder.group(group, importance))
+
+    def restore(self, index: int, last: bool) -> None:
+        if not self.store.group(index).has_encoded_group():
+            stored = self.store.group(index).group()
+            self.add_group(stored.group, stored.importance)

@@ -1,0 +1,161 @@
+"""The jobs that a video of several chapters is made by: the scene that they share, each chapter, the reel.
+
+Each reads and writes files in one output folder, holds a lock on its part of it, and does only what is not done yet, so that it can
+be repeated, continued, or run on another machine. The scene comes first, then the chapters in any order, then the reel.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+
+import torch
+
+from splatreel.capture.base import Capture
+from splatreel.codec.header import ReelHeader
+from splatreel.codec.writer import ReelWriter
+from splatreel.config import Config, EncodeConfig
+from splatreel.errors import ReconstructionError
+from splatreel.progress import Progress
+from splatreel.recon.encode.header import open_writer
+from splatreel.recon.encode.output import ChapterOutput
+from splatreel.recon.encode.publisher import Present, Publisher
+from splatreel.recon.encode.sound import hear
+from splatreel.recon.groups import Handover, reconstruct_groups
+from splatreel.recon.init.layout import Layout
+from splatreel.recon.run.job import Job
+from splatreel.recon.run.plan import Plan
+from splatreel.recon.run.run_lock import RunLock
+from splatreel.recon.run.store import Store
+from splatreel.recon.shared_scene import reconstruct_shared_scene, shared_rig
+from splatreel.scene.gaussians import Gaussians
+from splatreel.scene.spans import ChapterSpan, GroupSpan, chapter_spans, group_spans
+from splatreel.scene.static_points import StaticPoints
+
+SCENE = "scene"
+_PLATE = GroupSpan(0, 0, 1, 1)
+"""The scene's pictures are one frame."""
+
+
+@dataclass(frozen=True)
+class ChapteredRun:
+    """What is to be made, and where. sound: as in `reconstruct`."""
+
+    capture: Capture
+    out: Path
+    config: Config
+    sound: str
+    device: torch.device
+
+    @property
+    def store(self) -> Store:
+        return Store(self.out / "work")
+
+    @cached_property
+    def groups(self) -> list[GroupSpan]:
+        group = self.config.group
+        return group_spans(self.capture.frames, group.length, group.overlap)
+
+    @cached_property
+    def chapters(self) -> list[ChapterSpan]:
+        return chapter_spans(self.groups, self.config.chapter_frames)
+
+    def lock(self, part: str = "") -> RunLock:
+        return RunLock(self.out, self.capture, self.config, self.sound, part)
+
+    def job(self, part: str, spans: tuple[GroupSpan, ...], progress: Progress) -> Job:
+        return Job(self.config, self.device, progress, self.store, list(spans), part, len(self.groups))
+
+    def costs(self) -> list[float]:
+        """What the scene and each chapter cost, in iterations of a keyframe."""
+        parts = [(_PLATE,), *(chapter.groups for chapter in self.chapters)]
+        return [Plan(spans, self.config).total for spans in parts]
+
+
+def has_scene(run: ChapteredRun) -> bool:
+    return run.store.scene.layer() is not None
+
+
+def has_chapter(run: ChapteredRun, chapter: ChapterSpan) -> bool:
+    """Whether all its groups are encoded."""
+    return all(run.store.group(span.index).has_encoded_group() for span in chapter.groups)
+
+
+def scene_job(run: ChapteredRun, progress: Progress) -> None:
+    """What is always there, reconstructed from the whole video. Raises as `reconstruct` does."""
+    with run.lock(SCENE) as lock:
+        if has_scene(run):
+            return
+        job = run.job(SCENE, (_PLATE,), progress)
+        sound = hear(lock.work, run.capture, run.sound, progress)
+        run.store.save_chapter_firsts([chapter.first for chapter in run.chapters])
+        reconstruct_shared_scene(job, run.capture, sound, lock)
+
+
+def chapter_job(run: ChapteredRun, index: int, progress: Progress) -> None:
+    """One chapter, group after group. Raises `ReconstructionError` where the scene is not there yet, and as `reconstruct` does."""
+    chapter, part = run.chapters[index], f"chapter{index:04d}"
+    with run.lock(part):
+        if has_chapter(run, chapter):
+            return
+        job = run.job(part, chapter.groups, progress)
+        reconstruct_groups(job, run.capture, *_begin(run, job), ChapterOutput(run.store, *_header(run)))
+
+
+def publish_job(run: ChapteredRun, progress: Progress, present: Present) -> None:
+    """The reel, from all chapters. Raises `ReconstructionError` where one is not finished, and says which."""
+    with run.lock():
+        publisher = ChapterPublisher(run, present)
+        publisher.publish_ready()
+        missing = [chapter.index for chapter in run.chapters if not has_chapter(run, chapter)]
+        if missing:
+            some = ", ".join(str(index) for index in missing[:5]) + (" ..." if len(missing) > 5 else "")
+            raise ReconstructionError(
+                f"{run.out}: {len(missing)} of {len(run.chapters)} chapters are not finished ({some}). The reel has the groups before "
+                "them. Run these chapters again, and then this."
+            )
+        publisher.finish()
+
+
+class ChapterPublisher:
+    """Puts the groups of chapters into the reel, in order, as far as they are there. The run is locked while it is used."""
+
+    def __init__(self, run: ChapteredRun, present: Present) -> None:
+        if not has_scene(run):
+            raise ReconstructionError(f"{run.out}: the scene that chapters share is not finished. Make it first.")
+        self.run, self.present = run, present
+        self.writer: ReelWriter = open_writer(run.store, run.out / "reel", run.config.encode, resume=True)
+        self._publisher = Publisher(self.writer, run.store, run.device, encoded=True)
+        self.published = self.writer.manifest.end_group
+        for index in range(self.published):
+            self._publisher.skip(index)
+        if self.published:
+            present(self.writer, self.published - 1)
+
+    def publish_ready(self) -> None:
+        """All groups whose turn it is and that are encoded."""
+        store, count = self.run.store, len(self.run.groups)
+        while self.published < count and store.group(self.published).has_encoded_group():
+            self._publisher.publish(self.published)
+            self.present(self.writer, self.published)
+            self.published += 1
+
+    def finish(self) -> None:
+        """Declare the reel complete."""
+        self.present(self.writer, None)
+        self.writer.finish()
+
+
+def _begin(run: ChapteredRun, job: Job) -> tuple[Layout, Handover]:
+    """The measures of the scene, and what a chapter starts from."""
+    store = run.store
+    shared, plates, layout = store.scene.layer(), store.scene.plates(), store.layout()
+    if shared is None or plates is None or layout is None:
+        raise ReconstructionError(f"{run.out}: the scene that chapters share is not finished. Make it first.")
+    static = StaticPoints.none(run.config.keyframe.sh_degree).with_layer(shared.decoded)
+    return layout, Handover(shared_rig(job, run.capture), static, Gaussians.empty(), plates=plates.images)
+
+
+def _header(run: ChapteredRun) -> tuple[ReelHeader, EncodeConfig]:
+    return run.store.header()[0], run.config.encode
