@@ -53,8 +53,7 @@ def reconstruct_groups(job: Job, capture: Capture, layout: Layout, before: Hando
     finished = min(job.store.finished_groups(job.spans[0].index), len(job.spans))
     for place, span in enumerate(job.spans[:finished]):
         before = restore_group(job, span, before)
-        with job.timed("encode"):
-            output.restore(span.index, last=place + 1 == finished)
+        output.restore(span.index, last=place + 1 == finished)
     todo = job.spans[finished:]
     with FramePrefetcher(capture, before.rig.names, [(span.first, span.count) for span in todo]) as stretches:
         for span, frames in zip(todo, stretches, strict=True):
