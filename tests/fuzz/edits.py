@@ -16,7 +16,7 @@ from functools import cache
 from typing import Any
 
 from splatreel.codec.container import unpack_file
-from tests.fuzz.seeds import files
+from tests.fuzz.seeds import DOCUMENTS, files
 
 VALUES: list[Any] = [
     0, 1, -1, 2, 255, 1 << 16, 1 << 26, 1 << 31, 1 << 40, 1 << 64, -(1 << 63), 10**400, 0.5, -0.5, 1e-300, 1e308, float("nan"),
@@ -86,7 +86,7 @@ def run(data: bytes) -> tuple[str, bytes]:
     program = Program(data)
     names = sorted(files())
     name = names[program.below(len(names))]
-    if name == "manifest":
+    if name in DOCUMENTS:
         document = json.loads(files()[name])
         for _ in range(MAX_EDITS):
             if program.left:
@@ -115,7 +115,7 @@ def edit(draft: Draft, program: Program) -> None:
         with contextlib.suppress(zlib.error):
             draft.sections[name] = zlib.compress(damaged(zlib.decompress(draft.sections[name]), program, always=True))
     elif kind == 6:
-        names = sorted(set(files()) - {"manifest", "sound"})
+        names = sorted(set(files()) - {*DOCUMENTS, "sound"})
         other = Draft.of(files()[names[program.below(len(names))]])
         taken = sorted(other.sections)[program.below(len(other.sections))]
         draft.sections[taken] = other.sections[taken]

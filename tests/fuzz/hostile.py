@@ -77,8 +77,28 @@ MANIFEST_LIES: dict[str, Callable[[dict[str, Any]], object]] = {
     "manifest-sound-before-it-begins": lambda m: m.update(sound=_sound(start=-1)),
     "manifest-sound-too-large": lambda m: m.update(sound=_sound(bytes=1 << 40)),
     "manifest-sound-nowhere": lambda m: m.update(sound=_sound() | {"position": [0, "x", 0]}),
+    "manifest-retired-before-it-is-born": lambda m: (m.update(version=2), m["layers"][1].update(until=1)),
+    "manifest-longest-lived-last": lambda m: m.update(version=2, layers=[x | {"group": 0} | u for x, u in _lives(m)]),
+    "manifest-lists-what-is-gone": lambda m: (m.update(version=2, first_group=4), m["layers"][0].update(until=3)),
+    "manifest-first-group-below-zero": lambda m: m.update(version=2, first_group=-1),
+    "manifest-page-path-up": lambda m: m.update(version=2, pages=[_page(uri="../../secret")]),
+    "manifest-page-endless": lambda m: m.update(version=2, pages=[_page(groups=1 << 40)]),
+    "manifest-page-too-large": lambda m: m.update(version=2, pages=[_page(bytes=1 << 30)]),
+    "manifest-page-of-no-time": lambda m: m.update(version=2, pages=[_page(frames=-5)]),
+    "manifest-pages-too-large-together": lambda m: m.update(version=2, pages=[_page(bytes=1 << 20)] * 80),
+    "manifest-pages-and-no-group": lambda m: m.update(version=2, pages=[_page()], groups=[], live=True),
     "manifest-layers-without-bytes": lambda m: m.update(layers=[m["layers"][i] | {"points": 80_000} for i in (0, 1)]),
 }
+
+
+def _lives(manifest: dict[str, Any]) -> list[tuple[dict[str, Any], dict[str, int]]]:
+    return [(manifest["layers"][0], {"until": 1}), (manifest["layers"][1], {"until": 2})]
+
+
+def _page(**lie: object) -> dict[str, Any]:
+    """What a manifest says of a page, of which this is a lie."""
+    said = {"uri": "pages/000000.json", "bytes": 900, "sha256": "0" * 64, "first_frame": 0, "frames": 3, "groups": 1}
+    return said | lie
 
 
 def _sound(**segment: object) -> dict[str, Any]:

@@ -1,4 +1,4 @@
-"""What fuzzing starts from: a tiny file of every codec and kind, and a manifest."""
+"""What fuzzing starts from: a tiny file of every codec and kind, manifests of both versions, and a page."""
 
 from __future__ import annotations
 
@@ -15,6 +15,7 @@ from splatreel.config import EncodeConfig
 from splatreel.scene.group import Group
 from tests.codec.reels import points, write_reel
 from tests.golden import random_motion, weights
+from tests.golden_long import LONG
 
 PAPER = EncodeConfig(codec="h265", sh_entries=4)
 FLOATS = dict.fromkeys(("position_bits", "quat_bits", "opacity_bits", "scale_bits", "color_bits"))
@@ -28,10 +29,21 @@ CONFIGURATIONS = {
 }
 POINTS, FRAMES = 12, 3
 
+FIRST_PAGE = "pages/000000.json"
+DOCUMENTS = "manifest", "manifest-long", "page"
+"""The seeds that are JSON."""
+
+
+@cache
+def pages() -> dict[str, bytes]:
+    """By uri the pages of `manifest-long`."""
+    return {f"pages/{path.name}": path.read_bytes() for path in (LONG / "pages").iterdir()}
+
 
 @cache
 def files() -> dict[str, bytes]:
-    """`layer-NAME` and `group-NAME` of every configuration, the `manifest` of a reel, and its `sound`."""
+    """`layer-NAME` and `group-NAME` of every configuration, the `manifest` of a reel, `manifest-long` of one in `pages`, the first
+    `page` of these, and the `sound` of a reel."""
     found = {}
     for name, config in CONFIGURATIONS.items():
         found[f"layer-{name}"], _ = encode_layer(0, 0, points(POINTS, degree=2), config, weights(POINTS))
@@ -46,6 +58,7 @@ def files() -> dict[str, bytes]:
             found[f"group-{name}-shaded"], _ = encode_group(shaded, config, weights(POINTS))
     with tempfile.TemporaryDirectory() as folder:
         found["manifest"] = (write_reel(Path(folder) / "reel") / "manifest.json").read_bytes()
+    found["manifest-long"], found["page"] = (LONG / "manifest.json").read_bytes(), pages()[FIRST_PAGE]
     sound = encode_sound([np.sin(np.arange(4800, dtype=np.float32))[:, None]], 1)
     found["sound"] = sound.init + sound.segments[0]
     return found

@@ -32,7 +32,7 @@ def info(reel: Positional[Path], /, rendition: str | None = None, json: bool = F
     reel = reel_folder(reel)
     found = reel_info(reel, rendition)
     if json:
-        values = dataclasses.asdict(found) | {"manifest": json_format.loads(found.manifest.to_json())}
+        values = dataclasses.asdict(found) | {"manifest": json_format.loads(found.manifest.without_pages().to_json())}
         say(json_format.dumps(values, indent=1))
     else:
         say(describe(str(reel), found))

@@ -26,6 +26,7 @@ from splatreel.codec.file_entry import (
 from splatreel.codec.header import BLACK, ReelHeader
 from splatreel.codec.manifest_pages import (
     Fetch,
+    Known,
     Page,
     PageEntry,
     join_layers,
@@ -188,14 +189,17 @@ class Manifest(ReelHeader):
         return in_lines(document)
 
 
-def parse_manifest(data: bytes, source: str, fetch: Fetch | None = None, whole: bool = True) -> Manifest:
+def parse_manifest(
+    data: bytes, source: str, fetch: Fetch | None = None, whole: bool = True, known: Known | None = None
+) -> Manifest:
     """The manifest in data, joined with its pages. fetch: gets a page; None: a manifest that has some is refused.
 
     whole: False takes what there is up to the first page that is missing or damaged, as of a reel of which nothing follows.
+    known: pages that were parsed before and need not be again; gets those of this manifest.
     Raises `ReelError`, with `source` in its message, for whatever is not a valid one.
     """
     try:
-        return _parse(_load(data), fetch, whole)
+        return _parse(_load(data), fetch, whole, {} if known is None else known)
     except ReelError as error:
         raise ReelError(f"{source}: {error}") from error
 
@@ -213,7 +217,7 @@ def _load(data: bytes) -> dict[str, Any]:
     return document
 
 
-def _parse(document: dict[str, Any], fetch: Fetch | None, whole: bool) -> Manifest:
+def _parse(document: dict[str, Any], fetch: Fetch | None, whole: bool, known: Known) -> Manifest:
     manifest = _parse_header(document)
     version, names = document["version"], manifest.renditions
     if version > 1:
@@ -225,7 +229,7 @@ def _parse(document: dict[str, Any], fetch: Fetch | None, whole: bool) -> Manife
     part = Page(layers, tuple(parse_group(entry, i, own + i, names) for i, entry in enumerate(listed)))
     if not part.groups and not (manifest.live and not manifest.pages):
         raise ReelError("has no group.")
-    pages, complete = _load_pages(manifest, fetch, whole)
+    pages, complete = _load_pages(manifest, fetch, whole, known)
     if complete:
         manifest = _joined(manifest, [*pages, part])
         _check(manifest, document)
@@ -239,14 +243,14 @@ def _parse(document: dict[str, Any], fetch: Fetch | None, whole: bool) -> Manife
     )
 
 
-def _load_pages(manifest: Manifest, fetch: Fetch | None, whole: bool) -> tuple[list[Page], bool]:
+def _load_pages(manifest: Manifest, fetch: Fetch | None, whole: bool, known: Known) -> tuple[list[Page], bool]:
     """The pages, and whether these are all; they are unless `whole` is False."""
     pages: list[Page] = []
     if manifest.pages and fetch is None:
         raise ReelError("has pages, and is not read alone. Name the folder of the reel, or its address.")
     try:
         if manifest.pages and fetch:
-            for page in load_pages(manifest.pages, manifest.first_group, manifest.renditions, fetch):
+            for page in load_pages(manifest.pages, manifest.first_group, manifest.renditions, fetch, known):
                 pages.append(page)  # those before one that fails are kept
     except ReelError:
         if whole:

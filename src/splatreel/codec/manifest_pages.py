@@ -10,7 +10,7 @@ from bisect import bisect_right
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field
-from itertools import pairwise
+from itertools import accumulate, pairwise
 from typing import Any
 
 from splatreel.codec.budget import most_points
@@ -42,6 +42,8 @@ AT_ONCE = 8
 
 Fetch = Callable[[str, int], bytes]
 """Gives the file at a relative uri, of at most so many bytes. Raises `ReelError` if it is missing or longer."""
+Known = dict[tuple[str, int, int, tuple[str, ...]], "Page"]
+"""Pages that were parsed before, by digest, length, first group and renditions: they never change."""
 
 
 @dataclass(frozen=True)
@@ -145,18 +147,29 @@ def _parse_entry(entry: object, index: int, names: Sequence[str]) -> PageEntry:
         raise ReelError(f"pages[{index}] {error}") from error
 
 
-def load_pages(entries: Sequence[PageEntry], first_group: int, names: tuple[str, ...], fetch: Fetch) -> Iterator[Page]:
-    """The pages, in order, each checked against what the manifest says of it. Raises `ReelError` that names the page."""
-    first, pool = first_group, ThreadPoolExecutor(AT_ONCE)
+def load_pages(
+    entries: Sequence[PageEntry], first_group: int, names: tuple[str, ...], fetch: Fetch, known: Known
+) -> Iterator[Page]:
+    """The pages, in order, each checked against what the manifest says of it. Raises `ReelError` that names the page.
+
+    known: pages that need not be fetched; has these and no others afterwards.
+    """
+    firsts = accumulate((entry.groups for entry in entries), initial=first_group)
+    wanted = [((entry.sha256, entry.bytes, first, names), entry) for entry, first in zip(entries, firsts, strict=False)]
+    pool = ThreadPoolExecutor(AT_ONCE)
     try:
-        files = pool.map(lambda page: fetch(page.uri, page.bytes), entries)
-        for entry in entries:
-            data = next(files)  # its own errors name the file
+        files = pool.map(lambda entry: fetch(entry.uri, entry.bytes), (e for key, e in wanted if key not in known))
+        for key, entry in wanted:
+            data = None if key in known else next(files)  # its own errors name the file
             try:
-                yield _parse_page(data, entry, first, names)
+                if data is not None:
+                    known[key] = _parse_page(data, entry, *key[2:])
+                _check_page(known[key], entry, names)
             except ReelError as error:
                 raise ReelError(f"{entry.uri}: {error}") from error
-            first += entry.groups
+            yield known[key]
+        for key in known.keys() - {key for key, _ in wanted}:  # of a live reel, what was dropped
+            del known[key]
     finally:
         pool.shutdown(cancel_futures=True)
 
@@ -168,16 +181,20 @@ def _parse_page(data: bytes, entry: PageEntry, first: int, names: tuple[str, ...
     layers = tuple(parse_layer(item, i, 2) for i, item in enumerate(items(document, "layers", 0, MAX_FILES)))
     listed = items(document, "groups", entry.groups, entry.groups)
     groups = tuple(parse_group(item, i, first + i, names) for i, item in enumerate(listed))
-    said = entry.first_frame, entry.frames
-    found = groups[0].first_frame, max(group.end for group in groups) - groups[0].first_frame
-    if found != said:
-        raise ReelError(f"says (first frame, frames) {found} of itself, the manifest {said}.")
-    sizes = rendition_bytes(groups, names)
-    if sizes != entry.rendition_bytes:
-        raise ReelError(f"has renditions of {sizes} bytes, the manifest says {entry.rendition_bytes}.")
     if sum(layer.points for layer in layers) > most_points(sum(layer.bytes for layer in layers)):
         raise ReelError("has layers of more points than their bytes hold.")
     return Page(layers, groups)
+
+
+def _check_page(page: Page, entry: PageEntry, names: tuple[str, ...]) -> None:
+    first = page.groups[0].first_frame
+    said = entry.groups, entry.first_frame, entry.frames
+    found = len(page.groups), first, max(group.end for group in page.groups) - first
+    if found != said:
+        raise ReelError(f"says (groups, first frame, frames) {found} of itself, the manifest {said}.")
+    sizes = rendition_bytes(page.groups, names)
+    if sizes != entry.rendition_bytes:
+        raise ReelError(f"has renditions of {sizes} bytes, the manifest says {entry.rendition_bytes}.")
 
 
 def join_layers(parts: Sequence[Page]) -> tuple[FileEntry, ...]:

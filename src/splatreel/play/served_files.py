@@ -6,6 +6,7 @@ import threading
 from pathlib import Path
 
 from splatreel.codec.manifest import MAX_BYTES, parse_manifest
+from splatreel.codec.manifest_pages import Known
 from splatreel.codec.presentation import EMPTY, Presentation
 from splatreel.codec.source import open_source
 from splatreel.errors import ReelError
@@ -23,6 +24,7 @@ class ServedFiles:
         self._names = frozenset({MANIFEST})
         self._presentation = EMPTY
         self._modified = 0.0
+        self._pages: Known = {}
 
     def find(self, name: str) -> Path | None:
         """The file of this path within the reel, links resolved; None where there is none, or the manifest does not name it."""
@@ -53,7 +55,7 @@ class ServedFiles:
             self._names, self._presentation, self._modified = frozenset({MANIFEST}), EMPTY, status.st_mtime
             self._seen = seen
             if file.is_file() and status.st_size <= MAX_BYTES:
-                manifest = parse_manifest(file.read_bytes(), MANIFEST, open_source(self._reel).read)
+                manifest = parse_manifest(file.read_bytes(), MANIFEST, open_source(self._reel).read, known=self._pages)
                 self._names, self._presentation = frozenset({MANIFEST, *manifest.uris}), manifest.presentation
         except (OSError, ReelError):
             return

@@ -24,20 +24,26 @@ QUALITIES = (70, 60, 50, 40, 30, 20)
 
 
 def write_thumbnails(writer: ReelWriter, reel: Timeline) -> Thumbnails:
-    """Draw them from the reel as decoded; only the files are written, see `ReelWriter.present`."""
+    """Draw them from the reel as decoded; only the files are written, see `ReelWriter.present`.
+
+    Those of times before a reel that begins later show its first frame.
+    """
     frames, fps, camera = reel.frames, reel.fps, reel.manifest.camera
     step = max(round(fps * min(max(frames / fps / FEW, SHORTEST), LONGEST)), 1)
     count = math.ceil(frames / step)
     scale = SIDE / max(camera.width, camera.height)
     camera = camera.resized(max(round(camera.width * scale), 1), max(round(camera.height * scale), 1))
     columns, rows = min(count, COLUMNS), min(math.ceil(count / COLUMNS), ROWS)
-    sheets = []
+    sheets, drawn = [], {}
     for first in range(0, count, columns * rows):
         sheet = np.zeros((rows, columns, camera.height, camera.width, 3), np.uint8)
         chosen = range(first, min(first + columns * rows, count))
         for index in chosen:
             row, column = divmod(index - first, columns)
-            sheet[row, column] = to_bytes(reel.render(reel.at(index * step / fps), camera))
+            frame = max(index * step, reel.manifest.first_frame)
+            if frame not in drawn:
+                drawn = {frame: to_bytes(reel.render(reel.at(frame / fps), camera))}
+            sheet[row, column] = drawn[frame]
         pixels = sheet.swapaxes(1, 2).reshape(rows * camera.height, columns * camera.width, 3)
         uri = f"thumbnails/{len(sheets):04d}.jpg"
         sheets.append(writer.write_asset(uri, jpeg_within(pixels, MOST_BYTES * len(chosen), QUALITIES)))

@@ -40,7 +40,7 @@ class Viewer:
         import viser
 
         self.reel = reel
-        self.clock = Clock(reel.duration)
+        self.clock = Clock(reel.duration, start=reel.manifest.first_frame / reel.fps)
         self._draw = draw
         self._width = width
         self._host = host
@@ -98,8 +98,8 @@ class Viewer:
         server.gui.configure_theme(dark_mode=True, show_logo=False, show_share_button=False)
         place_camera(server.initial_camera, manifest.camera, np.asarray(manifest.bounds).mean(0))
         self._play = server.gui.add_button("Pause", hint="Play or pause")
-        last = max(self.reel.duration, 1e-3)
-        self._slider = server.gui.add_slider("Time", min=0.0, max=last, step=1e-3, initial_value=0.0)
+        first, last = clock.start, max(clock.duration, clock.start + 1e-3)
+        self._slider = server.gui.add_slider("Time", min=first, max=last, step=1e-3, initial_value=first)
         rate = server.gui.add_dropdown("Speed", RATES, initial_value="1")
         loop = server.gui.add_checkbox("Loop", initial_value=True)
         home = server.gui.add_button("Reset view")

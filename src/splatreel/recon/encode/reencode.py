@@ -59,4 +59,4 @@ def megabits_a_second(writer: ReelWriter) -> float:
     """Of video, by all layers and groups."""
     manifest = writer.manifest
     size = sum(file.bytes for file in (*manifest.layers, *manifest.groups))
-    return 8e-6 * size / (manifest.frames / manifest.fps)
+    return 8e-6 * size / ((manifest.frames - manifest.first_frame) / manifest.fps)
