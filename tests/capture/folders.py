@@ -108,6 +108,22 @@ def colmap(folder: Path, model: str = "PINHOLE", params: str = "80 80 32 24", im
     return folder
 
 
+def colmap_model(folder: Path, views: list[Camera]) -> Path:
+    """A text model alone, whose images are each camera's first picture, NAME/000000.png."""
+    sparse = folder / "sparse" / "0"
+    sparse.mkdir(parents=True)
+    rows, lines = [], []
+    for c, camera in enumerate(views):
+        fx, fy, cx, cy = camera.K[[0, 1, 0, 1], [0, 1, 2, 2]]
+        rows.append(f"{c + 1} PINHOLE {camera.width} {camera.height} {fx} {fy} {cx} {cy}")
+        pose = " ".join(str(x) for x in [*_quaternion(camera.viewmat[:3, :3]), *camera.viewmat[:3, 3]])
+        lines += [f"{c + 1} {pose} {c + 1} {camera.name}/000000.png", ""]
+    (sparse / "cameras.txt").write_text("\n".join(rows) + "\n")
+    (sparse / "images.txt").write_text("\n".join(lines) + "\n")
+    (sparse / "points3D.txt").write_text("")
+    return folder
+
+
 def technicolor(folder: Path, frames: int = 3, first: int = 51) -> Path:
     """Cameras 00 to 03 of a scene whose frames count from 51."""
     folder.mkdir()

@@ -58,6 +58,26 @@ def test_exactly_one_stretch_is_decoded_ahead() -> None:
     assert source.begun == [0, 2]
 
 
+def test_one_may_begin_with_a_stretch_when_it_is_asked_for() -> None:
+    source = Watched()
+    with FramePrefetcher(source, ["cam01"], iter([(0, 2), (2, 2), (4, 2)]), ahead=False) as frames:
+        parts = iter(frames)
+        next(parts)
+        assert not source.ahead.wait(0.1)
+        next(parts)
+        assert source.begun == [0, 2]
+
+
+def test_frames_that_two_stretches_share_are_decoded_once_and_are_each_ones_own() -> None:
+    source, seen = Watched(), []
+    with FramePrefetcher(source, ["cam01"], [(0, 6), (5, 6), (9, 4), (15, 3)], shared=2) as frames:
+        for part in frames:
+            seen.append(part[:, 0, 0, 0, 0].tolist())
+            part[:] = 0
+    assert seen == [list(range(6)), list(range(5, 11)), list(range(9, 13)), list(range(15, 18))]
+    assert source.begun == [0, 4, 6, 10, 11, 15]
+
+
 def test_an_error_comes_where_its_stretch_is_used() -> None:
     with FramePrefetcher(Watched(), ["cam01"], [(0, 5), (18, 5)]) as frames:
         parts = iter(frames)

@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 
 from splatreel import threads
+from splatreel.capture.growing.growth import Growth
 from splatreel.capture.poses import check_poses
 from splatreel.capture.sound import Track
 from splatreel.errors import CaptureError
@@ -35,13 +36,14 @@ class Request:
 
     width: output width in pixels, or scale: output over input size; neither keeps the input's size.
     frames: (first, end), end exclusive; None is all of them. held_out: names of cameras kept for evaluation; None is the
-    format's default.
+    format's default. growth: of a capture that is still being written; the end of its frames may then be yet to come.
     """
 
     width: int | None = None
     scale: float | None = None
     frames: tuple[int, int] | None = None
     held_out: list[str] | None = None
+    growth: Growth | None = None
 
     def size(self, width: int, height: int, path: Path) -> tuple[int, int]:
         """Output (width, height) for an input of that size, at the same aspect ratio."""
@@ -66,6 +68,8 @@ class Request:
     def range(self, available: int, path: Path) -> tuple[int, int]:
         """The (first, end) frames to read of a capture that has `available`."""
         first, end = self.frames if self.frames is not None else (0, available)
+        if self.growth is not None:
+            end = min(end, available)
         if not 0 <= first < end <= available:
             raise CaptureError(
                 f"{path}: frames {first}:{end} were asked for, the capture has frames 0:{available}. "
@@ -81,6 +85,7 @@ class Capture(ABC):
     there are after the frame range is applied; fps: time steps a second. points: [P, 3] float32 and point_colors: [P, 3] float32
     0..1, sparse points of the first frame where the capture has them. near: a near bound in world units, where the format brings
     one that can be trusted. origin: the file or folder that the poses are from. doubts: what is odd about them, in sentences.
+    growing: whether it is still being written; frames then grows, up to `limit` frames of the files if that is not None.
     """
 
     def __init__(
@@ -95,8 +100,10 @@ class Capture(ABC):
         point_colors: np.ndarray | None = None,
         near: float | None = None,
         origin: Path | None = None,
+        growing: bool = False,
+        limit: int | None = None,
     ) -> None:
-        self.path = Path(path)
+        self.path, self.growing, self.limit = Path(path), growing, limit
         self.origin = self.path if origin is None else origin
         self.name = self.path.resolve().name
         self.cameras = cameras
@@ -204,17 +211,19 @@ class Capture(ABC):
         """A short stable string that changes with the cameras, the frames, what is held out, or the files.
 
         A run that continues compares it: checkpoints of another capture do not fit. It does not depend on where the capture
-        lies. Files are compared by their sizes: two takes of one rig differ in nothing else. Raises `CaptureError` where a file is
+        lies. Files are compared by their sizes: two takes of one rig differ in nothing else. What is still being written has neither
+        a number of frames nor a size. Raises `CaptureError` where a file is
         missing.
         """
         digest = hashlib.sha256()
-        digest.update(repr((self.name, self.first_frame, self.frames, self.fps, sorted(self.held_out))).encode())
+        frames = self.limit if self.growing else self.frames
+        digest.update(repr((self.name, self.first_frame, frames, self.fps, sorted(self.held_out))).encode())
         for camera in self.cameras:
             digest.update(repr((camera.name, camera.width, camera.height)).encode())
             digest.update(camera.viewmat.tobytes() + camera.K.tobytes())
         for file in self.sources():
             try:
-                digest.update(repr((file.name, file.stat().st_size)).encode())
+                digest.update(repr((file.name, 0 if self.growing else file.stat().st_size)).encode())
             except OSError as error:
                 raise CaptureError(
                     f"{file}: cannot be read ({error.strerror}). Put the file back or leave the camera out."
@@ -223,9 +232,10 @@ class Capture(ABC):
 
     def describe(self) -> dict[str, Any]:
         """What a person calls different about two captures, and the fingerprint for the rest; plain JSON values."""
+        end = (self.limit or "") if self.growing else self.first_frame + self.frames
         return {
             "name": self.name,
-            "frames": f"{self.first_frame}:{self.first_frame + self.frames}",
+            "frames": f"{self.first_frame}:{end}",
             "fps": self.fps,
             "size": f"{self.width}x{self.height}",
             "held_out": sorted(self.held_out),

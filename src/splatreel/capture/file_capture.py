@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Protocol
+from typing import Protocol, runtime_checkable
 
 import numpy as np
 
@@ -16,8 +16,10 @@ from splatreel.scene.camera import Camera
 class FrameSource(Protocol):
     """Pictures of cameras by name. frames: how many time steps all of them have; fps: time steps a second."""
 
-    frames: int
     fps: float
+
+    @property
+    def frames(self) -> int: ...
 
     def read_camera(self, out: np.ndarray, first: int, name: str) -> None:
         """Time steps first .. first + len(out) - 1 of a camera into out [count, H, W, 3] uint8, resized to H x W."""
@@ -32,6 +34,25 @@ class FrameSource(Protocol):
 
     def close(self) -> None:
         """Release open files; reading again reopens them."""
+
+
+@runtime_checkable
+class GrowingSource(FrameSource, Protocol):
+    """Pictures that are still being written. frames: how many time steps are whole in all cameras, so far."""
+
+    def counts(self) -> dict[str, int]:
+        """By camera, how many time steps of it are whole."""
+        ...
+
+    def waiting_for(self, name: str) -> Path:
+        """The file in which a camera's next picture will be."""
+        ...
+
+    def update(self) -> None:
+        """Look for what was written."""
+
+    def settle(self) -> None:
+        """Once the capture has ended: all that is there counts."""
 
 
 class FileCapture(Capture):
@@ -65,6 +86,8 @@ class FileCapture(Capture):
             point_colors=point_colors,
             near=near,
             origin=origin,
+            growing=request.growth is not None,
+            limit=request.frames[1] if request.growth is not None and request.frames is not None else None,
         )
 
     def _read_into(self, out: np.ndarray, first: int, cameras: list[str]) -> None:
@@ -79,6 +102,15 @@ class FileCapture(Capture):
         self._source.read_camera(bent, first, name)
         for t, picture in enumerate(bent):
             out[t] = lens.undistort(picture)
+
+    @property
+    def source(self) -> FrameSource:
+        """Where the pictures come from."""
+        return self._source
+
+    def grow(self, available: int) -> None:
+        """More time steps are whole: so many in all, from the first one of the files on."""
+        self.frames = min(available, self.limit or available) - self.first_frame
 
     def sources(self) -> list[Path]:
         return self._source.sources(self.first_frame, self.frames)

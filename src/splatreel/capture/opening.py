@@ -7,6 +7,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 from splatreel.capture.base import Capture, Request
+from splatreel.capture.growing.growth import Growth
 from splatreel.capture.readers.colmap import ColmapCapture, is_colmap
 from splatreel.capture.readers.easyvolcap import EasyVolcapCapture, is_easyvolcap
 from splatreel.capture.readers.neu3dv import Neu3DVCapture, is_neu3dv
@@ -39,15 +40,17 @@ def open_capture(
     scale: float | None = None,
     frames: tuple[int, int] | None = None,
     held_out: list[str] | None = None,
+    growth: Growth | None = None,
 ) -> Capture:
     """Open a capture folder of any known format.
 
     width: output width in pixels, or scale: output over input size; by default the input's size. frames: (first, end), end
-    exclusive. held_out: names of cameras kept for evaluation; by default what the format says.
+    exclusive. held_out: names of cameras kept for evaluation; by default what the format says. growth: of a capture that is still being
+    written (`open_growing`).
     Raises `CaptureError` where the folder is of no known format or its content cannot be used.
     """
     folder = Path(path)
-    request = Request(width, scale, frames, held_out)
+    request = Request(width, scale, frames, held_out, growth)
     for fits, reader in READERS:
         if fits(folder):
             check_files(folder)

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from concurrent.futures import CancelledError, Future, ThreadPoolExecutor
+from collections.abc import Iterable, Iterator
+from concurrent.futures import CancelledError, ThreadPoolExecutor
 from threading import Event
 
 import numpy as np
@@ -17,14 +17,26 @@ CHUNK = 4
 class FramePrefetcher:
     """Iterates over stretches of a capture, in order, one decoded ahead in a thread.
 
-    stretches: (first, count) frames. Yields uint8 [count, len(cameras), H, W, 3]. At most two stretches are in memory: the one
-    in use and the next. Raises where it is iterated what the capture raises. Use as a context manager.
+    stretches: (first, count) frames; they may be known one after the other: they are taken in the thread, where waiting for the next
+    one disturbs nobody. ahead: False begins with the next stretch only when it is asked for. shared: frames at the end of a stretch
+    that are kept for the next one, which begins with them. Yields uint8 [count, len(cameras), H, W, 3]. At most two stretches are in
+    memory: the one in use and the next. Raises where it is iterated what the capture raises. Use as a context manager.
     """
 
-    def __init__(self, capture: Capture, cameras: list[str], stretches: list[tuple[int, int]]) -> None:
-        self.capture, self.cameras, self.stretches = capture, cameras, stretches
+    def __init__(
+        self,
+        capture: Capture,
+        cameras: list[str],
+        stretches: Iterable[tuple[int, int]],
+        *,
+        ahead: bool = True,
+        shared: int = 0,
+    ) -> None:
+        self.capture, self.cameras, self.ahead, self.shared = capture, cameras, ahead, shared
+        self._stretches = iter(stretches)
         self._pool = ThreadPoolExecutor(1, thread_name_prefix="decode")
         self._left = Event()
+        self._kept: tuple[int, np.ndarray] = 0, np.zeros(0)  # (first, frames)
 
     def __enter__(self) -> FramePrefetcher:
         return self
@@ -34,24 +46,29 @@ class FramePrefetcher:
         self._pool.shutdown(wait=True, cancel_futures=True)
 
     def __iter__(self) -> Iterator[np.ndarray]:
-        ahead = self._start(0)
-        for index in range(len(self.stretches)):
-            assert ahead is not None
-            frames = ahead.result()
-            ahead = self._start(index + 1)
+        next_one = self._pool.submit(self._read_next)
+        while (frames := next_one.result()) is not None:
+            if self.ahead:
+                next_one = self._pool.submit(self._read_next)
             yield frames
+            if not self.ahead:
+                next_one = self._pool.submit(self._read_next)
 
-    def _start(self, index: int) -> Future[np.ndarray] | None:
-        if index >= len(self.stretches):
-            return None
-        return self._pool.submit(self._read, *self.stretches[index])
+    def _read_next(self) -> np.ndarray | None:
+        stretch = next(self._stretches, None)
+        return None if stretch is None else self._read(*stretch)
 
     def _read(self, first: int, count: int) -> np.ndarray:
         source = self.capture
         frames = np.empty((count, len(self.cameras), source.height, source.width, 3), np.uint8)
-        for begin in range(0, count, CHUNK):
+        begin, kept = self._kept
+        known = max(min(begin + len(kept) - first, count), 0) if begin <= first else 0
+        frames[:known] = kept[first - begin :][:known] if known else 0
+        for at in range(known, count, CHUNK):
             if self._left.is_set():
                 raise CancelledError
-            part = min(CHUNK, count - begin)
-            frames[begin : begin + part] = source.read(first + begin, part, self.cameras)
+            part = min(CHUNK, count - at)
+            frames[at : at + part] = source.read(first + at, part, self.cameras)
+        shared = min(self.shared, count)
+        self._kept = first + count - shared, frames[count - shared :].copy()  # the caller changes what it gets
         return frames

@@ -16,6 +16,7 @@ from av.video.reformatter import Interpolation
 
 from splatreel.errors import CaptureError
 
+VIDEO_SUFFIXES = (".mp4", ".mov", ".m4v", ".mkv", ".webm", ".avi", ".mts", ".ts")
 UPSAMPLE_CHROMA = Interpolation.BICUBIC | Interpolation.FULL_CHR_H_INT | Interpolation.ACCURATE_RND
 """FFmpeg interpolates 4:2:0 color only when told so; by default it repeats it, which costs 2 dB at saturated edges."""
 
@@ -26,7 +27,7 @@ class VideoFile:
     The file is scanned once without decoding, so that frames are known by their presentation times: their number is exact and
     variable frame rates cannot shift one camera against another. The decoder is opened by the first read and kept.
     width, height: pixels as shown: phones store upright pictures lying. frames: how many there are. times: [frames] seconds after the
-    first. fps: average frames a second.
+    first. start: seconds that the file says of the first. fps: average frames a second.
     """
 
     def __init__(self, path: Path) -> None:
@@ -60,6 +61,7 @@ class VideoFile:
         self._keys = sorted(pts for pts, key, _, discard in packets if key and not discard)
         self._numbers = {pts: number for number, pts in enumerate(self._pts)}
         self.frames = len(self._pts)
+        self.start = (self._pts or [0])[0] * time_base
         self.times = (np.array(self._pts, np.float64) - (self._pts or [0])[0]) * time_base
         whole = sum(not corrupt for _, _, corrupt, _ in packets)
         if whole < max(declared, len(packets), 1):
@@ -77,7 +79,7 @@ class VideoFile:
             missing = set(numbers.tolist())
             for number, frame in self._decode_from(first):
                 if number in missing:
-                    out[numbers == number] = _to_rgb(frame, out.shape[2], out.shape[1], self._turns)
+                    out[numbers == number] = to_rgb(frame, out.shape[2], out.shape[1], self._turns)
                     missing.discard(number)
                 if not missing:
                     break
@@ -143,7 +145,8 @@ def _quarter_turns(container: InputContainer, stream: av.VideoStream) -> int:
     return round(getattr(frame, "rotation", 0) / 90) % 4
 
 
-def _to_rgb(frame: av.VideoFrame, width: int, height: int, turns: int) -> np.ndarray:
+def to_rgb(frame: av.VideoFrame, width: int, height: int, turns: int) -> np.ndarray:
+    """uint8 [height, width, 3] sRGB of a decoded picture, resized by area and turned counterclockwise by quarters."""
     if turns % 2:
         width, height = height, width
     shrinks = width < frame.width or height < frame.height

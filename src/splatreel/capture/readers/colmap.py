@@ -19,16 +19,17 @@ import numpy as np
 
 from splatreel.capture.base import Request
 from splatreel.capture.file_capture import FileCapture
-from splatreel.capture.image_sequences import IMAGE_SUFFIXES, ImageSequences, image_files
+from splatreel.capture.growing.videos import segment_files
+from splatreel.capture.image_sequences import IMAGE_SUFFIXES, image_files
 from splatreel.capture.images import image_size
 from splatreel.capture.lens import Lens, resized
 from splatreel.capture.sidecar import read_sidecar
-from splatreel.capture.videos import Videos
+from splatreel.capture.sources import picture_source, video_source
+from splatreel.capture.video import VIDEO_SUFFIXES
 from splatreel.errors import CaptureError, MissingDependencyError
 from splatreel.scene.camera import Camera, middle_camera
 
 MODELS = ("sparse/0", "sparse", "colmap/sparse/0", ".")
-VIDEO_SUFFIXES = (".mp4", ".mov", ".m4v", ".mkv", ".webm", ".avi", ".mts")
 VIDEOS = ("videos", ".")
 
 
@@ -51,15 +52,16 @@ class ColmapCapture(FileCapture):
         reconstruction = _read_model(model)
         images = sorted(reconstruction.images.values(), key=_name)
         shape = Counter((image.camera.width, image.camera.height) for image in images).most_common(1)[0][0]
-        files, names, sidecar = video_files(path), _camera_names(path, images), read_sidecar(path)
+        growing, sidecar = request.growth is not None, read_sidecar(path)
+        files, names = video_files(path, growing), _camera_names(path, images, 0 if growing else 1)
         if any(name in files for name in names):
             # Videos that calibration left out start as well.
             starts = {name: start for name, start in sidecar.starts.items() if name in names or name not in files}
-            source = Videos(path, _of_cameras(path, files, names), replace(sidecar, starts=starts), request)
+            source = video_source(path, _of_cameras(path, files, names), replace(sidecar, starts=starts), request)
             width, height = request.size(*shape, path)
         else:
             pictures, (width, height) = _choose(path, names, shape, request)
-            source = ImageSequences(path, pictures, sidecar, request)
+            source = picture_source(path, pictures, sidecar, request)
         first, _ = request.range(source.frames, path)
         points, colors = _points(reconstruction) if first == 0 else (None, None)  # of what the model was made from
         lenses: dict[str, Lens] = {}
@@ -103,10 +105,13 @@ def _choose(
     return folders[min(large_enough) if large_enough else max(folders)], (width, height)
 
 
-def video_files(path: Path) -> dict[str, Path]:
-    """The videos of a folder by name, those in its folder `videos` or else its own."""
+def video_files(path: Path, segmented: bool = False) -> dict[str, Path]:
+    """The videos of a folder by name, those in its folder `videos` or else its own. segmented: or a folder of numbered videos each."""
     for folder in VIDEOS:
-        files = {f.stem: f for f in sorted((path / folder).glob("*")) if f.suffix.lower() in VIDEO_SUFFIXES}
+        found = sorted((path / folder).glob("*"))
+        files = {f.stem: f for f in found if f.suffix.lower() in VIDEO_SUFFIXES}
+        if segmented:
+            files |= {f.name: f for f in found if f.is_dir() and segment_files(f)}
         if files:
             return files
     return {}
@@ -147,12 +152,12 @@ def _name(image: Any) -> str:
     return Path(image.name).with_suffix("").as_posix()
 
 
-def _camera_names(path: Path, images: list[Any]) -> list[str]:
-    """By image, or by its folder where each has one of its own that holds other pictures of the same camera."""
+def _camera_names(path: Path, images: list[Any], single: int) -> list[str]:
+    """By image, or by its folder where each has one of its own that holds more than `single` pictures of the same camera."""
     names = [_name(image) for image in images]
     parents = [str(PurePosixPath(name).parent) for name in names]
     own = len(set(parents)) == len(parents) and "." not in parents
-    if own and any(len(image_files(folder / parents[0])) > 1 for folder in path.glob("images*")):
+    if own and any(len(image_files(folder / parents[0])) > single for folder in path.glob("images*")):
         return parents
     return names
 

@@ -15,12 +15,11 @@ from scipy.spatial.transform import Rotation
 
 from splatreel.capture.base import Request
 from splatreel.capture.file_capture import FileCapture
-from splatreel.capture.image_sequences import ImageSequences
 from splatreel.capture.lens import Lens, import_cv2, resized
 from splatreel.capture.poses import check_rotation
 from splatreel.capture.readers.colmap import import_pycolmap, pictures_by_camera, video_files
 from splatreel.capture.sidecar import read_sidecar
-from splatreel.capture.videos import Videos
+from splatreel.capture.sources import picture_source, video_source
 from splatreel.errors import CaptureError
 from splatreel.scene.camera import middle_camera
 
@@ -38,7 +37,7 @@ class EasyVolcapCapture(FileCapture):
     def __init__(self, path: Path, request: Request) -> None:
         intrinsics, extrinsics = _Numbers(path / INTRINSICS), _Numbers(path / EXTRINSICS)
         names, sidecar = intrinsics.names(), read_sidecar(path)
-        pictures, videos = pictures_by_camera(path / "images", names), video_files(path)
+        pictures, videos = pictures_by_camera(path / "images", names), video_files(path, request.growth is not None)
         absent = [name for name in names if name not in (pictures or videos)]
         if absent:
             raise CaptureError(
@@ -46,10 +45,10 @@ class EasyVolcapCapture(FileCapture):
                 f"video videos/NAME.mp4, the first is {absent[0]!r}. Copy them there."
             )
         if pictures:
-            source = ImageSequences(path, pictures, sidecar, request)
+            source = picture_source(path, pictures, sidecar, request)
             read = source.size(names[0])
         else:
-            source = Videos(path, {name: videos[name] for name in names}, sidecar, request)
+            source = video_source(path, {name: videos[name] for name in names}, sidecar, request)
             read = source[names[0]].width, source[names[0]].height
         size = request.size(*read, path)
         lenses: dict[str, Lens] = {}

@@ -16,10 +16,9 @@ import numpy as np
 from splatreel.capture.base import Request
 from splatreel.capture.file_capture import FileCapture
 from splatreel.capture.poses import check_rotation
-from splatreel.capture.readers.colmap import is_colmap
+from splatreel.capture.readers.colmap import is_colmap, video_files
 from splatreel.capture.sidecar import failed, read_sidecar
-from splatreel.capture.video import VideoFile
-from splatreel.capture.videos import Videos
+from splatreel.capture.sources import Video, video_source
 from splatreel.errors import CaptureError
 from splatreel.scene.camera import Camera
 
@@ -36,18 +35,18 @@ class Neu3DVCapture(FileCapture):
     """A Neu3DV folder; the camera numbered 0 is held out unless the request or `splatreel.json` says otherwise."""
 
     def __init__(self, path: Path, request: Request) -> None:
-        files = sorted(path.glob("cam*.mp4"))
+        files = _videos(path, request.growth is not None)
         poses = _read_poses(path / POSES)
         if len(files) != len(poses):
             raise CaptureError(
                 f"{path}: {len(files)} videos (cam*.mp4) but {len(poses)} rows in {POSES}. Rows belong to the videos in the "
                 f"order of their names: add the missing videos, or remove the rows of cameras that are not there."
             )
-        sidecar, names = read_sidecar(path), [file.stem for file in files]
-        videos = Videos(path, dict(zip(names, files, strict=True)), sidecar, request)
+        sidecar, names = read_sidecar(path), list(files)
+        videos = video_source(path, files, sidecar, request)
         cameras = [
-            _camera(path, video, row).resized(*request.size(video.width, video.height, path))
-            for video, row in zip(map(videos.__getitem__, names), poses, strict=True)
+            _camera(path, name, video, row).resized(*request.size(video.width, video.height, path))
+            for name, video, row in zip(names, map(videos.__getitem__, names), poses, strict=True)
         ]
         default = sidecar.held_out if sidecar.held_out is not None else [n for n in names if HELD_OUT.fullmatch(n)]
         super().__init__(
@@ -59,6 +58,13 @@ class Neu3DVCapture(FileCapture):
             near=float(poses[:, 15].min()),
             origin=path / POSES,
         )
+
+
+def _videos(path: Path, growing: bool) -> dict[str, Path]:
+    """By camera; while they are being written they may be of any kind, or numbered ones in a folder each."""
+    if not growing:
+        return {file.stem: file for file in sorted(path.glob("cam*.mp4"))}
+    return {name: file for name, file in sorted(video_files(path, segmented=True).items()) if name.startswith("cam")}
 
 
 def _read_poses(file: Path) -> np.ndarray:
@@ -100,7 +106,7 @@ def _read_poses(file: Path) -> np.ndarray:
     return poses.astype(np.float64)
 
 
-def _camera(path: Path, video: VideoFile, row: np.ndarray) -> Camera:
+def _camera(path: Path, name: str, video: Video, row: np.ndarray) -> Camera:
     """One row of poses_bounds as an OpenCV camera of the video's size."""
     matrix = row[:15].reshape(3, 5)
     height, width, focal = matrix[:, 4]
@@ -121,4 +127,4 @@ def _camera(path: Path, video: VideoFile, row: np.ndarray) -> Camera:
     viewmat[:3, :3] = rotation
     viewmat[:3, 3] = -rotation @ center
     K = np.array([[focal, 0, width / 2], [0, focal, height / 2], [0, 0, 1]])
-    return Camera(video.path.stem, viewmat, K, round(width), round(height)).resized(video.width, video.height)
+    return Camera(name, viewmat, K, round(width), round(height)).resized(video.width, video.height)

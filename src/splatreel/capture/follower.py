@@ -1,0 +1,185 @@
+"""Following a capture that is still being written: how many frames all cameras have, and when it has ended."""
+
+from __future__ import annotations
+
+from bisect import bisect_left
+from collections import deque
+from collections.abc import Callable
+from pathlib import Path
+from threading import Condition, Thread
+from typing import Any
+
+from splatreel.capture.base import Capture
+from splatreel.capture.file_capture import FileCapture, GrowingSource
+from splatreel.capture.growing.growth import END, Growth
+from splatreel.capture.opening import open_capture
+from splatreel.capture.readers.colmap import is_colmap
+from splatreel.capture.readers.easyvolcap import is_easyvolcap
+from splatreel.capture.readers.neu3dv import POSES
+from splatreel.capture.readers.panoptic import is_panoptic
+from splatreel.capture.readers.technicolor import is_technicolor
+from splatreel.errors import CaptureError, SplatreelError
+
+STALL = 3.0
+"""Seconds after which a camera that gives nothing, while others do, is said to have stopped."""
+RETRY = 0.5
+"""Seconds between two tries to open a capture that has not begun."""
+REMEMBERED = 1 << 16
+"""Looks of which it is known how many frames there were."""
+
+Tell = Callable[[str], None]
+
+
+class Follower:
+    """Looks after a capture that is still being written, in a thread. Use as a context manager.
+
+    Frames are counted from the first one that was asked for. A frame is there once it is whole in every camera, with all before it.
+    tell: is told, in sentences, of cameras that stop or go on, and why the capture ended.
+    """
+
+    def __init__(self, capture: Capture, growth: Growth, tell: Tell) -> None:
+        if not isinstance(capture, FileCapture) or not isinstance(capture.source, GrowingSource):
+            raise CaptureError(f"{capture.path}: is not being written. Leave out --follow.")
+        self.capture, self.growth, self._tell = capture, growth, tell
+        self._source: GrowingSource = capture.source
+        self._changed = Condition()
+        self._total: int | None = None
+        self._failure: SplatreelError | None = None
+        self._arrivals: deque[tuple[int, float]] = deque(maxlen=REMEMBERED)
+        self._before = capture.frames
+        self._seen = {name: (count, growth.clock()) for name, count in self._source.counts().items()}
+        self._stopped: set[str] = set()
+        self._thread = Thread(target=self._watch, name="follow", daemon=True)
+
+    def __enter__(self) -> Follower:
+        self.growth.grew()
+        self._thread.start()
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.stop()
+        self._thread.join()
+
+    @property
+    def frames(self) -> int:
+        """How many frames are there by now."""
+        return self.capture.frames
+
+    @property
+    def total(self) -> int | None:
+        """How many frames there are in all; None as long as the capture has not ended."""
+        return self._total
+
+    def wait(self, frames: int) -> bool:
+        """Wait until so many frames are there; False where the capture ends before. Raises what reading it raises."""
+        with self._changed:
+            while self.frames < frames and self._total is None and self._failure is None and not self.growth.stopped:
+                self._changed.wait(1.0)
+            if self._failure is not None:
+                raise self._failure
+            return self.frames >= frames
+
+    def seconds_since(self, frame: int) -> float | None:
+        """How long ago a frame was written; None for one that was there when following began, or is not yet."""
+        with self._changed:
+            if not self._before <= frame < self.frames:
+                return None
+            at = bisect_left(self._arrivals, frame + 1, key=lambda arrival: arrival[0])
+            return self.growth.clock() - self._arrivals[at][1] if at < len(self._arrivals) else None
+
+    def stop(self) -> None:
+        """Nobody wants more."""
+        self.growth.stop()
+        with self._changed:
+            self._changed.notify_all()
+
+    def _watch(self) -> None:
+        try:
+            while not self.growth.stopped:
+                why = self.growth.why  # asked first: what was written before the end counts
+                if why is not None:
+                    self._source.settle()
+                self._look()
+                if why is not None or self._reached_limit():
+                    self._finish(why)
+                    return
+                self.growth.pause()
+        except SplatreelError as error:
+            with self._changed:
+                self._failure = error
+                self._changed.notify_all()
+
+    def _look(self) -> None:
+        self._source.update()
+        counts, now = self._source.counts(), self.growth.clock()
+        for name, count in counts.items():
+            if count > self._seen[name][0]:
+                self._seen[name] = count, now
+        with self._changed:
+            before = self.frames
+            self.capture.grow(min(counts.values()))
+            if self.frames > before:
+                self.growth.grew()
+                self._arrivals.append((self.frames, now))
+                self._changed.notify_all()
+        self._tell_stopped(counts, now)
+
+    def _tell_stopped(self, counts: dict[str, int], now: float) -> None:
+        """Name the cameras for which the others wait."""
+        most, late = max(counts.values()), STALL * self.capture.fps
+        for name, count in counts.items():
+            silent = now - self._seen[name][1]
+            if name in self._stopped and silent < STALL:
+                self._stopped.discard(name)
+                self._tell(f"Camera {name} goes on, from frame {count} on.")
+            elif name not in self._stopped and silent > STALL and most - count > late:
+                self._stopped.add(name)
+                self._tell(
+                    f"Camera {name} has stopped: it has {count} frames, others {most}; nothing new in "
+                    f"{self._source.waiting_for(name)} for {silent:.0f} s. The others wait for it."
+                )
+
+    def _reached_limit(self) -> bool:
+        limit = self.capture.limit
+        return limit is not None and self.capture.first_frame + self.frames >= limit
+
+    def _finish(self, why: str | None) -> None:
+        self._tell(f"{why or 'All frames that were asked for are there.'} The capture has {self.frames} frames.")
+        with self._changed:
+            self._total = self.frames
+            self._changed.notify_all()
+
+
+def open_growing(path: Path, growth: Growth, tell: Tell, **request: Any) -> Capture:
+    """Open a capture that is still being written, or that is about to begin: then it is waited for.
+
+    growth: whose rules say how long. tell: is told what is waited for. request: as of `open_capture`. Raises `CaptureError` for a
+    capture that cannot be followed, that has no cameras' poses, or that does not begin.
+    """
+    _check_layout(path)
+    told: str | None = None
+    while True:
+        ended = growth.ended
+        try:
+            return open_capture(path, growth=growth, **request)
+        except CaptureError as error:
+            if ended:
+                raise
+            if told is None:
+                told = str(error)
+                tell(f"Waiting for the capture to begin, {growth.timeout:g} s at most. So far: {told}")
+            growth.pause(RETRY)
+
+
+def _check_layout(path: Path) -> None:
+    if is_panoptic(path) or is_technicolor(path):
+        raise CaptureError(
+            f"{path}: captures of this layout say beforehand which frames they have. What can be followed is a COLMAP model, a "
+            f"Neu3DV or an EasyVolcap folder, with a video, a folder of pictures or a folder of numbered videos a camera."
+        )
+    if not (is_colmap(path) or is_easyvolcap(path) or (path / POSES).is_file()):
+        raise CaptureError(
+            f"{path}: says nothing of its cameras. A capture is followed with cameras that are known before: record a few seconds "
+            f"into another folder, run `splatreel capture calibrate` on them, and copy its sparse/ here. Then start recording, and "
+            f"write an empty file {END} when it is over."
+        )
