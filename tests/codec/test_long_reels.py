@@ -1,12 +1,16 @@
 """Writing long reels: layers that are retired, pages, groups that are dropped; whatever is killed goes on to the same bytes."""
 
+import contextlib
 import dataclasses
 import json
 
 import numpy as np
 import pytest
 
+from splatreel.codec import writer as writer_module
+from splatreel.codec.container import write_atomically
 from splatreel.codec.edit import edit_reel
+from splatreel.codec.encoder import ReelEncoder
 from splatreel.codec.group_file import decode_group
 from splatreel.codec.info import reel_info
 from splatreel.codec.reader import ReelReader
@@ -31,6 +35,19 @@ def grown(path, groups: int, **changes) -> ReelWriter:
 
 def numbers(path, kind: str) -> list[str]:
     return sorted(p.name.removesuffix(".safetensors").removesuffix(".json") for p in (path / kind).glob("*"))
+
+
+def remembering(encode):
+    """Of the tests' layers and groups, which their number and size tell apart."""
+    known = {}
+
+    def wrapped(self, what, *more):
+        key = (what, *(len(x) for x in more[1:2])) if isinstance(what, int) else what.index
+        if key not in known:
+            known[key] = encode(self, what, *more)
+        return known[key]
+
+    return wrapped
 
 
 @pytest.fixture(scope="module")
@@ -183,6 +200,66 @@ def test_a_window_that_moves_on_is_the_same_reel_however_often_its_writer_is_kil
     one = go(tmp_path / "a", False)
     assert one == go(tmp_path / "b", True)
     assert json.loads(one["manifest.json"])["first_group"] == 8
+
+
+def test_killed_at_any_write_or_deletion_the_reel_on_disk_is_whole_and_goes_on_to_the_same_bytes(tmp_path, monkeypatch):
+    """In a window that moves on, so that pages come and go. What is on disk is read at each of these moments."""
+    left = 0
+
+    def may_be_killed(function):
+        def wrapped(*arguments, **named):
+            nonlocal left
+            left -= 1
+            if left == 0:
+                raise KeyboardInterrupt
+            return function(*arguments, **named)
+
+        return wrapped
+
+    def go(path):
+        writer = chapters(path, resume=True)
+        for index in range(writer.manifest.end_group, 9):
+            writer.drop_before(index - 6)  # before the group: one that was killed after it does it now
+            add_chapter_group(writer, index, 4)
+        writer.drop_before(3)
+        writer.finish()
+
+    monkeypatch.setattr("os.fsync", lambda _: None)  # of a thousand files
+    for kind in ("layer", "group"):  # encoded once, taken from there each time
+        monkeypatch.setattr(ReelEncoder, kind, remembering(getattr(ReelEncoder, kind)))
+    go(tmp_path / "whole")
+    monkeypatch.setattr(writer_module, "write_atomically", may_be_killed(writer_module.write_atomically))
+    monkeypatch.setattr(ReelWriter, "_delete", may_be_killed(ReelWriter._delete))
+    killed = 0
+    while left <= 0:
+        killed += 1
+        left, path = killed, tmp_path / str(killed)
+        with contextlib.suppress(KeyboardInterrupt):
+            go(path)
+            break
+        if (path / "manifest.json").exists():
+            reader = ReelReader(path)
+            assert all(reader.read_file(entry) for entry in reader.manifest.files)
+        go(path)
+        assert contents(path) == contents(tmp_path / "whole"), f"killed at {killed}"
+    assert killed > 30
+
+
+def test_a_full_disk_leaves_a_valid_reel_when_a_page_is_due(tmp_path, monkeypatch):
+    writer = grown(tmp_path, 3)
+
+    def full(path, data):
+        if path.parent.name == "pages":
+            raise ReelError(f"{path}: could not write")
+        write_atomically(path, data)
+
+    with monkeypatch.context() as patch:
+        patch.setattr(writer_module, "write_atomically", full)
+        with pytest.raises(ReelError, match="could not write"):
+            add_chapter_group(writer, 3, 4)
+    assert verify_reel(tmp_path).groups == 3
+    add_chapter_group(writer, 3, 4)
+    assert (verify_reel(tmp_path).groups, numbers(tmp_path, "pages")) == (4, ["000000"])
 
 
 def test_files_of_dropped_groups_that_a_killed_writer_left_are_deleted_when_it_resumes(tmp_path, monkeypatch):

@@ -17,6 +17,7 @@ from splatreel.codec.source import open_source
 from splatreel.codec.verify import verify_reel
 from splatreel.errors import ReelError
 from tests.golden import GOLDEN
+from tests.golden_long import WINDOW
 
 
 class _Handler(http.server.SimpleHTTPRequestHandler):
@@ -54,6 +55,11 @@ def test_whole_reel_over_http(url):
     assert verify_reel(f"{url}/golden") == dataclasses.replace(
         here, strangers=[]
     )  # a server does not say what else it has
+
+
+def test_a_reel_in_pages_over_http(url):
+    assert verify_reel(f"{url}/golden-long").groups == 10
+    assert ReelReader(f"{url}/golden-window").manifest.layers == ReelReader(WINDOW).manifest.layers
 
 
 def test_missing_reel(url):

@@ -8,7 +8,7 @@ from PIL import Image
 
 from splatreel.codec.reader import ReelReader
 from splatreel.errors import UsageError
-from splatreel.evaluation.evaluate import check_same_capture, evaluate, reel_width
+from splatreel.evaluation.evaluate import check_same_capture, choose_frames, evaluate, reel_width
 from splatreel.evaluation.report import Report
 from tests.evaluation import scenes
 
@@ -117,3 +117,13 @@ def test_the_report_on_disk_is_json_without_surprises(reel: Path, tmp_path: Path
     values = json.loads((tmp_path / "report.json").read_text())
     assert values["lpips"] is None or 0 <= values["lpips"] <= 1
     assert values["peak_memory_bytes"] > 10_000_000
+
+
+def test_frames_are_chosen_from_those_that_the_reel_has() -> None:
+    assert choose_frames(5, None) == [0, 1, 2, 3, 4]
+    assert choose_frames(5, None, 3) == [3, 4]
+    assert choose_frames(5, [4, 3, 4], 3) == [3, 4]
+    with pytest.raises(UsageError, match=r"Frames \[2\] cannot be evaluated: reel and capture share frames 3 to 4"):
+        choose_frames(5, [2, 4], 3)
+    with pytest.raises(UsageError, match="Frames none"):
+        choose_frames(3, None, 3)
