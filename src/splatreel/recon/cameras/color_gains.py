@@ -6,7 +6,7 @@ import torch
 from torch import Tensor
 
 from splatreel.kernels import adam
-from splatreel.recon.deform.adam import Adam
+from splatreel.recon.deform.adam import Adam, Restore
 
 
 class CameraGains:
@@ -53,6 +53,16 @@ class CameraGains:
             gradient[camera] += slope
         adam.adam([self._adam.follow(gradient, 0)])
         self.values.div_(self.values.mean(0))
+
+    def snapshot(self) -> Restore:
+        """The gains and their optimizer's state, copied."""
+        gains = self._adam.snapshot()
+
+        def restore() -> None:
+            gains()
+            self._seen.clear()
+
+        return restore
 
     def load(self, values: Tensor) -> None:
         self.values.copy_(values)

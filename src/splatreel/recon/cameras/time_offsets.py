@@ -8,6 +8,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
+from splatreel.recon.deform.adam import Restore
 from splatreel.recon.deform.protocol import Deformation
 
 RATE = 0.03
@@ -80,6 +81,16 @@ class TimeOffsets:
             self._pending.clear()
             if share < 0.5:
                 self._halfway = self.values.copy()
+
+    def snapshot(self) -> Restore:
+        """The offsets; going back to them forgets the optimizer's momentum."""
+        values, halfway = self.values.copy(), self._halfway.copy()
+
+        def restore() -> None:
+            self.load(values)
+            self._halfway = halfway.copy()
+
+        return restore
 
     def learned(self) -> LearnedOffsets:
         """What a group's training found."""

@@ -13,6 +13,9 @@ from splatreel.kernels import adam as kernel
 DECAYS = 0.9, 0.999
 ONCE = np.ones(1, np.float32)
 
+Restore = Callable[[], None]
+"""Brings back what was there when it was made, as often as it is called."""
+
 Moment = tuple[int, np.ndarray, Tensor]
 """The first of the four knots that a moment depends on, their weights [4] float32, and the gradient to the splines' values then."""
 
@@ -25,6 +28,17 @@ class Adam:
         self.mean, self.square = (torch.zeros_like(tensor, requires_grad=False) for _ in range(2))
         self.rate, self.eps, self.steps = rate, eps, 0
         self._trained = kernel.Trained(self.tensor.detach(), self.mean, self.square)
+
+    def snapshot(self) -> Restore:
+        """The tensor and its moments, copied."""
+        steps, state = self.steps, [each.detach().clone() for each in (self.tensor, self.mean, self.square)]
+
+        def restore() -> None:
+            self.steps = steps
+            self.tensor, self.mean, self.square = (each.clone() for each in state)
+            self.rewrite(lambda tensor: tensor, lambda moment: moment)
+
+        return restore
 
     def step(self) -> None:
         """Follow the gradient of the tensor, if it has one, and clear it."""
@@ -68,6 +82,17 @@ class KnotAdam(Adam):
             for k, weight in enumerate(weights.tolist()):
                 total[knot - first + k].add_(gradient, alpha=weight)
         return self.follow(total, first, end)
+
+
+def together(parts: Iterable[Restore]) -> Restore:
+    """All of them."""
+    parts = list(parts)
+
+    def restore() -> None:
+        for part in parts:
+            part()
+
+    return restore
 
 
 def step(adams: Iterable[Adam]) -> None:

@@ -14,8 +14,8 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from splatreel.kernels import adam, motion
-from splatreel.recon.deform.adam import KnotAdam
+from splatreel.kernels import adam, motion, splat
+from splatreel.recon.deform.adam import KnotAdam, Restore
 from splatreel.recon.deform.spline import Spline
 
 FRAMES_PER_KNOT = 5.0
@@ -63,7 +63,7 @@ class Appearance:
         """[N] the most that the logit of the opacity gains at any time: a spline stays within its controls."""
         return self.controls[..., 3].amax(0) * self.rates[3]
 
-    def step(self, share: float) -> None:
+    def step(self, share: float, pace: float = 1.0) -> None:
         """As `Deformation.step`. Every change also costs its share of the mean of `LAMBDA` times its size."""
         known = [
             (knot, weights, (shade.grad + shade.detach().sign() * (self.weights / shade.numel())) * self.rates)
@@ -71,10 +71,24 @@ class Appearance:
             if shade.grad is not None
         ]
         self.moments.clear()
-        self.adam.rate = 0.05**share
+        self.adam.rate = pace * 0.05**share
         taken = self.adam.at(known)
         if taken is not None:
             adam.adam([taken])
+
+    def snapshot(self) -> Restore:
+        """As `Deformation.snapshot`."""
+        controls = self.adam.snapshot()
+
+        def restore() -> None:
+            controls()
+            self.moments.clear()
+
+        return restore
+
+    def check(self) -> None:
+        """Raises `GaussiansError` if a value is NaN or infinite."""
+        splat.check_finite(shade=self.controls)
 
     def keep(self, index: Tensor) -> None:
         self.moments.clear()

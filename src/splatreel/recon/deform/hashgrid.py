@@ -6,11 +6,14 @@ it, the spatial feature does not stand beside the space-time one but gates it, i
 
 from __future__ import annotations
 
+import copy
+
 import numpy as np
 import torch
 from torch import Tensor, nn
 
 from splatreel.kernels import splat
+from splatreel.recon.deform.adam import Restore
 from splatreel.recon.deform.protocol import movable, movable_with
 from splatreel.recon.deform.spline import Spline
 
@@ -108,11 +111,26 @@ class HashGrid(nn.Module):
     def extend_to(self, frame: float) -> None:
         """Nothing to prepare: the grid is defined at all times."""
 
-    def step(self, share: float) -> None:
+    def step(self, share: float, pace: float = 1.0) -> None:
         for group in self.optimizer.param_groups:
-            group["lr"] = group["base"] * 0.02**share
+            group["lr"] = pace * group["base"] * 0.02**share
         self.optimizer.step()
         self.optimizer.zero_grad(set_to_none=True)
+
+    def snapshot(self) -> Restore:
+        values, moments = copy.deepcopy(self.state_dict()), copy.deepcopy(self.optimizer.state_dict())
+        moves, tracks = self.moves, self.tracks  # which are replaced and never changed
+
+        def restore() -> None:
+            self.load_state_dict(values)
+            self.optimizer.load_state_dict(copy.deepcopy(moments))
+            self.optimizer.zero_grad(set_to_none=True)
+            self.moves, self.tracks = moves, tracks
+
+        return restore
+
+    def check(self) -> None:
+        splat.check_finite(**dict(self.named_parameters()))
 
     def keep(self, index: Tensor) -> None:
         self.moves = self.moves[index]

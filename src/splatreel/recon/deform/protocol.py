@@ -7,6 +7,8 @@ from typing import Protocol
 import torch
 from torch import Tensor
 
+from splatreel.recon.deform.adam import Restore
+
 
 class Deformation(Protocol):
     """Offsets of a group's dynamic points over its frames; trained together with the points.
@@ -23,8 +25,16 @@ class Deformation(Protocol):
         """Training is about to see frames up to this one for the first time."""
         ...
 
-    def step(self, share: float) -> None:
-        """Take an optimizer step and clear gradients. share: 0..1, how much of training is over."""
+    def step(self, share: float, pace: float = 1.0) -> None:
+        """Take an optimizer step and clear gradients. share: 0..1, how much of training is over. pace: times the learning rates."""
+        ...
+
+    def snapshot(self) -> Restore:
+        """What training changes, copied."""
+        ...
+
+    def check(self) -> None:
+        """Raises `GaussiansError` if a value is NaN or infinite."""
         ...
 
     def keep(self, index: Tensor) -> None:

@@ -11,7 +11,7 @@ import torch
 from torch import Tensor
 
 from splatreel.kernels import adam, motion, splat
-from splatreel.recon.deform.adam import KnotAdam
+from splatreel.recon.deform.adam import KnotAdam, Restore, together
 from splatreel.recon.deform.protocol import movable, movable_with
 from splatreel.recon.deform.spline import Spline
 
@@ -76,7 +76,7 @@ class Trajectory:
                 for controls in self.controls:
                     controls[k] = controls[k - 1] + self.EXTRAPOLATION * (controls[k - 1] - controls[k - 2])
 
-    def step(self, share: float) -> None:
+    def step(self, share: float, pace: float = 1.0) -> None:
         known = []
         for knot, weights, dx, dq in self.evaluations:
             if dx.grad is not None or dq.grad is not None:
@@ -86,10 +86,25 @@ class Trajectory:
         self.evaluations.clear()
         taken = []
         for level, (knots, rate) in enumerate(zip(self.adams, self.RATES, strict=True)):
-            knots.rate = rate * 0.05**share
+            knots.rate = pace * rate * 0.05**share
             end = self.reached + 1  # the knots after it have never been seen, and stay zero
             taken.append(knots.at([(knot, weights, slopes[level]) for knot, weights, slopes in known], end))
         adam.adam([step for step in taken if step is not None])
+
+    def snapshot(self) -> Restore:
+        levels = together([level.snapshot() for level in self.adams])
+        skin, moves, reached = self.skin, self.moves, self.reached  # which are replaced and never changed
+
+        def restore() -> None:
+            levels()
+            self.skin, self.moves, self.reached = skin, moves, reached
+            self.evaluations.clear()
+
+        return restore
+
+    def check(self) -> None:
+        nodes, points = self.controls
+        splat.check_finite(motion=points, nodes=nodes)
 
     def keep(self, index: Tensor) -> None:
         self.evaluations.clear()

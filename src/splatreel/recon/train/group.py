@@ -7,16 +7,19 @@ import torch
 from torch import Tensor
 
 from splatreel.config import Config
+from splatreel.errors import GaussiansError
 from splatreel.motion.lift import NEIGHBORS
 from splatreel.progress import Progress
 from splatreel.recon.cameras.color_gains import CameraGains
 from splatreel.recon.cameras.time_offsets import TimeOffsets, slope
+from splatreel.recon.deform.adam import Restore, together
 from splatreel.recon.layering.tracking import GroupStart
 from splatreel.recon.train.export import GroupResult, group_result, training_psnr
 from splatreel.recon.train.group_density import GroupDensity
 from splatreel.recon.train.losses import GROUP, GroupStep, backward
 from splatreel.recon.train.moving import Changes, MovingPoints
 from splatreel.recon.train.pictures import Pictures
+from splatreel.recon.train.recovery import Recovery
 from splatreel.recon.train.regularizers import Neighbors
 from splatreel.recon.train.render import StaticCache, draw
 from splatreel.recon.train.schedule import FrameSchedule
@@ -61,24 +64,48 @@ class GroupTrainer:
         movable = torch.from_numpy(static.alive if may_move is None else may_move).to(device)
         self.density = GroupDensity(self.points, self.static, movable, config, self.iterations, self.rng)
         self.find_neighbors()
+        self.recovery = Recovery(self.snapshot, self.points.check)
 
     def train(self, progress: Progress) -> GroupResult:
         if len(self.points) == 0:
             progress.note("nothing moves in this group: it has no points of its own")
             return self.result()
-        full_size_from = round(self.config.group.coarse_share * self.iterations)
-        for iteration in range(self.iterations):
-            if iteration == full_size_from:
-                self._use_full_size()
-            loss = self.step(iteration)
-            done = iteration + 1
-            if self.density.update(done, self.pictures):
-                self.find_neighbors()
-            if self._shows(iteration) or done == self.iterations:
-                self.points.canonical.check()
-                progress.update(done, loss=float(loss), moving=len(self.points))
+        done = 0
+        self.recovery.keep(done)
+        while done < self.iterations:
+            try:
+                self._iterate(done, progress)
+                done += 1
+            except GaussiansError as error:
+                done = self.recovery.go_back(done + 1, error, progress)
         progress.note(f"the pictures that this group was trained on come out with {self.psnr():.1f} dB")
         return self.result()
+
+    def _iterate(self, iteration: int, progress: Progress) -> None:
+        """A step, and what is to be done after it. Raises `GaussiansError` where numbers are not finite."""
+        if iteration == round(self.config.group.coarse_share * self.iterations):
+            self._use_full_size()
+        loss, done = self.step(iteration), iteration + 1
+        self.recovery.passed(done, loss)
+        if self.density.update(done, self.pictures):
+            self.find_neighbors()
+        if self._shows(iteration) or done == self.iterations:
+            self.points.check()
+            progress.update(done, loss=float(loss), moving=len(self.points))
+
+    def snapshot(self) -> Restore:
+        """All that training changes, copied."""
+        parts = together([self.points.snapshot(), self.time_offsets.snapshot()])
+        alive, budget = self.static.alive, self.density.budget
+
+        def restore() -> None:
+            parts()
+            self.static.revive(alive)
+            self.density.budget = budget
+            self.density.restart()
+            self.find_neighbors()
+
+        return restore
 
     def step(self, iteration: int) -> Tensor:
         """One iteration: draw what one camera saw of one frame, compare, follow the gradients. Returns its photometric loss []."""
@@ -122,7 +149,7 @@ class GroupTrainer:
         if tiles is not None:  # else it is the loss of another set of pixels
             self.schedule.note(frame, camera, loss)
         self.density.measure(iteration, drawing, view)
-        self.points.step(share)
+        self.points.step(share, self.recovery.pace)
         return loss
 
     def find_neighbors(self) -> None:

@@ -75,6 +75,8 @@ class GroupDensity:
     def update(self, done: int, pictures: Pictures) -> bool:
         """After `done` iterations: let points come and go where it is time for it. Returns whether it was."""
         due, faint_due = self.every > 0 and done % self.every == 0, done in self.faint_at
+        if due or faint_due:
+            self.points.check()
         if due and self._converts(done):
             self.convert_and_clone(pictures)
         if due:

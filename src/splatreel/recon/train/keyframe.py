@@ -10,14 +10,17 @@ import torch
 from torch import Tensor
 
 from splatreel.config import KeyframeConfig
+from splatreel.errors import GaussiansError
 from splatreel.kernels import splat
 from splatreel.progress import Progress
 from splatreel.recon.cameras.color_gains import CameraGains
+from splatreel.recon.deform.adam import Restore, together
 from splatreel.recon.train.average import Average
 from splatreel.recon.train.keyframe_density import KeyframeDensity
 from splatreel.recon.train.losses import KEYFRAME, KEYFRAME_BEFORE_STATIC, KeyframeStep, backward, psnr
 from splatreel.recon.train.pictures import Pictures
 from splatreel.recon.train.points import TrainablePoints, default_rates
+from splatreel.recon.train.recovery import Recovery
 from splatreel.recon.train.render import Drawing, StaticCache, deformed, draw
 from splatreel.scene.gaussians import C0, Gaussians
 
@@ -82,29 +85,46 @@ class KeyframeTrainer:
         self.density = KeyframeDensity(points, config, max_points, seed)
         self.rng = np.random.default_rng(seed)
         self.done = 0
+        self.recovery = Recovery(self.snapshot, self.check)
 
     def train(self, pictures: Pictures, iterations: int, total: int, progress: Progress) -> None:
         """Run `iterations` of `total` on pictures of one resolution; call again with others to go on."""
         static = self._static_cache(pictures)
         average = Average(self.config.average_share, total)
         self.density.restart(pictures)
-        cameras: list[int] = []
-        for _ in range(iterations):
-            if not cameras:
-                cameras = self.rng.permutation(len(pictures.views)).tolist()
+        end, cameras = self.done + iterations, list[int]()
+        self.recovery.keep(self.done)
+        while self.done < end:
+            cameras = cameras or self.rng.permutation(len(pictures.views)).tolist()
             camera = cameras.pop()
-            loss, drawing = self.step(pictures, camera, static, self.done / total)
-            self.done += 1
-            share, averaged = self.done / total, average.runs(self.done)
-            self._anneal(share)
-            self.density.update(self.done, share, drawing, pictures.views[camera], pictures, averaged)
-            if averaged:
-                average.add(self.done, self.points.params.values())
-            if self.done % SHOW_EVERY == 0:
-                self.points.check()
-                progress.update(self.done, loss=float(loss), points=len(self.points))
+            try:
+                loss, drawing = self.step(pictures, camera, static, self.done / total)
+                self.done += 1
+                self.recovery.passed(self.done, loss)
+                share, averaged = self.done / total, average.runs(self.done)
+                self._anneal(share)
+                self.density.update(self.done, share, drawing, pictures.views[camera], pictures, averaged)
+                if averaged:
+                    average.add(self.done, self.points.params.values())
+                if self.done % SHOW_EVERY == 0 or self.done == end:
+                    self.check()
+                    progress.update(self.done, loss=float(loss), points=len(self.points))
+            except GaussiansError as error:
+                self.done = self.recovery.go_back(self.done, error, progress)
+                self._anneal(self.done / total)
+                self.density.restart(pictures)
+                average = Average(self.config.average_share, total)
         average.settle(self.points.params.values())
         self.density.prune(pictures.unit, self.done / total)
+
+    def snapshot(self) -> Restore:
+        """All that training changes, copied."""
+        return together([self.points.snapshot(), self.gains.snapshot()])
+
+    def check(self) -> None:
+        """Raises `GaussiansError` if a value is NaN or infinite."""
+        self.points.check()
+        splat.check_finite(gains=self.gains.values)
 
     def step(self, pictures: Pictures, camera: int, static: StaticCache | None, share: float) -> tuple[Tensor, Drawing]:
         """One iteration: draw what a camera sees, compare, follow the gradients. share: of training that is over.
@@ -148,6 +168,6 @@ class KeyframeTrainer:
         return StaticCache(self.static, pictures.views, pictures.near, self.points.means.device)
 
     def _anneal(self, share: float) -> None:
-        late = 0.3 if share > 0.8 else 1.0
+        late, pace = 0.3 if share > 0.8 else 1.0, self.recovery.pace
         factors = {"means": 0.02**share, "quats": 1.0, "log_scales": 0.2 if share > 0.8 else 1.0}
-        self.points.scale_rates(factors, default=late)
+        self.points.scale_rates({name: pace * factor for name, factor in factors.items()}, default=pace * late)

@@ -60,6 +60,7 @@ class KeyframeDensity:
     def densify(self, unit: float, share: float) -> None:
         """Clone small points that the image pulls at, split large ones, and prune."""
         points = self.points
+        points.check()
         grow = select_growth(self.meter, GROWTH_GRADIENT, self.max_points - len(points))
         dropped = self._dropped(unit, share)
         large = points.scales.detach().amax(1) > SPLIT_FROM * unit
@@ -70,6 +71,7 @@ class KeyframeDensity:
 
     def prune(self, unit: float, share: float) -> None:
         """Drop points, but never all."""
+        self.points.check()
         dropped = self._dropped(unit, share)
         if bool(dropped.any()) and not bool(dropped.all()):
             self.points.keep(~dropped)

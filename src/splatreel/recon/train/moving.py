@@ -9,6 +9,7 @@ import torch
 from torch import Tensor
 
 from splatreel.config import GroupConfig
+from splatreel.recon.deform.adam import Restore, together
 from splatreel.recon.deform.appearance import Appearance, detect_cuts
 from splatreel.recon.deform.models import make_deformation
 from splatreel.recon.deform.protocol import Deformation
@@ -84,13 +85,22 @@ class MovingPoints:
         logits = self.canonical.params["logit_opacities"]
         return logits if self.appearance is None else logits + self.appearance.highest
 
-    def step(self, share: float) -> None:
-        """Follow the gradients and clear them. share: 0..1, how much of training is over."""
-        self.canonical.scale_rates({}, default=0.1**share)
+    def step(self, share: float, pace: float = 1.0) -> None:
+        """Follow the gradients and clear them. share: 0..1, how much of training is over. pace: times the learning rates."""
+        self.canonical.scale_rates({}, default=pace * 0.1**share)
         self.canonical.step()
-        self.deformation.step(share)
+        self.deformation.step(share, pace)
         if self.appearance is not None:
-            self.appearance.step(share)
+            self.appearance.step(share, pace)
+
+    def snapshot(self) -> Restore:
+        """What training changes, copied."""
+        return together([part.snapshot() for part in self._parts])
+
+    def check(self) -> None:
+        """Raises `GaussiansError` if a value is NaN or infinite."""
+        for part in self._parts:
+            part.check()
 
     def keep(self, index: Tensor) -> None:
         """Keep the rows of an index [M] int64, in its order; all, if there are none."""
@@ -108,6 +118,11 @@ class MovingPoints:
     def append(self, params: Mapping[str, Tensor]) -> None:
         """Add points that rest so far. params: unconstrained, as `TrainablePoints` has them."""
         self._append(params, None)
+
+    @property
+    def _parts(self) -> list[TrainablePoints | Deformation | Appearance]:
+        parts: list[TrainablePoints | Deformation | Appearance] = [self.canonical, self.deformation]
+        return parts if self.appearance is None else [*parts, self.appearance]
 
     def _append(self, params: Mapping[str, Tensor], parents: Tensor | None) -> None:
         count = len(params["means"])

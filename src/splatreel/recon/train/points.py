@@ -9,7 +9,7 @@ import torch
 from torch import Tensor
 
 from splatreel.kernels import splat
-from splatreel.recon.deform.adam import Adam, step
+from splatreel.recon.deform.adam import Adam, Restore, step, together
 from splatreel.scene.gaussians import Gaussians
 
 NAMES = ("means", "quats", "log_scales", "logit_opacities", "sh_base", "sh_rest")
@@ -99,6 +99,10 @@ class TrainablePoints:
     def rows(self, index: Tensor) -> dict[str, Tensor]:
         """Copies of the rows that an index or mask selects."""
         return {name: tensor.detach()[index].clone() for name, tensor in self.params.items()}
+
+    def snapshot(self) -> Restore:
+        """All rows with their optimizer state, copied."""
+        return together([adam.snapshot() for adam in self.adams.values()])
 
     def check(self) -> None:
         """Raises `GaussiansError` if a value is NaN or infinite. On a GPU nobody else looks, as to look is to wait for it."""

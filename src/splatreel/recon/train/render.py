@@ -166,6 +166,11 @@ class StaticCache:
             if len(keep) < len(old.index):
                 self._views[camera] = self._drawn(camera, old.splats.rows(keep), old.index[keep])
 
+    def revive(self, alive: Tensor) -> None:
+        """Show points again that were hidden. alive: [S] bool."""
+        self.alive = alive
+        self._views.clear()
+
     @torch.no_grad()
     def view(self, camera: int) -> StaticView:
         """The living points that view number `camera` sees."""

@@ -1,0 +1,168 @@
+"""Numbers that are not finite, put into training on purpose."""
+
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+import torch
+from torch import Tensor
+
+from splatreel.errors import ReconstructionError
+from splatreel.kernels import splat
+from splatreel.progress import Silent
+from splatreel.recon.train import recovery
+from splatreel.recon.train.keyframe import KeyframeTrainer
+from splatreel.recon.train.moving import CANONICAL_RATES
+from splatreel.recon.train.recovery import ATTEMPTS, Recovery
+from tests.recon.train import test_group as groups
+from tests.recon.train import test_keyframe as keyframes
+
+LOSS = splat.photometric_loss
+TOTAL = 120
+
+
+class Notes(Silent):
+    def __init__(self) -> None:
+        self.notes: list[str] = []
+        self.done: list[int] = []
+
+    def update(self, done: int, **numbers: float) -> None:
+        self.done.append(done)
+
+    def note(self, text: str) -> None:
+        self.notes.append(text)
+
+
+def spoil(monkeypatch: pytest.MonkeyPatch, bad: Callable[[int], bool], value: float = np.nan) -> None:
+    """The loss of those calls, counted from 1, is multiplied by a value that is not finite."""
+    calls = 0
+
+    def loss(*args: object) -> Tensor:
+        nonlocal calls
+        calls += 1
+        return LOSS(*args) * (value if bad(calls) else 1.0)
+
+    monkeypatch.setattr(splat, "photometric_loss", loss)
+    monkeypatch.setattr(recovery, "KEEP_EVERY", 50)
+
+
+@pytest.mark.parametrize("value", [np.nan, np.inf])
+def test_a_keyframe_goes_back_to_its_last_good_state(monkeypatch: pytest.MonkeyPatch, value: float) -> None:
+    def train(notes: Notes) -> KeyframeTrainer:
+        trainer = KeyframeTrainer(keyframes.rough_start(), keyframes.gains(), keyframes.CONFIG, max_points=3000)
+        trainer.train(keyframes.pictures(), TOTAL, TOTAL, notes)
+        return trainer
+
+    smooth = train(Notes()).points.gaussians()
+    spoil(monkeypatch, lambda call: call == 95, value)
+    notes = Notes()
+    trainer = train(notes)
+    found = trainer.points.gaussians()
+    assert len(notes.notes) == 1
+    assert "training goes on from iteration 50, at 0.5 times its learning rates" in notes.notes[0]
+    assert notes.done == [25, 50, 75, 75, 100, 120], "from 50 on again"
+    assert trainer.recovery.pace == 1, "100 is past it"
+    quality, usual = (np.mean([keyframes.psnr(g, camera) for camera in keyframes.CAMERAS]) for g in (found, smooth))
+    assert quality > usual - 1.5
+
+
+@pytest.mark.parametrize(("deformation", "iterations"), [("trajectory", 48), ("hashgrid", 20)])
+def test_a_group_goes_back_to_its_last_good_state(
+    monkeypatch: pytest.MonkeyPatch, deformation: str, iterations: int
+) -> None:
+    """With what it had before points came and went, and before pictures became larger."""
+    filmed = groups.frames()
+    config = groups.with_group(
+        groups.config(deformation, iterations, adapt_every=20), appearance=True, coarse_share=0.25
+    )
+    smooth = groups.trainer(filmed, config).train(Silent())
+    spoil(monkeypatch, lambda call: call == 70)
+    notes, group = Notes(), groups.trainer(filmed, config)
+    found = group.train(notes)
+    assert "goes on from iteration 50, at 0.5 times" in notes.notes[0]
+    assert group.recovery.pace == 1
+    assert groups.quality(filmed, found) > groups.quality(filmed, smooth) - 1.5
+    assert all(np.isfinite(array).all() for array in (found.dx, found.dq, found.shade, found.dynamic.means))
+
+
+def test_a_second_failure_leaves_training_slow(monkeypatch: pytest.MonkeyPatch) -> None:
+    config = groups.with_group(groups.config(iterations=40), appearance=True)
+    spoil(monkeypatch, lambda call: call in (70, 145))
+    notes, group = Notes(), groups.trainer(groups.frames(), config)
+    group.train(notes)
+    assert "goes on from iteration 100, at 0.25 times" in notes.notes[1]
+    assert group.recovery.pace == 0.25
+    last = 0.25 * 0.1 ** (199 / 200)
+    assert group.points.canonical.adams["quats"].rate == pytest.approx(last * CANONICAL_RATES["quats"])
+    assert group.points.appearance is not None
+    assert group.points.appearance.adam.rate == pytest.approx(0.25 * 0.05 ** (199 / 200))
+
+
+def test_points_that_were_converted_rest_again(monkeypatch: pytest.MonkeyPatch) -> None:
+    """What moved was static at first: adaptive conversion made it dynamic, and going back took it back."""
+    group = groups.trainer(groups.frames(), groups.config(iterations=4))
+    before, count, restore = group.static.view(0), len(group.points), group.snapshot()
+    group.density.convert(torch.arange(100))
+    group.find_neighbors()
+    assert (len(group.points), int(group.static.alive.sum())) == (count + 100, 300)
+    for _ in range(2):
+        restore()
+        assert (len(group.points), int(group.static.alive.sum())) == (count, 400)
+        assert torch.equal(group.static.view(0).index, before.index)
+        group.step(0)
+
+
+@pytest.mark.parametrize("part", ["canonical", "deformation", "appearance"])
+def test_values_that_training_spoils_are_found_at_once(monkeypatch: pytest.MonkeyPatch, part: str) -> None:
+    """The loss may be finite, and a gradient not."""
+    config = groups.with_group(groups.config(iterations=20), appearance=True)
+    group, notes, spoiled = groups.trainer(groups.frames(), config), Notes(), []
+    values = {
+        "canonical": lambda: group.points.means.detach(),
+        "deformation": lambda: group.points.deformation.controls[1],
+        "appearance": lambda: group.points.appearance.controls,
+    }[part]
+    step = group.step
+
+    def spoiling(iteration: int) -> Tensor:
+        loss = step(iteration)
+        if iteration == 60 and not spoiled:
+            spoiled.append(iteration)
+            values()[..., 0] = torch.inf
+        return loss
+
+    monkeypatch.setattr(group, "step", spoiling)
+    found = group.train(notes)
+    assert "goes on from iteration 0, at 0.5 times" in notes.notes[0]
+    assert int(notes.notes[0].split("at iteration ")[1].split()[0]) in range(61, 71)
+    assert np.isfinite(found.dx).all()
+
+
+def test_training_that_stays_infinite_is_given_up(monkeypatch: pytest.MonkeyPatch) -> None:
+    spoil(monkeypatch, lambda call: call >= 60)
+    trainer, notes = (
+        KeyframeTrainer(keyframes.rough_start(), keyframes.gains(), keyframes.CONFIG, max_points=3000),
+        Notes(),
+    )
+    with pytest.raises(ReconstructionError, match=r"also at 0.0625 times its learning rates: .* is nan.*capture check"):
+        trainer.train(keyframes.pictures(), TOTAL, TOTAL, notes)
+    assert len(notes.notes) == ATTEMPTS
+
+
+def test_a_state_is_kept_only_if_it_is_finite() -> None:
+    value, kept = [1.0], []
+
+    def check() -> None:
+        splat.check_finite(value=torch.tensor(value))
+
+    def snapshot() -> Callable[[], None]:
+        kept.append(list(value))
+        return lambda: value.__setitem__(0, kept[-1][0])
+
+    state, notes = Recovery(snapshot, check), Notes()
+    state.keep(0)
+    value[0] = np.inf
+    with pytest.raises(splat.GaussiansError) as found:
+        state.passed(recovery.KEEP_EVERY, torch.tensor(0.1))
+    assert state.go_back(recovery.KEEP_EVERY, found.value, notes) == 0
+    assert (value, kept) == ([1.0], [[1.0]])
