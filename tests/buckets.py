@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import logging
+import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -83,6 +84,7 @@ class BreakingFolder:
         self.folder, self.breaks, self.halves = folder, breaks, halves
         self.log: list[str] = []
         self.writes = 0
+        self._lock = threading.Lock()
 
     def address(self, name: str) -> str:
         return self.folder.address(name)
@@ -91,7 +93,8 @@ class BreakingFolder:
         return self.folder.read(name, most)
 
     def write(self, name: str, data: bytes, headers: Headers = PLAIN) -> None:
-        number, self.writes = self.writes, self.writes + 1
+        with self._lock:
+            number, self.writes = self.writes, self.writes + 1
         if number not in self.breaks or self.halves:
             self.folder.write(name, data, headers)
             self.log.append(name)

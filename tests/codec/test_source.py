@@ -77,9 +77,50 @@ def test_nobody_answers():
         ReelReader("http://127.0.0.1:9/reel")
 
 
-@pytest.mark.parametrize("where", ["disk", "web"])
-def test_longer_than_allowed(url, where):
-    source = open_source(GOLDEN if where == "disk" else f"{url}/golden")
+@pytest.fixture
+def stored(bucket):
+    """The golden reel in a bucket, under its own names."""
+    for path in GOLDEN.rglob("*.*"):
+        bucket.client.put_object(Bucket=bucket.name, Key=f"a/{path.relative_to(GOLDEN)}", Body=path.read_bytes())
+    return bucket.url("a")
+
+
+@pytest.mark.parametrize("end", ["", "/", "/manifest.json"])
+def test_whole_reel_in_a_bucket(stored, end):
+    assert verify_reel(f"{stored}{end}") == dataclasses.replace(verify_reel(GOLDEN), strangers=[])
+
+
+def test_a_path_may_be_written_as_an_address(tmp_path):
+    reel = shutil.copytree(GOLDEN, tmp_path / "a reel")
+    assert verify_reel(reel.as_uri()).points == verify_reel(GOLDEN).points
+    with pytest.raises(ReelError, match="three slashes"):
+        open_source("file://host/reel")
+
+
+def test_missing_reel_in_a_bucket(bucket):
+    with pytest.raises(ReelError, match=r"s3://.*/nothing/manifest\.json: cannot be fetched \(it is not there\)"):
+        ReelReader(bucket.url("nothing"))
+
+
+def test_a_bucket_that_is_not_there(bucket):
+    with pytest.raises(ReelError, match=r"s3://no-such-bucket/reel/manifest\.json: cannot be"):
+        ReelReader("s3://no-such-bucket/reel")
+
+
+def test_an_address_of_no_known_kind():
+    pytest.importorskip("fsspec", reason="needs the extra cloud")
+    with pytest.raises(ReelError, match=r"nix://a/b: is no address of a folder"):
+        ReelReader("nix://a/b")
+
+
+@pytest.mark.parametrize("where", ["disk", "web", "bucket"])
+def test_longer_than_allowed(url, where, request):
+    places = {
+        "disk": lambda: GOLDEN,
+        "web": lambda: f"{url}/golden",
+        "bucket": lambda: request.getfixturevalue("stored"),
+    }
+    source = open_source(places[where]())
     with pytest.raises(ReelError, match="longer than the 10 bytes"):
         source.read("manifest.json", 10)
 

@@ -95,6 +95,6 @@ def demo(
     if serve and sys.stdout.isatty():
         from splatreel.cli.serve import serve as serve_reel
 
-        serve_reel(result.reel, port=0)
+        serve_reel(str(result.reel), port=0)
     else:
         say(f"Play it with\n  {serving(result.reel)}")

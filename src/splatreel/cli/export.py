@@ -5,9 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal
 
-from tyro.conf import Positional
-
-from splatreel.cli.options import megabytes, parse_frames, reel_folder
+from splatreel.cli.options import ReelAddress, megabytes, parse_frames, reel_folder
 from splatreel.cli.output import say
 from splatreel.errors import UsageError
 from splatreel.scene.atomic import sweep
@@ -21,7 +19,7 @@ FORMATS = (".ply", ".spz", ".glb")
 
 
 def export(
-    reel: Positional[Path],
+    reel: ReelAddress,
     /,
     out: Path,
     frame: int | None = None,
@@ -35,7 +33,7 @@ def export(
     """Write a reel for others: as one page that plays anywhere, as a film, or frames as PLY, SPZ or glTF files for other programs.
 
     Args:
-        reel: Folder of the reel.
+        reel: Folder of the reel, or its URL: http(s), s3://BUCKET/REEL and the like (needs splatreel[cloud]).
         out: F.html for one page with player and reel; F.ply, F.spz or F.glb for one frame, a folder for a file a frame; F.mp4 for a
             film through the capture's cameras, with the reel's sound.
         frame: Which frame, counted from 0; for one file.
@@ -84,7 +82,7 @@ def export(
         say(f"{out}: {end - first} {format.upper()} files, frames {first} to {end - 1}")
 
 
-def _write_page(reel: Path, out: Path, rendition: str | None) -> None:
+def _write_page(reel: str, out: Path, rendition: str | None) -> None:
     from splatreel.play.standalone import write_standalone
 
     size = write_standalone(out, reel_folder(reel), rendition)

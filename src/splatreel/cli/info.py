@@ -5,12 +5,9 @@ from __future__ import annotations
 import dataclasses
 import json as json_format
 from collections import Counter
-from pathlib import Path
 from typing import TYPE_CHECKING
 
-from tyro.conf import Positional
-
-from splatreel.cli.options import reel_folder
+from splatreel.cli.options import ReelAddress, reel_folder
 from splatreel.cli.output import say
 
 if TYPE_CHECKING:
@@ -19,23 +16,23 @@ if TYPE_CHECKING:
     from splatreel.codec.presentation import Sound
 
 
-def info(reel: Positional[Path], /, rendition: str | None = None, json: bool = False) -> None:
+def info(reel: ReelAddress, /, rendition: str | None = None, json: bool = False) -> None:
     """Say what a reel holds, and where its bytes are.
 
     Args:
-        reel: Folder of the reel.
+        reel: Folder of the reel, or its URL: http(s), s3://BUCKET/REEL and the like (needs splatreel[cloud]).
         rendition: Which one to look at, of a reel that has several; by default the best.
         json: Print everything as JSON.
     """
     from splatreel.codec.info import reel_info
 
-    reel = reel_folder(reel)
-    found = reel_info(reel, rendition)
+    location = reel_folder(reel)
+    found = reel_info(location, rendition)
     if json:
         values = dataclasses.asdict(found) | {"manifest": json_format.loads(found.manifest.without_pages().to_json())}
         say(json_format.dumps(values, indent=1))
     else:
-        say(describe(str(reel), found))
+        say(describe(str(location), found))
 
 
 def describe(name: str, found: ReelInfo) -> str:

@@ -19,6 +19,7 @@ from splatreel.cli.evaluate import evaluate
 from splatreel.cli.export import export
 from splatreel.cli.failure import explain, termination
 from splatreel.cli.info import info
+from splatreel.cli.publish import publish
 from splatreel.cli.reconstruct import reconstruct
 from splatreel.cli.serve import serve, view
 from splatreel.cli.verify import verify
@@ -36,7 +37,7 @@ def build() -> SubcommandApp:
     app = SubcommandApp()
     app.command(demo)
     app.command(capture, name="capture")
-    for verb in (reconstruct, config, encode, edit, info, verify, serve, view, export, evaluate):
+    for verb in (reconstruct, config, encode, edit, info, verify, serve, view, publish, export, evaluate):
         app.command(verb)
     app.command(bench.build(), name="bench")
     return app

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, overload
 
 import tyro
 
@@ -14,6 +14,9 @@ from splatreel.errors import UsageError
 
 Set = Annotated[tuple[str, ...], tyro.conf.UseAppendAction, tyro.conf.arg(name="set", metavar="NAME=VALUE")]
 """--set NAME=VALUE, as often as one likes."""
+
+ReelAddress = Annotated[tyro.conf.Positional[str], tyro.conf.arg(metavar="REEL")]
+"""A reel to be read: a folder, or a URL."""
 
 
 def parse_set(texts: tuple[str, ...]) -> dict[str, Any]:
@@ -91,7 +94,20 @@ def parse_renditions(text: str | None) -> tuple[Rate, ...]:
     return tuple(rate for rate in COARSENESS if rate in names)
 
 
-def reel_folder(path: Path) -> Path:
-    """The reel itself, where the output folder of `reconstruct` or `demo` is given instead of its `reel` folder."""
-    inside = path / "reel"
-    return inside if not (path / "manifest.json").exists() and (inside / "manifest.json").exists() else path
+@overload
+def reel_folder(path: Path) -> Path: ...
+
+
+@overload
+def reel_folder(path: str) -> str | Path: ...
+
+
+def reel_folder(path: str | Path) -> str | Path:
+    """The reel itself, where the output folder of `reconstruct` or `demo` is given instead of its `reel` folder; a URL as it is."""
+    from splatreel.storage.opening import is_url
+
+    if isinstance(path, str) and is_url(path):
+        return path
+    folder = Path(path)
+    inside = folder / "reel"
+    return inside if not (folder / "manifest.json").exists() and (inside / "manifest.json").exists() else folder

@@ -10,6 +10,7 @@ from tyro.conf import OmitArgPrefixes, Positional
 
 from splatreel.cli.options import Set, parse_frames, parse_held_out, parse_renditions, with_set
 from splatreel.cli.output import say, serving
+from splatreel.cli.publish import publishing
 from splatreel.cli.words import Words
 from splatreel.config import Config, Quality, Rate, preset
 from splatreel.errors import UsageError
@@ -38,6 +39,8 @@ def reconstruct(
     settings: Set = (),
     threads: int | None = None,
     profile: bool = False,
+    publish: str | None = None,
+    publish_keep: float = 24.0,
     words: OmitArgPrefixes[Words] = Words(),  # noqa: B008 - it is frozen
 ) -> None:
     """Make a reel of a capture. Interrupt it at will: the same command continues.
@@ -59,6 +62,8 @@ def reconstruct(
         settings: Any setting that `splatreel config` lists, such as group.lambda_arap=0; as often as you like.
         threads: How many threads to use; as many as there are cores by default.
         profile: Measure where the time goes, and write it to OUT/profile.md.
+        publish: Copy the reel there while it grows, such as to s3://BUCKET/REEL, as `splatreel publish` does.
+        publish_keep: Hours that files stay there after they are no part of the reel any more.
     """
     use_threads(threads)
     span, held_out = parse_frames(frames), parse_held_out(hold_out)
@@ -74,9 +79,12 @@ def reconstruct(
     source = open_capture(capture, width=width, scale=scale, frames=span, held_out=held_out)
     progress = console()
     try:
-        with profiled(out / "profile.md" if profile else None):
+        with (
+            profiled(out / "profile.md" if profile else None),
+            publishing(out / "reel", publish, publish_keep, progress, PresentationWriter(given)) as present,
+        ):
             result = pipeline.reconstruct(
-                source, out, config, sound=sound, device=device, progress=progress, present=PresentationWriter(given)
+                source, out, config, sound=sound, device=device, progress=progress, present=present
             )
     finally:
         progress.close()

@@ -3,12 +3,9 @@
 from __future__ import annotations
 
 import webbrowser
-from pathlib import Path
 from typing import TYPE_CHECKING, Literal
 
-from tyro.conf import Positional
-
-from splatreel.cli.options import megabytes, parse_names, reel_folder
+from splatreel.cli.options import ReelAddress, megabytes, parse_names, reel_folder
 from splatreel.cli.output import say
 
 if TYPE_CHECKING:
@@ -17,7 +14,7 @@ if TYPE_CHECKING:
 
 
 def serve(
-    reel: Positional[Path],
+    reel: ReelAddress,
     /,
     host: str = "127.0.0.1",
     port: int = 8080,
@@ -27,7 +24,7 @@ def serve(
     """Serve a reel and its web player until Ctrl-C.
 
     Args:
-        reel: Folder of the reel, or of the reconstruction that holds it.
+        reel: Folder of the reel, or of the reconstruction that holds it, or a URL: http(s), s3://BUCKET/REEL and the like.
         host: Address to listen on; 0.0.0.0 lets other machines in.
         port: Port to listen on; 0 takes any that is free.
         cors: Let pages of other sites read the reel.
@@ -40,7 +37,7 @@ def serve(
 
 
 def view(
-    reel: Positional[Path],
+    reel: ReelAddress,
     /,
     renderer: Literal["webgl", "cpu", "cuda"] = "webgl",
     port: int = 0,
@@ -51,7 +48,7 @@ def view(
     """Open a reel in the web browser; ends with Ctrl-C.
 
     Args:
-        reel: Folder of the reel, or of the reconstruction that holds it.
+        reel: Folder of the reel, or of the reconstruction that holds it, or a URL: http(s), s3://BUCKET/REEL and the like.
         renderer: webgl draws in the browser; cpu and cuda draw here and stream the pictures, without sound (needs splatreel[viewer]).
         port: Port to listen on; 0 takes any that is free.
         open: Open the browser, or only print the address.

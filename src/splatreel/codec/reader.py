@@ -1,4 +1,4 @@
-"""Reading a reel from a directory or over HTTP; nothing in it is trusted."""
+"""Reading a reel from a directory, over HTTP or from a bucket; nothing in it is trusted."""
 
 from __future__ import annotations
 
@@ -26,9 +26,9 @@ _CACHED_GROUPS = 3
 class ReelReader:
     """An open reel. Files are read when asked for, checked against the manifest, and decoded.
 
-    location: a directory, its manifest.json, or an http(s) URL of either. rendition: which one, of those that the manifest names;
-    None: the best. `manifest` is then that of this rendition alone. most: bytes of memory that decoding one file may take; None: what
-    a file of its length may honestly take (`budget.allowed`). Raises `ReelError` for anything that is not a reel.
+    location: a directory, its manifest.json, or a URL of either (`open_source`). rendition: which one, of those that the manifest
+    names; None: the best. `manifest` is then that of this rendition alone. most: bytes of memory that decoding one file may
+    take; None: what a file of its length may honestly take (`budget.allowed`). Raises `ReelError` for anything that is not a reel.
     """
 
     def __init__(self, location: str | Path, rendition: str | None = None, most: int | None = None) -> None:

@@ -1,4 +1,4 @@
-"""Where the bytes of a reel come from: a directory or a web server."""
+"""Where the bytes of a reel come from: a directory, a web server, or a bucket."""
 
 from __future__ import annotations
 
@@ -15,7 +15,8 @@ from pathlib import Path
 from typing import Protocol
 from urllib.parse import urljoin, urlsplit
 
-from splatreel.errors import ReelError
+from splatreel.errors import ReelError, StorageError, UsageError
+from splatreel.storage.opening import local_path, open_folder
 
 TIMEOUT = 30.0
 """Seconds without an answer after which a server counts as gone."""
@@ -38,14 +39,22 @@ class Source(Protocol):
 
 
 def open_source(location: str | Path) -> Source:
-    """The source of a reel at a directory, a path to its manifest.json, or an http(s) URL of either."""
+    """The source of a reel at a directory, a path to its manifest.json, or a URL of either: http(s), or what fsspec knows.
+
+    Raises `ReelError` for an address that is none, `MissingDependencyError` where a Python package is missing for it.
+    """
     text = str(location)
     if text.startswith(("http://", "https://")):
         try:
             return _Web(text)
         except ValueError as error:
             raise ReelError(f"{text}: is no address ({error}). Correct it.") from error
-    path = Path(location)
+    try:
+        path = local_path(location)
+        if path is None:
+            return _Stored(text.removesuffix("manifest.json"))
+    except (UsageError, StorageError) as error:
+        raise ReelError(str(error)) from error
     return _Directory(path.parent if path.name == "manifest.json" else path)
 
 
@@ -90,6 +99,25 @@ class _Web:
                 return _bounded(_read_slowly(response, limit + 1), limit, url)
         except (urllib.error.URLError, HTTPException, OSError, ValueError) as error:
             raise ReelError(f"{url}: cannot be fetched ({error}). Check the address and the connection.") from error
+
+
+class _Stored:
+    """A folder behind an address that fsspec knows."""
+
+    def __init__(self, url: str) -> None:
+        self.folder = open_folder(url)
+
+    def name(self, uri: str) -> str:
+        return self.folder.address(uri)
+
+    def read(self, uri: str, limit: int) -> bytes:
+        try:
+            data = self.folder.read(uri, limit + 1)
+        except StorageError as error:
+            raise ReelError(f"{error} Check the address and the connection.") from error
+        if data is None:
+            raise ReelError(f"{self.name(uri)}: cannot be fetched (it is not there). Is this a reel, and is it whole?")
+        return _bounded(data, limit, self.name(uri))
 
 
 class _Impatient(HTTPConnection):

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import os
 import threading
 from pathlib import Path
+from typing import BinaryIO, NamedTuple, Protocol
 
 from splatreel.codec.manifest import MAX_BYTES, parse_manifest
 from splatreel.codec.manifest_pages import Known
@@ -12,6 +14,37 @@ from splatreel.codec.source import open_source
 from splatreel.errors import ReelError
 
 MANIFEST = "manifest.json"
+
+
+class OpenFile(NamedTuple):
+    """Its bytes, their number, entity tag, and time of the last change, seconds since 1970. Who gets it closes it."""
+
+    file: BinaryIO
+    size: int
+    tag: str
+    modified: float
+
+
+class ReelFiles(Protocol):
+    """The files of a reel that a server gives away. For any thread."""
+
+    def open(self, name: str) -> OpenFile | None:
+        """The file of this path within the reel; None where the manifest does not name it, or there is none.
+
+        Raises OSError where it cannot be read, and `ReelError` where that is the fault of another machine.
+        """
+        ...
+
+    def presentation(self) -> tuple[Presentation, float]:
+        """What the reel says of itself, and when its manifest was written, seconds since 1970."""
+        ...
+
+
+def open_file(path: Path) -> OpenFile:
+    """A file of this machine. Raises OSError."""
+    file = path.open("rb", buffering=0)
+    status = os.fstat(file.fileno())
+    return OpenFile(file, status.st_size, f'"{status.st_mtime_ns:x}-{status.st_size:x}"', status.st_mtime)
 
 
 class ServedFiles:
@@ -25,6 +58,11 @@ class ServedFiles:
         self._presentation = EMPTY
         self._modified = 0.0
         self._pages: Known = {}
+
+    def open(self, name: str) -> OpenFile | None:
+        """See `ReelFiles`."""
+        path = self.find(name)
+        return open_file(path) if path else None
 
     def find(self, name: str) -> Path | None:
         """The file of this path within the reel, links resolved; None where there is none, or the manifest does not name it."""

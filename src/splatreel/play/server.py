@@ -16,7 +16,10 @@ import uvicorn
 from splatreel.errors import ReelError, UsageError
 from splatreel.play.allowed_hosts import AllowedHosts
 from splatreel.play.connection import HEAD_BYTES, IDLE_SECONDS, Connection
+from splatreel.play.remote_files import RemoteFiles
+from splatreel.play.served_files import ReelFiles, ServedFiles
 from splatreel.play.web_app import WebApp
+from splatreel.storage.opening import local_path
 
 _MOST_CONNECTIONS = 256
 _BACKLOG = 128
@@ -28,6 +31,7 @@ _SECONDS_TO_CLOSE = 2
 class Server:
     """An HTTP server of the player and a reel, on a thread of its own. Also a context manager: `with serve(path) as server:`.
 
+    reel_path: the reel's directory, or its URL, whose files are then fetched as they are asked for.
     cors: whether pages of other sites may read the reel. allow_hosts: names that it may be asked for as, beside its own.
     """
 
@@ -39,11 +43,7 @@ class Server:
         cors: bool = False,
         allow_hosts: Iterable[str] = (),
     ) -> None:
-        reel = Path(reel_path).resolve()
-        if not (reel / "manifest.json").is_file():
-            raise ReelError(
-                f"{reel_path} is not a reel: it has no manifest.json. Give the directory that `encode` wrote."
-            )
+        reel = _files(reel_path)
         self._socket = _listen(host, port)
         self._address: tuple[str, int] = self._socket.getsockname()[:2]
         try:
@@ -101,7 +101,7 @@ def serve(
     cors: bool = False,
     allow_hosts: Iterable[str] = (),
 ) -> Server:
-    """Start serving a reel directory and the player; port 0 takes any free one.
+    """Start serving a reel, a directory or a URL, and the player; port 0 takes any free one.
 
     Returns the running server: `.url` opens the player, `.wait()` blocks, `.close()` ends it. cors: whether pages of other
     sites may read the reel; allow_hosts: names that it may be asked for as, beside its own (of a proxy before it, say).
@@ -111,6 +111,16 @@ def serve(
     if open_browser:
         webbrowser.open(server.url)
     return server
+
+
+def _files(location: str | Path) -> ReelFiles:
+    """Raises `ReelError` where there is no reel."""
+    path = local_path(location)
+    if path is None:
+        return RemoteFiles(str(location))
+    if not (path / "manifest.json").is_file():
+        raise ReelError(f"{location} is not a reel: it has no manifest.json. Give the directory that `encode` wrote.")
+    return ServedFiles(path)
 
 
 def _listen(host: str, port: int) -> socket.socket:

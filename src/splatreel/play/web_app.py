@@ -19,9 +19,10 @@ from starlette.requests import Request
 from starlette.responses import PlainTextResponse, Response, StreamingResponse
 from starlette.types import ASGIApp, Receive, Scope, Send
 
+from splatreel.errors import ReelError
 from splatreel.play.allowed_hosts import AllowedHosts, host_name
 from splatreel.play.player_page import STATIC, with_metadata
-from splatreel.play.served_files import ServedFiles
+from splatreel.play.served_files import OpenFile, ReelFiles, open_file
 
 _PAGE = "index.html"
 _PLAYER_TYPES = {
@@ -55,8 +56,8 @@ class Content(NamedTuple):
 class WebApp:
     """The ASGI application. names: what it may be asked for as; cors: whether pages of other sites may read it."""
 
-    def __init__(self, reel: Path, names: AllowedHosts, cors: bool = False) -> None:
-        self._files = ServedFiles(reel)
+    def __init__(self, reel: ReelFiles, names: AllowedHosts, cors: bool = False) -> None:
+        self._files = reel
         self._names = names
         self._headers = {
             "X-Content-Type-Options": "nosniff",
@@ -87,9 +88,15 @@ class WebApp:
         elif bears:
             response = self._refuse(413, "This server takes nothing: send requests without a body.", **closing)
         else:
-            content = await run_in_threadpool(self._find, request)
-            response = self._send(request, content) if content else self._refuse(404, "There is no such file here.")
+            response = await run_in_threadpool(self._answer, request)
         await response(scope, receive, send)
+
+    def _answer(self, request: Request) -> Response:
+        try:
+            content = self._find(request)
+        except ReelError:
+            return self._refuse(502, "This file cannot be fetched from where the reel lies.")
+        return self._send(request, content) if content else self._refuse(404, "There is no such file here.")
 
     def _refuse(self, status: int, text: str, **headers: str) -> Response:
         return PlainTextResponse(f"{text}\n", status, {**self._headers, **headers})
@@ -98,14 +105,14 @@ class WebApp:
         name = request.scope["path"].removeprefix("/")
         try:
             if name.startswith("reel/"):
-                path = self._files.find(name.removeprefix("reel/"))
+                found = self._files.open(name.removeprefix("reel/"))
                 kind = _REEL_TYPES.get(Path(name).suffix, "application/octet-stream")
-                return _opened(path, kind, _REEL_POLICY) if path else None
+                return _content(found, kind, _REEL_POLICY) if found else None
             name = name or _PAGE
             kind = _PLAYER_TYPES.get(Path(name).suffix)
             if kind is None or name not in os.listdir(STATIC):
                 return None
-            return self._page(request) if name == _PAGE else _opened(STATIC / name, kind, policy())
+            return self._page(request) if name == _PAGE else _content(open_file(STATIC / name), kind, policy())
         except OSError:
             return None
 
@@ -199,11 +206,8 @@ def parse_range(header: str | None, size: int) -> tuple[int, int] | tuple[()] | 
     return (start, end) if start < end else ()
 
 
-def _opened(path: Path, kind: str, policy: str) -> Content:
-    file = path.open("rb", buffering=0)
-    status = os.fstat(file.fileno())
-    tag = f'"{status.st_mtime_ns:x}-{status.st_size:x}"'
-    return Content(file, status.st_size, kind, tag, status.st_mtime, policy)
+def _content(found: OpenFile, kind: str, policy: str) -> Content:
+    return Content(found.file, found.size, kind, found.tag, found.modified, policy)
 
 
 def _unchanged(tags: str | None, since: str | None, content: Content) -> bool:

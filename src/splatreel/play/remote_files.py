@@ -1,0 +1,96 @@
+"""The files of a reel that lies elsewhere, for a server here to give away: fetched when they are asked for."""
+
+from __future__ import annotations
+
+import hashlib
+import io
+import threading
+import time
+from collections import OrderedDict
+
+from splatreel.codec.file_entry import FileEntry
+from splatreel.codec.manifest import MAX_BYTES, Manifest, parse_manifest
+from splatreel.codec.manifest_pages import Known, PageEntry
+from splatreel.codec.presentation import Asset, Presentation
+from splatreel.codec.source import open_source
+from splatreel.errors import ReelError
+from splatreel.play.served_files import MANIFEST, OpenFile
+
+FRESH = 1.0
+"""Seconds for which a manifest counts as what it is now."""
+MOST_KEPT = 128 << 20
+"""Bytes of files that are kept, so that a second viewer, or a range of a file, need not wait for the other machine."""
+
+
+class RemoteFiles:
+    """As `ReelFiles`. url: of the reel or of its manifest. Raises `ReelError` where there is no reel."""
+
+    def __init__(self, url: str) -> None:
+        self._source = open_source(url)
+        self._looking, self._keeping = threading.Lock(), threading.Lock()
+        self._files: OrderedDict[str, bytes] = OrderedDict()
+        self._pages: Known = {}
+        self._data = self._source.read(MANIFEST, MAX_BYTES)
+        self._manifest = self._parsed(self._data)
+        self._entries = _entries(self._manifest)
+        self._looked, self._modified = time.monotonic(), time.time()
+
+    def open(self, name: str) -> OpenFile | None:
+        """The file of this path within the reel; None where the manifest does not name it. Raises `ReelError`."""
+        self._refresh()
+        if name == MANIFEST:
+            return self._opened(self._data)
+        entry = self._entries.get(name)
+        return None if entry is None else self._opened(self._read(entry))
+
+    def presentation(self) -> tuple[Presentation, float]:
+        """What the reel says of itself, and when its manifest changed last, seconds since 1970."""
+        self._refresh()
+        return self._manifest.presentation, self._modified
+
+    def _opened(self, data: bytes) -> OpenFile:
+        return OpenFile(io.BytesIO(data), len(data), f'"{hashlib.sha256(data).hexdigest()[:32]}"', self._modified)
+
+    def _refresh(self) -> None:
+        """What was known is kept where the other machine does not answer, or answers what is no manifest."""
+        with self._looking:
+            if time.monotonic() - self._looked < FRESH:
+                return
+            try:
+                data = self._source.read(MANIFEST, MAX_BYTES)
+                if data != self._data:
+                    manifest = self._parsed(data)
+                    self._entries = self._entries_of_both(manifest)
+                    self._data, self._manifest, self._modified = data, manifest, time.time()
+            except ReelError:
+                return
+            finally:
+                self._looked = time.monotonic()
+
+    def _entries_of_both(self, manifest: Manifest) -> dict[str, Entry]:
+        """Who has the manifest before this one still asks for its files."""
+        return _entries(self._manifest) | _entries(manifest)
+
+    def _parsed(self, data: bytes) -> Manifest:
+        return parse_manifest(data, self._source.name(MANIFEST), self._source.read, known=self._pages)
+
+    def _read(self, entry: Entry) -> bytes:
+        with self._keeping:
+            if entry.sha256 in self._files:
+                self._files.move_to_end(entry.sha256)
+                return self._files[entry.sha256]
+        data = self._source.read(entry.uri, entry.bytes)
+        if hashlib.sha256(data).hexdigest() != entry.sha256:
+            raise ReelError(f"{self._source.name(entry.uri)}: its sha256 is not the manifest's. Publish the reel anew.")
+        with self._keeping:
+            self._files[entry.sha256] = data
+            while sum(map(len, self._files.values())) > MOST_KEPT:
+                self._files.popitem(last=False)
+        return data
+
+
+Entry = FileEntry | Asset | PageEntry
+
+
+def _entries(manifest: Manifest) -> dict[str, Entry]:
+    return {entry.uri: entry for entry in (*manifest.files, *manifest.assets, *manifest.pages)}

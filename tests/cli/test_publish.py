@@ -1,0 +1,137 @@
+"""`splatreel publish`, `reconstruct --publish`, and the verbs that read a reel from a bucket."""
+
+import shutil
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from splatreel import config
+from splatreel.cli.main import main
+from splatreel.codec import background_publication
+from splatreel.codec.verify import verify_reel
+from splatreel.storage import opening, retrying
+from tests.buckets import BreakingFolder
+from tests.capture import folders
+from tests.golden import GOLDEN, PREDICTIVE
+from tests.recon.captures import WallCapture
+from tests.recon.small import small
+
+
+def test_a_reel_is_published_and_read_from_its_bucket(
+    bucket, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    url = bucket.url("reels/golden")
+    assert main(["publish", str(PREDICTIVE), url]) == 0
+    size = verify_reel(PREDICTIVE).bytes
+    said = f"{url}: all of the reel is there, 4 files, {size:,} bytes; "
+    assert capsys.readouterr().out == f"{said}{size:,} of them were sent now\n"
+    assert main(["publish", str(PREDICTIVE), url]) == 0
+    assert capsys.readouterr().out == f"{said}0 of them were sent now\n"
+    assert main(["verify", url]) == 0
+    assert capsys.readouterr().out.startswith(f"{url}: whole, every byte is what the manifest says: 2 groups")
+    assert main(["info", f"{url}/manifest.json"]) == 0
+    assert "14 frames at 30 a second" in capsys.readouterr().out
+    for source, name in ((url, "there"), (str(PREDICTIVE), "here")):
+        assert main(["export", source, "--frame", "3", "--out", str(tmp_path / f"{name}.ply")]) == 0
+    assert (tmp_path / "there.ply").read_bytes() == (tmp_path / "here.ply").read_bytes()
+    assert main(["export", url, "--out", str(tmp_path / "page.html")]) == 0
+
+
+def test_the_reel_of_a_reconstruction_goes_to_a_folder(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    shutil.copytree(GOLDEN, tmp_path / "out" / "reel")
+    assert main(["publish", str(tmp_path / "out"), str(tmp_path / "web")]) == 0
+    assert verify_reel(tmp_path / "web").groups == 2
+    document = (tmp_path / "out" / "reel" / "manifest.json").read_text().replace('"live": false', '"live": true')
+    (tmp_path / "out" / "reel" / "manifest.json").write_text(document)
+    assert main(["publish", str(tmp_path / "out"), str(tmp_path / "web"), "--keep", "0"]) == 0
+    assert "the reel is not finished: the same command sends what is added" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize(
+    ("arguments", "code", "words"),
+    [
+        (["{reel}", "{reel}"], 2, "is the reel itself"),
+        (["{reel}", "https://example.org/reel"], 2, "web servers take no files"),
+        (["{reel}", "{web}", "--keep", "-1"], 2, "--keep -1: give hours"),
+        (["{reel}", "{web}", "--keep", "nan"], 2, "--keep nan: give hours"),
+        (["{empty}", "{web}"], 1, "is not a reel, it has no manifest.json"),
+        (["{reel}", "{reel}/manifest.json"], 1, "cannot be"),
+    ],
+)
+def test_what_cannot_be_published(arguments, code, words, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    shutil.copytree(GOLDEN, tmp_path / "reel")
+    names = {name: str(tmp_path / name) for name in ("reel", "web", "empty")}
+    assert main(["publish", *(argument.format(**names) for argument in arguments)]) == code
+    assert words in capsys.readouterr().err
+
+
+def test_a_line_that_breaks_is_tried_again(monkeypatch, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    monkeypatch.setattr(retrying.time, "sleep", lambda _: None)
+    breaking = BreakingFolder(opening.open_folder(tmp_path / "web"), {0, 3, 4})
+    monkeypatch.setattr(opening, "open_folder", lambda _: breaking)
+    assert main(["publish", str(GOLDEN), str(tmp_path / "web")]) == 0
+    assert capsys.readouterr().err.count("the line is cut). Trying again.") == 3
+    assert verify_reel(tmp_path / "web").groups == 2
+
+
+@pytest.mark.slow
+def test_a_reconstruction_is_published_as_it_grows_and_ends_whatever_the_line_does(
+    bucket, monkeypatch, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    less = {"group.length": 3, "group.iterations_per_frame": 2, "keyframe.refine_iterations": 5}
+    monkeypatch.setattr(config, "preset", lambda quality: small(less))
+    monkeypatch.setattr("splatreel.cli.reconstruct.preset", lambda quality: small(less))
+    capture, out, url = write_capture(tmp_path / "capture"), tmp_path / "out", bucket.url("live")
+    monkeypatch.setattr(background_publication, "LAST_TRIES", 1)
+    seen = watch_groups(monkeypatch, url)
+    command = ["reconstruct", str(capture), "--out", str(out), "--publish"]
+    assert main([*command, url]) == 0
+    assert seen == [1, 2]  # after each group that group is there, before the next one is made
+    assert verify_reel(url).points == verify_reel(out / "reel").points
+    assert f"{url}: all of the reel is there" in capsys.readouterr().err
+    assert main([*command, "s3://no-such-bucket/reel"]) == 1
+    said = capsys.readouterr().err
+    assert said.count("It is tried again.") == 1
+    assert f"The reel is whole in {out / 'reel'}, but not at s3://no-such-bucket/reel." in said
+    assert f"splatreel publish {out / 'reel'} s3://no-such-bucket/reel" in said
+    assert verify_reel(out / "reel").groups == 2
+    assert main([*command, "nix://a/b"]) == 2
+    assert "is no address of a folder" in capsys.readouterr().err
+
+
+def write_capture(folder: Path) -> Path:
+    source = WallCapture(5)
+    folder.mkdir()
+    for camera in source.cameras:
+        folders.write_video(folder / f"{camera.name}.mp4", list(source.read(0, 5, [camera.name])[:, 0]))
+    np.save(folder / "poses_bounds.npy", folders.llff(source.cameras))
+    return folder
+
+
+def watch_groups(monkeypatch: pytest.MonkeyPatch, url: str) -> list[int]:
+    """How many groups are published after each that was made: waits for them, and fails where they do not come."""
+    import time
+
+    from splatreel.codec.reader import ReelReader
+    from splatreel.errors import ReelError
+
+    seen: list[int] = []
+    changed = background_publication.BackgroundPublication.changed
+
+    def groups() -> int:
+        try:
+            return len(ReelReader(url).manifest.groups)
+        except ReelError:
+            return 0
+
+    def changed_and_there(self) -> None:
+        changed(self)
+        if len(seen) < 2:
+            end = time.monotonic() + 30
+            while groups() <= len(seen) and time.monotonic() < end:
+                time.sleep(0.02)
+            seen.append(groups())
+
+    monkeypatch.setattr(background_publication.BackgroundPublication, "changed", changed_and_there)
+    return seen

@@ -1,0 +1,120 @@
+import threading
+import time
+
+import pytest
+
+from splatreel.codec.background_publication import LAST_TRIES, BackgroundPublication
+from splatreel.codec.publication import Publication
+from splatreel.codec.verify import verify_reel
+from splatreel.errors import StorageError
+from splatreel.storage.folder import LocalFolder
+from tests.buckets import BreakingFolder
+from tests.codec.reels import new_group, new_writer, points
+
+
+class Told:
+    """What was told, and a way to wait for it."""
+
+    def __init__(self) -> None:
+        self.lines: list[str] = []
+        self.event = threading.Event()
+
+    def __call__(self, line: str) -> None:
+        self.lines.append(line)
+        self.event.set()
+
+
+def wait_for(condition) -> None:
+    deadline = time.monotonic() + 20
+    while not condition():
+        assert time.monotonic() < deadline
+        time.sleep(0.005)
+
+
+def write_group(writer, index: int) -> None:
+    if index == 0:
+        writer.add_layer(0, 0, points(20))
+    writer.add_group(new_group(index, 5, 20))
+
+
+def test_each_group_is_published_while_the_next_is_made(tmp_path):
+    told, writer = Told(), new_writer(tmp_path / "reel")
+    background = BackgroundPublication(Publication(tmp_path / "reel", LocalFolder(tmp_path / "there")), told)
+    background.changed()  # nothing there yet
+    for index in range(3):
+        write_group(writer, index)
+        background.changed()
+        wait_for(
+            lambda n=index + 1: (
+                (tmp_path / "there/manifest.json").exists() and verify_reel(tmp_path / "there").groups == n
+            )
+        )
+    writer.finish()
+    published = background.finish()
+    assert published is not None
+    assert (published.live, published.files) == (False, 4)
+    assert told.lines == []
+
+
+def test_a_line_that_fails_holds_nobody_up_is_told_once_and_goes_on_when_it_is_back(tmp_path):
+    told, writer = Told(), new_writer(tmp_path / "reel")
+    folder = BreakingFolder(LocalFolder(tmp_path / "there"), set(range(1000)))
+    background = BackgroundPublication(Publication(tmp_path / "reel", folder), told, pauses=(0.01,))
+    for index in range(3):
+        write_group(writer, index)
+        before = time.monotonic()
+        background.changed()
+        assert time.monotonic() - before < 0.5
+    wait_for(lambda: folder.writes > 20)
+    assert len(told.lines) == 1
+    assert told.lines[0].endswith("could not be written (the line is cut). It is tried again.")
+    folder.breaks = set()
+    wait_for(lambda: len(told.lines) == 2)
+    assert told.lines[1].endswith("it works again, all that there is so far is there.")
+    writer.finish()
+    assert background.finish() is not None
+    assert verify_reel(tmp_path / "there").groups == 3
+
+
+def test_at_the_end_it_is_given_up_after_some_tries_without_any_success(tmp_path):
+    writer = new_writer(tmp_path / "reel")
+    write_group(writer, 0)
+    writer.finish()
+    folder = BreakingFolder(LocalFolder(tmp_path / "there"), set(range(10_000)))
+    publication = Publication(tmp_path / "reel", folder)
+    background = BackgroundPublication(publication, Told(), pauses=(0.001,))
+    with pytest.raises(StorageError, match="the line is cut") as caught:
+        background.finish()
+    assert background.failure is caught.value
+    assert LAST_TRIES <= folder.writes <= LAST_TRIES * 2  # of two files, some at the same time
+
+
+def test_a_line_that_is_cut_again_and_again_gets_there_as_long_as_something_arrives(tmp_path):
+    writer = new_writer(tmp_path / "reel")
+    for index in range(12):
+        write_group(writer, index)
+    writer.finish()
+    folder = BreakingFolder(LocalFolder(tmp_path / "there"), {n for n in range(1000) if n % 3})
+    background = BackgroundPublication(Publication(tmp_path / "reel", folder), Told(), pauses=(0.001,))
+    assert background.finish() is not None
+    assert verify_reel(tmp_path / "there").groups == 12
+
+
+def test_it_can_be_stopped_while_the_line_is_down(tmp_path):
+    writer = new_writer(tmp_path / "reel")
+    write_group(writer, 0)
+    folder = BreakingFolder(LocalFolder(tmp_path / "there"), set(range(1000)))
+    told = Told()
+    background = BackgroundPublication(Publication(tmp_path / "reel", folder), told, pauses=(60.0,))
+    background.changed()
+    assert told.event.wait(20)
+    background.stop()
+    background._thread.join(5)
+    assert not background._thread.is_alive()
+
+
+def test_a_bug_is_not_hidden(tmp_path):
+    publication = Publication(tmp_path, LocalFolder(tmp_path / "there"))
+    publication.update = lambda: 1 / 0
+    with pytest.raises(ZeroDivisionError):
+        BackgroundPublication(publication, Told()).finish()

@@ -1,0 +1,300 @@
+"""A reel's copy elsewhere: on a disk, in memory and in a bucket; lines that break, reels that change."""
+
+import json
+import shutil
+
+import pytest
+
+from splatreel.codec.publication import HOUR, Publication
+from splatreel.codec.published_names import RECORD, file_entries, is_published_name, published_name
+from splatreel.codec.reader import ReelReader
+from splatreel.codec.verify import verify_reel
+from splatreel.errors import ReelError, StorageError
+from splatreel.storage.folder import LocalFolder
+from splatreel.storage.opening import open_folder
+from tests.buckets import BreakingFolder
+from tests.codec.reels import add_chapter_group, new_group, new_writer, points, write_chapters, write_reel
+from tests.flashes import GOLDEN as WITH_SOUND
+from tests.golden import GOLDEN
+from tests.storage.folders import KINDS, new_address
+
+
+class Clock:
+    def __init__(self) -> None:
+        self.now = 1e9
+
+    def __call__(self) -> float:
+        return self.now
+
+
+@pytest.fixture(params=KINDS)
+def address(request):
+    return new_address(request.param, request)
+
+
+@pytest.fixture
+def reel(tmp_path):
+    return write_reel(tmp_path / "reel")
+
+
+def named(data: bytes) -> set[str]:
+    """The files that a manifest names."""
+    return {entry["uri"] for entry in file_entries(json.loads(data))}
+
+
+def copy_of(folder) -> set[str]:
+    return set(folder.sizes()) - {"manifest.json", RECORD}
+
+
+def test_the_copy_is_the_reel_under_names_of_its_content(address, reel):
+    published = Publication(reel, open_folder(address)).update()
+    here, there = verify_reel(reel), verify_reel(address)
+    assert (there.files, there.bytes, there.points) == (here.files, here.bytes, here.points)
+    assert published is not None
+    assert (published.files, published.bytes, published.sent, published.live) == (4, here.bytes, 4, False)
+    reader = ReelReader(address)
+    for before, after in zip(ReelReader(reel).manifest.files, reader.manifest.files, strict=True):
+        assert after.uri == published_name(before.uri, before.sha256)
+        assert (after.bytes, after.sha256, after.group) == (before.bytes, before.sha256, before.group)
+    assert len(reader.group(1).dynamic) == 15
+
+
+def test_pictures_and_sound_are_copied_too(tmp_path):
+    Publication(WITH_SOUND, LocalFolder(tmp_path / "there")).update()
+    assert verify_reel(tmp_path / "there").strangers == []
+    assert ReelReader(tmp_path / "there").manifest.presentation.sound is not None
+
+
+def test_pages_name_the_files_as_they_are_called_there(address, tmp_path):
+    reel = write_chapters(tmp_path / "reel")
+    publication = Publication(reel, open_folder(address))
+    published = publication.update()
+    here, there = verify_reel(reel), verify_reel(address)
+    assert published is not None
+    assert (there.files, there.groups, there.points) == (here.files, here.groups, here.points)
+    manifest = ReelReader(address).manifest
+    assert len(manifest.pages) > 1
+    assert all(map(is_published_name, manifest.uris))
+    assert copy_of(open_folder(address)) == manifest.uris
+    assert published.bytes == sum(size for name, size in open_folder(address).sizes().items() if name in manifest.uris)
+
+
+def test_pages_are_read_and_sent_once_and_what_a_window_drops_leaves(tmp_path):
+    clock, folder = Clock(), BreakingFolder(LocalFolder(tmp_path / "there"), set())
+    writer = new_writer(tmp_path / "reel", page=2)
+    publication, pages_read = Publication(tmp_path / "reel", folder, keep=10, clock=clock), []
+    intact = publication._intact
+    publication._intact = lambda file: (pages_read.append(file.uri) if "pages/" in file.uri else None, intact(file))[1]
+    for index in range(10):
+        add_chapter_group(writer, index, 4)
+        publication.update()
+        clock.now += 1
+    sent = [name for name in folder.log if name.startswith("pages/")]
+    assert len(sent) == len(set(sent)) == len(pages_read) == len(set(pages_read)) > 1
+    writer.drop_before(5)
+    publication.update()
+    first = verify_reel(tmp_path / "there")
+    clock.now += 10
+    publication.update()
+    assert verify_reel(tmp_path / "there").points == first.points
+    assert copy_of(folder) == ReelReader(tmp_path / "there").manifest.uris
+    assert len(list((tmp_path / "there" / "groups").iterdir())) == first.groups < 10
+
+
+def test_nothing_is_sent_twice(address, reel):
+    folder = BreakingFolder(open_folder(address), set())
+    Publication(reel, folder).update()
+    sent = folder.writes
+    again = Publication(reel, folder).update()
+    assert again is not None
+    assert (folder.writes, again.sent, again.sent_bytes) == (sent, 0, 0)
+
+
+def test_a_copy_of_a_copy_is_the_same(tmp_path, reel):
+    Publication(reel, LocalFolder(tmp_path / "one")).update()
+    Publication(tmp_path / "one", LocalFolder(tmp_path / "two")).update()
+    assert LocalFolder(tmp_path / "one").sizes() == LocalFolder(tmp_path / "two").sizes()
+    assert (tmp_path / "one" / "manifest.json").read_bytes() == (tmp_path / "two" / "manifest.json").read_bytes()
+
+
+@pytest.mark.parametrize("arrives", [False, True], ids=["lost", "arrived without an answer"])
+@pytest.mark.parametrize("cut", range(5))
+def test_a_cut_line_leaves_a_whole_reel_or_none_and_the_next_time_sends_only_the_rest(request, reel, cut, arrives):
+    address = new_address("bucket" if cut % 2 else "memory", request)
+    folder = BreakingFolder(open_folder(address), {cut}, halves=arrives)
+    publication = Publication(reel, folder)
+    with pytest.raises(StorageError, match="the line is cut"):
+        publication.update()
+    if "manifest.json" in folder.sizes():
+        verify_reel(address)
+    else:
+        with pytest.raises(ReelError, match=r"manifest\.json"):
+            ReelReader(address)
+    arrived = copy_of(folder)
+    folder.log.clear()
+    again = Publication(reel, folder).update() if cut < 3 else publication.update()  # by a new process, or the same
+    assert again is not None
+    assert not arrived & set(folder.log)
+    assert again.sent == 4 - len(arrived)
+    verify_reel(address)
+
+
+def test_whoever_has_any_manifest_finds_its_files_at_every_moment(tmp_path):
+    """After each write and deletion, all files are there of every manifest of the last hour."""
+    clock, reel = Clock(), tmp_path / "reel"
+    there, manifests = LocalFolder(tmp_path / "there"), []
+
+    class Watched(BreakingFolder):
+        def write(self, name, data, headers=None):
+            super().write(name, data)
+            if name == "manifest.json":
+                manifests.append((clock.now, named(data)))
+            self.check()
+
+        def remove(self, name):
+            super().remove(name)
+            self.check()
+
+        def check(self):
+            latest = manifests[-1:]
+            for left, names in [*manifests, *latest]:
+                superseded = min((when for when, _ in manifests if when > left), default=clock.now)
+                if clock.now - superseded < HOUR:
+                    assert names <= set(there.sizes())
+
+    publication = Publication(reel, Watched(there, set()), keep=HOUR, clock=clock)
+    for groups in (1, 2, 3, 2, 1):  # it grows, and is then made anew, shorter
+        write_reel(reel, groups)
+        edited = json.loads((reel / "manifest.json").read_text()) | {"title": f"{groups} groups at {clock.now}"}
+        (reel / "manifest.json").write_text(json.dumps(edited))
+        publication.update()
+        clock.now += 0.4 * HOUR
+    assert len(manifests) == 5
+    clock.now += 2 * HOUR
+    publication.update()
+    assert copy_of(there) == manifests[-1][1]
+
+
+def test_a_reel_that_is_encoded_anew_under_the_same_names_does_not_disturb_who_watches_the_old_one(tmp_path):
+    clock, folder = Clock(), LocalFolder(tmp_path / "there")
+    Publication(write_reel(tmp_path / "reel"), folder, clock=clock).update()
+    watcher = ReelReader(tmp_path / "there")
+    shutil.rmtree(tmp_path / "reel")
+    writer = new_writer(tmp_path / "reel")
+    writer.add_layer(0, 0, points(12, seed=9))
+    writer.add_group(new_group(0, 7, 12))
+    writer.finish()
+    Publication(tmp_path / "reel", folder, clock=clock).update()
+    assert len(watcher.group(1).dynamic) == 15
+    assert len(ReelReader(tmp_path / "there").group(0).dynamic) == 7
+
+
+def test_files_leave_after_their_time_counted_over_several_runs(address, reel, tmp_path):
+    clock, folder = Clock(), open_folder(address)
+    Publication(reel, folder, keep=10, clock=clock).update()
+    old = copy_of(folder)
+    shutil.rmtree(reel)
+    shutil.copytree(GOLDEN, reel)
+    for seconds, removed in ((0, 0), (6, 0), (3, 0), (1, len(old)), (1, 0)):
+        clock.now += seconds
+        published = Publication(reel, folder, keep=10, clock=clock).update()
+        assert published is not None
+        assert published.removed == removed
+    assert not old & copy_of(folder)
+    assert json.loads(folder.read(RECORD, 10_000) or b"")["left"] == {}
+    verify_reel(address)
+
+
+def test_without_its_note_files_leave_later_never_sooner(tmp_path, reel):
+    clock, folder = Clock(), LocalFolder(tmp_path / "there")
+    Publication(reel, folder, keep=10, clock=clock).update()
+    write_reel(reel, 1)
+    Publication(reel, folder, keep=10, clock=clock).update()
+    for damage in (b"no JSON", b'{"left": 3}', b'{"left": {"groups/0001.safetensors": "x"}}'):
+        folder.write(RECORD, damage)
+        clock.now += 9
+        published = Publication(reel, folder, keep=10, clock=clock).update()
+        assert published is not None
+        assert published.removed == 0
+
+
+def test_what_is_not_of_a_reel_is_never_deleted(tmp_path, reel):
+    clock, folder = Clock(), LocalFolder(tmp_path / "there")
+    others = {"index.html", "assets/app-0123456789abcdef.js", "other/layers/0000-0123456789abcdef.safetensors"}
+    others |= {"groups/notes.txt", "groups/0000.safetensors", "photo-0123456789abcdef.jpg"}
+    for name in others:
+        folder.write(name, b"mine")
+    folder.write("groups/0009-0123456789abcdef.safetensors", b"of a publication that was cut off")
+    Publication(reel, folder, keep=1, clock=clock).update()
+    clock.now += 2
+    published = Publication(reel, folder, keep=1, clock=clock).update()
+    assert published is not None
+    assert published.removed == 1
+    assert others <= set(folder.sizes())
+
+
+def test_a_reel_that_changes_while_it_is_sent_is_sent_as_it_is_then(tmp_path, reel):
+    publication = Publication(reel, LocalFolder(tmp_path / "there"))
+    check, others = publication._checked, [GOLDEN, WITH_SOUND]
+
+    def check_and_change(data):
+        document = check(data)
+        if others:
+            shutil.rmtree(reel)
+            shutil.copytree(others.pop(), reel)
+        return document
+
+    publication._checked = check_and_change
+    publication.update()
+    assert others == []
+    assert verify_reel(tmp_path / "there").points == verify_reel(GOLDEN).points
+
+
+def test_a_reel_that_never_rests_is_left_for_later(tmp_path, reel):
+    publication = Publication(reel, LocalFolder(tmp_path / "there"))
+    check, groups = publication._checked, iter(range(10))
+
+    def check_and_change(data):
+        document = check(data)
+        shutil.rmtree(reel)
+        write_reel(reel, 1 + next(groups) % 2)
+        (reel / "groups" / "0000.safetensors").write_bytes(b"of another run")
+        return document
+
+    publication._checked = check_and_change
+    with pytest.raises(StorageError, match="changes faster than it can be sent"):
+        publication.update()
+    assert not (tmp_path / "there" / "manifest.json").exists()
+
+
+def test_a_reel_that_is_damaged_here_is_not_sent(tmp_path, reel):
+    (reel / "groups" / "0001.safetensors").write_bytes(b"damaged")
+    with pytest.raises(ReelError, match=r"groups/0001\.safetensors: is not what the manifest says"):
+        Publication(reel, LocalFolder(tmp_path / "there")).update()
+    assert not (tmp_path / "there" / "manifest.json").exists()
+
+
+def test_a_folder_without_a_reel_is_none_yet(tmp_path):
+    assert Publication(tmp_path, LocalFolder(tmp_path / "there")).update() is None
+
+
+def test_names_files_and_headers_are_right_in_a_bucket(bucket, reel):
+    Publication(reel, open_folder(bucket.url("reel"))).update()
+    found = {name: bucket.headers(f"reel/{name}") for name in open_folder(bucket.url("reel")).sizes()}
+    assert found["manifest.json"]["content-type"] == "application/json"
+    assert found["manifest.json"]["cache-control"] == "no-cache"
+    lasting = [headers for name, headers in found.items() if is_published_name(name)]
+    assert len(lasting) == 4
+    assert {headers["cache-control"] for headers in lasting} == {"public, max-age=31536000, immutable"}
+    assert {headers["content-type"] for headers in lasting} == {"application/octet-stream"}
+
+
+def test_names_of_published_files():
+    digest = "0123456789abcdef" * 4
+    name = "groups/0003.low-0123456789abcdef.safetensors"
+    assert published_name("groups/0003.low.safetensors", digest) == name
+    assert published_name(name, digest) == name
+    assert is_published_name(name)
+    assert is_published_name(published_name("poster.jpg", digest))
+    assert not is_published_name("groups/0003.low.safetensors")
+    assert not is_published_name(f"nested/{name}")

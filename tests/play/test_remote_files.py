@@ -1,0 +1,120 @@
+"""A reel in a bucket, given away by the player's server."""
+
+import time
+import urllib.error
+import urllib.request
+
+import pytest
+
+from splatreel.codec.publication import Publication
+from splatreel.errors import ReelError
+from splatreel.play import remote_files
+from splatreel.play.remote_files import RemoteFiles
+from splatreel.play.server import serve
+from splatreel.storage.opening import open_folder
+from tests.codec.reels import add_chapter_group, new_writer, write_chapters, write_reel
+
+
+def get(url: str, **headers: str) -> tuple[int, bytes, str]:
+    try:
+        with urllib.request.urlopen(urllib.request.Request(url, headers=headers), timeout=10) as answer:
+            return answer.status, answer.read(), answer.headers.get("ETag", "")
+    except urllib.error.HTTPError as error:
+        return error.code, error.read(), ""
+
+
+def read(files: RemoteFiles, name: str) -> bytes:
+    found = files.open(name)
+    assert found is not None
+    data = found.file.read()
+    assert found.size == len(data)
+    return data
+
+
+def test_a_server_fetches_from_a_bucket_what_it_is_asked_for(bucket, tmp_path):
+    reel = write_reel(tmp_path / "reel")
+    Publication(reel, open_folder(bucket.url("reel"))).update()
+    bucket.client.put_object(Bucket=bucket.name, Key="reel/secret.txt", Body=b"secret")
+    names = open_folder(bucket.url("reel")).sizes()
+    with serve(bucket.url("reel"), port=0) as server:
+        for name, size in names.items():
+            status, data, tag = get(f"{server.url}reel/{name}")
+            if name == "secret.txt":
+                assert status == 404
+                continue
+            assert (status, len(data)) == (200, size)
+            assert data == open_folder(bucket.url("reel")).read(name, size)
+            assert get(f"{server.url}reel/{name}", **{"If-None-Match": tag})[0] == 304
+            assert get(f"{server.url}reel/{name}", Range="bytes=2-5") == (206, data[2:6], tag)
+        group = next(name for name in names if name.startswith("groups/0000"))
+        bucket.client.put_object(Bucket=bucket.name, Key=f"reel/{group}", Body=b"x" * names[group])
+        assert get(f"{server.url}reel/{group}")[0] == 200  # it is kept
+        server._http.config.app._files._files.clear()
+        assert get(f"{server.url}reel/{group}")[:2] == (502, b"This file cannot be fetched from where the reel lies.\n")
+        assert get(server.url)[0] == 200
+
+
+def test_a_place_without_a_reel_is_not_served(bucket):
+    with pytest.raises(ReelError, match=r"manifest\.json: cannot be fetched"):
+        serve(bucket.url("nothing"), port=0)
+
+
+def test_a_reel_that_grows_is_seen_to_grow_and_its_pages_are_fetched_once(tmp_path, monkeypatch):
+    pytest.importorskip("fsspec", reason="needs the extra cloud")
+    monkeypatch.setattr(remote_files, "FRESH", 0.0)
+    writer, folder = new_writer(tmp_path / "reel", page=2), open_folder("memory://growing/reel")
+    publication = Publication(tmp_path / "reel", folder)
+    add_chapter_group(writer, 0, 4)
+    publication.update()
+    files, fetched = RemoteFiles("memory://growing/reel"), []
+    source = files._source.read
+    files._source.read = lambda uri, limit: (fetched.append(uri), source(uri, limit))[1]
+    for index in range(1, 9):
+        add_chapter_group(writer, index, 4)
+        publication.update()
+        assert read(files, "manifest.json") == folder.read("manifest.json", 1 << 20)
+        for name in folder.sizes():
+            if name.startswith(f"groups/{index:04d}"):
+                assert len(read(files, name)) == folder.sizes()[name]
+    pages = [uri for uri in fetched if uri.startswith("pages/")]
+    assert len(pages) == len(set(pages)) > 1
+    assert all(read(files, page) for page in pages)
+
+
+def test_what_was_known_is_served_while_the_bucket_is_away(tmp_path, monkeypatch):
+    fsspec = pytest.importorskip("fsspec", reason="needs the extra cloud")
+    monkeypatch.setattr(remote_files, "FRESH", 0.0)
+    Publication(write_chapters(tmp_path / "reel"), open_folder("memory://away/reel")).update()
+    files = RemoteFiles("memory://away/reel")
+    manifest = read(files, "manifest.json")
+    group = next(uri for uri in files._manifest.uris if uri.startswith("groups/"))
+    read(files, group)
+    fsspec.filesystem("memory").rm("/away", recursive=True)
+    assert read(files, "manifest.json") == manifest
+    assert read(files, group)
+    other = next(uri for uri in files._manifest.uris if uri.startswith("groups/") and uri != group)
+    with pytest.raises(ReelError, match="cannot be fetched"):
+        files.open(other)
+
+
+def test_a_manifest_is_not_asked_for_again_at_once(tmp_path):
+    pytest.importorskip("fsspec", reason="needs the extra cloud")
+    Publication(write_reel(tmp_path / "reel"), open_folder("memory://often/reel")).update()
+    files, fetched = RemoteFiles("memory://often/reel"), []
+    files._source.read = lambda uri, limit: fetched.append(uri)
+    start = time.monotonic()
+    for _ in range(50):
+        read(files, "manifest.json")
+    assert fetched == [] or time.monotonic() - start > remote_files.FRESH
+
+
+def test_only_so_much_is_kept(tmp_path, monkeypatch):
+    pytest.importorskip("fsspec", reason="needs the extra cloud")
+    Publication(write_chapters(tmp_path / "reel"), open_folder("memory://much/reel")).update()
+    files = RemoteFiles("memory://much/reel")
+    uris = sorted(uri for uri in files._manifest.uris if uri.startswith("groups/"))
+    monkeypatch.setattr(remote_files, "MOST_KEPT", 3 * max(files._entries[uri].bytes for uri in uris))
+    for uri in uris:
+        read(files, uri)
+    assert 2 <= len(files._files) < len(uris)
+    assert files._entries[uris[-1]].sha256 in files._files

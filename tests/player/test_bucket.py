@@ -1,0 +1,61 @@
+"""A browser plays a reel out of a bucket, as docs/publishing.md tells, while the reel is being made and published."""
+
+from pathlib import Path
+
+import pytest
+from playwright.sync_api import Page
+
+from splatreel.codec.publication import Publication
+from splatreel.codec.writer import ReelWriter
+from splatreel.config import EncodeConfig
+from splatreel.play.server import Server
+from splatreel.storage.opening import open_folder
+from tests.codec.reels import new_group, new_writer, points
+from tests.player.pages import PLAYER, wait_for_picture
+
+pytestmark = pytest.mark.browser
+
+
+def write_group(writer: ReelWriter, index: int) -> None:
+    if index == 0:
+        writer.add_layer(0, 0, points(20))
+    writer.add_group(new_group(index, 15, 20))
+
+
+def test_a_reel_in_a_bucket_plays_while_it_grows(page: Page, server: Server, bucket, tmp_path: Path):
+    bucket.open_to_pages()
+    asked: list[tuple[str, int]] = []
+    page.on("response", lambda answer: asked.append((answer.url.removeprefix(bucket.web("")), answer.status)))
+    writer = new_writer(tmp_path / "reel", config=EncodeConfig())
+    publication = Publication(tmp_path / "reel", open_folder(bucket.url("show")))
+    write_group(writer, 0)
+    publication.update()
+    page.goto(f"{server.url}?src={bucket.web('show/manifest.json')}")
+    wait_for_picture(page)
+    assert page.evaluate(f"[{PLAYER}.live, {PLAYER}.duration]") == [True, 0.3]
+    write_group(writer, 1)
+    publication.update()
+    page.wait_for_function(f"{PLAYER}.duration > 0.4")
+    write_group(writer, 2)
+    writer.finish()
+    publication.update()
+    page.wait_for_function(f"!{PLAYER}.live && {PLAYER}.duration > 0.6")
+    page.evaluate("document.querySelector('splat-reel').currentTime = 0.55")
+    page.wait_for_function(f"{PLAYER}.canPlay && {PLAYER}.stats.points > 0")
+    files = [(name, status) for name, status in asked if name.startswith("show/groups/")]
+    assert {status for _, status in files} <= {200, 206}
+    assert len({name for name, _ in files}) == 3
+
+
+def test_a_bucket_that_lets_no_page_read_it_is_explained(page: Page, server: Server, bucket, tmp_path: Path):
+    page.expected_problems = ("CORS", "403", "Failed to load resource")
+    bucket.open_to_pages()
+    bucket.client.delete_bucket_cors(Bucket=bucket.name)
+    writer = new_writer(tmp_path / "reel", config=EncodeConfig())
+    write_group(writer, 0)
+    writer.finish()
+    Publication(tmp_path / "reel", open_folder(bucket.url("show"))).update()
+    page.goto(f"{server.url}?src={bucket.web('show/manifest.json')}")
+    alert = page.locator("splat-reel").get_by_role("alert")
+    alert.wait_for()
+    assert "Access-Control-Allow-Origin" in str(alert.text_content())
