@@ -2,11 +2,12 @@ import assert from "node:assert/strict";
 import { test } from "node:test";
 import { Clock } from "../src/player/clock";
 import type { Manifest } from "../src/reel/manifest";
+import type { Page } from "../src/reel/pages";
 
 function clockOf(live = false): Clock {
   const clock = new Clock();
   const groups = [0, 30, 60].map((firstFrame) => ({ firstFrame, frames: 30 }));
-  clock.update({ fps: 30, frames: 90, overlap: 5, groups, live } as Manifest);
+  clock.update({ fps: 30, frames: 90, overlap: 5, first: 0, groups, pages: [] as Page[], live } as Manifest);
   return clock;
 }
 
@@ -38,11 +39,24 @@ test("a live reel waits at its edge, or repeats its last group", () => {
   assert.equal(clock.seconds, 2);
 });
 
+test("a reel whose beginning was dropped keeps its times, and goes round from where it begins", () => {
+  const clock = clockOf();
+  const groups = Object.assign([], { 1: { firstFrame: 30, frames: 30 }, 2: { firstFrame: 60, frames: 30 } });
+  clock.update({ ...clock.manifest!, first: 1, groups });
+  assert.deepEqual([clock.earliest, clock.duration], [1, 3]);
+  clock.seek(0.2);
+  assert.deepEqual([clock.seconds, clock.framesOn(-5), clock.moment!.previous], [1, 1, null]);
+  clock.seek(2.9);
+  clock.loop = true;
+  clock.advance(0.5);
+  assert.ok(Math.abs(clock.seconds - 1.4) < 1e-9);
+});
+
 test("steps are whole frames within the reel", () => {
   const clock = clockOf();
   clock.seek(1.01);
   assert.equal(clock.framesOn(1), 31 / 30);
   assert.equal(clock.framesOn(-99), 0);
   assert.equal(clock.framesOn(999), 89 / 30);
-  assert.deepEqual([clock.moment.current.group, clock.moment.previous?.group], [1, 0]);
+  assert.deepEqual([clock.moment!.current.group, clock.moment!.previous?.group], [1, 0]);
 });

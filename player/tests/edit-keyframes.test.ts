@@ -33,7 +33,8 @@ test("all of it lasts as long as asked for, but not less than a tenth of a secon
 });
 
 test("through views: at the reel's pace where that is slow enough", () => {
-  assert.deepEqual(throughViews([[0], [1], [2]], 10).map(({ at, time }) => [at, time]), [[0, 0], [5, 5], [10, 10]]);
-  assert.deepEqual(throughViews([[0], [1], [2]], 1).map(({ at, time }) => [at, time]), [[0, 0], [2, 0.5], [4, 1]]);
-  assert.deepEqual(seconds(throughViews([[0]], 1)), [0]);
+  assert.deepEqual(throughViews([[0], [1], [2]], 0, 10).map(({ at, time }) => [at, time]), [[0, 0], [5, 5], [10, 10]]);
+  assert.deepEqual(throughViews([[0], [1], [2]], 0, 1).map(({ at, time }) => [at, time]), [[0, 0], [2, 0.5], [4, 1]]);
+  assert.deepEqual(seconds(throughViews([[0]], 0, 1)), [0]);
+  assert.deepEqual(throughViews([[0], [1], [2]], 20, 30).map(({ at, time }) => [at, time]), [[0, 20], [5, 25], [10, 30]], "the beginning was dropped");
 });

@@ -178,7 +178,7 @@ test("a group fades in over the one before it: both are sorted, and both are kep
   const fake = await started();
   fake.player.currentTime = 1.1;
   await fake.pass(60);
-  assert.deepEqual(fake.stage.scene, { layers: 1, current: { group: 1, frame: 1 }, previous: { group: 0, frame: 9 } });
+  assert.deepEqual(fake.stage.scene, { layers: ["layers/0.bin"], current: { group: 1, frame: 1 }, previous: { group: 0, frame: 9 } });
   assert.deepEqual(fake.stage.inUse, [1, 0]);
   assert.equal(fake.stage.points, 300);
   fake.player.currentTime = 1.3;

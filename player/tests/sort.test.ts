@@ -6,6 +6,8 @@ import { DepthRun, merge } from "../src/draw/sort";
 const IDENTITY = [1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1];
 /** Sees all that is in front of it. */
 const ahead = frustumOf({ viewmat: IDENTITY, fx: 1, fy: 1, cx: 500, cy: 500, width: 1000, height: 1000, near: 0.01 });
+/** Flags of points that all show. */
+const ALL = new Uint8Array(4000).fill(3);
 const points = (...means: number[]) => ({ means: Float32Array.from(means), radii: new Float32Array(means.length / 3) });
 
 function sorted(...runs: DepthRun[]): number[] {
@@ -28,19 +30,19 @@ test("what rests is seen from where the viewer has room on, what moves from the 
   const [still, moving] = [new DepthRun(), new DepthRun()];
   for (const run of [still, moving]) run.reset(3);
   const row = points(0, 0, 0.1, 0, 0, 0.4, 0, 0, 0.6);
-  still.addLayer({ base: 0, ...row }, null, frustum);
-  moving.addGroup({ base: 3, ...row, frames: 1, dx: new Uint16Array(12), dxMin: [0, 0, 0], dxStep: [1, 1, 1], alive: new Uint8Array() }, 0, frustum);
+  still.addLayer({ base: 0, ...row }, ALL, frustum);
+  moving.addGroup({ base: 3, ...row, frames: 1, dx: new Uint16Array(12), dxMin: [0, 0, 0], dxStep: [1, 1, 1] }, 0, frustum);
   assert.deepEqual(sorted(still), [2]);
   assert.deepEqual(sorted(moving), [5, 4, 3]);
   still.reset(3);
-  still.addLayer({ base: 0, ...row }, null, frustumOf(view, { focus: [0, 0, -4], share: 0.3 }));
+  still.addLayer({ base: 0, ...row }, ALL, frustumOf(view, { focus: [0, 0, -4], share: 0.3 }));
   assert.deepEqual(sorted(still), [2, 1, 0]); // the focus is behind
 });
 
 test("moving points sort by where they are between two frames", () => {
   const sorter = new DepthRun();
   const dx = Uint16Array.of(0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 100, 0, 0, 0, 0, 0);
-  const group = { base: 0, ...points(0, 0, 5, 0, 0, 8), frames: 2, dx, dxMin: [0, 0, 0], dxStep: [1, 1, 0.1], alive: new Uint8Array() };
+  const group = { base: 0, ...points(0, 0, 5, 0, 0, 8), frames: 2, dx, dxMin: [0, 0, 0], dxStep: [1, 1, 0.1] };
   sorter.reset(2);
   sorter.addGroup(group, 0.2, ahead);
   assert.deepEqual(sorted(sorter), [1, 0]);
@@ -57,7 +59,7 @@ test("nothing and equal depths are fine", () => {
   sorter.reset(0);
   assert.deepEqual(sorted(sorter), []);
   sorter.reset(2);
-  sorter.addLayer({ base: 0, ...points(0, 0, 1, 0, 0, 1) }, null, ahead);
+  sorter.addLayer({ base: 0, ...points(0, 0, 1, 0, 0, 1) }, ALL, ahead);
   assert.deepEqual(sorted(sorter), [0, 1]);
 });
 
@@ -69,7 +71,7 @@ test("static and moving points together are far to near, however they are merged
     const runs = means.map((values, i) => {
       const run = new DepthRun();
       run.reset(values.length / 3);
-      run.addLayer({ base: i * m, ...points(...values) }, null, ahead);
+      run.addLayer({ base: i * m, ...points(...values) }, ALL, ahead);
       return run;
     });
     const all = [...means[0], ...means[1]];
@@ -90,7 +92,7 @@ test("what reaches into the picture is kept, what lies beyond its margin is not"
   const means = Float32Array.from({ length: 12000 }, () => 30 * next() - 15);
   const run = new DepthRun();
   run.reset(4000);
-  run.addLayer({ base: 0, means, radii: scales.map((scale) => EXTENT * scale) }, null, view);
+  run.addLayer({ base: 0, means, radii: scales.map((scale) => EXTENT * scale) }, ALL, view);
   const kept = new Set(sorted(run));
   let outside = 0;
   for (let i = 0; i < 4000; i++) {

@@ -11,10 +11,11 @@ test("a time is in a segment, in a gap, or beyond", () => {
 });
 
 test("what is heard next is wanted first, around the end too", () => {
-  assert.deepEqual(wantedSegments(segments, 5, 4, true), [2, 3, 4]);
-  assert.deepEqual(wantedSegments(segments, 197, 8, false), [98, 99]);
-  assert.deepEqual(wantedSegments(segments, 197, 8, true), [98, 99, 0, 1, 2]);
-  assert.deepEqual(wantedSegments(segments.slice(0, 2), 1, 10, true), [0, 1]);
+  assert.deepEqual(wantedSegments(segments, 5, 4, 0), [2, 3, 4]);
+  assert.deepEqual(wantedSegments(segments, 197, 8, null), [98, 99]);
+  assert.deepEqual(wantedSegments(segments, 197, 8, 0), [98, 99, 0, 1, 2]);
+  assert.deepEqual(wantedSegments(segments, 197, 8, 41), [98, 99, 20, 21, 22], "the beginning was dropped");
+  assert.deepEqual(wantedSegments(segments.slice(0, 2), 1, 10, 0), [0, 1]);
 });
 
 test("what was heard longest ago is dropped, what comes next and last is kept", () => {

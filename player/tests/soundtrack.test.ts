@@ -21,7 +21,7 @@ const asked = (): string[] => host.asked.map(({ url }) => url.replace("https://p
 
 let events: string[] = [];
 let track: Soundtrack;
-const clock = { seconds: 0, rate: 1, loop: false, live: false };
+const clock = { seconds: 0, rate: 1, loop: false, live: false, earliest: 0 };
 const soundOf = (more: Partial<Sound> = {}): Sound => ({ type: 'audio/mp4; codecs="opus"', rate: 48000, channels: 2, init: { uri: "sound/init.mp4", bytes: 1, sha256: null }, segments, position: null, ...more });
 const openReel = (sound: Sound | null = soundOf(), live = false): void => {
   const manifest = manifestOf({ live });
@@ -39,7 +39,7 @@ const pass = (passed: number): number => track.advance(clock, true, time.now / 1
 afterEach(() => track.close());
 
 beforeEach(() => {
-  Object.assign(clock, { seconds: 0, rate: 1, loop: false, live: false });
+  Object.assign(clock, { seconds: 0, rate: 1, loop: false, live: false, earliest: 0 });
   Object.assign(globalThis, { MediaSource: FakeMediaSource });
   FakeAudio.plays = "";
   events = [];

@@ -5,7 +5,7 @@ import { FakePlayer, pointsOf } from "./fakes/player";
 import { FakeWorker } from "./fakes/workers";
 
 const view = { viewmat: [1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 4, 0, 0, 0, 1], fx: 100, fy: 100, cx: 80, cy: 45, width: 160, height: 90, near: 0.01 };
-const scene = (group: number) => ({ layers: 1, current: { group, frame: 0 }, previous: null });
+const scene = (group: number) => ({ layers: ["layers/0.bin"], current: { group, frame: 0 }, previous: null });
 /** A stage with all that shows, and a sort worker that answers when it is told to. */
 async function stageOf(): Promise<{ stage: FakePlayer["stage"]; answer: () => void }> {
   const fake = new FakePlayer({ groups: 3 });
@@ -42,14 +42,28 @@ test("an order of a group that was dropped meanwhile is not drawn", async () => 
   assert.deepEqual([await sorted, stage.scene!.current!.group], [false, 0]);
 });
 
+test("a layer that was dropped shows no more, and its memory serves again", async () => {
+  const { stage, answer } = await stageOf();
+  const file = pointsOf(1000, 0, 0) as Parameters<typeof stage.addLayer>[1];
+  for (let i = 0; i < 500; i++) {
+    stage.addLayer(`layers/${i + 1}.bin`, file);
+    if (i >= 3) stage.dropLayer(`layers/${i - 2}.bin`);
+  }
+  const sorted = stage.sort({ ...scene(1), layers: ["layers/0.bin", "layers/498.bin"] }, view);
+  answer();
+  stage.dropLayer("layers/498.bin");
+  assert.deepEqual([await sorted, stage.scene!.current!.group], [false, 0]);
+  stage.draw(0, view); // what was dropped is left out
+});
+
 test("memory of dropped groups serves again, and where there is too little the device is said to be it", async () => {
   const { stage } = await stageOf();
   const file = pointsOf(1000, 1, 100) as Parameters<typeof stage.addGroup>[1];
   for (let i = 0; i < 500; i++) {
-    stage.addGroup(1000 + i, file);
+    stage.addGroup(1000 + i, file, []);
     if (i >= 3) stage.dropGroup(1000 + i - 3);
   }
   assert.throws(() => {
-    for (let i = 0; i < 500; i++) stage.addGroup(20_000 + i, file);
+    for (let i = 0; i < 500; i++) stage.addGroup(20_000 + i, file, []);
   }, { name: "ReelError", plain: PLAIN.device, message: /more points than this device draws/ });
 });

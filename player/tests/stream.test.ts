@@ -1,53 +1,8 @@
 import assert from "node:assert/strict";
 import { beforeEach, test } from "node:test";
-import { DecoderPool } from "../src/stream/decoder-pool";
-import { costOf, memoryBudget } from "../src/stream/file-cache";
-import type { Demand } from "../src/stream/queue";
-import { RenditionPolicy } from "../src/stream/rendition-policy";
-import { Stream } from "../src/stream/stream";
+import { memoryBudget } from "../src/stream/file-cache";
 import { device } from "./fakes/page";
-import { manifestOf, type Plan } from "./fakes/reel";
-import { FakeTime } from "./fakes/time";
-import { FakeWorker, Transfers } from "./fakes/workers";
-
-const time = new FakeTime();
-/** Bytes of memory that a group takes. */
-const GROUP = costOf({ points: 100, frames: 10 });
-
-/** A stream whose files come when a test says so. */
-class World extends Transfers {
-  readonly log: string[] = [];
-  readonly pool: DecoderPool;
-  readonly stream: Stream;
-  private demand: Demand = { current: 0, previous: null, inUse: [], loop: false, frame: 0, rate: 1 };
-
-  constructor(plan: Plan = {}, groupsInMemory = 100) {
-    super();
-    FakeWorker.all.length = 0;
-    this.pool = new DecoderPool();
-    this.stream = new Stream(manifestOf(plan), this.pool, groupsInMemory * GROUP, {
-      layer: (index) => this.log.push(`layer ${index}`),
-      group: (index) => this.log.push(`group ${index}`),
-      dropped: (index) => this.log.push(`dropped ${index}`),
-      progress: () => undefined,
-      failed: (error) => this.log.push(`failed ${error.message}`),
-    }, new RenditionPolicy(5e6));
-  }
-
-  want(demand: Partial<Demand>): void {
-    const current = demand.current ?? this.demand.current;
-    this.demand = { ...this.demand, frame: 10 * current, ...demand };
-    this.stream.want(this.demand);
-  }
-
-  /** The first layer comes, at 16 kbit/s. */
-  measure(): void {
-    this.want({});
-    time.now += 250;
-    this.bytes("layers/0.bin", 500);
-    this.give("layers/0.bin");
-  }
-}
+import { time, World } from "./fakes/stream";
 
 beforeEach(() => {
   time.now += 1_000_000;
@@ -85,11 +40,13 @@ test("a group is here only with its layers", () => {
   const world = new World({ layers: [0, 1, 1] });
   world.want({});
   world.giveAll();
-  assert.deepEqual([world.stream.layersOf(0), world.stream.layersOf(1), world.stream.layersReady], [1, 3, 3]);
+  assert.deepEqual(world.stream.layersHere, ["layers/0.bin"]);
   const other = new World({ layers: [0, 1, 1] });
   other.want({});
   other.give("layers/0.bin", "groups/0.bin", "layers/2.bin", "groups/1.bin");
-  assert.deepEqual([other.stream.layersReady, other.stream.has(0), other.stream.has(1)], [1, true, false]);
+  assert.deepEqual([other.stream.has(0), other.stream.has(1)], [true, false]);
+  other.want({ current: 1 });
+  assert.deepEqual(other.stream.layersHere, ["layers/0.bin"], "as many as are complete from the first on");
   assert.deepEqual(other.stream.buffered, [[0, 1]]);
 });
 

@@ -222,7 +222,7 @@ def test_groups_that_memory_does_not_hold_are_dropped_and_fetched_again(page: Pa
     open_player(page, server, "?autoplay=0&loop=0")
     page.evaluate(
         f"(() => {{ window.taken = []; const {{stage}} = {PLAYER}; const add = stage.addGroup.bind(stage);"
-        "stage.addGroup = (index, file) => { taken.push(index); add(index, file); }; })()"
+        "stage.addGroup = (index, file, layers) => { taken.push(index); add(index, file, layers); }; })()"
     )
     middle = 0.5 * step / manifest["fps"]
     for group in (0, 2, 5, 1, 3, 0):

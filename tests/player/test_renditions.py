@@ -25,7 +25,7 @@ GROUPS, FPS = 40, 12
 PADDING = 50_000
 TAKEN = (
     f"(() => {{ window.taken = []; const {{stage, stream}} = {PLAYER}; const add = stage.addGroup.bind(stage);"
-    "stage.addGroup = (index, file) => { add(index, file); taken.push([index, stream.renditionOf(index)]); }; })()"
+    "stage.addGroup = (index, file, layers) => { add(index, file, layers); taken.push([index, stream.renditionOf(index)]); }; })()"
 )
 
 

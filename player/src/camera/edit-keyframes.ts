@@ -34,11 +34,11 @@ export function lasting(keyframes: Keyframe[], seconds: number): Keyframe[] {
   return keyframes.map((keyframe, i) => ({ ...keyframe, at: i === 0 ? 0 : keyframe.at * factor }));
 }
 
-/** Through views, evenly, while the reel plays once; slower than its pace where that is too fast to look at. */
-export function throughViews(viewmats: number[][], duration: number): Keyframe[] {
+/** Through views, evenly, while the reel plays once, from its begin to its end; slower than its pace where that is too fast to look at. */
+export function throughViews(viewmats: number[][], begin: number, end: number): Keyframe[] {
   const legs = viewmats.length - 1;
-  const seconds = Math.max(duration, LEAST, legs * STEP);
-  return viewmats.map((viewmat, i) => ({ at: rounded((i / Math.max(legs, 1)) * seconds), time: (i / Math.max(legs, 1)) * duration, viewmat }));
+  const seconds = Math.max(end - begin, LEAST, legs * STEP);
+  return viewmats.map((viewmat, i) => ({ at: rounded((i / Math.max(legs, 1)) * seconds), time: begin + (i / Math.max(legs, 1)) * (end - begin), viewmat }));
 }
 
 function rounded(seconds: number): number {

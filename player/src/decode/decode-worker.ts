@@ -4,20 +4,20 @@ import { ReelError, messageOf } from "../base/errors";
 import { download } from "../files/download";
 import type { Source } from "../files/source";
 import { besideWorker, failureOf, openWorker } from "../files/workers";
-import { buffersOf, decodeFile, type DecodedFile } from "./decode-file";
+import { buffersOf, decodeFile } from "./decode-file";
 import { decodeDraco } from "./draco";
 import { plain, type Kernels } from "./kernels";
 import type { Track } from "./mp4";
 import { wasmKernels } from "./wasm";
 
-/** Get and decode a file, or stop doing so. */
-export type DecodeRequest = { id: number; source: Source } | { id: number; cancel: true };
+/** Get and decode a file, or read a page, or stop doing so. */
+export type DecodeRequest = { id: number; source: Source; page: boolean } | { id: number; cancel: true };
 
-/** Bytes as they come, trouble that is being worked on, and in the end a file, or why there is none. */
+/** Bytes as they come, trouble that is being worked on, and in the end a `DecodedFile` or the JSON of a page, or why there is none. */
 export type DecodeReply = { id: number } & (
   | { received: number }
   | { trouble: string }
-  | { file: DecodedFile; milliseconds: number }
+  | { content: unknown; milliseconds: number }
   | { error: string; plain?: string | undefined }
 );
 
@@ -35,16 +35,26 @@ scope.onmessage = async ({ data }) => {
       received: (bytes: number) => scope.postMessage({ id, received: bytes }),
       trouble: (why: string) => scope.postMessage({ id, trouble: why }),
     };
-    const { source } = data;
+    const { source, page } = data;
     const bytes = await download(source, watcher, controller.signal);
     const began = performance.now();
+    if (page) return scope.postMessage({ id, content: parsed(bytes, source.url), milliseconds: 0 });
     const file = await decodeFile(bytes, source.url, decodeDraco, decodeInWorker, await kernels);
-    scope.postMessage({ id, file, milliseconds: performance.now() - began }, buffersOf(file));
+    scope.postMessage({ id, content: file, milliseconds: performance.now() - began }, buffersOf(file));
   } catch (error) {
     scope.postMessage({ id, error: messageOf(error), plain: error instanceof ReelError ? error.plain : undefined });
+  } finally {
+    running.delete(id);
   }
-  running.delete(id);
 };
+
+function parsed(bytes: Uint8Array, name: string): unknown {
+  try {
+    return JSON.parse(new TextDecoder().decode(bytes));
+  } catch {
+    throw new ReelError(`${name} is damaged: it is not JSON.`);
+  }
+}
 
 /** Those by WebAssembly where the browser has it, with vectors, and the page's policy lets it run. */
 async function fastest(): Promise<Kernels> {

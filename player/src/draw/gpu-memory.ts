@@ -2,22 +2,22 @@
 import type { Vec3 } from "../base/matrix";
 import type { DecodedFile } from "../decode/decode-file";
 import { lightAt } from "../decode/light";
-import { staticFlags } from "../reel/timeline";
+import { staticFlags, type Alive } from "../reel/timeline";
 import { RowAllocator } from "./row-allocator";
 import type { Scene } from "./scene";
 import { SplatTarget } from "./splat-target";
 import { TEXTURE_WIDTH } from "./texture-layout";
 import { PointTextures, rowsOf } from "./textures";
 
-interface Group {
+interface Group extends Alive {
   textures: PointTextures;
-  alive: Uint8Array;
   light: Float32Array | null;
 }
 
 export class GpuMemory {
   readonly target: SplatTarget;
-  private readonly layers: PointTextures[] = [];
+  /** By their uris. */
+  private readonly layers = new Map<string, PointTextures>();
   private readonly groups = new Map<number, Group>();
   private readonly rows = new RowAllocator();
   /** Of the scene that the static points' flags are for. */
@@ -28,35 +28,38 @@ export class GpuMemory {
   }
 
   /** Upload a layer; returns the index of its first point in the draw order. */
-  addLayer(index: number, file: DecodedFile): number {
+  addLayer(uri: string, file: DecodedFile): number {
     const textures = this.upload(file);
-    this.layers[index] = textures;
+    this.layers.set(uri, textures);
     this.flagsKey = "";
     return textures.firstRow * TEXTURE_WIDTH;
   }
 
-  /** Upload a group; returns the index of its first point in the draw order. */
-  addGroup(index: number, file: DecodedFile): number {
+  /** Upload a group, which tells what is alive of these layers; returns the index of its first point in the draw order. */
+  addGroup(index: number, file: DecodedFile, layers: string[]): number {
     const textures = this.upload(file);
-    this.groups.set(index, { textures, alive: file.alive, light: file.light });
+    this.groups.set(index, { textures, alive: file.alive, layers, light: file.light });
     return textures.firstRow * TEXTURE_WIDTH;
   }
 
   dropGroup(index: number): void {
-    const textures = this.groups.get(index)?.textures;
-    if (!textures) return;
+    this.free(this.groups.get(index)?.textures);
     this.groups.delete(index);
-    this.rows.give(textures.firstRow, rowsOf(textures.count));
-    textures.delete();
   }
 
-  /** Whether a scene's groups are here. */
-  holds({ current, previous }: Scene): boolean {
-    return (current === null || this.groups.has(current.group)) && (previous === null || this.groups.has(previous.group));
+  dropLayer(uri: string): void {
+    this.free(this.layers.get(uri));
+    this.layers.delete(uri);
   }
 
+  /** Whether all of a scene is here. */
+  holds({ current, previous, layers }: Scene): boolean {
+    return [current, previous].every((shown) => shown === null || this.groups.has(shown.group)) && layers.every((uri) => this.layers.has(uri));
+  }
+
+  /** Those of a scene that are here. */
   layersOf(scene: Scene): PointTextures[] {
-    return this.layers.slice(0, scene.layers);
+    return scene.layers.flatMap((uri) => this.layers.get(uri) ?? []);
   }
 
   /** A group's points; null where it is not here. */
@@ -74,21 +77,21 @@ export class GpuMemory {
     const key = `${scene.layers} ${scene.current?.group} ${scene.previous?.group}`;
     if (key === this.flagsKey) return;
     this.flagsKey = key;
-    const layers = this.layersOf(scene);
-    const total = layers.reduce((sum, layer) => sum + layer.count, 0);
-    const now = scene.current ? this.groups.get(scene.current.group)!.alive : new Uint8Array(total).fill(1);
-    const flags = staticFlags(total, now, scene.previous ? this.groups.get(scene.previous.group)!.alive : null);
-    let first = 0;
-    for (const layer of layers) {
-      layer.setFlags(flags.subarray(first, first + layer.count));
-      first += layer.count;
-    }
+    const counts = new Map(scene.layers.map((uri) => [uri, this.layers.get(uri)?.count ?? 0]));
+    const [now, before] = [scene.current, scene.previous].map((shown) => shown && this.groups.get(shown.group)!);
+    for (const [uri, flags] of staticFlags(counts, now, before)) this.layers.get(uri)?.setFlags(flags);
   }
 
   delete(): void {
-    for (const layer of this.layers) layer?.delete();
+    for (const layer of this.layers.values()) layer.delete();
     for (const { textures } of this.groups.values()) textures.delete();
     this.target.delete();
+  }
+
+  private free(textures: PointTextures | undefined): void {
+    if (!textures) return;
+    this.rows.give(textures.firstRow, rowsOf(textures.count));
+    textures.delete();
   }
 
   private upload(file: DecodedFile): PointTextures {

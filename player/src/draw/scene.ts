@@ -1,8 +1,8 @@
 import type { Shown } from "../reel/timeline";
 
-/** What is drawn: how many layers, and which groups. Without a group, every point of the layers. */
+/** What is drawn: layers by their uris, all that live at one of the groups, and which groups. Without a group, every point of the layers. */
 export interface Scene {
-  layers: number;
+  layers: string[];
   current: Shown | null;
   previous: Shown | null;
 }

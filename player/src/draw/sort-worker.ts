@@ -1,13 +1,13 @@
 /** Keeps the positions of every loaded file and answers with the far-to-near order of what is in view. */
-import { staticFlags } from "../reel/timeline";
+import { staticFlags, type Alive } from "../reel/timeline";
 import type { Frustum } from "./frustum";
 import type { Scene } from "./scene";
 import { DepthRun, merge, type SortableGroup, type SortableLayer } from "./sort";
 
 export type SortMessage =
-  | { type: "layer"; index: number; layer: SortableLayer }
-  | { type: "group"; index: number; group: SortableGroup }
-  | { type: "drop"; index: number }
+  | { type: "layer"; uri: string; layer: SortableLayer }
+  | { type: "group"; index: number; group: SortableGroup & Alive }
+  | { type: "drop"; what: string | number }
   | { type: "sort"; scene: Scene; view: Frustum; buffer: Uint32Array | null };
 
 export interface SortReply {
@@ -17,19 +17,20 @@ export interface SortReply {
 }
 
 const scope = self as unknown as { onmessage: (event: MessageEvent<SortMessage>) => void; postMessage(message: SortReply, transfer: Transferable[]): void };
-const layers: SortableLayer[] = [];
-const groups = new Map<number, SortableGroup>();
+/** Layers by their uris, groups by their numbers. */
+const layers = new Map<string, SortableLayer>();
+const groups = new Map<number, SortableGroup & Alive>();
 const statics = new DepthRun();
 const dynamics = new DepthRun();
 /** What the static points were sorted for: while only time goes on, their order stays. */
 let staticsKey = "";
 /** The flags of the last scene: they change with the pair of groups only. */
-let cached: { key: string; flags: Uint8Array } = { key: "", flags: new Uint8Array() };
+let cached: { key: string; flags: Map<string, Uint8Array> } = { key: "", flags: new Map() };
 
 scope.onmessage = ({ data }) => {
-  if (data.type === "layer") layers[data.index] = data.layer;
+  if (data.type === "layer") layers.set(data.uri, data.layer);
   else if (data.type === "group") groups.set(data.index, data.group);
-  else if (data.type === "drop") groups.delete(data.index);
+  else if (data.type === "drop") layers.delete(data.what as string) || groups.delete(data.what as number);
   else {
     const began = performance.now();
     sortStatics(data.scene, data.view);
@@ -43,16 +44,9 @@ function sortStatics(scene: Scene, view: Frustum): void {
   const key = `${sceneKey(scene)} ${Object.values(view)}`;
   if (key === staticsKey) return;
   staticsKey = key;
-  const shownLayers = layers.slice(0, scene.layers);
-  const total = shownLayers.reduce((sum, layer) => sum + layer.means.length / 3, 0);
-  const flags = scene.current ? flagsOf(scene, total) : null;
-  statics.reset(total);
-  let first = 0;
-  for (const layer of shownLayers) {
-    const count = layer.means.length / 3;
-    statics.addLayer(layer, flags?.subarray(first, first + count) ?? null, view);
-    first += count;
-  }
+  const flags = flagsOf(scene);
+  statics.reset([...flags.values()].reduce((sum, { length }) => sum + length, 0));
+  for (const [uri, own] of flags) if (own.length > 0) statics.addLayer(layers.get(uri)!, own, view);
   statics.sort();
 }
 
@@ -67,11 +61,12 @@ function sceneKey(scene: Scene): string {
   return `${scene.layers} ${scene.current?.group} ${scene.previous?.group}`;
 }
 
-function flagsOf(scene: Scene, total: number): Uint8Array {
+function flagsOf(scene: Scene): Map<string, Uint8Array> {
   const key = sceneKey(scene);
   if (cached.key !== key) {
-    const before = scene.previous ? groups.get(scene.previous.group)!.alive : null;
-    cached = { key, flags: staticFlags(total, groups.get(scene.current!.group)!.alive, before) };
+    const counts = new Map(scene.layers.map((uri) => [uri, (layers.get(uri)?.means.length ?? 0) / 3]));
+    const [now, before] = [scene.current, scene.previous].map((shown) => shown && groups.get(shown.group)!);
+    cached = { key, flags: staticFlags(counts, now, before) };
   }
   return cached.flags;
 }

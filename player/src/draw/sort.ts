@@ -3,7 +3,7 @@ import type { Frustum } from "./frustum";
 import { NO_POINT, TEXTURE_WIDTH } from "./texture-layout";
 
 export interface SortableLayer {
-  /** Index of the layer's first point among all drawable points, and among the static ones. */
+  /** Index of the layer's first point among all drawable points. */
   base: number;
   means: Float32Array;
   /** [N] how far splats reach, world units. */
@@ -19,7 +19,6 @@ export interface SortableGroup {
   dx: Uint16Array;
   dxMin: number[];
   dxStep: number[];
-  alive: Uint8Array;
 }
 
 /** Points with their depths, then far to near. Its buffers grow as needed and are used again. */
@@ -43,10 +42,10 @@ export class DepthRun {
   }
 
   /** Static points in view whose flag is not 0. flags: of this layer's points. */
-  addLayer({ means, radii, base }: SortableLayer, flags: Uint8Array | null, frustum: Frustum): void {
+  addLayer({ means, radii, base }: SortableLayer, flags: Uint8Array, frustum: Frustum): void {
     const view = { ...frustum, near: frustum.clear };
     for (let i = 0, at = 0; at < means.length; i++, at += 3) {
-      if (flags && flags[i] === 0) continue;
+      if (flags[i] === 0) continue;
       this.add(base + i, means[at], means[at + 1], means[at + 2], radii[i], view);
     }
   }

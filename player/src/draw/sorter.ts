@@ -28,23 +28,24 @@ export class Sorter {
   }
 
   /** Hand over a layer's positions; base is its first point in the draw order. */
-  addLayer(index: number, base: number, file: DecodedFile): void {
+  addLayer(uri: string, base: number, file: DecodedFile): void {
     const { means } = file.points;
     const radii = radiiOf(file.points);
-    this.post({ type: "layer", index, layer: { base, means, radii } }, [means.buffer, radii.buffer] as ArrayBuffer[]);
+    this.post({ type: "layer", uri, layer: { base, means, radii } }, [means.buffer, radii.buffer] as ArrayBuffer[]);
   }
 
-  /** Hand over a group's positions and offsets, which leave this thread; what is alive in it is copied. */
-  addGroup(index: number, base: number, file: DecodedFile): void {
+  /** Hand over a group's positions and offsets, which leave this thread; what is alive in it, of these layers, is copied. */
+  addGroup(index: number, base: number, file: DecodedFile, layers: string[]): void {
     const { means } = file.points;
     const { dx, dxMin, dxStep, frames } = file.offsets ?? { dx: new Uint16Array(), dxMin: [0, 0, 0], dxStep: [0, 0, 0], frames: 1 };
     const radii = radiiOf(file.points);
-    const group = { base, means, radii, frames, dx, dxMin, dxStep, alive: file.alive };
+    const group = { base, means, radii, frames, dx, dxMin, dxStep, alive: file.alive, layers };
     this.post({ type: "group", index, group }, [means.buffer, radii.buffer, dx.buffer] as ArrayBuffer[]);
   }
 
-  dropGroup(index: number): void {
-    this.post({ type: "drop", index });
+  /** Forget a layer, by its uri, or a group. */
+  drop(what: string | number): void {
+    this.post({ type: "drop", what });
   }
 
   /** The far-to-near order of what a view sees of a scene, with this room before it. Only while not busy; give the order back with `recycle`. */

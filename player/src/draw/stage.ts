@@ -3,7 +3,7 @@ import { add, eyeOf, length, scale, subtract } from "../base/matrix";
 import type { View } from "../base/view";
 import type { DecodedFile } from "../decode/decode-file";
 import type { Manifest } from "../reel/manifest";
-import { clampFrame, groupAt, momentOf } from "../reel/timeline";
+import { clampFrame, groupAt, weightAt, type Schedule } from "../reel/timeline";
 import type { Eye } from "./eye";
 import { covers } from "./frustum";
 import { Renderer } from "./renderer";
@@ -38,6 +38,8 @@ export class Stage {
   private closed = false;
   private sorting: Scene | null = null;
   private manifest: Manifest | null = null;
+  /** When the order was made: of a live reel, what shows then may be dropped from the next one. */
+  private schedule: Schedule | null = null;
 
   constructor(canvas: HTMLCanvasElement, onError: (error: Error) => void) {
     this.renderer = new Renderer(canvas);
@@ -50,23 +52,29 @@ export class Stage {
     this.renderer.begin(manifest.antialias === true, manifest.background ?? [0, 0, 0]);
   }
 
-  /** A live reel has grown. */
+  /** A live reel has grown, or more is known of one. */
   update(manifest: Manifest): void {
     this.manifest = manifest;
   }
 
-  addLayer(index: number, file: DecodedFile): void {
-    this.sorter.addLayer(index, this.renderer.memory.addLayer(index, file), file);
+  addLayer(uri: string, file: DecodedFile): void {
+    this.sorter.addLayer(uri, this.renderer.memory.addLayer(uri, file), file);
     if (!this.scene?.current) this.resort();
   }
 
-  addGroup(index: number, file: DecodedFile): void {
-    this.sorter.addGroup(index, this.renderer.memory.addGroup(index, file), file);
+  /** layers: the uris of those that live at the group. */
+  addGroup(index: number, file: DecodedFile, layers: string[]): void {
+    this.sorter.addGroup(index, this.renderer.memory.addGroup(index, file, layers), file, layers);
+  }
+
+  dropLayer(uri: string): void {
+    this.renderer.memory.dropLayer(uri);
+    this.sorter.drop(uri);
   }
 
   dropGroup(index: number): void {
     this.renderer.memory.dropGroup(index);
-    this.sorter.dropGroup(index);
+    this.sorter.drop(index);
   }
 
   /** Pictures are drawn without a graphics device. */
@@ -115,17 +123,19 @@ export class Stage {
     while (this.sorter.busy) await new Promise((resolve) => setTimeout(resolve, 1));
   }
 
-  /** Sort a scene, which then is what is drawn. False if the reel was closed or a group dropped while the worker was at it. */
+  /** Sort a scene, which then is what is drawn. False if the reel was closed or some of it dropped while the worker was at it. */
   async sort(scene: Scene, view: View): Promise<boolean> {
     this.needsSort = false;
     this.sorting = scene;
-    const reply = await this.sorter.sort(scene, view, this.manifest!.clearance);
+    const manifest = this.manifest!;
+    const reply = await this.sorter.sort(scene, view, manifest.clearance);
     this.sorting = null;
     if (this.closed || !this.renderer.memory.holds(scene)) return false;
     this.sortMilliseconds = reply.milliseconds;
     this.renderer.setOrder(reply.order, reply.count);
     this.sorter.recycle(reply.order);
     this.scene = scene;
+    this.schedule = manifest;
     this.isOrderNew = true;
     this.sortedFor = view;
     this.needsDraw = true;
@@ -134,24 +144,23 @@ export class Stage {
 
   /** Draw, if anything changed. `frame` of the video: the present one, or null while what belongs to it is not here. Eyes: of a headset. */
   draw(frame: number | null, view: View, eyes: Eye[] | null = null): void {
-    const { scene, manifest } = this;
-    if (!this.needsDraw || !scene || !manifest) return;
+    const { scene, schedule } = this;
+    if (!this.needsDraw || !scene || !schedule) return;
     this.needsDraw = false;
     this.pictures++;
     // Where the view leaves what it was sorted for, the picture is one behind rather than cut off.
     const shownView = (this.view = eyes || this.isCovered(view) ? view : this.sortedFor!);
     const paint = (shown: Scene, weight: number): void => (eyes ? this.renderer.drawEyes(shown, weight, eyes) : this.renderer.draw(shown, weight, shownView));
     if (scene.current === null) return paint(scene, 1);
-    const { groups, overlap } = manifest;
+    const { groups } = schedule;
     const { group } = scene.current;
     // A moment that the order is not for waits for its own; until then the last one stays.
     const ordered = groups[group].firstFrame + scene.current.frame;
-    if (frame !== null && isOrderedFor(scene, frame, manifest)) this.drawnFrame = frame;
+    if (frame !== null && isOrderedFor(scene, frame, schedule)) this.drawnFrame = frame;
     else if (frame !== null && frame < ordered && this.isOrderNew) this.drawnFrame = ordered; // time runs backwards: one behind
     this.isOrderNew = false;
-    const moment = momentOf(groups, overlap, this.drawnFrame, group);
-    const previous = scene.previous && { group: scene.previous.group, frame: clampFrame(groups[scene.previous.group], this.drawnFrame) };
-    paint({ ...scene, current: moment.current, previous }, previous ? moment.weight : 1);
+    const [current, previous] = [scene.current, scene.previous].map((shown) => shown && { group: shown.group, frame: clampFrame(groups[shown.group], this.drawnFrame) });
+    paint({ ...scene, current, previous }, previous ? weightAt(schedule, this.drawnFrame, group) : 1);
   }
 
   /** Whether all that a view sees is in the order, at half the way to the scene's middle and beyond. */
@@ -182,10 +191,9 @@ export class Stage {
 }
 
 /** Whether an order serves for a frame: with all groups that show, and from no later frame, as where time begins again within a group. */
-export function isOrderedFor({ current, previous }: Scene, frame: number, { groups, overlap }: Pick<Manifest, "groups" | "overlap">): boolean {
+export function isOrderedFor({ current, previous }: Scene, frame: number, schedule: Schedule): boolean {
   if (current === null) return true;
-  const { firstFrame, frames } = groups[current.group];
-  const holds = (frame >= firstFrame && frame <= firstFrame + frames - 1) || groupAt(groups, frame) === current.group;
-  const moment = momentOf(groups, overlap, frame, current.group);
-  return holds && (previous !== null || moment.previous === null) && moment.current.frame >= current.frame;
+  const group = schedule.groups[current.group];
+  const holds = (frame >= group.firstFrame && frame <= group.firstFrame + group.frames - 1) || groupAt(schedule, frame) === current.group;
+  return holds && (previous !== null || weightAt(schedule, frame, current.group) === 1) && clampFrame(group, frame) >= current.frame;
 }

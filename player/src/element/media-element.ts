@@ -140,8 +140,13 @@ export abstract class MediaElement extends HTMLElement {
   }
 
   get buffered(): TimeRanges {
-    const ranges = this.player.buffered;
-    return { length: ranges.length, start: (i: number) => ranges[i][0], end: (i: number) => ranges[i][1] };
+    return timeRanges(this.player.buffered);
+  }
+
+  /** Where time can go: all of the reel, but for what a live one has dropped. */
+  get seekable(): TimeRanges {
+    const { manifest, earliest, duration } = this.player;
+    return timeRanges(manifest ? [[earliest, duration]] : []);
   }
 
   /** As of HTMLMediaElement: 0 nothing, 1 metadata, 2 the present picture, 3 a little more, 4 enough. */
@@ -169,4 +174,8 @@ export abstract class MediaElement extends HTMLElement {
   get error(): Error | null {
     return this.player.error;
   }
+}
+
+function timeRanges(ranges: [number, number][]): TimeRanges {
+  return { length: ranges.length, start: (i: number) => ranges[i][0], end: (i: number) => ranges[i][1] };
 }

@@ -1,6 +1,6 @@
 /** The time of the reel that is open: it runs while playing, and ends or begins again at the end. */
 import type { Manifest } from "../reel/manifest";
-import { momentAt, type Moment } from "../reel/timeline";
+import { firstFrameOf, momentAt, type Moment } from "../reel/timeline";
 
 export class Clock {
   private reel: Manifest | null = null;
@@ -38,7 +38,12 @@ export class Clock {
     this.speed = Math.min(Math.max(rate, 0), 16);
   }
 
-  /** Seconds; of a live reel, what there is so far. */
+  /** Where the reel begins, seconds: what was before may have been dropped. */
+  get earliest(): number {
+    return this.reel && this.reel.groups.length > 0 ? firstFrameOf(this.reel, this.reel.first)! / this.reel.fps : 0;
+  }
+
+  /** Where it ends, seconds; of a live reel, what there is so far. */
   get duration(): number {
     return this.reel ? this.reel.frames / this.reel.fps : 0;
   }
@@ -62,9 +67,10 @@ export class Clock {
     return Math.min(this.now * fps, Math.max(frames - 1, 0));
   }
 
-  get moment(): Moment {
-    const { groups, overlap, fps } = this.reel!;
-    return momentAt(groups, overlap, fps, this.frame / fps);
+  /** What shows; null: a page that says so is not here. */
+  get moment(): Moment | null {
+    const { fps } = this.reel!;
+    return momentAt(this.reel!, fps, this.frame / fps);
   }
 
   /** Keep the time of a reel, or, as a live one grows, of what it has become. The time stays. */
@@ -92,23 +98,23 @@ export class Clock {
 
   /** Go to a time, kept within the reel. */
   seek(seconds: number): void {
-    this.now = Math.min(Math.max(seconds, 0), this.duration);
+    this.now = Math.min(Math.max(seconds, this.earliest), this.duration);
   }
 
   /** The time some frames on or back, in whole frames. */
   framesOn(frames: number): number {
     const { fps, frames: total } = this.reel!;
-    return Math.min(Math.max(Math.round(this.frame) + frames, 0), total - 1) / fps;
+    return Math.max(Math.min(Math.round(this.frame) + frames, total - 1) / fps, this.earliest);
   }
 
   /** Let seconds pass; false where time stands still. */
   advance(seconds: number): boolean {
-    const { duration, live, loops } = this;
+    const { earliest, duration, live, loops } = this;
     if (live && !loops && this.now >= duration) return false; // wait at the edge
     this.now += seconds * this.speed;
     if (this.now >= duration) {
       // Until more of a live reel is there, its last group goes round.
-      if (loops) this.now = live ? this.edge : this.now % duration;
+      if (loops) this.now = live ? this.edge : earliest + ((this.now - earliest) % (duration - earliest));
       else this.now = duration;
     }
     return true;

@@ -21,7 +21,7 @@ export interface LifecycleHost {
   opened(manifest: Manifest): void;
   /** Files came, or the manifest grew: what was missing may be here. */
   changed(): void;
-  /** A live reel has more groups, or is whole. */
+  /** A live reel has other groups, or is whole. */
   grown(manifest: Manifest): void;
   /** What belonged to the reel is gone. */
   closed(): void;
@@ -180,7 +180,7 @@ export class Lifecycle {
     session.open(manifest);
     clock.update(manifest);
     this.steered ??= this.cameraOf(manifest);
-    if (!known) clock.seek(this.resume?.seconds ?? this.start?.seconds ?? (manifest.live ? clock.edge : 0));
+    clock.seek(known ? clock.seconds : (this.resume?.seconds ?? this.start?.seconds ?? (manifest.live ? clock.edge : 0)));
     [this.start, this.resume] = [null, null];
     host.opened(manifest);
     if (!known) host.emit("loadedmetadata");
@@ -206,6 +206,7 @@ export class Lifecycle {
         host.emit("durationchange");
         host.changed();
       },
+      known: (manifest) => host.clock.update(manifest),
       progress: () => host.emit("progress"),
       failed: (error) => this.fail(error),
     };

@@ -162,8 +162,8 @@ export class Playback {
 
   /** Before the first group is here, the static layers that are. */
   private sort(stage: Stage, view: View): void {
-    const { stream, clock } = this.player;
-    if (!this.stalled) return void this.show(stage, sceneAt(clock.moment, stream!), view);
+    const { stream, clock: { moment }, manifest } = this.player;
+    if (!this.stalled && moment) return void this.show(stage, sceneAt(moment, manifest!), view);
     const layers = stage.scene?.current ? null : staticSceneOf(stream!);
     if (layers) void this.show(stage, layers, view);
   }
@@ -173,7 +173,7 @@ export class Playback {
     const { player } = this;
     if (!(await stage.sort(scene, view)) || this.stalled || scene.current === null) return;
     if (!this.ready && !this.inHeadset) stage.draw(player.clock.frame, view); // canplay: it has been drawn
-    if (this.seeking && scene.current.group === player.clock.moment.current.group) {
+    if (this.seeking && scene.current.group === player.clock.moment?.current.group) {
       this.seeking = false;
       player.emit("seeked");
       this.askForFiles(); // what was on screen before may go now
@@ -202,10 +202,10 @@ export class Playback {
     const { player } = this;
     const { stream, stage, clock } = player;
     if (!stream || !stage || player.error) return;
-    const { current, previous } = clock.moment;
-    const shown = { current: current.group, previous: previous?.group ?? null, inUse: stage.inUse };
-    stream.want({ ...shown, frame: clock.frame, rate: clock.rate, loop: player.loop && !player.live });
-    const here = stream.has(current.group) && (previous === null || stream.has(previous.group));
+    const { moment } = clock;
+    const [current, previous] = [moment?.current.group ?? null, moment?.previous?.group ?? null];
+    stream.want({ current, previous, inUse: stage.inUse, frame: clock.frame, rate: clock.rate, loop: player.loop && !player.live });
+    const here = current !== null && stream.has(current) && (previous === null || stream.has(previous));
     if (here !== this.stalled) return;
     this.stalled = !here;
     if (here) stage.resort();
@@ -278,11 +278,11 @@ export class Playback {
 
   /** What shows now, as a view sees it, whatever the canvas' size; nothing else is drawn meanwhile. Rejects where the reel was closed. */
   async takePicture(view: View): Promise<Picture> {
-    const { stage, stream, clock } = this.player;
-    if (!stage || !stream) throw new Error("The reel was closed.");
+    const { stage, clock: { moment }, manifest } = this.player;
+    if (!stage || !manifest || !moment) throw new Error("The reel was closed.");
     this.held = true;
     try {
-      return await stage.snapshot(sceneAt(clock.moment, stream), clock.moment.weight, view);
+      return await stage.snapshot(sceneAt(moment, manifest), moment.weight, view);
     } finally {
       this.held = false;
       this.player.invalidate();
@@ -292,6 +292,7 @@ export class Playback {
   /** Whether what rests has most of the points of the first picture, so that it is one without the rest. */
   get isMostlyStatic(): boolean {
     const { manifest, clock } = this.player;
-    return manifest !== null && isMostlyStatic(manifest, clock.moment.current.group);
+    const moment = manifest && clock.moment;
+    return moment !== null && isMostlyStatic(manifest!, moment);
   }
 }

@@ -40,7 +40,10 @@ export class Player extends EventTarget {
       drawsBySoftware: () => this.resolution.startCoarse(),
       opened: (manifest) => this.opened(manifest),
       changed: () => this.playback.askForFiles(),
-      grown: (manifest) => this.soundtrack.update(manifest),
+      grown: (manifest) => {
+        this.soundtrack.update(manifest);
+        if (this.clock.seconds < this.earliest) this.playback.seek(this.earliest); // what showed was dropped
+      },
       closed: () => {
         this.soundtrack.close();
         this.playback.reset();
@@ -134,7 +137,12 @@ export class Player extends EventTarget {
     return this.clock.manifest;
   }
 
-  /** Seconds; of a live reel, what there is so far. */
+  /** Where the reel begins, seconds: what was before may have been dropped. */
+  get earliest(): number {
+    return this.clock.earliest;
+  }
+
+  /** Where it ends, seconds; of a live reel, what there is so far. */
   get duration(): number {
     return this.clock.duration;
   }
@@ -172,7 +180,7 @@ export class Player extends EventTarget {
 
   /** Names of what there is to choose from, best first. */
   get renditions(): string[] {
-    return (this.manifest?.renditions ?? []).map(({ name }) => name);
+    return this.manifest?.renditions ?? [];
   }
 
   /** The rendition that is to be shown, from the next group on that does not show yet; null: whichever does best. */
@@ -189,7 +197,8 @@ export class Player extends EventTarget {
 
   /** The rendition that shows. */
   get shownRendition(): string | null {
-    return this.stream && this.manifest ? this.stream.renditionOf(this.clock.moment.current.group) : null;
+    const moment = this.stream && this.manifest && this.clock.moment;
+    return moment ? this.stream!.renditionOf(moment.current.group) : null;
   }
 
   get paused(): boolean {
@@ -248,14 +257,14 @@ export class Player extends EventTarget {
 
   /** How the player is doing. */
   get stats(): Stats | null {
-    const { session, stage, stream, manifest, canvas, resolution, shownRendition: rendition, ahead, currentTime } = this;
-    return session && stage && stream && manifest ? measure({ stage, stream, decoders: session.decoders, manifest, canvas, resolution, rendition, ahead, currentTime }) : null;
+    const { session, stage, stream, manifest, canvas, resolution, shownRendition: rendition, ahead } = this;
+    return session && stage && stream && manifest ? measure({ stage, stream, decoders: session.decoders, manifest, canvas, resolution, rendition, ahead, moment: this.clock.moment }) : null;
   }
 
   /** automatic: a page's wish, which is fulfilled in silence where the browser does not allow sound. */
   play(automatic = false): void {
     if (this.clock.playing) return;
-    if (this.ended) this.currentTime = 0;
+    if (this.ended) this.currentTime = this.earliest;
     this.clock.start();
     this.soundtrack.ask(automatic);
     this.emit("play");

@@ -1,20 +1,22 @@
 /** What belongs to the reel that is open: its workers, its stage, and the stream of its files. */
-import type { DecodedFile } from "../decode/decode-file";
 import { Stage } from "../draw/stage";
 import { EMBEDDED, embeddedReel } from "../files/embedded";
 import type { LocalFiles } from "../files/local-files";
 import { loadManifest, readManifest, type Manifest } from "../reel/manifest";
+import { withKnown, withPage, type Page } from "../reel/pages";
 import { DecoderPool } from "../stream/decoder-pool";
 import { memoryBudget } from "../stream/file-cache";
-import { nextManifest, watchManifest } from "../stream/live-manifest";
+import { freshManifest, nextManifest, watchManifest } from "../stream/live-manifest";
 import { RenditionPolicy, guessOfBrowser } from "../stream/rendition-policy";
 import { Stream } from "../stream/stream";
 
 export interface SessionEvents {
   /** A file was taken in. */
   arrived(): void;
-  /** A live reel has more groups, or is whole. */
+  /** A live reel has other groups, or is whole. */
   grown(manifest: Manifest): void;
+  /** More is known of the reel's groups. `arrived` follows. */
+  known(manifest: Manifest): void;
   /** Something came, went or is late. */
   progress(): void;
   failed(error: unknown): void;
@@ -28,7 +30,7 @@ export class Session {
   trouble: string | null = null;
   /** Nothing is taken in any more. */
   private abandoned = false;
-  private files: LocalFiles | null = null;
+  private manifest: Manifest | null = null;
   private readonly life = new AbortController();
 
   /** Workers start and shaders compile at once, while the manifest is on its way. worker: one that decodes, already started. Throws `ReelError` where there is no WebGL 2. */
@@ -58,16 +60,25 @@ export class Session {
   /** Begin to get the reel's files. */
   open(manifest: Manifest): void {
     const { stage, decoders, events } = this;
-    this.files = manifest.files;
+    this.manifest = manifest;
     stage.open(manifest);
     this.stream = new Stream(manifest, decoders, memoryBudget(), {
-      layer: (index: number, file: DecodedFile) => this.take(() => stage.addLayer(index, file)),
-      group: (index: number, file: DecodedFile) => this.take(() => stage.addGroup(index, file)),
-      dropped: (index: number) => (stage.dropGroup(index), events.progress()),
+      layer: (uri, file) => this.take(() => stage.addLayer(uri, file)),
+      group: (index, file, layers) => this.take(() => stage.addGroup(index, file, layers)),
+      page: (page, json) => this.take(() => this.addPage(page, json)),
+      dropped: ({ groups, layers }) => {
+        for (const index of groups) stage.dropGroup(index);
+        for (const uri of layers) stage.dropLayer(uri);
+        events.progress();
+      },
+      outdated: async () => {
+        const next = await freshManifest(manifest, this.life.signal);
+        if (next) this.grow(next);
+      },
       progress: () => events.progress(),
-      failed: (error: Error) => events.failed(error),
+      failed: (error) => void (!this.closed && events.failed(error)),
     }, new RenditionPolicy(guessOfBrowser()));
-    void watchManifest(manifest, (next) => this.update(next), this.life.signal);
+    void watchManifest(manifest, (next) => this.grow(next), this.life.signal);
   }
 
   /** Take nothing in any more: the reel has an error. */
@@ -77,16 +88,32 @@ export class Session {
 
   close(): void {
     this.life.abort();
-    this.files?.close();
+    this.manifest?.files?.close();
     this.decoders.destroy();
     this.stage.destroy();
   }
 
-  /** A live reel has grown. */
-  private update(manifest: Manifest): void {
+  /** The manifest of a live reel was read again. */
+  private grow(next: Manifest): void {
+    const before = this.manifest!;
+    // An answer that was long under way may be older than what is known.
+    const older = next.live && (next.groups.length < before.groups.length || next.first < before.first);
+    if (this.closed || !before.live || older) return;
+    this.use(withKnown(next, before));
+    this.events.grown(this.manifest!);
+  }
+
+  private addPage(page: Page, json: unknown): void {
+    const { manifest } = this;
+    if (!manifest?.pages.some(({ uri }) => uri === page.uri)) return; // it was dropped meanwhile
+    this.use(withPage(manifest, page, json));
+    this.events.known(this.manifest!);
+  }
+
+  private use(manifest: Manifest): void {
+    this.manifest = manifest;
     this.stage.update(manifest);
     this.stream?.update(manifest);
-    this.events.grown(manifest);
   }
 
   private take(add: () => void): void {

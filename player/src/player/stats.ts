@@ -1,6 +1,7 @@
 /** Numbers on how the player is doing. */
 import type { Stage } from "../draw/stage";
 import type { Manifest } from "../reel/manifest";
+import { firstFrameOf, type Moment } from "../reel/timeline";
 import type { DecoderPool } from "../stream/decoder-pool";
 import type { Stream } from "../stream/stream";
 import type { Resolution } from "./resolution";
@@ -34,20 +35,20 @@ export interface Measured {
   resolution: Resolution;
   rendition: string | null;
   ahead: number;
-  currentTime: number;
+  moment: Moment | null;
 }
 
-export function measure({ stage, stream, decoders, manifest, canvas, resolution, rendition, ahead, currentTime }: Measured): Stats {
+export function measure({ stage, stream, decoders, manifest, canvas, resolution, rendition, ahead, moment }: Measured): Stats {
   const { groups, fps, frames } = manifest;
-  const index = Math.max(groups.findLastIndex((group) => group.firstFrame <= currentTime * fps), 0);
-  const seconds = ((groups[index + 1]?.firstFrame ?? frames) - groups[index].firstFrame) / fps;
+  const group = moment && groups[moment.current.group];
+  const seconds = group ? ((firstFrameOf(manifest, group.group + 1) ?? frames) - group.firstFrame) / fps : 1;
   return {
     fps: 1000 / resolution.interval,
     points: stage.points,
     width: canvas.width,
     height: canvas.height,
     rendition,
-    bitrate: (8 * stream.fileOf(index).bytes) / seconds,
+    bitrate: group ? (8 * stream.fileOf(group.group).bytes) / seconds : 0,
     throughput: decoders.meter.rate,
     ahead,
     decodeMilliseconds: decoders.milliseconds,

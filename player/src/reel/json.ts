@@ -37,6 +37,12 @@ export function within(value: unknown, low: number, high: number, what: string):
   return result;
 }
 
+export function whole(value: unknown, low: number, high: number, what: string): number {
+  const result = within(value, low, high, what);
+  if (!Number.isInteger(result)) throw new ReelError(`The manifest is damaged: ${what} is ${result}, expected a whole number.`);
+  return result;
+}
+
 export function numbers(value: unknown, count: number, what: string): number[] {
   const result = list(value, what).flat();
   if (result.length !== count) throw new ReelError(`The manifest is damaged: ${what} has ${result.length} numbers, not ${count}.`);

@@ -4,9 +4,10 @@ import type { Vec3 } from "../base/matrix";
 import { downloadText } from "../files/download";
 import type { LocalFiles } from "../files/local-files";
 import type { Source, Watcher } from "../files/source";
-import { MOST_FRAMES, mostPoints } from "./budget";
-import { list, number, numbers, plainPath, positive, record, type Json } from "./json";
+import { list, number, numbers, positive, record, whole, type Json } from "./json";
+import { LAST, numbered, parsePages, type Listing } from "./pages";
 import { parsePresentation, type Asset, type Presentation } from "./presentation";
+import { parseGroup, parseLayers, parsePassingLayers } from "./reel-file";
 
 /** A pinhole camera, OpenCV: K [9] in pixels and viewmat [16] world to camera, both row by row. */
 export interface Camera {
@@ -17,40 +18,19 @@ export interface Camera {
   viewmat: number[];
 }
 
-export interface ReelFile {
-  uri: string;
-  bytes: number;
-  sha256: string | null;
-  firstFrame: number;
-  /** Frames the file holds; 0 for a layer. */
-  frames: number;
-  points: number;
-  /** The group at which a layer was born; a group's own index for groups. */
-  group: number;
-  /** The same group in the other renditions, by name. */
-  renditions: Map<string, ReelFile>;
-}
-
-/** A rate that the groups are there in. bytes: of all groups in it. */
-export interface Rendition {
-  name: string;
-  bytes: number;
-}
-
 /** The room that a viewer has before static points: around a new place there may be some that only looked well from far away. */
 export interface Clearance {
   focus: Vec3;
   share: number;
 }
 
-export interface Manifest {
+export interface Manifest extends Listing {
   /** Absolute; the files' uris are relative to it. */
   url: string;
   /** Groups are still being added; there may be none yet. */
   live: boolean;
   fps: number;
   frames: number;
-  overlap: number;
   shDegree: number;
   bounds: [Vec3, Vec3];
   up: Vec3;
@@ -64,10 +44,6 @@ export interface Manifest {
   antialias: boolean;
   camera: Camera;
   cameras: Camera[];
-  layers: ReelFile[];
-  groups: ReelFile[];
-  /** Best first; the first is that of the groups' own files. Layers are common to all. Empty where there is nothing to choose. */
-  renditions: Rendition[];
   /** What there is for people beside the points. */
   presentation: Presentation;
   /** Where the files are, of a reel on this machine; null: on the network. */
@@ -100,19 +76,24 @@ function parseText(text: string, url: string): Manifest {
 export function parseManifest(value: unknown, url: string): Manifest {
   const json = record(value, "the manifest");
   if (json.format !== "splatreel") throw new ReelError(`${url} is not a reel: its format is ${JSON.stringify(json.format)}.`, { plain: PLAIN.other });
-  if (json.version !== 1) {
-    throw new ReelError(`${url} is a reel of version ${JSON.stringify(json.version)}; this player knows version 1.`, { plain: PLAIN.newer });
+  if (json.version !== 1 && json.version !== 2) {
+    throw new ReelError(`${url} is a reel of version ${JSON.stringify(json.version)}; this player knows versions 1 and 2.`, { plain: PLAIN.newer });
   }
   const bounds = list(json.bounds, "bounds").map((corner) => numbers(corner, 3, "bounds") as Vec3);
   if (bounds.length !== 2) throw new ReelError(`${url}: bounds needs two corners.`);
-  const names = parseNames(json.renditions);
-  const groups = list(json.groups, "groups").map((item, index) => parseGroup(item, index, names));
+  const renditions = parseNames(json.renditions);
+  const second = json.version === 2;
+  const first = second ? whole(json.first_group ?? 0, 0, LAST, "first_group") : 0;
+  const pages = parsePages(second ? (json.pages ?? []) : [], first);
+  const begin = pages.reduce((number, { count }) => number + count, first);
+  const own = list(json.groups, "groups");
+  const layers = second ? parsePassingLayers(json.layers, begin, begin + own.length) : parseLayers(json.layers);
+  const groups = own.map((item, i) => parseGroup(item, begin + i, renditions, layers));
   const live = json.live === true;
-  if (groups.length === 0 && !live) throw new ReelError(`${url} holds no group yet.`, { plain: "Nothing of this reel is here yet." });
-  const layers = list(json.layers, "layers").map((item, index) => parseFile(item, index));
-  checkPoints("layers", sum(layers, "points"), sum(layers, "bytes"));
+  if (groups.length === 0 && (!live || pages.length > 0)) throw new ReelError(`${url} holds no group yet.`, { plain: "Nothing of this reel is here yet." });
   const end = groups.reduce((last, group) => Math.max(last, group.firstFrame + group.frames), 0);
   if (json.frames !== end) throw new ReelError(`The manifest is damaged: it has ${JSON.stringify(json.frames)} frames, and its groups ${end}.`);
+  if (pages.length > 0 && pages.at(-1)!.firstFrame >= groups[0].firstFrame) throw new ReelError("The manifest is damaged: its pages end after its groups begin.");
   return {
     url,
     live,
@@ -129,8 +110,10 @@ export function parseManifest(value: unknown, url: string): Manifest {
     camera: parseCamera(json.camera),
     cameras: list(json.cameras ?? [], "cameras").map(parseCamera),
     layers,
-    groups,
-    renditions: names.map((name) => ({ name, bytes: groups.reduce((sum, group) => sum + fileOf(group, name).bytes, 0) })),
+    first,
+    groups: numbered(groups),
+    pages,
+    renditions,
     presentation: parsePresentation(json),
     files: null,
   };
@@ -151,11 +134,6 @@ export async function addressOf({ url, files }: Manifest, { uri }: Asset): Promi
   return files ? files.address(uri) : new URL(uri, url).href;
 }
 
-/** A group's file in a rendition; its own is that of the first. */
-export function fileOf(group: ReelFile, rendition: string): ReelFile {
-  return group.renditions.get(rendition) ?? group;
-}
-
 function parseColor(value: unknown): Vec3 {
   const color = numbers(value, 3, "background");
   if (!color.every((part) => part >= 0 && part <= 1)) throw new ReelError(`The manifest is damaged: its background is ${JSON.stringify(color)}.`);
@@ -174,43 +152,6 @@ function parseNames(value: unknown): string[] {
   const valid = names.filter((name): name is string => typeof name === "string" && /^[a-z0-9][a-z0-9_-]{0,31}$/.test(name));
   if (new Set(valid).size < names.length || names.length > 16) throw new ReelError("The manifest is damaged: its renditions have no names of their own.");
   return valid.length > 1 ? valid : [];
-}
-
-/** A group in all its renditions; `value` itself is the first. */
-function parseGroup(value: unknown, index: number, names: string[]): ReelFile {
-  const group = parseFile(value, index);
-  const others = record((value as Json).renditions ?? {}, "a group's renditions");
-  for (const name of names.slice(1)) {
-    const { firstFrame, frames } = group;
-    const file = parseFile(record(others[name], `rendition ${name} of group ${index}`), index);
-    group.renditions.set(name, { ...file, firstFrame, frames, group: group.group });
-  }
-  return group;
-}
-
-/** Points take memory, and repeated ones no bytes. */
-function checkPoints(what: string, points: number, bytes: number): void {
-  if (!(points >= 0 && points <= mostPoints(bytes))) throw new ReelError(`The manifest is damaged: ${what} of ${bytes} bytes are to hold ${points} points.`);
-}
-
-function sum(files: ReelFile[], field: "points" | "bytes"): number {
-  return files.reduce((total, file) => total + file[field], 0);
-}
-
-function parseFile(value: unknown, index: number): ReelFile {
-  const json = record(value, "a file");
-  checkPoints("files", number(json.points, "points"), number(json.bytes, "bytes"));
-  if (number(json.frames ?? 0, "frames") > MOST_FRAMES) throw new ReelError(`The manifest is damaged: a group of ${json.frames} frames.`);
-  return {
-    uri: plainPath(json.uri),
-    bytes: number(json.bytes, "bytes"),
-    sha256: typeof json.sha256 === "string" ? json.sha256 : null,
-    firstFrame: number(json.first_frame ?? 0, "first_frame"),
-    frames: number(json.frames ?? 0, "frames"),
-    points: number(json.points, "points"),
-    group: number(json.group ?? index, "group"),
-    renditions: new Map(),
-  };
 }
 
 function parseCamera(value: unknown): Camera {

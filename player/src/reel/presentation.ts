@@ -85,9 +85,9 @@ function text(json: Json, name: string): string {
   return value.slice(0, 2000);
 }
 
-function parseAsset(value: unknown): Asset {
+export function parseAsset(value: unknown, most = MAX_ASSET): Asset {
   const json = record(value, "a file");
-  return { uri: plainPath(json.uri), bytes: within(json.bytes, 1, MAX_ASSET, "bytes"), sha256: typeof json.sha256 === "string" ? json.sha256 : null };
+  return { uri: plainPath(json.uri), bytes: within(json.bytes, 1, most, "bytes"), sha256: typeof json.sha256 === "string" ? json.sha256 : null };
 }
 
 function parsePoster(json: Json): Poster {
@@ -97,7 +97,7 @@ function parsePoster(json: Json): Poster {
 function parseThumbnails(json: Json): Thumbnails {
   const of = (name: string): number => positive(json[name], `thumbnails ${name}`);
   const [columns, rows, count] = [of("columns"), of("rows"), of("count")];
-  const sheets = list(json.sheets, "thumbnails sheets").map(parseAsset);
+  const sheets = list(json.sheets, "thumbnails sheets").map((sheet) => parseAsset(sheet));
   if (Math.ceil(count / (columns * rows)) !== sheets.length) throw new ReelError(`The manifest is damaged: ${sheets.length} sheets do not hold ${count} thumbnails.`);
   return { width: of("width"), height: of("height"), seconds: of("seconds"), columns, rows, count, sheets };
 }

@@ -1,5 +1,5 @@
 /** Gets a reel's sound, segment by segment, and gives it to an audio element. */
-import { messageOf, ReelError } from "../base/errors";
+import { messageOf, PLAIN, ReelError } from "../base/errors";
 import { download } from "../files/download";
 import { sourceOf, type Manifest } from "../reel/manifest";
 import type { Asset, Sound, SoundSegment } from "../reel/presentation";
@@ -7,6 +7,8 @@ import { feedOf, type SoundFeed } from "./sound-feed";
 
 /** Seconds of sound to hold at most, beyond what is wanted. */
 const HELD = 90;
+/** Milliseconds in which a live reel's manifest is read again. */
+const NEWS = 4000;
 
 export interface SoundEvents {
   /** A segment is here, or one is late: `trouble` says why. */
@@ -24,6 +26,8 @@ export class SoundSource {
   private readonly feed: SoundFeed;
   private readonly life = new AbortController();
   private filling = false;
+  /** Segments of a live reel that were not there when they were asked for. */
+  private readonly gone = new Set<string>();
   private wanted: number[] = [];
   /** What is being downloaded. */
   private coming: { index: number; transfer: AbortController } | null = null;
@@ -39,10 +43,10 @@ export class SoundSource {
     return index >= 0 && this.feed.ready && this.feed.holds(this.sound.segments[index]);
   }
 
-  /** Have the sound at this time and so many seconds after it; looped: after the end comes the beginning. */
-  want(seconds: number, ahead: number, looped: boolean): void {
+  /** Have the sound at this time and so many seconds after it; again: the time that comes after the end. */
+  want(seconds: number, ahead: number, again: number | null): void {
     const { segments } = this.sound;
-    this.wanted = this.feed.whole ? [...segments.keys()] : wantedSegments(segments, seconds, ahead, looped);
+    this.wanted = this.feed.whole ? [...segments.keys()] : wantedSegments(segments, seconds, ahead, again);
     if (this.coming && !this.wanted.includes(this.coming.index)) this.coming.transfer.abort();
     if (!this.filling) void this.fill();
   }
@@ -50,6 +54,7 @@ export class SoundSource {
   /** A live reel has grown. */
   update(manifest: Manifest): void {
     this.manifest = manifest;
+    this.wanted = []; // the first segments may have been dropped
   }
 
   close(): void {
@@ -84,8 +89,8 @@ export class SoundSource {
     const { segments } = this.sound;
     const transfer = new AbortController();
     this.coming = { index, transfer };
-    const bytes = await this.get(segments[index], transfer.signal).catch((error: unknown) => {
-      if (!transfer.signal.aborted) throw error;
+    const bytes = await this.get(segments[index], transfer.signal).catch(async (error: unknown) => {
+      if (!transfer.signal.aborted) await this.waitForNews(segments[index], error);
       return null; // another segment is needed sooner
     });
     this.coming = null;
@@ -95,6 +100,14 @@ export class SoundSource {
     const complete = !this.manifest.live && this.feed.holds(segments.at(-1)!);
     if (complete) this.feed.end();
     this.events.progress();
+  }
+
+  /** A segment that a live reel has dropped is not wanted by the time that its manifest is read again. Throws where it was waited for before. */
+  private async waitForNews({ uri }: SoundSegment, error: unknown): Promise<void> {
+    const dropped = this.manifest.live && error instanceof ReelError && error.plain === PLAIN.missing;
+    if (!dropped || this.gone.has(uri)) throw error;
+    this.gone.add(uri);
+    await new Promise((resolve) => setTimeout(resolve, NEWS));
   }
 
   private get(asset: Asset, signal: AbortSignal): Promise<Uint8Array> {
@@ -114,11 +127,11 @@ export function segmentAt(segments: SoundSegment[], seconds: number): number {
 }
 
 /** The segments from a time to so many seconds later, in the order in which they are needed. */
-export function wantedSegments(segments: SoundSegment[], seconds: number, ahead: number, looped: boolean): number[] {
+export function wantedSegments(segments: SoundSegment[], seconds: number, ahead: number, again: number | null): number[] {
   const touches = (from: number, to: number): number[] => segments.flatMap(({ start, seconds: length }, index) => (start < to && start + length > from ? [index] : []));
   const end = segments.length > 0 ? segments.at(-1)!.start + segments.at(-1)!.seconds : 0;
-  const over = looped ? seconds + ahead - end : 0;
-  return [...new Set([...touches(seconds, seconds + ahead), ...(over > 0 ? touches(0, Math.min(over, seconds)) : [])])];
+  const over = seconds + ahead - end;
+  return [...new Set([...touches(seconds, seconds + ahead), ...(over > 0 && again !== null ? touches(again, Math.min(again + over, seconds)) : [])])];
 }
 
 /** What to drop before one more comes, so that no more is held than is good: what was heard longest ago first. */

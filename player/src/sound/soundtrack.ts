@@ -21,6 +21,8 @@ export interface PictureTime {
   readonly seconds: number;
   readonly rate: number;
   readonly loop: boolean;
+  /** Where the reel begins. */
+  readonly earliest: number;
   readonly live: boolean;
 }
 
@@ -155,8 +157,8 @@ export class Soundtrack {
   }
 
   /** Get what is heard at this time and, once there are pictures, after it. */
-  want({ seconds, rate, loop, live }: PictureTime, pictures: boolean): void {
-    if (this.heard(rate) && this.prepare()) this.source!.want(seconds, pictures ? AHEAD : TAIL, loop && !live);
+  want({ seconds, rate, loop, earliest, live }: PictureTime, pictures: boolean): void {
+    if (this.heard(rate) && this.prepare()) this.source!.want(seconds, pictures ? AHEAD : TAIL, loop && !live ? earliest : null);
   }
 
   /**

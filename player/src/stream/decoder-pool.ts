@@ -1,6 +1,5 @@
 /** The workers that get and decode files, what each is at, and how fast that goes. */
 import { PLAIN } from "../base/errors";
-import type { DecodedFile } from "../decode/decode-file";
 import type { DecodeReply, DecodeRequest } from "../decode/decode-worker";
 import { startWorker } from "../files/bundle";
 import type { Source } from "../files/source";
@@ -14,7 +13,8 @@ const WORKERS = 2;
 export interface Receiver {
   received(job: Job): void;
   trouble(why: string): void;
-  done(file: DecodedFile): void;
+  /** A `DecodedFile`, or the JSON of a page. */
+  done(content: unknown): void;
   failed(why: string, plain?: string): void;
 }
 
@@ -83,16 +83,16 @@ export class DecoderPool {
     return job.received > 0 && job.source.bytes - job.received < rate * answer;
   }
 
-  /** Get a file of so many points. Only while a worker is free. */
-  start(key: string, source: Source, points: number, receiver: Receiver): void {
+  /** Get a file of so many points, or a page (null). Only while a worker is free. */
+  start(key: string, source: Source, points: number | null, receiver: Receiver): void {
     const worker = this.idle.pop() ?? this.addWorker();
     const job: Running = { id: this.nextId++, worker, source, asked: performance.now(), began: 0, received: 0, open: true };
     this.running.set(key, job);
     this.meter.begin(performance.now());
-    const finish = (report: () => void): void => {
+    const finish = (report: () => void, dead = false): void => {
       this.running.delete(key);
       this.close(job);
-      this.idle.push(worker);
+      this.release(worker, dead);
       report();
       this.onfree();
     };
@@ -104,12 +104,12 @@ export class DecoderPool {
       } else if ("trouble" in data) receiver.trouble(data.trouble);
       else if ("error" in data) finish(() => receiver.failed(data.error, data.plain));
       else {
-        this.time(data.milliseconds, points);
-        finish(() => receiver.done(data.file));
+        if (points !== null) this.time(data.milliseconds, points);
+        finish(() => receiver.done(data.content));
       }
     };
-    worker.onerror = (event) => finish(() => receiver.failed(`${source.url} cannot be decoded (${failureOf(event)}).`, PLAIN.player));
-    send(worker, { id: job.id, source });
+    worker.onerror = (event) => finish(() => receiver.failed(`${source.url} cannot be decoded (${failureOf(event)}).`, PLAIN.player), true);
+    send(worker, { id: job.id, source, page: points === null });
   }
 
   /** Give a file up. */
@@ -120,13 +120,13 @@ export class DecoderPool {
     this.running.delete(key);
     this.close(job);
     send(worker, { id: job.id, cancel: true });
-    const free = (): void => {
-      this.idle.push(worker);
+    const free = (dead: boolean): void => {
+      this.release(worker, dead);
       this.onfree();
     };
     // The worker is free once it has said so.
-    worker.onmessage = ({ data }: MessageEvent<DecodeReply>) => void (("file" in data || "error" in data) && free());
-    worker.onerror = free;
+    worker.onmessage = ({ data }: MessageEvent<DecodeReply>) => void (("content" in data || "error" in data) && free(false));
+    worker.onerror = () => free(true);
   }
 
   destroy(): void {
@@ -136,6 +136,13 @@ export class DecoderPool {
   private addWorker(worker = startWorker("decode-worker.js")): Worker {
     this.workers.push(worker);
     return worker;
+  }
+
+  /** A worker is free again; another takes the place of a dead one when it is needed. */
+  private release(worker: Worker, dead: boolean): void {
+    if (!dead) return void this.idle.push(worker);
+    worker.terminate();
+    this.workers.splice(this.workers.indexOf(worker), 1);
   }
 
   private count(job: Running, bytes: number): void {

@@ -1,42 +1,38 @@
-/** Which layers and groups of a reel are here, in which rendition, and which groups go where memory is short. */
-import type { Manifest, ReelFile } from "../reel/manifest";
+/** Which layers and groups of a reel are here, in which rendition, and which go where memory is short. */
+import type { Manifest } from "../reel/manifest";
+import { layersAt, type ReelFile } from "../reel/reel-file";
+import { firstFrameOf } from "../reel/timeline";
 import type { QueueItem } from "./queue";
 
+/** What went: groups by their numbers, layers by their uris. */
+export interface Dropped {
+  groups: number[];
+  layers: string[];
+}
+
 export class FileCache {
-  private readonly layers = new Set<number>();
-  /** Groups by the rendition that they are here in. */
-  private readonly groups = new Map<number, string>();
+  /** By their uris. */
+  private readonly layers = new Map<string, ReelFile>();
+  private readonly groups = new Map<number, { file: ReelFile; rendition: string }>();
 
   constructor(private manifest: Manifest) {}
 
-  /** A live reel has grown. */
+  /** A live reel has grown, or a page is here. */
   update(manifest: Manifest): void {
     this.manifest = manifest;
-  }
-
-  /** Layers that are complete from the first on. */
-  get layersReady(): number {
-    let count = 0;
-    while (this.layers.has(count)) count++;
-    return count;
-  }
-
-  /** How many layers were born up to a group. */
-  layersOf(group: number): number {
-    return this.manifest.layers.filter((layer) => layer.group <= group).length;
+    // A layer may be retired that was not when it came.
+    for (const layer of manifest.layers) if (this.layers.has(layer.uri)) this.layers.set(layer.uri, layer);
   }
 
   /** Whether a group can be shown: with all layers that it needs. */
   canShow(group: number): boolean {
-    return this.groups.has(group) && this.layersReady >= this.layersOf(group);
+    const file = this.manifest.groups[group];
+    return Boolean(file) && this.groups.has(group) && layersAt(file).every(({ uri }) => this.layers.has(uri));
   }
 
-  holdsLayer(index: number): boolean {
-    return this.layers.has(index);
-  }
-
-  holds({ kind, index }: QueueItem): boolean {
-    return (kind === "layer" ? this.layers : this.groups).has(index);
+  holds(item: QueueItem): boolean {
+    if (item.kind === "page") return Boolean(this.manifest.groups[item.file.group]);
+    return item.kind === "layer" ? this.layers.has(item.file.uri) : this.groups.has(item.index);
   }
 
   /** Groups held, in order of time. */
@@ -44,18 +40,23 @@ export class FileCache {
     return [...this.groups.keys()].sort((a, b) => a - b);
   }
 
+  /** The file that a group is here in; undefined where it is not here. */
+  fileOf(group: number): ReelFile | undefined {
+    return this.groups.get(group)?.file;
+  }
+
   /** The rendition that a group is here in, "" where there is nothing to choose; undefined where it is not here. */
   renditionOf(group: number): string | undefined {
-    return this.groups.get(group);
+    return this.groups.get(group)?.rendition;
   }
 
   /** Time ranges whose groups are here, [start, end] seconds. */
   get buffered(): [number, number][] {
-    const { groups, frames, fps } = this.manifest;
+    const { manifest } = this;
     const ranges: [number, number][] = [];
-    for (const index of this.held.filter((group) => this.canShow(group))) {
-      const start = groups[index].firstFrame / fps;
-      const end = (groups[index + 1]?.firstFrame ?? frames) / fps;
+    for (const index of this.held.filter((group) => group >= manifest.first && this.canShow(group))) {
+      const start = manifest.groups[index].firstFrame / manifest.fps;
+      const end = (firstFrameOf(manifest, index + 1) ?? manifest.frames) / manifest.fps;
       const last = ranges.at(-1);
       if (last && Math.abs(last[1] - start) < 1e-6) last[1] = end;
       else ranges.push([start, end]);
@@ -63,36 +64,50 @@ export class FileCache {
     return ranges;
   }
 
-  add({ kind, index }: QueueItem, rendition: string): void {
-    if (kind === "layer") this.layers.add(index);
-    else this.groups.set(index, rendition);
+  addLayer(file: ReelFile): void {
+    this.layers.set(file.uri, file);
+  }
+
+  addGroup(group: number, file: ReelFile, rendition: string): void {
+    this.groups.set(group, { file, rendition });
   }
 
   /**
-   * Drop groups, those that showed longest ago first, until those that are here take no more bytes than `room`, and say whether they do.
-   * keep: whether a group has to stay.
+   * Drop groups, those of before the reel's first and then those that showed longest ago, until what is here takes no more bytes
+   * than `room`, and say whether it does. With the last group at which it lives goes a layer that is retired. keep: whether a group
+   * has to stay. wanted: keys of the layers that do.
    */
-  makeRoom(room: number, current: number, costOf: (group: number) => number, keep: (group: number) => boolean): { fits: boolean; dropped: number[] } {
-    let total = 0;
-    for (const group of this.groups.keys()) total += costOf(group);
-    const dropped: number[] = [];
-    if (total <= room) return { fits: true, dropped };
-    const { length } = this.manifest.groups;
-    const behind = (group: number): number => (current - group + length) % length;
+  makeRoom(room: number, current: number, keep: (group: number) => boolean, wanted: Set<string>): Dropped & { fits: boolean } {
+    const { first, groups: { length } } = this.manifest;
+    const dropped: Dropped = { groups: [], layers: [] };
+    const behind = (group: number): number => (group < first ? Infinity : (current - group + length - first) % (length - first));
     const victims = this.held.filter((group) => !keep(group)).sort((a, b) => behind(b) - behind(a));
-    for (const victim of victims) {
-      if (total <= room) break;
-      total -= costOf(victim);
+    for (;;) {
+      dropped.layers.push(...this.dropLayers(wanted));
+      const fits = this.bytes <= room;
+      if (victims.length === 0 || (fits && victims[0] >= first)) return { fits, ...dropped };
+      const victim = victims.shift()!;
       this.groups.delete(victim);
-      dropped.push(victim);
+      dropped.groups.push(victim);
     }
-    return { fits: total <= room, dropped };
+  }
+
+  /** Those that are retired and live at no group that is here. */
+  private dropLayers(wanted: Set<string>): string[] {
+    const groups = [...this.groups.keys()];
+    const gone = [...this.layers.values()].filter(({ uri, group, until }) => until < Infinity && !wanted.has(uri) && !groups.some((at) => group <= at && at < until));
+    for (const { uri } of gone) this.layers.delete(uri);
+    return gone.map(({ uri }) => uri);
+  }
+
+  private get bytes(): number {
+    return [...this.layers.values(), ...[...this.groups.values()].map(({ file }) => file)].reduce((total, file) => total + costOf(file), 0);
   }
 }
 
-/** Bytes that a group takes once decoded: points and offsets on the GPU, positions and dx with the sort worker. */
-export function costOf(group: Pick<ReelFile, "points" | "frames">): number {
-  return group.points * (92 + 24 * group.frames);
+/** Bytes that a file takes once it is decoded: points and offsets on the GPU, positions and dx with the sort worker. Layers that stay are not counted. */
+export function costOf({ points, frames, until }: Pick<ReelFile, "points" | "frames"> & { until?: number }): number {
+  return frames === 0 && until === Infinity ? 0 : points * (92 + 24 * frames);
 }
 
 /** Bytes for groups on this device: an eighth of a gigabyte where nothing is known, more on larger machines. */

@@ -1,5 +1,6 @@
 /** Which rendition each group is got in: the one that people chose, the smallest where a better one came too slowly, else what the policy finds. */
-import { fileOf, type Manifest } from "../reel/manifest";
+import type { Manifest } from "../reel/manifest";
+import { fileOf } from "../reel/reel-file";
 import type { Job } from "./decoder-pool";
 import { secondsTo, type Demand } from "./queue";
 import type { Option, RenditionPolicy } from "./rendition-policy";
@@ -32,16 +33,16 @@ export class GroupRenditions {
     const { renditions, groups, fps } = manifest;
     if (renditions.length === 0) return "";
     if (this.choice !== null) return this.choice;
-    if (this.downgraded.has(group)) return renditions.at(-1)!.name;
+    if (this.downgraded.has(group)) return renditions.at(-1)!;
     const seconds = groups[group].frames / fps / Math.max(demand.rate, 0.1);
     const ahead = secondsTo(group, manifest, demand);
     const found = this.policy.choose({ options: optionsOf(group, manifest), seconds, ahead, throughput, decode, last: this.last });
-    return renditions[found].name;
+    return renditions[found];
   }
 
   /** Whether a group that is here is worth getting again, and comes before it shows. */
   isWorthReplacing(group: number, here: string | undefined, name: string, manifest: Manifest, demand: Demand, throughput: number): boolean {
-    const place = (rendition: string | undefined): number => manifest.renditions.findIndex((other) => other.name === rendition);
+    const place = (rendition: string | undefined): number => manifest.renditions.indexOf(rendition ?? "");
     const gain = place(here) - place(name);
     if (gain === 0 || (gain < 0 && this.choice === null)) return false;
     const transfer = (8 * fileOf(manifest.groups[group], name).bytes) / (throughput || 1);
@@ -50,7 +51,7 @@ export class GroupRenditions {
 
   /** Whether to give up the transfer of a group that is waited for, since the smallest rendition would be here much sooner. */
   isTooSlow(group: number, coming: string | undefined, manifest: Manifest, { source, began, received }: Job): boolean {
-    const least = manifest.renditions.at(-1)?.name;
+    const least = manifest.renditions.at(-1);
     const elapsed = (performance.now() - began) / 1000;
     if (!least || this.choice !== null || coming === least || elapsed < 1) return false;
     const rate = received / elapsed;
@@ -60,7 +61,7 @@ export class GroupRenditions {
 
   /** A group is asked for in a rendition. */
   asked(name: string, { renditions }: Manifest): void {
-    this.last = renditions.findIndex((rendition) => rendition.name === name);
+    this.last = renditions.indexOf(name);
   }
 
   /** Get a group in the smallest rendition, until it is here. */
@@ -74,11 +75,11 @@ export class GroupRenditions {
 
   /** Tell whether the device draws fast enough a group that is here in a rendition. */
   judge(slow: boolean, group: number, here: string | undefined, manifest: Manifest): void {
-    const shown = manifest.renditions.findIndex(({ name }) => name === here);
+    const shown = manifest.renditions.indexOf(here ?? "");
     if (shown >= 0) this.policy.judge(slow, optionsOf(group, manifest), shown, performance.now());
   }
 }
 
 function optionsOf(group: number, { renditions, groups }: Manifest): Option[] {
-  return renditions.map(({ name }) => fileOf(groups[group], name));
+  return renditions.map((name) => fileOf(groups[group], name));
 }

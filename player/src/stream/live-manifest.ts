@@ -4,18 +4,22 @@ import { loadManifest, type Manifest } from "../reel/manifest";
 /** Milliseconds between two looks at a live reel's manifest. */
 const POLL = 3000;
 
-/** Wait until a reel has more groups, or is whole; its manifest then. A host that fails is asked again. */
+/** Wait until a reel has more groups, or less of the first ones, or is whole; its manifest then. A host that fails is asked again. */
 export async function nextManifest(manifest: Manifest, signal: AbortSignal): Promise<Manifest> {
-  const quiet = { received: () => undefined, trouble: () => undefined };
   for (;;) {
     await new Promise((resolve) => setTimeout(resolve, POLL));
-    const next = await loadManifest(manifest.url, quiet, signal).catch(() => null);
+    const next = await freshManifest(manifest, signal);
     signal.throwIfAborted();
-    if (next && (next.groups.length > manifest.groups.length || !next.live)) return next;
+    if (next && (next.groups.length > manifest.groups.length || next.first > manifest.first || !next.live)) return next;
   }
 }
 
-/** Tell of each manifest of a live reel that has more than the one before, until the reel is whole. */
+/** A reel's manifest as it is now; null: it cannot be had. */
+export function freshManifest({ url }: Manifest, signal: AbortSignal): Promise<Manifest | null> {
+  return loadManifest(url, { received: () => undefined, trouble: () => undefined }, signal).catch(() => null);
+}
+
+/** Tell of each manifest of a live reel that has other groups than the one before, until the reel is whole. */
 export async function watchManifest(manifest: Manifest, grown: (next: Manifest) => void, signal: AbortSignal): Promise<void> {
   let known = manifest;
   while (known.live) {

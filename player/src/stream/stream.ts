@@ -1,19 +1,29 @@
 /** Gets the files of a reel: what is wanted, in the order in which it is, as many at a time as there are workers. */
-import { ReelError } from "../base/errors";
+import { PLAIN, ReelError } from "../base/errors";
 import type { DecodedFile } from "../decode/decode-file";
-import { fileOf, sourceOf, type Manifest, type ReelFile } from "../reel/manifest";
+import { sourceOf, type Manifest } from "../reel/manifest";
+import type { Page } from "../reel/pages";
+import { fileOf, layersAt, type ReelFile } from "../reel/reel-file";
 import { Backoff } from "./backoff";
 import type { DecoderPool, Job } from "./decoder-pool";
-import { FileCache, costOf } from "./file-cache";
+import { FileCache, costOf, type Dropped } from "./file-cache";
 import { GroupRenditions } from "./group-renditions";
 import { LoadProgress } from "./load-progress";
-import { groupItem, isNeededNow, isOnScreen, itemOf, layerItem, queueOf, type Demand, type QueueItem } from "./queue";
+import { groupKey, isOnScreen, queueOf, type Demand, type QueueItem } from "./queue";
 import type { RenditionPolicy } from "./rendition-policy";
 
+type LayerItem = Extract<QueueItem, { kind: "layer" }>;
+type GroupItem = Extract<QueueItem, { kind: "group" }>;
+
 export interface StreamEvents {
-  layer(index: number, file: DecodedFile): void;
-  group(index: number, file: DecodedFile): void;
-  dropped(group: number): void;
+  layer(uri: string, file: DecodedFile): void;
+  /** layers: the uris of those that live at the group. */
+  group(index: number, file: DecodedFile, layers: string[]): void;
+  /** What a page of the manifest says, unchecked. */
+  page(page: Page, json: unknown): void;
+  dropped(what: Dropped): void;
+  /** A file of a live reel is gone. Resolves once the manifest was read again. */
+  outdated(): Promise<void>;
   /** Bytes came, or a file is being tried again: `trouble` says. */
   progress(): void;
   /** What shows now cannot be had; the stream has ended. */
@@ -30,10 +40,12 @@ export class Stream {
   private readonly wait = new LoadProgress();
   /** Renditions of the groups that are being got, by key. */
   private readonly coming = new Map<string, string>();
-  private demand: Demand = { current: 0, previous: null, inUse: [], loop: false, frame: 0, rate: 1 };
+  private demand: Demand = { current: null, previous: null, inUse: [], loop: false, frame: 0, rate: 1 };
+  /** What is wanted, by the last demand. */
+  private queue: QueueItem[] = [];
   private stopped = false;
 
-  /** budget: bytes that groups may take. */
+  /** budget: bytes that groups may take, and layers that are retired again. */
   constructor(
     private manifest: Manifest,
     private readonly decoders: DecoderPool,
@@ -46,20 +58,20 @@ export class Stream {
     decoders.whenFree(() => this.schedule());
   }
 
-  /** A live reel has grown. */
+  /** A live reel has grown, or a page is here. Then `want` has to be called. */
   update(manifest: Manifest): void {
     this.manifest = manifest;
     this.cache.update(manifest);
+    const { current, previous } = this.demand;
+    const dropped = [current, previous].some((group) => group !== null && !manifest.groups[group]);
+    if (dropped) this.demand = { ...this.demand, current: null, previous: null };
   }
 
-  /** Layers that are complete from the first on. */
-  get layersReady(): number {
-    return this.cache.layersReady;
-  }
-
-  /** How many layers were born up to a group. */
-  layersOf(group: number): number {
-    return this.cache.layersOf(group);
+  /** The uris of the layers that show now, as many as are complete from the first on. */
+  get layersHere(): string[] {
+    const layers = this.queue.filter((item): item is LayerItem => item.kind === "layer" && item.urgent);
+    const missing = layers.findIndex((item) => !this.cache.holds(item));
+    return layers.slice(0, missing < 0 ? layers.length : missing).map(({ file }) => file.uri);
   }
 
   /** Whether a group can be shown: with all layers that it needs. */
@@ -75,8 +87,8 @@ export class Stream {
   /** Of the bytes of what shows now and is not here yet, the part that came, 0..1. */
   get progress(): number {
     return this.wait.progress((key) => {
-      const item = itemOf(key);
-      const { bytes } = item.kind === "layer" ? this.manifest.layers[item.index] : this.fileOf(item.index);
+      const item = this.queue.find((other) => other.key === key)!;
+      const { bytes } = item.kind === "group" ? this.fileOf(item.index) : item.file;
       return { bytes, here: this.cache.holds(item) ? bytes : this.decoders.received(key) };
     });
   }
@@ -93,7 +105,7 @@ export class Stream {
 
   /** The file that a group is here in, or would be by default. */
   fileOf(group: number): ReelFile {
-    return fileOf(this.manifest.groups[group], this.cache.renditionOf(group) ?? this.coming.get(groupItem(group).key) ?? "");
+    return this.cache.fileOf(group) ?? fileOf(this.manifest.groups[group], this.coming.get(groupKey(group)) ?? "");
   }
 
   /** Time ranges whose groups are here, [start, end] seconds. */
@@ -110,24 +122,24 @@ export class Stream {
   /** Have this rendition from the next group on, or, with null, whichever does best. */
   choose(name: string | null): void {
     this.renditions.choose(name);
-    this.schedule();
+    if (this.queue.length > 0) this.schedule();
   }
 
   /** Tell whether the device draws what shows fast enough. */
   judge(slow: boolean): void {
     const { current } = this.demand;
-    this.renditions.judge(slow, current, this.cache.renditionOf(current), this.manifest);
+    if (current !== null) this.renditions.judge(slow, current, this.cache.renditionOf(current), this.manifest);
   }
 
   /** Give up what is not wanted any more, and have the workers get what is. */
   private schedule(): void {
     if (this.stopped) return;
-    const queue = queueOf(this.manifest, this.demand, this.budget, (group) => this.costOf(group));
+    const queue = (this.queue = this.wanted());
     this.cancelUnwanted(queue);
     this.noteWait(queue);
     let late = false;
     for (const item of queue) {
-      const urgent = this.isNeededNow(item);
+      const { urgent } = item;
       // Layers have the whole line: there is something to see then.
       if (item.kind === "group" && this.layersAreComing()) return;
       // What shows gets the whole line.
@@ -136,7 +148,7 @@ export class Stream {
       late ||= urgent;
       if (this.decoders.has(item.key) || (!urgent && this.backoff.has(item.key))) continue;
       if (!this.decoders.free) {
-        const leastUrgent = queue.findLast((other) => this.decoders.has(other.key) && !this.isNeededNow(other));
+        const leastUrgent = queue.findLast((other) => this.decoders.has(other.key) && !other.urgent);
         if (urgent && leastUrgent) this.cancel(leastUrgent.key);
         return;
       }
@@ -148,46 +160,49 @@ export class Stream {
     this.improve(queue);
   }
 
+  private wanted(): QueueItem[] {
+    return queueOf(this.manifest, this.demand, this.budget, (item) => this.costOf(item));
+  }
+
   private cancelUnwanted(queue: QueueItem[]): void {
     const keys = new Set(queue.map((item) => item.key));
     for (const key of this.decoders.keys) if (!keys.has(key)) this.cancel(key);
     // Another rendition of what is on screen by now comes too late.
-    for (const item of queue) if (this.coming.has(item.key) && this.cache.holds(item) && isOnScreen(item.index, this.demand)) this.cancel(item.key);
+    for (const item of queue) if (item.kind === "group" && this.coming.has(item.key) && this.cache.holds(item) && isOnScreen(item.index, this.demand)) this.cancel(item.key);
   }
 
   /** Note what shows now and is not here. */
   private noteWait(queue: QueueItem[]): void {
-    const needed = queue.filter((item) => this.isNeededNow(item));
+    const needed = queue.filter(({ urgent }) => urgent);
     const keys = (items: QueueItem[]): string[] => items.map(({ key }) => key);
     this.wait.expect(keys(needed), keys(needed.filter((item) => !this.cache.holds(item))));
   }
 
   /** A layer that shows now has begun to come, and more than the next answer's time is missing of it. */
   private layersAreComing(): boolean {
-    const { current } = this.demand;
-    return this.manifest.layers.some(({ group }, index) => group <= current && !this.cache.holdsLayer(index) && !this.decoders.isNearlyHere(layerItem(index).key));
+    return this.queue.some((item) => item.kind === "layer" && item.urgent && !this.cache.holds(item) && !this.decoders.isNearlyHere(item.key));
   }
 
-  private isNeededNow(item: QueueItem): boolean {
-    return isNeededNow(item, this.manifest, this.demand);
+  private isNeededNow({ key }: QueueItem): boolean {
+    return this.queue.some((item) => item.urgent && item.key === key);
   }
 
-  /** Drop groups that nobody needs until what is here fits, and `item` with it; false if it does not. */
+  /** Drop what nobody needs until what is here fits, and `item` with it; false if it does not. */
   private makeRoom(item: QueueItem | null, queue: QueueItem[]): boolean {
-    const sum = (groups: number[]): number => groups.reduce((total, group) => total + this.costOf(group), 0);
-    const wanted = queue.filter(({ kind }) => kind === "group").map(({ index }) => index);
-    const coming = queue.filter(({ key }) => this.coming.has(key)).map(({ index }) => index);
+    const sum = (items: QueueItem[]): number => items.reduce((total, each) => total + this.costOf(each), 0);
+    const coming = queue.filter((other) => this.decoders.has(other.key) || other === item);
     // What is wanted may be more than the budget: the queue says when.
-    const budget = Math.max(this.budget, sum(wanted));
-    const room = budget - sum(item ? [...coming, item.index] : coming);
-    const keep = (group: number): boolean => wanted.includes(group) || isOnScreen(group, this.demand);
-    const { fits, dropped } = this.cache.makeRoom(room, this.demand.current, (group) => this.costOf(group), keep);
-    for (const group of dropped) this.events.dropped(group);
+    const room = Math.max(this.budget, sum(queue)) - sum(coming);
+    const keys = new Set(queue.map(({ key }) => key));
+    const keep = (group: number): boolean => keys.has(groupKey(group)) || isOnScreen(group, this.demand);
+    const layers = new Set(queue.flatMap((other) => (other.kind === "layer" ? other.file.uri : [])));
+    const { fits, ...dropped } = this.cache.makeRoom(room, this.demand.current ?? 0, keep, layers);
+    if (dropped.groups.length + dropped.layers.length > 0) this.events.dropped(dropped);
     return fits;
   }
 
-  private costOf(group: number): number {
-    return costOf(this.fileOf(group));
+  private costOf(item: QueueItem): number {
+    return item.kind === "page" ? 0 : costOf(item.kind === "group" ? this.fileOf(item.index) : item.file);
   }
 
   private renditionFor(group: number, throughput: number): string {
@@ -200,30 +215,30 @@ export class Stream {
     // Nothing hangs on these transfers: they may find out that the line is better again.
     const throughput = this.decoders.meter.optimisticRate(performance.now());
     for (const item of queue) {
-      const { kind, index, key } = item;
       if (!this.decoders.free) return;
-      if (kind === "layer" || isOnScreen(index, this.demand) || this.decoders.has(key) || this.backoff.has(key)) continue;
+      if (item.kind !== "group" || isOnScreen(item.index, this.demand) || this.decoders.has(item.key) || this.backoff.has(item.key)) continue;
+      const { index } = item;
       const name = this.renditionFor(index, throughput);
       if (this.renditions.isWorthReplacing(index, this.cache.renditionOf(index), name, this.manifest, this.demand, throughput)) this.load(item, name);
     }
   }
 
   private load(item: QueueItem, rendition: string): void {
-    const { kind, index, key } = item;
-    const file = kind === "layer" ? this.manifest.layers[index] : fileOf(this.manifest.groups[index], rendition);
-    if (kind === "group") {
+    const { key } = item;
+    const file = item.kind === "group" ? fileOf(item.file, rendition) : item.file;
+    if (item.kind === "group") {
       this.coming.set(key, rendition);
       this.renditions.asked(rendition, this.manifest);
     }
-    this.decoders.start(key, sourceOf(this.manifest, file), file.points, {
+    this.decoders.start(key, sourceOf(this.manifest, file), "points" in file ? file.points : null, {
       received: (job) => {
         this.tell(null);
-        if (kind === "group") this.reconsider(item, job);
+        if (item.kind === "group") this.reconsider(item, job);
         else if (this.decoders.isNearlyHere(key)) this.schedule();
       },
       trouble: (why) => this.tell(why),
-      done: (decoded) => this.deliver(item, rendition, decoded),
-      failed: (why, plain) => this.fail(item, new ReelError(why, { plain })),
+      done: (content) => (item.kind === "page" ? this.events.page(item.file, content) : this.deliver(item, rendition, content as DecodedFile)),
+      failed: (why, plain) => void this.fail(item, new ReelError(why, { plain })),
     });
   }
 
@@ -233,7 +248,7 @@ export class Stream {
   }
 
   /** Give up the transfer of what is waited for, if less would be here much sooner. */
-  private reconsider(item: QueueItem, job: Job): void {
+  private reconsider(item: GroupItem, job: Job): void {
     const { index, key } = item;
     if (!this.isNeededNow(item) || this.cache.holds(item)) return;
     if (!this.renditions.isTooSlow(index, this.coming.get(key), this.manifest, job)) return;
@@ -248,25 +263,34 @@ export class Stream {
   }
 
   /** The end where people wait for it; else it is tried again later. */
-  private fail(item: QueueItem, error: ReelError): void {
+  private async fail(item: QueueItem, error: ReelError): Promise<void> {
     this.coming.delete(item.key);
-    if (this.isNeededNow(item) && !(item.kind === "group" && this.cache.holds(item))) {
-      this.stopped = true;
-      this.events.failed(error);
-    } else this.backoff.begin(item.key);
-  }
-
-  private deliver(item: QueueItem, rendition: string, file: DecodedFile): void {
-    const { kind, index, key } = item;
-    if (kind === "group") {
-      this.coming.delete(key);
-      this.renditions.arrived(index);
-      if (this.cache.holds(item)) {
-        if (isOnScreen(index, this.demand)) return; // it shows by now as it was
-        this.events.dropped(index);
+    if (!this.isNeededNow(item) || (item.kind === "group" && this.cache.holds(item))) return this.backoff.begin(item.key);
+    this.stopped = true;
+    if (this.manifest.live && error.plain === PLAIN.missing) {
+      await this.events.outdated();
+      // What was dropped from the reel does not show any more.
+      if (!this.wanted().some(({ key, urgent }) => urgent && key === item.key)) {
+        this.stopped = false;
+        return this.schedule();
       }
     }
-    this.cache.add(item, rendition);
-    this.events[kind](index, file);
+    this.events.failed(error);
+  }
+
+  private deliver(item: LayerItem | GroupItem, rendition: string, file: DecodedFile): void {
+    if (item.kind === "layer") {
+      this.cache.addLayer(item.file);
+      return this.events.layer(item.file.uri, file);
+    }
+    const { index, key } = item;
+    this.coming.delete(key);
+    this.renditions.arrived(index);
+    if (this.cache.holds(item)) {
+      if (isOnScreen(index, this.demand)) return; // it shows by now as it was
+      this.events.dropped({ groups: [index], layers: [] });
+    }
+    this.cache.addGroup(index, fileOf(item.file, rendition), rendition);
+    this.events.group(index, file, layersAt(item.file).map(({ uri }) => uri));
   }
 }

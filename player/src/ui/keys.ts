@@ -81,7 +81,7 @@ function nameOf({ key, shiftKey }: KeyboardEvent): string {
 }
 
 function timeLines(player: Player, actions: Actions): Line[] {
-  const move = (part: number, most: number) => (): void => void (player.currentTime += Math.sign(part) * Math.min(Math.abs(part) * player.duration, most));
+  const move = (part: number, most: number) => (): void => void (player.currentTime += Math.sign(part) * Math.min(Math.abs(part) * (player.duration - player.earliest), most));
   const rate = (step: number) => (): void => {
     const nearest = RATES.findIndex((value) => value >= player.playbackRate);
     player.playbackRate = RATES[Math.min(Math.max(nearest + step, 0), RATES.length - 1)];
@@ -91,8 +91,8 @@ function timeLines(player: Player, actions: Actions): Line[] {
     { shown: "← →", what: "Back or on, up to 5 s", bindings: [{ keys: ["arrowleft"], press: move(-0.1, 5) }, { keys: ["arrowright"], press: move(0.1, 5) }] },
     { shown: "J L", what: "Back or on, up to 10 s", bindings: [{ keys: ["j"], press: move(-0.2, 10) }, { keys: ["l"], press: move(0.2, 10) }] },
     { shown: ", .", what: "One frame", bindings: [{ keys: [","], press: () => player.step(-1) }, { keys: ["."], press: () => player.step(1) }] },
-    { shown: "0 – 9", what: "To tenths of the reel", bindings: [{ keys: [..."0123456789"], press: (key) => void (player.currentTime = (Number(key) / 10) * player.duration) }] },
-    { shown: "Home End", what: "To the ends", bindings: [{ keys: ["home"], press: () => void (player.currentTime = 0) }, { keys: ["end"], press: () => void (player.currentTime = player.duration) }] },
+    { shown: "0 – 9", what: "To tenths of the reel", bindings: [{ keys: [..."0123456789"], press: (key) => void (player.currentTime = player.earliest + (Number(key) / 10) * (player.duration - player.earliest)) }] },
+    { shown: "Home End", what: "To the ends", bindings: [{ keys: ["home"], press: () => void (player.currentTime = player.earliest) }, { keys: ["end"], press: () => void (player.currentTime = player.duration) }] },
     { shown: "< >", what: "Slower or faster", bindings: [{ keys: ["<"], press: rate(-1) }, { keys: [">"], press: rate(1) }] },
     { shown: "M", what: "Sound on or off", bindings: [{ keys: ["m"], press: () => player.soundtrack.toggle() }] },
   ];

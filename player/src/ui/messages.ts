@@ -37,11 +37,11 @@ export class Messages {
 
   /** Show how things are. */
   update(): void {
-    const { canPlay, paused, currentTime, error, waiting, busy, soundtrack } = this.player;
+    const { canPlay, paused, currentTime, earliest, error, waiting, busy, soundtrack } = this.player;
     this.updatePanel(error);
     this.updateWait(busy && (!canPlay || waiting));
     this.updateSound(soundtrack, paused);
-    this.find(".start").hidden = !(canPlay && paused && currentTime === 0 && !error && !waiting);
+    this.find(".start").hidden = !(canPlay && paused && currentTime === earliest && !error && !waiting);
   }
 
   private updateSound({ blocked, error }: Soundtrack, paused: boolean): void {

@@ -127,7 +127,7 @@ export class PathPanel {
 
   private throughCameras(): Keyframe[] {
     const { camera, cameras } = this.player.manifest!;
-    return throughViews(nearestFirst(camera.viewmat, cameras.map(({ viewmat }) => viewmat)), this.player.duration);
+    return throughViews(nearestFirst(camera.viewmat, cameras.map(({ viewmat }) => viewmat)), this.player.earliest, this.player.duration);
   }
 
   private toggle(): void {

@@ -29,7 +29,7 @@ export class SeekBar {
     input.addEventListener("input", () => {
       drag(true);
       player.currentTime = Number(input.value);
-      this.showHint(player.currentTime / player.duration);
+      this.showHint(this.placeOf(player.currentTime));
     });
     input.addEventListener("change", () => drag(false));
     box.addEventListener("pointermove", ({ clientX, pointerType }) => {
@@ -41,20 +41,21 @@ export class SeekBar {
   /** Show how things are. */
   update(): void {
     const { input } = this;
-    const { currentTime, duration } = this.player;
-    input.max = String(duration);
+    const { currentTime, earliest, duration } = this.player;
+    [input.min, input.max] = [String(earliest), String(duration)];
     if (!this.dragging) input.value = String(currentTime);
     input.setAttribute("aria-valuetext", `${timeText(currentTime, duration < 60)} of ${timeText(duration, duration < 60)}`);
-    input.style.setProperty("--played", `${percent(currentTime, duration)}%`);
+    input.style.setProperty("--played", `${this.percent(currentTime)}%`);
     input.style.setProperty("--ahead", this.bufferedTrack());
   }
 
   /** What is at a part of the bar, which stays within it. */
   private showHint(place: number): void {
-    const { hint, player: { duration } } = this;
+    const { hint, player: { earliest, duration } } = this;
     const part = Math.min(Math.max(place, 0), 1) || 0;
-    hint.querySelector(".at")!.textContent = timeText(part * duration, true);
-    this.thumbnails.show(part * duration);
+    const seconds = earliest + part * (duration - earliest);
+    hint.querySelector(".at")!.textContent = timeText(seconds, true);
+    this.thumbnails.show(seconds);
     const width = this.box.clientWidth;
     const half = hint.offsetWidth / 2;
     hint.style.left = `${Math.min(Math.max(part * width, half), width - half)}px`;
@@ -62,15 +63,20 @@ export class SeekBar {
 
   /** The ranges that are here, as a background. */
   private bufferedTrack(): string {
-    const { buffered, duration } = this.player;
-    const stops = buffered.flatMap(([from, to]) => {
-      const [a, b] = [percent(from, duration), percent(to, duration)];
+    const stops = this.player.buffered.flatMap(([from, to]) => {
+      const [a, b] = [this.percent(from), this.percent(to)];
       return [`transparent ${a}%`, `var(--here) ${a}%`, `var(--here) ${b}%`, `transparent ${b}%`];
     });
     return stops.length > 0 ? `linear-gradient(to right, ${stops.join(", ")})` : "linear-gradient(transparent, transparent)";
   }
-}
 
-function percent(part: number, whole: number): number {
-  return whole > 0 ? Math.round((10000 * part) / whole) / 100 : 0;
+  /** Where a time is on the bar, 0..1. */
+  private placeOf(seconds: number): number {
+    const { earliest, duration } = this.player;
+    return duration > earliest ? (seconds - earliest) / (duration - earliest) : 0;
+  }
+
+  private percent(seconds: number): number {
+    return Math.round(10000 * this.placeOf(seconds)) / 100;
+  }
 }

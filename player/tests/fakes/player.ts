@@ -4,7 +4,7 @@ import type { Stage } from "../../src/draw/stage";
 import "./audio";
 import { FakeHost, whole } from "./host";
 import "./page";
-import { ADDRESS, documentOf, type Plan } from "./reel";
+import { ADDRESS, documentOf, livingAt, pageAt, type Plan } from "./reel";
 import { FakeTime, settled } from "./time";
 import { FakeWorker, Transfers } from "./workers";
 import "../../src/draw/sort-worker";
@@ -71,7 +71,10 @@ export class FakePlayer {
     FakePlayer.last?.player.rest();
     FakePlayer.last = this;
     FakeWorker.all.length = 0;
-    this.files = new Transfers((uri) => pointsOf(this.points, uri.startsWith("layers") ? 0 : 10, this.points * (plan.layers ?? [0]).length));
+    this.files = new Transfers((uri) => {
+      if (uri.startsWith("pages")) return pageAt(plan, uri);
+      return pointsOf(this.points, uri.startsWith("layers") ? 0 : 10, this.points * livingAt(plan, Number(/\d+/.exec(uri))).length);
+    });
     const canvas = Object.assign(new EventTarget(), { width: 0, height: 0, clientWidth: 160, clientHeight: 90, getContext: (): unknown => this.device.gl });
     this.device.tell = (event) => void setTimeout(() => canvas.dispatchEvent(new Event(event)));
     this.player = new Player(canvas as unknown as HTMLCanvasElement);

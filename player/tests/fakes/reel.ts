@@ -6,8 +6,12 @@ export const ADDRESS = "https://page.example/reel/manifest.json";
 export interface Plan {
   /** Groups of a second, ten frames each. */
   groups?: number;
-  /** Groups at which layers are born. */
-  layers?: number[];
+  /** Groups at which layers are born, with those at which they are retired, if they are. */
+  layers?: (number | [number, number])[];
+  /** The number of the first group that there is; `groups` counts those before it. */
+  first?: number;
+  /** Groups of a page. At least one group, and less than these and one, are left to the manifest. */
+  page?: number;
   /** Names of renditions, best first: each has half of the bytes and points of the one before. */
   renditions?: string[];
   live?: boolean;
@@ -16,14 +20,20 @@ export interface Plan {
   points?: number;
 }
 
-/** The JSON of a manifest. Group I is groups/I.bin, in other renditions groups/I.NAME.bin, of 1000 bytes; layer I is layers/I.bin of 500. */
-export function documentOf({ groups = 5, layers = [0], renditions = [], live = false, overlap = 2, points = 100 }: Plan = {}): Record<string, unknown> {
+/** The JSON of a manifest, of version 2 where it needs that. Group I is groups/I.bin, in other renditions groups/I.NAME.bin, of 1000 bytes; layer I is layers/I.bin of 500, the page from group I on pages/I.json. */
+export function documentOf(plan: Plan = {}): Record<string, unknown> {
+  const { groups = 5, renditions = [], live = false, overlap = 2, first = 0, page } = plan;
   const viewmat = [1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 4, 0, 0, 0, 1];
-  const file = (uri: string, bytes: number, part = 1) => ({ uri, bytes: bytes * part, sha256: null, points: points * part });
-  const others = (index: number) => renditions.slice(1).map((name, i) => [name, file(`groups/${index}.${name}.bin`, 1000, 0.5 ** (i + 1))]);
+  const pages = page ? Math.floor((groups - first - 1) / page) : 0;
+  const own = first + pages * (page ?? 0);
+  const layers = layersOf(plan).filter(({ until }) => until === undefined || until > own);
+  const second = first > 0 || pages > 0 || layersOf(plan).some(({ until }) => until !== undefined);
+  const paged = Array.from({ length: pages }, (_, i) => ({ uri: `pages/${first + i * page!}.json`, bytes: 200, sha256: null, groups: page, first_frame: 10 * (first + i * page!), frames: 10 * page! }));
   return {
     format: "splatreel",
-    version: 1,
+    version: second ? 2 : 1,
+    ...(first > 0 ? { first_group: first } : {}),
+    ...(pages > 0 ? { pages: paged } : {}),
     live,
     fps: 10,
     frames: 10 * groups,
@@ -32,12 +42,40 @@ export function documentOf({ groups = 5, layers = [0], renditions = [], live = f
     bounds: [[-1, -1, -1], [1, 1, 1]],
     up: [0, -1, 0],
     camera: { name: "start", width: 160, height: 90, K: [100, 0, 80, 0, 100, 45, 0, 0, 1], viewmat },
-    layers: layers.map((group, index) => ({ ...file(`layers/${index}.bin`, 500), group })),
+    layers,
     renditions: renditions.map((name) => ({ name })),
-    groups: Array.from({ length: groups }, (_, index) => ({
-      ...file(`groups/${index}.bin`, 1000), first_frame: 10 * index, frames: 10, renditions: Object.fromEntries(others(index)),
-    })),
+    groups: groupsOf(plan, own, groups),
   };
+}
+
+/** The JSON of a page, by its uri. */
+export function pageAt(plan: Plan, uri: string): Record<string, unknown> {
+  const begin = Number(/\d+/.exec(uri));
+  const end = begin + plan.page!;
+  return { layers: layersOf(plan).filter(({ group, until }) => until !== undefined && group < end && until > begin), groups: groupsOf(plan, begin, end) };
+}
+
+/** The numbers of the layers that live at a group. */
+export function livingAt(plan: Plan, at: number): number[] {
+  return layersOf(plan).flatMap(({ group, until = Infinity }, index) => (group <= at && at < until ? [index] : []));
+}
+
+function layersOf(plan: Plan): { group: number; until?: number }[] {
+  return (plan.layers ?? [0]).map((layer, index) => {
+    const [group, until] = [layer].flat();
+    return { ...fileOf(plan, `layers/${index}.bin`, 500), group, ...(until === undefined ? {} : { until }) };
+  });
+}
+
+function groupsOf(plan: Plan, begin: number, end: number): object[] {
+  const others = (index: number) => (plan.renditions ?? []).slice(1).map((name, i) => [name, fileOf(plan, `groups/${index}.${name}.bin`, 1000, 0.5 ** (i + 1))]);
+  return Array.from({ length: end - begin }, (_, i) => i + begin).map((index) => ({
+    ...fileOf(plan, `groups/${index}.bin`, 1000), first_frame: 10 * index, frames: 10, renditions: Object.fromEntries(others(index)),
+  }));
+}
+
+function fileOf({ points = 100 }: Plan, uri: string, bytes: number, part = 1): object {
+  return { uri, bytes: bytes * part, sha256: null, points: points * part };
 }
 
 export function manifestOf(plan: Plan = {}): Manifest {

@@ -62,7 +62,7 @@ export class Transfers {
 
   say(uri: string, what: object): void {
     const { worker, id } = this.requests.findLast((request) => request.uri === uri && !request.given) ?? assert.fail(`nobody gets ${uri}, but ${this.coming}`);
-    if ("file" in what || "error" in what) worker.posted.splice(worker.posted.findIndex((request) => request.id === id), 1);
+    if ("content" in what || "error" in what) worker.posted.splice(worker.posted.findIndex((request) => request.id === id), 1);
     worker.say({ id, ...what });
   }
 
@@ -72,7 +72,7 @@ export class Transfers {
 
   /** Files come, whole. */
   give(...uris: string[]): void {
-    for (const uri of uris) this.say(uri, { file: this.fileAt(uri), milliseconds: 0 });
+    for (const uri of uris) this.say(uri, { content: this.fileAt(uri), milliseconds: 0 });
   }
 
   /** All files come that are asked for. */

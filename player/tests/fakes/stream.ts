@@ -1,0 +1,70 @@
+/** A stream whose files come when a test says so. */
+import type { Manifest } from "../../src/reel/manifest";
+import { withPage } from "../../src/reel/pages";
+import { momentAt } from "../../src/reel/timeline";
+import { DecoderPool } from "../../src/stream/decoder-pool";
+import { costOf } from "../../src/stream/file-cache";
+import type { Demand } from "../../src/stream/queue";
+import { RenditionPolicy } from "../../src/stream/rendition-policy";
+import { Stream } from "../../src/stream/stream";
+import { manifestOf, pageAt, type Plan } from "./reel";
+import { FakeTime } from "./time";
+import { FakeWorker, FILE, Transfers } from "./workers";
+
+export const time = new FakeTime();
+/** Bytes of memory that a group takes. */
+export const GROUP = costOf({ points: 100, frames: 10 });
+
+export class World extends Transfers {
+  readonly log: string[] = [];
+  readonly pool: DecoderPool;
+  readonly stream: Stream;
+  outdated = (): Promise<void> => Promise.resolve();
+  manifest: Manifest;
+  private demand: Demand = { current: 0, previous: null, inUse: [], loop: false, frame: 0, rate: 1 };
+
+  constructor(plan: Plan = {}, groupsInMemory = 100) {
+    super((uri) => (uri.startsWith("pages") ? pageAt(plan, uri) : FILE));
+    FakeWorker.all.length = 0;
+    this.pool = new DecoderPool();
+    this.manifest = manifestOf(plan);
+    this.stream = new Stream(this.manifest, this.pool, groupsInMemory * GROUP, {
+      layer: (uri) => this.log.push(uri.replace(/s.(\d+).*/, " $1")),
+      group: (index) => this.log.push(`group ${index}`),
+      page: (page, json) => {
+        this.update(withPage(this.manifest, page, json));
+        this.look();
+      },
+      dropped: ({ groups, layers }) => this.log.push(...groups.map((index) => `dropped ${index}`), ...layers.map((uri) => `dropped ${uri}`)),
+      outdated: () => this.outdated(),
+      progress: () => undefined,
+      failed: (error) => this.log.push(`failed ${error.message}`),
+    }, new RenditionPolicy(5e6));
+  }
+
+  update(manifest: Manifest): void {
+    this.manifest = manifest;
+    this.stream.update(manifest);
+  }
+
+  /** Want what shows at the frame of the last demand, as far as it is known. */
+  look(): void {
+    const { frame } = this.demand;
+    const moment = momentAt(this.manifest, 1, frame);
+    this.want({ current: moment?.current.group ?? null, previous: moment?.previous?.group ?? null, frame });
+  }
+
+  want(demand: Partial<Demand>): void {
+    const current = demand.current ?? this.demand.current ?? 0;
+    this.demand = { ...this.demand, frame: 10 * current, ...demand };
+    this.stream.want(this.demand);
+  }
+
+  /** The first layer comes, at 16 kbit/s. */
+  measure(): void {
+    this.want({});
+    time.now += 250;
+    this.bytes("layers/0.bin", 500);
+    this.give("layers/0.bin");
+  }
+}
