@@ -114,6 +114,12 @@ def test_alive_counts_the_points_that_live_at_a_group(tmp_path):
         writer.add_group(new_group(4, 3, 12))
 
 
+@pytest.mark.parametrize("page", [0, 1025])
+def test_pages_of_a_size_that_no_reader_takes_are_refused(tmp_path, page):
+    with pytest.raises(ReelError, match=f"pages of {page} groups"):
+        chapters(tmp_path, page=page)
+
+
 def test_older_groups_go_into_pages_that_never_change(tmp_path):
     writer, seen = chapters(tmp_path), {}
     for index in range(11):

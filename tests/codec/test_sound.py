@@ -9,9 +9,10 @@ import pytest
 
 from splatreel.codec.fragments import RATE
 from splatreel.codec.reader import ReelReader
-from splatreel.codec.sound import decode_sound, encode_sound, write_sound
+from splatreel.codec.sound import decode_sound, describe, encode_sound, write_sound
 from splatreel.codec.verify import verify_reel
 from splatreel.errors import ReelError
+from splatreel.play.timeline import open_reel
 from tests import flashes
 from tests.codec.reels import edit_manifest, give_sound, new_group, new_writer, points, write_reel
 
@@ -204,3 +205,41 @@ def test_golden_reel_says_what_it_says() -> None:
     entry = document["sound"]["segments"][1]
     assert (entry["uri"], entry["start"], entry["seconds"]) == ("sound/0001.m4s", 2, 2)
     assert dataclasses.asdict(ReelReader(flashes.GOLDEN).manifest.presentation)["sound"]["segments"][1]["start"] == 2
+
+
+def test_a_live_reel_drops_sound_with_its_groups_and_keeps_a_segment_before(tmp_path) -> None:
+    """Groups of two frames at 2 a second: the first frame of group g is at g seconds."""
+    sound = encode_sound([flashes.clicks(TIMES, 9.5, 1)], 1)
+
+    def kept() -> list[float]:
+        heard = ReelReader(tmp_path).manifest.presentation.sound
+        assert heard is not None
+        assert sorted(path.name for path in (tmp_path / "sound").iterdir()) == sorted(
+            asset.uri.removeprefix("sound/") for asset in heard.assets
+        )
+        return [segment.start for segment in heard.segments]
+
+    writer = new_writer(tmp_path, fps=2)
+    write_sound(writer, sound)
+    for index in range(8):
+        writer.add_group(new_group(index, 3, 0))
+    assert kept() == [0, 2, 4, 6, 8]
+    writer.drop_before(3)
+    assert kept() == [0, 2, 4, 6, 8]
+    writer.drop_before(5)
+    assert kept() == [2, 4, 6, 8]
+    writer = new_writer(tmp_path, fps=2, resume=True)
+    write_sound(writer, sound)  # as whoever resumes does
+    assert kept() == [2, 4, 6, 8]
+    writer.drop_before(7)
+    assert kept() == [4, 6, 8]
+    heard = open_reel(tmp_path).sound
+    assert heard is not None
+    np.testing.assert_allclose(flashes.onsets(heard.samples(5, 4)), [0.55], atol=MILLISECOND)
+    assert verify_reel(tmp_path).strangers == []
+
+
+def test_sound_that_is_over_keeps_its_last_segment() -> None:
+    said = describe(encode_sound([flashes.clicks(TIMES, 6.5, 1)], 1), None)
+    assert [segment.start for segment in said.since(100).segments] == [6]
+    assert said.since(0) == said

@@ -17,7 +17,7 @@ from splatreel.codec.source import open_source
 from splatreel.codec.verify import verify_reel
 from splatreel.errors import ReelError
 from tests.golden import GOLDEN
-from tests.golden_long import WINDOW
+from tests.golden_long import LONG, WINDOW
 
 
 class _Handler(http.server.SimpleHTTPRequestHandler):
@@ -60,6 +60,14 @@ def test_whole_reel_over_http(url):
 def test_a_reel_in_pages_over_http(url):
     assert verify_reel(f"{url}/golden-long").groups == 10
     assert ReelReader(f"{url}/golden-window").manifest.layers == ReelReader(WINDOW).manifest.layers
+
+
+def test_pages_that_take_too_long_together_are_an_error(monkeypatch):
+    monkeypatch.setattr("splatreel.codec.source.PATIENCE", -1.0)
+    with pytest.raises(ReelError, match=r"pages/0000\d+\.json: was not asked for"):
+        ReelReader(LONG)
+    monkeypatch.setattr("splatreel.codec.source.PATIENCE", 60.0)
+    assert len(ReelReader(LONG).manifest.pages) == 4
 
 
 def test_missing_reel(url):

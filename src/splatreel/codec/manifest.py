@@ -25,6 +25,7 @@ from splatreel.codec.file_entry import (
 )
 from splatreel.codec.header import BLACK, ReelHeader
 from splatreel.codec.manifest_pages import (
+    LAST,
     Fetch,
     Known,
     Page,
@@ -221,7 +222,7 @@ def _parse(document: dict[str, Any], fetch: Fetch | None, whole: bool, known: Kn
     manifest = _parse_header(document)
     version, names = document["version"], manifest.renditions
     if version > 1:
-        first = integer(document, "first_group", 0, BIG) if "first_group" in document else 0
+        first = integer(document, "first_group", 0, LAST) if "first_group" in document else 0
         manifest = replace(manifest, first_group=first, pages=parse_page_entries(document, names))
     own = manifest.first_group + manifest.paged
     layers = tuple(parse_layer(entry, i, version) for i, entry in enumerate(items(document, "layers", 0, MAX_FILES)))

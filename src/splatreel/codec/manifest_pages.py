@@ -37,6 +37,8 @@ MAX_PAGES = 1 << 14
 MAX_PAGE_BYTES = 1 << 20
 MAX_PAGES_BYTES = 64 << 20
 """Of all pages together."""
+LAST = 1 << 31
+"""The last frame that pages may speak of, and the last group that may be the first."""
 AT_ONCE = 8
 """Pages that are fetched at a time."""
 
@@ -138,8 +140,8 @@ def _parse_entry(entry: object, index: int, names: Sequence[str]) -> PageEntry:
             uri=parse_uri(entry),
             bytes=integer(entry, "bytes", 1, MAX_PAGE_BYTES),
             sha256=parse_digest(entry),
-            first_frame=integer(entry, "first_frame", 0, BIG),
-            frames=integer(entry, "frames", 1, BIG),
+            first_frame=integer(entry, "first_frame", 0, LAST),
+            frames=integer(entry, "frames", 1, LAST),
             groups=integer(entry, "groups", 1, MAX_PAGE_GROUPS),
             rendition_bytes={name: integer(sizes, name, 1, BIG) for name in names},
         )

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import pairwise
 from typing import Any, TypeVar
 
@@ -87,6 +87,11 @@ class Sound:
     def assets(self) -> list[Asset]:
         """Every file that it names, the first one first."""
         return [self.init, *(segment.asset for segment in self.segments)]
+
+    def since(self, seconds: float) -> Sound:
+        """Without what is over by then, but for one segment, in which a decoder comes into step."""
+        over = sum(segment.start + segment.seconds <= seconds for segment in self.segments)
+        return replace(self, segments=self.segments[max(min(over, len(self.segments)) - 1, 0) :])
 
 
 @dataclass(frozen=True)

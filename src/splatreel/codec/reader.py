@@ -12,7 +12,7 @@ from splatreel.codec.file_entry import FileEntry
 from splatreel.codec.group_file import decode_group, decode_layer
 from splatreel.codec.manifest import MAX_BYTES, Manifest, parse_manifest
 from splatreel.codec.presentation import Asset
-from splatreel.codec.source import open_source
+from splatreel.codec.source import open_source, within_patience
 from splatreel.errors import ReelError
 from splatreel.scene.gaussians import Gaussians
 from splatreel.scene.group import Group
@@ -137,7 +137,7 @@ class ReelReader:
         """A live reel may drop a page after the manifest that names it was read: then there is a newer manifest."""
         data = self._source.read("manifest.json", MAX_BYTES)
         try:
-            return parse_manifest(data, self.name, self._source.read)
+            return parse_manifest(data, self.name, within_patience(self._source))
         except ReelError:
             if tries > 1 and self._source.read("manifest.json", MAX_BYTES) != data:
                 return self._joined_manifest(tries - 1)

@@ -121,14 +121,16 @@ def check_size(segment: SoundSegment) -> None:
 def write_sound(writer: ReelWriter, sound: EncodedSound | None, position: Vec3 | None = None) -> None:
     """Give a reel that is being written this sound, or none; before its first group, so that it has it from then on.
 
-    position: where it comes from, world units; None: from everywhere.
+    position: where it comes from, world units; None: from everywhere. What a live reel has dropped already stays away.
     """
-    described = sound and describe(sound, position)
-    before = writer.manifest.presentation
-    if before.sound == described and (sound is None or _are_there(writer.path, files(sound))):
+    manifest, before = writer.manifest, writer.manifest.presentation
+    described = describe(sound, position).since(manifest.first_frame / manifest.fps) if sound else None
+    named = {asset.uri for asset in described.assets} if described else set()
+    contents = {uri: data for uri, data in files(sound).items() if uri in named} if sound else {}
+    if before.sound == described and _are_there(writer.path, contents):
         return
     writer.present(replace(before, sound=None))
-    for uri, data in files(sound).items() if sound else ():
+    for uri, data in contents.items():
         writer.write_asset(uri, data)
     writer.present(replace(before, sound=described))
 

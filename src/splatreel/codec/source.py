@@ -10,6 +10,7 @@ import threading
 import time
 import urllib.error
 import urllib.request
+from collections.abc import Callable
 from http.client import HTTPConnection, HTTPException, HTTPResponse, HTTPSConnection
 from pathlib import Path
 from typing import Protocol
@@ -36,6 +37,18 @@ class Source(Protocol):
     def name(self, uri: str) -> str:
         """What to call that file in messages."""
         ...
+
+
+def within_patience(source: Source) -> Callable[[str, int], bytes]:
+    """`source.read`, for files that have all to come within `PATIENCE`: a server that trickles is asked for no more of them then."""
+    end = time.monotonic() + PATIENCE
+
+    def read(uri: str, limit: int) -> bytes:
+        if time.monotonic() > end:
+            raise ReelError(f"{source.name(uri)}: was not asked for, as those before took {PATIENCE:.0f} s. Try again.")
+        return source.read(uri, limit)
+
+    return read
 
 
 def open_source(location: str | Path) -> Source:

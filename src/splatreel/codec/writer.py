@@ -15,7 +15,7 @@ from splatreel.codec.file_entry import FileEntry, birth_order
 from splatreel.codec.group_file import decode_group, decode_layer
 from splatreel.codec.header import ReelHeader
 from splatreel.codec.manifest import Manifest, parse_manifest
-from splatreel.codec.manifest_pages import PAGE, make_page
+from splatreel.codec.manifest_pages import MAX_PAGE_GROUPS, PAGE, make_page
 from splatreel.codec.presentation import EMPTY, Asset, Presentation
 from splatreel.codec.published import MANIFEST, intact_end, is_whole, left_over, published_manifest
 from splatreel.config import EncodeConfig
@@ -51,6 +51,8 @@ class ReelWriter:
         self.path = Path(path)
         self.encoder = ReelEncoder(config)
         self.config = self.encoder.config
+        if not 1 <= page <= MAX_PAGE_GROUPS:
+            raise ReelError(f"{self.path}: pages of {page} groups are not read, choose 1 to {MAX_PAGE_GROUPS}.")
         self._page = page
         self._pending: list[FileEntry] = []
         self._manifest = Manifest(
@@ -161,7 +163,7 @@ class ReelWriter:
         self._replace(replace(self._manifest, presentation=presentation), live=self._manifest.live)
 
     def drop_before(self, group: int) -> None:
-        """Drop the groups before that number, and the layers that are retired by then: the retention window of a live reel.
+        """Drop the groups before that number, the layers that are retired by then, and sound: the retention window of a live reel.
 
         The manifest is published first. Of the groups that are in pages only whole pages are dropped; the last group stays.
         """
@@ -175,7 +177,11 @@ class ReelWriter:
             return
         layers = (layer for layer in manifest.layers if layer.until is None or layer.until > first)
         kept = manifest.with_files(layers, manifest.groups[first - manifest.first_group :])
-        self._replace(replace(kept, first_group=first, pages=tuple(pages)), live=manifest.live)
+        presentation = manifest.presentation
+        if presentation.sound is not None:
+            presentation = replace(presentation, sound=presentation.sound.since(kept.first_frame / kept.fps))
+        kept = replace(kept, first_group=first, pages=tuple(pages), presentation=presentation)
+        self._replace(kept, live=manifest.live)
 
     def finish(self) -> None:
         """Declare the reel complete. Raises `ReelError` if it has no group."""
