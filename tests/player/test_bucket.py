@@ -10,7 +10,7 @@ from splatreel.codec.writer import ReelWriter
 from splatreel.config import EncodeConfig
 from splatreel.play.server import Server
 from splatreel.storage.opening import open_folder
-from tests.codec.reels import new_group, new_writer, points
+from tests.codec.reels import add_chapter_group, new_group, new_writer, points
 from tests.player.pages import PLAYER, wait_for_picture
 
 pytestmark = pytest.mark.browser
@@ -45,6 +45,34 @@ def test_a_reel_in_a_bucket_plays_while_it_grows(page: Page, server: Server, buc
     files = [(name, status) for name, status in asked if name.startswith("show/groups/")]
     assert {status for _, status in files} <= {200, 206}
     assert len({name for name, _ in files}) == 3
+
+
+def test_a_long_show_in_a_bucket_is_followed_while_its_beginning_is_dropped_and_deleted(
+    page: Page, server: Server, bucket, tmp_path: Path
+):
+    """Pages are named by their content too, and who is at the edge never meets a file that has been deleted."""
+    bucket.open_to_pages()
+    missing: list[str] = []
+    page.on("response", lambda answer: missing.append(answer.url) if answer.status >= 400 else None)
+    folder, clock = open_folder(bucket.url("show")), iter(range(1000))
+    writer = new_writer(tmp_path / "reel", config=EncodeConfig(), page=2)
+    publication = Publication(tmp_path / "reel", folder, keep=3, clock=lambda: next(clock))
+    for index in range(6):
+        add_chapter_group(writer, index, 4)
+        publication.update()
+    page.goto(f"{server.url}?src={bucket.web('show/manifest.json')}")
+    wait_for_picture(page)
+    for index in (6, 7):
+        add_chapter_group(writer, index, 4)
+        writer.drop_before(index - 3)
+        publication.update()
+        page.wait_for_function(f"{PLAYER}.duration >= {0.2 * (index + 1)}")
+    for _ in range(4):
+        publication.update()
+    assert not [name for name in folder.sizes() if name.startswith("groups/0001")]
+    page.evaluate("document.querySelector('splat-reel').currentTime = 1.5")
+    page.wait_for_function(f"{PLAYER}.canPlay && {PLAYER}.currentTime >= 1.5")
+    assert missing == []
 
 
 def test_a_bucket_that_lets_no_page_read_it_is_explained(page: Page, server: Server, bucket, tmp_path: Path):

@@ -67,6 +67,19 @@ def test_a_line_that_breaks_is_tried_again_and_old_files_stay_until_the_new_one_
     assert shared.push(tmp_path / "one", ["a", "b"]) == ["b"]
 
 
+def test_files_arrive_in_the_order_in_which_they_are_named(tmp_path):
+    """So that one that says that the others are whole can be named last."""
+    write(tmp_path / "one", {"a-done": "1", "b": "2", "c": "3"})
+    shared = SharedFolder(tmp_path / "shared")
+    logged = shared._folder._folder = BreakingFolder(shared._folder._folder, breaks=set())
+    shared.push(tmp_path / "one", ["c", "b", "a-done"])
+    assert [entry[0] for entry in logged.log] == ["c", "b", "a"]
+    fetch, fetched = shared._fetch, []
+    shared._fetch = lambda file, into: (fetched.append(file.name), fetch(file, into))[1]
+    shared.pull(["c", "b", "a-done", "b"], tmp_path / "two")
+    assert fetched == ["c", "b", "a-done"]
+
+
 def test_a_version_that_a_killed_push_left_is_removed_by_the_next(tmp_path):
     write(tmp_path / "one", {"a": "1"})
     shared = SharedFolder(tmp_path / "shared")

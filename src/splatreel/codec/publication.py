@@ -7,7 +7,6 @@ import json
 import threading
 import time
 from collections.abc import Callable
-from concurrent.futures import ThreadPoolExecutor, as_completed
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -26,6 +25,7 @@ from splatreel.codec.published_names import (
 from splatreel.codec.source import open_source
 from splatreel.errors import ReelError, StorageError
 from splatreel.progress import Progress, Silent
+from splatreel.storage.at_once import each_at_once
 from splatreel.storage.folder import Folder
 
 HOUR = 3600.0
@@ -163,16 +163,9 @@ class Publication:
 
     def _send_all(self, files: list[_File], progress: Progress) -> None:
         done = 0
-        with ThreadPoolExecutor(AT_ONCE) as pool:
-            sending = {pool.submit(self._send_file, file): file for file in files}
-            try:
-                for future in as_completed(sending):
-                    future.result()
-                    done += sending[future].bytes
-                    progress.update(done)
-            except BaseException:
-                pool.shutdown(cancel_futures=True)
-                raise
+        for file in each_at_once(self._send_file, files, AT_ONCE):
+            done += file.bytes
+            progress.update(done)
 
     def _send_file(self, file: _File) -> None:
         data = self._intact(file) if file.data is None else file.data

@@ -55,7 +55,7 @@ class SharedFolder:
         return _newest(self._versions(prefix))
 
     def push(self, folder: Path, names: Iterable[str]) -> list[str]:
-        """Send files of a folder here, given by their paths within it. Returns the names of those that had changed.
+        """Send files of a folder here, given by their paths within it, in this order. Returns the names of those that had changed.
 
         Raises `StorageError` for a file that is not here, or whose path leads out of the folder.
         """
@@ -76,25 +76,27 @@ class SharedFolder:
         return sent
 
     def pull(self, names: Iterable[str], into: Path) -> list[str]:
-        """Fetch these files into a folder here; those that are there already are left as they are. Returns the names of the others.
+        """Fetch these files into a folder here, in this order; those that are there already are left as they are.
+
+        Returns the names of the others, sorted.
 
         Raises `StorageError` for a name that is not in the shared folder, and for a file that is damaged there.
         """
-        names = list(names)
-        return self._pull(_common(names), set(names), into)
+        names = list(dict.fromkeys(names))
+        return self._pull(_common(names), names, into)
 
     def pull_all(self, prefix: str, into: Path) -> list[str]:
         """The same for all files whose name begins with prefix; none is no error."""
         return self._pull(prefix, None, into)
 
-    def _pull(self, prefix: str, names: set[str] | None, into: Path) -> list[str]:
+    def _pull(self, prefix: str, names: list[str] | None, into: Path) -> list[str]:
         fetched: list[str] = []
         for _ in range(_LISTINGS):
             files = self.files(prefix)
-            if missing := sorted((names or set()) - set(files)):
+            if missing := [name for name in names or () if name not in files]:
                 raise StorageError(f"{self._url}: has no file {missing[0]!r:.200}. Is the job done that makes it?")
-            wanted = files if names is None else names
-            left = [files[name] for name in sorted(wanted) if not _is_here(into, files[name])]
+            wanted = sorted(files) if names is None else names
+            left = [files[name] for name in wanted if not _is_here(into, files[name])]
             found = [file.name for file in left if self._fetch(file, into)]
             fetched += found
             if len(found) == len(left):
