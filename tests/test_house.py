@@ -112,6 +112,7 @@ ROOMS_OF_RECON = (
     ("groups", "shared_scene"),
     ("jobs",),
     ("pipeline",),
+    ("live",),
 )
 """The rooms within `recon`, from the lowest rung up; those of one rung do not import each other."""
 

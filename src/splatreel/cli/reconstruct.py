@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import dataclasses
+from contextlib import closing
 from pathlib import Path
-from typing import Literal
+from typing import Any, Literal
 
 from tyro.conf import OmitArgPrefixes, Positional
 
+from splatreel.cli.following import Following
 from splatreel.cli.options import Set, parse_frames, parse_held_out, parse_renditions, with_set
 from splatreel.cli.output import say, serving
 from splatreel.cli.publish import publishing
@@ -41,6 +43,7 @@ def reconstruct(
     profile: bool = False,
     publish: str | None = None,
     publish_keep: float = 24.0,
+    following: OmitArgPrefixes[Following] = Following(),  # noqa: B008 - it is frozen
     words: OmitArgPrefixes[Words] = Words(),  # noqa: B008 - it is frozen
 ) -> None:
     """Make a reel of a capture. Interrupt it at will: the same command continues.
@@ -70,25 +73,28 @@ def reconstruct(
     config = with_set(configure(quality, codec, deformation, seed), settings)
     config = with_renditions(config, parse_renditions(renditions))
     given = words.given()
+    following.check()
     from splatreel.capture.opening import open_capture
     from splatreel.evaluation.profile import profiled
     from splatreel.play.presentation_writer import PresentationWriter
     from splatreel.progress import console
     from splatreel.recon import pipeline
 
-    source = open_capture(capture, width=width, scale=scale, frames=span, held_out=held_out)
-    progress = console()
+    request: dict[str, Any] = {"width": width, "scale": scale, "frames": span, "held_out": held_out}
+    progress, presents = console(), PresentationWriter(given)
     try:
         with (
             profiled(out / "profile.md" if profile else None),
-            publishing(out / "reel", publish, publish_keep, progress, PresentationWriter(given)) as present,
+            publishing(out / "reel", publish, publish_keep, progress, presents) as present,
         ):
-            result = pipeline.reconstruct(
-                source, out, config, sound=sound, device=device, progress=progress, present=present
-            )
+            output: dict[str, Any] = {"sound": sound, "device": device, "progress": progress, "present": present}
+            if following.follow:
+                result = following.reconstruct(capture, out, config, request, output)
+            else:
+                with closing(open_capture(capture, **request)) as source:
+                    result = pipeline.reconstruct(source, out, config, **output)
     finally:
         progress.close()
-        source.close()
     say(f"{result.reel}: play it with\n  {serving(result.reel)}")
 
 

@@ -11,6 +11,7 @@ from splatreel.capture.prefetch import FramePrefetcher
 from splatreel.recon.cameras.rig import Rig, tell_offsets
 from splatreel.recon.encode.output import Output
 from splatreel.recon.init.layout import Layout
+from splatreel.recon.layering.labels import Layers
 from splatreel.recon.layering.velocity_prior import VelocityPrior
 from splatreel.recon.run.job import Job
 from splatreel.recon.run.store import restored_rig
@@ -36,6 +37,8 @@ class Handover:
 
     rig: what is known of the cameras. static: all static points so far. The first group finds neither points nor velocity. The first
     one of a chapter finds the static points that all chapters share, and plates: [C, H, W, 3] uint8, the pictures they were made from.
+    trained: all static points before they were encoded, where those that are still there shall be written anew with the next group.
+    reference: [C, H, W, 3] uint8, the pictures for which the rig's exposures are, where that is not the next keyframe.
     """
 
     rig: Rig
@@ -43,6 +46,8 @@ class Handover:
     dynamic: Gaussians
     velocity: VelocityPrior | None = None
     plates: np.ndarray | None = None
+    trained: Gaussians | None = None
+    reference: np.ndarray | None = None
 
 
 def reconstruct_groups(job: Job, capture: Capture, layout: Layout, before: Handover, output: Output) -> None:
@@ -67,7 +72,8 @@ def reconstruct_group(
 
     frames: [T, C, H, W, 3] uint8, given up.
     """
-    data, rig = look_at_group(job, span, frames, before.rig, layout, before.plates)
+    reference = before.reference if before.plates is None else before.plates
+    data, rig = look_at_group(job, span, frames, before.rig, layout, reference)
     if before.plates is None:
         first, static = keyframe(job, data, before.dynamic, before.static), before.static
     else:
@@ -75,6 +81,8 @@ def reconstruct_group(
         static = before.static.with_alive(first.alive)
     data, rig = replace(data, gains=first.gains), replace(rig, gains=first.gains)
     layers = layering(job, data, first.points, static)
+    if before.trained is not None:
+        layers, static = renewed(layers, before.trained), StaticPoints.none(job.config.keyframe.sh_degree)
     static = publish_layer(job, data, layers, static, output)
     start = tracking(job, data, layers, static, before.velocity)
     if start.left is not None:
@@ -90,6 +98,12 @@ def reconstruct_group(
         publish_group(job, group, static, output)
         job.progress.update(1)
     return hand_over(span, rig, static, group)
+
+
+def renewed(layers: Layers, trained: Gaussians) -> Layers:
+    """All that rests as points that are new. trained: the static points of before, of which `layers` says which rest."""
+    settled = Gaussians.concatenate([trained[layers.alive], layers.settled])
+    return replace(layers, settled=settled, alive=np.zeros(0, bool))
 
 
 def restore_group(job: Job, span: GroupSpan, before: Handover) -> Handover:

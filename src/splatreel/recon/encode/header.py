@@ -34,10 +34,15 @@ def header_of(cameras: list[Camera], fps: float, config: Config, layout: Layout)
     )
 
 
-def open_writer(store: Store, reel: Path, config: EncodeConfig, resume: bool) -> ReelWriter:
-    """A writer for a reconstruction's reel, with its sound. Raises `ReconstructionError` if the store holds none."""
+def open_writer(
+    store: Store, reel: Path, config: EncodeConfig, resume: bool, first_group: int | None = None
+) -> ReelWriter:
+    """A writer for a reconstruction's reel, with its sound. first_group: as of `ReelWriter`.
+
+    Raises `ReconstructionError` if the store holds none.
+    """
     header, limits = store.header()
-    writer = ReelWriter(reel, header, config=config, resume=resume)
+    writer = ReelWriter(reel, header, config=config, resume=resume, first_group=first_group)
     if limits != writer.manifest.presentation.limits:
         writer.present(dataclasses.replace(writer.manifest.presentation, limits=limits))
     publish_sound(store.work, writer)

@@ -20,7 +20,8 @@ from splatreel.scene.spans import GroupSpan
 class Job:
     """A run, or one part of it. seconds: per stage, summed over the groups and over interrupted runs.
 
-    spans: its groups. part: its name where there are others, such as chapter0003. groups: of the whole video.
+    spans: its groups. part: its name where there are others, such as chapter0003. groups: of the whole video, which is not known of an
+    endless one.
     """
 
     config: Config
@@ -30,6 +31,7 @@ class Job:
     spans: list[GroupSpan]
     part: str = ""
     groups: int = 0
+    endless: bool = False
     plan: Plan = field(init=False)
     seconds: dict[str, float] = field(init=False)
 
@@ -48,4 +50,7 @@ class Job:
 
     def say(self, group: GroupSpan, what: str, steps: int, share: Span) -> None:
         """Begin a bar of so many steps. share: which part of the whole job it is."""
-        self.progress.stage(f"group {group.index + 1}/{self.groups}: {what}", steps, share)
+        if self.endless:
+            self.progress.stage(f"group {group.index + 1}: {what}", steps)
+        else:
+            self.progress.stage(f"group {group.index + 1}/{self.groups}: {what}", steps, share)

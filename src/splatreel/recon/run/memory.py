@@ -28,8 +28,9 @@ def check_memory(capture: Capture, group: int) -> None:
     A group's frames are in memory with those of the next one, and at half size.
     """
     memory = physical_memory()
-    first = min(group, capture.frames)
-    following = min(group, capture.frames - first)
+    frames = 2 * group if capture.growing else capture.frames
+    first = min(group, frames)
+    following = min(group, frames - first)
     cameras = len(capture.training_cameras)
     needed = 3 * capture.width * capture.height * cameras * (first * (1 + HALVED) + following)
     if memory is None or needed <= memory:

@@ -169,6 +169,11 @@ class GroupStore:
     def save_time_offsets(self, offsets: np.ndarray) -> None:
         self._save("delays", {"delays": offsets})
 
+    def forget(self) -> None:
+        """Delete what was found but where cameras stand: the group is to be made again. What says that it is finished goes first."""
+        for name in ("group", *sorted({file.stem for file in self.folder.glob("*.safetensors")} - {"poses"})):
+            self._path(name).unlink(missing_ok=True)
+
     def finished(self) -> bool:
         return self._path("group").exists()
 
