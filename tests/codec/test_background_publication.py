@@ -40,7 +40,6 @@ def write_group(writer, index: int) -> None:
 def test_each_group_is_published_while_the_next_is_made(tmp_path):
     told, writer = Told(), new_writer(tmp_path / "reel")
     background = BackgroundPublication(Publication(tmp_path / "reel", LocalFolder(tmp_path / "there")), told)
-    background.changed()  # nothing there yet
     for index in range(3):
         write_group(writer, index)
         background.changed()
@@ -54,6 +53,19 @@ def test_each_group_is_published_while_the_next_is_made(tmp_path):
     assert published is not None
     assert (published.live, published.files) == (False, 4)
     assert told.lines == []
+
+
+def test_a_place_that_cannot_be_reached_is_told_before_there_is_a_reel(tmp_path):
+    folder, told = LocalFolder(tmp_path / "there"), Told()
+
+    def refuse(prefix: str = "") -> dict[str, int]:
+        raise StorageError("s3://bucket/: cannot be listed (Forbidden).")
+
+    folder.sizes = refuse
+    background = BackgroundPublication(Publication(tmp_path / "reel", folder), told, pauses=(60.0,))
+    assert told.event.wait(20)
+    assert told.lines == ["s3://bucket/: cannot be listed (Forbidden). It is tried again."]
+    background.stop()
 
 
 def test_a_line_that_fails_holds_nobody_up_is_told_once_and_goes_on_when_it_is_back(tmp_path):

@@ -58,6 +58,21 @@ def test_a_server_that_is_not_there_may_come_back(bucket, monkeypatch):
     assert not caught.value.lasting
 
 
+def test_who_says_not_who_he_is_is_told_at_once(bucket, monkeypatch, tmp_path):
+    from s3fs import S3FileSystem
+
+    monkeypatch.delenv("AWS_ACCESS_KEY_ID")
+    monkeypatch.delenv("AWS_SECRET_ACCESS_KEY")
+    monkeypatch.setenv("AWS_EC2_METADATA_DISABLED", "true")
+    for name in ("AWS_SHARED_CREDENTIALS_FILE", "AWS_CONFIG_FILE"):
+        monkeypatch.setenv(name, str(tmp_path / name))
+    S3FileSystem.clear_instance_cache()
+    with pytest.raises(StorageError, match="credentials") as caught:
+        open_folder(bucket.url("reel")).sizes()
+    S3FileSystem.clear_instance_cache()
+    assert caught.value.lasting
+
+
 def test_headers_reach_the_bucket(bucket):
     open_folder(bucket.url("reel")).write("manifest.json", b"{}", Headers("application/json", "no-cache"))
     found = bucket.headers("reel/manifest.json")

@@ -16,7 +16,8 @@ LAST_TRIES = 6
 
 
 class BackgroundPublication:
-    """A thread that updates a publication after each `changed`, and tries again as long as it fails.
+    """A thread that updates a publication after each `changed`, and tries again as long as it fails. It looks at once whether the
+    place can be reached.
 
     tell: hears of failures and of their end; it is called from the thread. failure: why the last update failed; None if it did not.
     """
@@ -26,7 +27,7 @@ class BackgroundPublication:
     ) -> None:
         self._publication, self._tell, self._pauses = publication, tell, pauses
         self._condition = threading.Condition()
-        self._changed, self._ending, self._stopped = False, False, False
+        self._changed, self._ending, self._stopped = True, False, False
         self._published: Published | None = None
         self.failure: SplatreelError | None = None
         self._bug: BaseException | None = None

@@ -82,13 +82,15 @@ class Publication:
         self._pages: dict[str, tuple[_File, list[_File]]] = {}
 
     def update(self, progress: Progress | None = None) -> Published | None:
-        """Send what is not there yet; None where there is no reel here yet. Call it again after an error, to go on.
+        """Send what is not there yet; None where there is no reel here yet, but the folder is reached. Call it again after an error, to
+        go on.
 
         Raises `StorageError` where the folder cannot be reached or refuses, `ReelError` for a reel that is damaged here.
         """
         for _ in range(_MANIFESTS):
             data = self._read_here(MANIFEST, MAX_BYTES)
             if data is None:
+                self._look()
                 return None
             try:
                 return self._send(data, progress or Silent())

@@ -93,7 +93,7 @@ class RemoteFolder:
 
     def _failed(self, name: str, what: str, error: Exception) -> StorageError:
         reason = " ".join(str(error).split()) or type(error).__name__
-        return StorageError(f"{self.address(name)}: {what} ({reason:.300}).", lasting=isinstance(error, REFUSALS))
+        return StorageError(f"{self.address(name)}: {what} ({reason:.300}).", lasting=_is_lasting(error))
 
 
 def _open(url: str, protocol: str) -> tuple[Any, str]:
@@ -113,7 +113,12 @@ def _open(url: str, protocol: str) -> tuple[Any, str]:
     except ValueError as error:
         raise UsageError(f"{url}: is no address of a folder ({error}). Correct it.") from error
     except Exception as error:
-        raise StorageError(f"{url}: cannot be reached ({error}).", lasting=isinstance(error, REFUSALS)) from error
+        raise StorageError(f"{url}: cannot be reached ({error}).", lasting=_is_lasting(error)) from error
+
+
+def _is_lasting(error: Exception) -> bool:
+    """Also where nobody has said who asks; the services' packages have errors of their own for that, of such names."""
+    return isinstance(error, REFUSALS) or type(error).__name__.endswith("CredentialsError")
 
 
 def _further(protocol: str) -> str:
