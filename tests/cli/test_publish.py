@@ -1,6 +1,9 @@
 """`splatreel publish`, `reconstruct --publish`, and the verbs that read a reel from a bucket."""
 
 import shutil
+import signal
+import subprocess
+import sys
 from pathlib import Path
 
 import numpy as np
@@ -9,11 +12,15 @@ import pytest
 from splatreel import config
 from splatreel.cli.main import main
 from splatreel.codec import background_publication
+from splatreel.codec.publication import AT_ONCE
 from splatreel.codec.verify import verify_reel
 from splatreel.storage import opening, retrying
+from splatreel.storage.opening import open_folder
+from splatreel.storage.remote_folder import RemoteFolder
 from tests.buckets import BreakingFolder
 from tests.capture import folders
 from tests.golden import GOLDEN, PREDICTIVE
+from tests.golden_long import LONG
 from tests.recon.captures import WallCapture
 from tests.recon.small import small
 
@@ -73,6 +80,41 @@ def test_a_line_that_breaks_is_tried_again(monkeypatch, tmp_path: Path, capsys: 
     assert main(["publish", str(GOLDEN), str(tmp_path / "web")]) == 0
     assert capsys.readouterr().err.count("the line is cut). Trying again.") == 3
     assert verify_reel(tmp_path / "web").groups == 2
+
+
+KILLED = """
+import itertools, os, signal, sys
+from splatreel.cli.main import main
+from splatreel.storage.remote_folder import RemoteFolder
+
+write, number, last = RemoteFolder.write, itertools.count(), int(sys.argv[1])
+
+def write_or_die(*arguments):
+    if next(number) == last:
+        os.kill(os.getpid(), signal.SIGKILL)
+    write(*arguments)
+
+RemoteFolder.write = write_or_die
+main(sys.argv[2:])
+"""
+"""The command, killed before it sends the n-th file."""
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="POSIX signals")
+@pytest.mark.parametrize("count", [7, 26, 29], ids=["group", "page", "manifest"])
+def test_a_killed_command_is_continued_by_the_same(bucket, monkeypatch, count: int) -> None:
+    url, command = bucket.url("reel"), ["publish", str(LONG), bucket.url("reel")]
+    killed = subprocess.run([sys.executable, "-c", KILLED, str(count), *command], stderr=subprocess.PIPE, check=False)
+    assert killed.returncode == -signal.SIGKILL
+    there = set(open_folder(url).sizes())
+    assert max(count + 1 - AT_ONCE, 0) <= len(there) <= count
+    assert "manifest.json" not in there
+    sent, write = set(), RemoteFolder.write
+    monkeypatch.setattr(RemoteFolder, "write", lambda *arguments: (sent.add(arguments[1]), write(*arguments))[1])
+    assert main(command) == 0
+    assert not sent & there
+    assert set(open_folder(url).sizes()) == sent | there
+    assert verify_reel(url).files == verify_reel(LONG).files == 30
 
 
 @pytest.mark.slow
