@@ -4,12 +4,14 @@ import { readFileSync } from "node:fs";
 import { join } from "node:path";
 import { test } from "node:test";
 import { ReelError } from "../src/base/errors";
+import { withPage } from "../src/reel/pages";
+import { missingPages, momentAt } from "../src/reel/timeline";
 import { loadManifest, parseManifest, sourceOf, type Manifest } from "../src/reel/manifest";
 import type { ReelFile } from "../src/reel/reel-file";
 import "./fakes/page";
 
 const URL = "https://page.example/reel/manifest.json";
-const TEXTS = ["golden", "golden-predictive"].map((name) => readFileSync(join(process.cwd(), "../tests/data", name, "manifest.json"), "utf8"));
+const TEXTS = ["golden", "golden-predictive", "golden-long", "golden-window"].map((name) => readFileSync(join(process.cwd(), "../tests/data", name, "manifest.json"), "utf8"));
 const asset = (uri: string, more = {}) => ({ uri, bytes: 100, ...more });
 /** What golden reels have none of. */
 const EXTRAS = {
@@ -48,7 +50,13 @@ function damage(document: unknown): void {
 
 /** What the player counts on. */
 function check(manifest: Manifest): void {
-  const files = [...manifest.layers, ...manifest.groups, ...manifest.groups.flatMap((group) => [...group.renditions.values()])];
+  const groups = Object.values(manifest.groups);
+  const files = [...manifest.layers, ...groups, ...groups.flatMap((group) => [...group.renditions.values()])];
+  for (const frame of groups.length > 0 ? [-1, 0, manifest.frames / 2, 1e9] : []) {
+    const missing = missingPages(manifest, frame);
+    assert.ok(missing.every((page) => manifest.pages.includes(page)));
+    assert.equal(momentAt(manifest, 1, frame) === null, missing.length > 0);
+  }
   const finite = (numbers: number[]): void => assert.ok(numbers.every(Number.isFinite), String(numbers));
   finite([manifest.fps, manifest.frames, manifest.overlap, manifest.near, ...manifest.bounds.flat(), ...manifest.up, ...manifest.background]);
   assert.ok(manifest.fps > 0 && manifest.near > 0 && (manifest.groups.length > 0 || manifest.live));
@@ -69,7 +77,7 @@ function check(manifest: Manifest): void {
   }
   const names = manifest.renditions;
   assert.equal(new Set(names).size, names.length);
-  for (const group of manifest.groups) assert.deepEqual([...group.renditions.keys()], names.slice(1));
+  for (const group of groups) assert.deepEqual([...group.renditions.keys()], names.slice(1));
 }
 
 function documents(): Record<string, unknown>[] {
@@ -88,7 +96,7 @@ test("a manifest that is whole is read", () => {
 test("a damaged manifest is read and holds what the player counts on, or a ReelError says what is wrong", () => {
   let refused = 0;
   for (let i = 0; i < 1500; i++) {
-    const document = documents()[i % 4];
+    const document = documents()[i % 8];
     for (let times = 1 + random(3); times > 0; times--) damage(document);
     const text = JSON.stringify(document);
     try {
@@ -100,6 +108,24 @@ test("a damaged manifest is read and holds what the player counts on, or a ReelE
     }
   }
   assert.ok(refused > 300 && refused < 1450, `${refused} of 1500 were refused`);
+});
+
+test("a damaged page is read and holds what the player counts on, or a ReelError says which it is", () => {
+  const manifest = parseManifest(JSON.parse(TEXTS[2]), URL);
+  const texts = manifest.pages.map(({ uri }) => readFileSync(join(process.cwd(), "../tests/data/golden-long", uri), "utf8"));
+  let refused = 0;
+  for (let i = 0; i < 800; i++) {
+    const page = manifest.pages[i % texts.length];
+    const document = JSON.parse(texts[i % texts.length]);
+    for (let times = 1 + random(3); times > 0; times--) damage(document);
+    try {
+      check(withPage(manifest, page, document));
+    } catch (error) {
+      assert.ok(error instanceof ReelError && error.message.startsWith(page.uri), `${error instanceof Error ? error.stack : String(error)}\n${JSON.stringify(document)}`);
+      refused++;
+    }
+  }
+  assert.ok(refused > 150 && refused < 780, `${refused} of 800 were refused`);
 });
 
 test("a text that is cut off, or no JSON, is refused in words", async () => {

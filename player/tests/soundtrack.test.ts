@@ -253,3 +253,27 @@ test("sound that a browser cannot play is none, and says why", () => {
     assert.match(track.error!.message, message);
   }
 });
+
+test("a segment that a live reel has dropped is no end of its sound; one that stays away is", async () => {
+  openReel(soundOf(), true);
+  Object.assign(clock, { seconds: 20, live: true });
+  host.answer((options, url) => (/\/(10|11)\.m4s$/.test(url) ? status(404)(options, url) : answers(options, url)));
+  await begin();
+  assert.deepEqual([asked(), track.available], [["init.mp4", "10.m4s"], true]);
+  const later = soundOf({ segments: segments.slice(11) });
+  const manifest = manifestOf({ live: true });
+  track.update({ ...manifest, presentation: { ...manifest.presentation, sound: later } });
+  clock.seconds = 24;
+  track.want(clock, true);
+  await time.pass(4100);
+  assert.deepEqual([asked().slice(2), track.available], [["12.m4s", "13.m4s", "14.m4s", "15.m4s", "16.m4s"], true]);
+  clock.seconds = 22;
+  track.want(clock, true);
+  await time.pass(100);
+  assert.equal(track.available, true, "it may have been dropped");
+  track.want(clock, true);
+  await time.pass(4100);
+  await time.pass(0);
+  assert.equal(asked().filter((name) => name === "11.m4s").length, 2);
+  assert.match(track.error!.message, /11\.m4s cannot be downloaded: it answered 404/);
+});

@@ -186,6 +186,7 @@ test("why it is late is told until bytes come again", () => {
 
 test("progress is the part that came of the bytes that are waited for", () => {
   const world = new World();
+  assert.equal(world.stream.progress, 0);
   world.want({});
   assert.equal(world.stream.progress, 0);
   world.bytes("layers/0.bin", 300);

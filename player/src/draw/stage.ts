@@ -70,6 +70,7 @@ export class Stage {
   dropLayer(uri: string): void {
     this.renderer.memory.dropLayer(uri);
     this.sorter.drop(uri);
+    if (!this.scene?.current) this.resort();
   }
 
   dropGroup(index: number): void {

@@ -86,6 +86,7 @@ export class Stream {
 
   /** Of the bytes of what shows now and is not here yet, the part that came, 0..1. */
   get progress(): number {
+    if (this.queue.length === 0) return 0; // nothing was asked for yet
     return this.wait.progress((key) => {
       const item = this.queue.find((other) => other.key === key)!;
       const { bytes } = item.kind === "group" ? this.fileOf(item.index) : item.file;
