@@ -8,9 +8,53 @@ delete the `__pycache__` folders.
 from typing import Any
 
 import numpy as np
+from numba.core.codegen import JITCodeLibrary
+from numba.core.compiler import CompilerBase, DefaultPassBuilder
+from numba.core.compiler_machinery import AnalysisPass, register_pass
+from numba.core.typed_passes import AnnotateTypes
+
+
+class _KernelLibrary(JITCodeLibrary):
+    """The code of a kernel, whose parallel loops are its own.
+
+    Numba compiles a loop as a function, by itself, and once more with the kernel, where fast math may come to another order of sums.
+    Both have one name, and the process that compiled them calls the first; whoever reads the kernel from the cache has the second
+    only. So the last bit depended on who had compiled a kernel, and a run that was continued in another process on that. Names that
+    are internal make both processes call the second.
+    """
+
+    def _finalize_final_module(self) -> None:
+        for function in self._final_module.functions:
+            if "gufunc" in function.name and not function.is_declaration:
+                function.linkage = "internal"
+        super()._finalize_final_module()
+
+
+@register_pass(mutates_CFG=False, analysis_only=True)
+class _OwnLoops(AnalysisPass):
+    _name = "own_loops"
+
+    def __init__(self) -> None:
+        super().__init__()
+
+    def run_pass(self, state: Any) -> bool:  # pyright: ignore[reportIncompatibleMethodOverride] - whether it changed anything
+        state.library = _KernelLibrary(state.targetctx.codegen(), state.func_id.func_qualname)
+        state.library.enable_object_caching()
+        return False
+
+
+class _KernelCompiler(CompilerBase):
+    """Numba's own steps, with a library of our kind."""
+
+    def define_pipelines(self) -> list[Any]:
+        steps = DefaultPassBuilder.define_nopython_pipeline(self.state)
+        steps.add_pass_after(_OwnLoops, AnnotateTypes)
+        steps.finalize()
+        return [steps]
+
 
 SERIAL: dict[str, Any] = {"fastmath": True, "cache": True, "error_model": "numpy"}
-PARALLEL: dict[str, Any] = {**SERIAL, "parallel": True}
+PARALLEL: dict[str, Any] = {**SERIAL, "parallel": True, "pipeline_class": _KernelCompiler}
 
 F = np.float32
 U = np.uint64  # index type: with signed indices LLVM cannot rule out wrap-around and silently stops vectorizing
