@@ -161,6 +161,15 @@ def test_a_full_disk(error: Exception) -> None:
     assert text.endswith("then run\n  splatreel reconstruct 'my capture' --out o")
 
 
+def test_a_limit_on_files_is_no_full_disk() -> None:
+    text, code = explained(OSError(errno.EFBIG, "File too large", "o/film.mp4"))
+    assert (code, text.splitlines()[0]) == (
+        1,
+        "Error: a file would be larger than the system allows while writing o/film.mp4. What is finished is kept; raise the limit "
+        "(ulimit -f), then run",
+    )
+
+
 def caused(error: Exception, cause: Exception) -> Exception:
     error.__context__ = cause
     return error

@@ -85,6 +85,7 @@ def export(
 def _write_page(reel: str, out: Path, rendition: str | None) -> None:
     from splatreel.play.standalone import write_standalone
 
+    sweep(out.parent, out.name)
     size = write_standalone(out, reel_folder(reel), rendition)
     say(f"{out}: player and reel, {size / 1e6:.2f} MB; open it in any browser")
 

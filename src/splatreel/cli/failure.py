@@ -66,7 +66,10 @@ def explain(error: BaseException, arguments: Sequence[str]) -> tuple[str, int] |
     if _is_disk_full(error):
         where = getattr(error, "filename", None)
         place = f" while writing {where}" if where else ""
-        text = f"Error: the disk is full{place}. What is finished is kept; free some space, then run\n  {command}"
+        what, remedy = "the disk is full", "free some space"
+        if _is_too_large(error):
+            what, remedy = "a file would be larger than the system allows", "raise the limit (ulimit -f)"
+        text = f"Error: {what}{place}. What is finished is kept; {remedy}, then run\n  {command}"
         return text, 1
     if _is_out_of_memory(error):
         gpu = "CUDA" in str(error)
@@ -106,10 +109,14 @@ def _damaged_cache(error: BaseException) -> str | None:
 
 def _is_disk_full(error: BaseException) -> bool:
     """Also where a library made its own exception of the system's error."""
-    full = (errno.ENOSPC, errno.EDQUOT)
-    if isinstance(error, OSError) and error.errno in full:
+    if _is_too_large(error) or (isinstance(error, OSError) and error.errno in (errno.ENOSPC, errno.EDQUOT)):
         return True
     return isinstance(error, Exception) and any(s in str(error) for s in ("No space left on device", "os error 28"))
+
+
+def _is_too_large(error: BaseException) -> bool:
+    """A limit on files, as batch systems set."""
+    return isinstance(error, OSError) and error.errno == errno.EFBIG
 
 
 def _is_out_of_memory(error: BaseException) -> bool:

@@ -22,6 +22,7 @@ from splatreel.evaluation.metrics import psnr, psnr_per_channel, ssim
 from splatreel.evaluation.report import Quality, Report
 from splatreel.play.timeline import Timeline
 from splatreel.progress import Progress, Silent
+from splatreel.scene.atomic import sweep
 from splatreel.scene.camera import Camera, angles_apart
 from splatreel.scene.gaussians import Gaussians
 
@@ -61,6 +62,9 @@ def evaluate(
     chosen = choose_frames(min(capture.frames, reader.frames), frames, reader.manifest.first_frame)
     picture = chosen[len(chosen) // 2]
     timeline, lpips = Timeline(reader), perceptual.load()
+    if out is not None:
+        for folder in (out, out / "pictures"):
+            sweep(folder)
     scores: dict[tuple[int, str], Quality] = {}
     before: list[float] = []
     flicker = Flicker(border_frames(reader.manifest))

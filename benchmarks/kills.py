@@ -1,0 +1,36 @@
+"""Each verb that takes long, killed by SIGKILL at random moments and continued by the same command, until it ends (`tests/kills.py`).
+
+python benchmarks/kills.py 50
+"""
+
+import sys
+from pathlib import Path
+
+import tyro
+from tyro.conf import Positional
+
+from record import ROOT, record
+
+sys.path.insert(0, str(Path(ROOT)))
+
+from tests.kills import NAMES, run
+
+
+def main(kills: Positional[int] = 50, seed: int = 0, note: str = "") -> None:
+    """Kill each command so many times; ends with 1 if any file differs from those of an undisturbed run."""
+    results = run(dict.fromkeys(NAMES, kills), seed)
+    commands = {
+        found.command: {
+            "killed": dict(sorted(found.killed.items())),
+            "moments": found.moments,
+            "seconds": round(found.seconds, 1),
+            "files_that_differ": len(found.different),
+        }
+        for found in results
+    }
+    record("kills", {"kills": kills, "seed": seed, "commands": commands}, note)
+    sys.exit(any(found.different for found in results))
+
+
+if __name__ == "__main__":
+    tyro.cli(main)

@@ -1,0 +1,27 @@
+"""Verbs that are killed by SIGKILL; `benchmarks/kills.py` does the same many times."""
+
+import os
+import subprocess
+import sys
+
+import pytest
+
+from tests.kills import NAMES
+
+KILLS = {"sequence": 4, "chapters": 3}
+"""Of the others one each."""
+
+
+@pytest.mark.skipif(not hasattr(os, "fork"), reason="processes are forked")
+def test_killed_at_random_moments_or_on_a_full_disk_every_verb_goes_on_to_the_bytes_of_an_undisturbed_run() -> None:
+    counts = [f"{name}={KILLS.get(name, 1)}" for name in NAMES]
+    environment = os.environ | {"PYTHONPATH": os.pathsep.join(sys.path)}
+    command = [sys.executable, "-m", "tests.kills", *counts]
+    ended = subprocess.run(command, capture_output=True, text=True, env=environment, timeout=600)
+    assert ended.returncode == 0, ended.stdout + ended.stderr
+    lines = ended.stdout.splitlines()
+    assert [line.split(": ")[0] for line in lines] == list(NAMES)
+    assert all(
+        "; killed in " in line and "; 2 full disks; " in line and line.endswith("files that differ: none")
+        for line in lines
+    ), ended.stdout
