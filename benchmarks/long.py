@@ -20,6 +20,7 @@ from splatreel.capture.builtin.raytracer import trace_frame, trace_still
 from splatreel.capture.builtin.solids import POSITION, Shapes
 from splatreel.capture.builtin.synthetic import NEAR, make_cameras
 from splatreel.cli.main import keep_freed_memory
+from splatreel.cli.options import with_set
 from splatreel.codec.reader import ReelReader
 from splatreel.config import Quality, preset
 from splatreel.config.settings import changed
@@ -39,7 +40,9 @@ LOOP = 5 * FPS
 VISITS = ((71.0, 0.7, slice(0, 1)), (43.0, 0.5, slice(2, None)))
 """The globe; the plane with the train. Seconds after which each comes back, the share of them for which it is there, its solids."""
 MINUTE = 60 * FPS
-CAMERAS = ("cam01", "cam02", "cam05", "cam06", "cam07", "cam09", "cam10", "cam13")
+QUICK = ("keyframe.refine_iterations=100", "group.iterations_per_frame=6")
+"""Settings below `draft`, so that 200 groups take an hour on two cores: what is asked is whether the end is as the start."""
+CAMERAS = ("cam03", "cam04", "cam05", "cam06", "cam07", "cam08")
 
 
 def visible(seconds: float) -> tuple[bool, ...]:
@@ -57,7 +60,7 @@ def without(shapes: Shapes, there: tuple[bool, ...]) -> Shapes:
 
 
 class LongFilm(Capture):
-    """The toy room by eight cameras, one of them held out; every picture is traced when it is read for the first time."""
+    """The toy room by six cameras, one of them held out; every picture is traced when it is read for the first time."""
 
     def __init__(self, frames: int, width: int, height: int) -> None:
         every = make_cameras(width, height)
@@ -94,19 +97,26 @@ def seconds_of_groups(store: Store, groups: int) -> np.ndarray:
     return seconds
 
 
+def middle(values: np.ndarray) -> float | None:
+    """The median of those that are known."""
+    known = values[~np.isnan(values)]
+    return round(float(np.median(known)), 2) if len(known) else None
+
+
 def main(
     frames: int = 6000,
     width: int = 160,
     height: int = 90,
     quality: Quality = "draft",
+    settings: tuple[str, ...] = QUICK,
     chapter_frames: int = 300,
     out: Path | None = None,
     note: str = "",
 ) -> None:
-    """Film, reconstruct, evaluate, compare the end with the beginning, record."""
+    """Film, reconstruct, evaluate, compare the end with the beginning, record. settings: as `--set` of splatreel reconstruct."""
     keep_freed_memory()
     out = out or Path(f"out/benchmark-long-{frames}")
-    config = changed(preset(quality), {"chapter_frames": chapter_frames})
+    config = with_set(changed(preset(quality), {"chapter_frames": chapter_frames}), settings)
     capture = LongFilm(frames, width, height)
     progress, started = console(), time.monotonic()
     try:
@@ -129,8 +139,8 @@ def main(
         "psnr": report.psnr,
         "psnr_first_minute": float(psnr[:MINUTE].mean()),
         "psnr_last_minute": float(psnr[-MINUTE:].mean()),
-        "seconds_of_a_group_first_tenth": float(np.nanmedian(seconds[:tenth])),
-        "seconds_of_a_group_last_tenth": float(np.nanmedian(seconds[-tenth:])),
+        "seconds_of_a_group_first_tenth": middle(seconds[:tenth]),
+        "seconds_of_a_group_last_tenth": middle(seconds[-tenth:]),
         "static_points_first_group": manifest.static_points(0),
         "static_points_last_group": manifest.static_points(groups - 1),
         "manifest_bytes": (result.reel / "manifest.json").stat().st_size,
@@ -139,7 +149,7 @@ def main(
         "seconds_wall": round(wall, 1),
         "seconds_a_frame": round(sum(result.seconds.values()) / frames, 3),
         "peak_memory_bytes": resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * 1024,
-        "chapter_frames": chapter_frames,
+        "settings": [f"chapter_frames={chapter_frames}", *settings],
     }
     print(record("long", values, note))
 

@@ -144,3 +144,24 @@ def test_the_setting_decides_nothing_for_a_short_video(tmp_path: Path) -> None:
     content_of = content(first.reel)
     assert content(reconstruct(WallCapture(4), tmp_path / "a", small({"chapter_frames": 300})).reel) == content_of
     shutil.rmtree(tmp_path / "a")
+
+
+class DuskCapture(WallCapture):
+    """It gets dark, so slowly that within a group next to nothing changes."""
+
+    def _read_into(self, out: np.ndarray, first: int, cameras: list[str]) -> None:
+        super()._read_into(out, first, cameras)
+        for place in range(len(out)):
+            out[place] = np.rint(out[place] * dusk(first + place))
+
+
+def dusk(frame: int) -> float:
+    return 1 - 0.006 * frame
+
+
+def test_light_that_changes_too_slowly_to_be_seen_within_a_group_is_found(tmp_path: Path) -> None:
+    frames, config = 24, small({"chapter_frames": 12})
+    reel = ReelReader(reconstruct(DuskCapture(frames, speed=0.1), tmp_path, config).reel)
+    last = reel.group(len(reel.manifest.groups) - 1)
+    assert last.light is not None
+    assert last.light.mean() == pytest.approx(dusk(frames - 1), abs=0.02)

@@ -36,7 +36,9 @@ class Handover:
     """What a group hands to the next, at whose keyframe it is. dynamic: the points that moved. velocity: how they were going there.
 
     rig: what is known of the cameras. static: all static points so far. The first group finds neither points nor velocity. The first
-    one of a chapter finds the static points that all chapters share, and plates: [C, H, W, 3] uint8, the pictures they were made from.
+    one of a chapter (begins) finds the static points that all chapters share; what is there beside them is not known yet.
+    plates: [C, H, W, 3] uint8, in a chapter, the pictures that the shared points were made from. Exposures and light are measured
+    against them, since what changes slowly is not to be seen within a group.
     trained: all static points before they were encoded, where those that are still there shall be written anew with the next group.
     reference: [C, H, W, 3] uint8, the pictures for which the rig's exposures are, where that is not the next keyframe.
     """
@@ -46,6 +48,7 @@ class Handover:
     dynamic: Gaussians
     velocity: VelocityPrior | None = None
     plates: np.ndarray | None = None
+    begins: bool = False
     trained: Gaussians | None = None
     reference: np.ndarray | None = None
 
@@ -72,13 +75,15 @@ def reconstruct_group(
 
     frames: [T, C, H, W, 3] uint8, given up.
     """
-    reference = before.reference if before.plates is None else before.plates
-    data, rig = look_at_group(job, span, frames, before.rig, layout, reference)
     if before.plates is None:
-        first, static = keyframe(job, data, before.dynamic, before.static), before.static
+        data, rig = look_at_group(job, span, frames, before.rig, layout, before.reference)
     else:
+        data, rig = look_at_group(job, span, frames, before.rig.evened(), layout, before.plates)
+    if before.begins:
         first = chapter_start(job, data, before.static)
         static = before.static.with_alive(first.alive)
+    else:
+        first, static = keyframe(job, data, before.dynamic, before.static), before.static
     data, rig = replace(data, gains=first.gains), replace(rig, gains=first.gains)
     layers = layering(job, data, first.points, static)
     if before.trained is not None:
@@ -97,7 +102,7 @@ def reconstruct_group(
         job.say(span, "writing it for players", 1, job.plan.moved(span.index))
         publish_group(job, group, static, output)
         job.progress.update(1)
-    return hand_over(span, rig, static, group)
+    return hand_over(span, rig, static, group, before.plates)
 
 
 def renewed(layers: Layers, trained: Gaussians) -> Layers:
@@ -113,9 +118,12 @@ def restore_group(job: Job, span: GroupSpan, before: Handover) -> Handover:
     if layer is not None:
         static = static.with_layer(layer.decoded)
     rig = restored_rig(before.rig, store, span.own)
-    return hand_over(span, rig, static, store.group().group)
+    return hand_over(span, rig, static, store.group().group, before.plates)
 
 
-def hand_over(span: GroupSpan, rig: Rig, static: StaticPoints, group: Group) -> Handover:
+def hand_over(
+    span: GroupSpan, rig: Rig, static: StaticPoints, group: Group, plates: np.ndarray | None = None
+) -> Handover:
     """At the next keyframe: the dynamic points, deformed there (paper section 4)."""
-    return Handover(rig, static.with_alive(group.alive), group.at(span.own), VelocityPrior.of(group, span.own))
+    velocity = VelocityPrior.of(group, span.own)
+    return Handover(rig, static.with_alive(group.alive), group.at(span.own), velocity, plates)

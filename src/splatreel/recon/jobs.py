@@ -154,7 +154,7 @@ def _begin(run: ChapteredRun, job: Job) -> tuple[Layout, Handover]:
     if shared is None or plates is None or layout is None:
         raise ReconstructionError(f"{run.out}: the scene that chapters share is not finished. Make it first.")
     static = StaticPoints.none(run.config.keyframe.sh_degree).with_layer(shared.decoded)
-    return layout, Handover(shared_rig(job, run.capture), static, Gaussians.empty(), plates=plates.images)
+    return layout, Handover(shared_rig(job, run.capture), static, Gaussians.empty(), plates=plates.images, begins=True)
 
 
 def _header(run: ChapteredRun) -> tuple[ReelHeader, EncodeConfig]:

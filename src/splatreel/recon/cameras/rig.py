@@ -66,6 +66,10 @@ class Rig:
         pairs = zip(rig.cameras, poses.viewmats, strict=True)
         return replace(rig, cameras=[replace(camera, viewmat=viewmat) for camera, viewmat in pairs])
 
+    def evened(self) -> Rig:
+        """With the exposures and the light of the capture's first frame."""
+        return replace(self, exposure=np.zeros_like(self.exposure), light=np.zeros_like(self.light))
+
     def timed(self, offsets: np.ndarray) -> Rig:
         """With the time offsets [C] at the end of one more group."""
         return replace(self, ends=(*self.ends, offsets))
