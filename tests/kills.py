@@ -256,6 +256,7 @@ def commands(folder: Path) -> Iterator[Command]:
     yield Command("chapters", lambda out: [*run, "--set=chapter_frames=3", f"--out={out}"], reel)
     made = folder / "sequence whole"
     yield Command("encode", lambda out: ["encode", str(made), f"--out={out / 'reel'}", "--rate=low"])
+    yield Command("publish", lambda out: ["publish", str(made), str(out / "public")])
     yield Command("evaluate", lambda out: ["evaluate", str(made / "reel"), str(capture), f"--out={out}"], _report)
     yield Command("film", lambda out: ["export", str(made / "reel"), f"--out={out / 'film.mp4'}"])
     yield Command("page", lambda out: ["export", str(made / "reel"), f"--out={out / 'page.html'}"])
@@ -311,7 +312,7 @@ def run(kills: dict[str, int], seed: int) -> list[Found]:
         return results
 
 
-NAMES = ("sequence", "chapters", "encode", "evaluate", "film", "page", "frames")
+NAMES = ("sequence", "chapters", "encode", "publish", "evaluate", "film", "page", "frames")
 
 if __name__ == "__main__":
     asked = dict(text.split("=") for text in sys.argv[1:])
