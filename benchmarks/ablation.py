@@ -15,7 +15,6 @@ import tyro
 from record import machine, record
 from splatreel.capture.base import Capture
 from splatreel.capture.opening import open_capture
-from splatreel.cli.main import keep_freed_memory
 from splatreel.cli.options import parse_frames
 from splatreel.codec.info import reel_info
 from splatreel.config import Quality, preset
@@ -24,6 +23,7 @@ from splatreel.evaluation.moving import median_pictures, moving_pixels
 from splatreel.evaluation.oracle import HeldOutPictures, held_out_views
 from splatreel.evaluation.oracle_report import Score
 from splatreel.play.timeline import open_reel
+from splatreel.process import keep_freed_memory
 from splatreel.progress import console
 from splatreel.recon.pipeline import Result, reconstruct
 

@@ -13,13 +13,13 @@ from ablation import PARTS
 from record import record
 from splatreel.capture.base import Capture
 from splatreel.capture.opening import open_capture
-from splatreel.cli.main import keep_freed_memory
 from splatreel.config import Config, Quality, preset
 from splatreel.config.settings import changed
 from splatreel.evaluation.metrics import psnr
 from splatreel.evaluation.oracle import held_out_views
 from splatreel.kernels.image import render_image
 from splatreel.motion.temporal_mean import temporal_mean
+from splatreel.process import keep_freed_memory
 from splatreel.recon.train.single_frame import reconstruct_single_frame
 from splatreel.scene.camera import Camera
 

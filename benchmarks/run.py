@@ -7,11 +7,11 @@ from pathlib import Path
 
 from record import machine, record, summary
 from splatreel.capture.base import Capture
-from splatreel.cli.main import keep_freed_memory
 from splatreel.codec.info import reel_info
 from splatreel.config import Config
 from splatreel.evaluation.evaluate import evaluate
 from splatreel.evaluation.uncompressed import uncompressed_frames
+from splatreel.process import keep_freed_memory
 from splatreel.progress import console
 from splatreel.recon.pipeline import reconstruct
 

@@ -15,7 +15,7 @@ SOURCE = ROOT / "src" / "splatreel"
 PYTHON_FILES = sorted(p for d in ("src", "tests", "benchmarks") for p in (ROOT / d).rglob("*.py"))
 TYPESCRIPT_FILES = sorted((ROOT / "player" / "src").rglob("*.ts"))
 RUNGS = {
-    **dict.fromkeys(("errors", "config", "progress", "threads"), 0),
+    **dict.fromkeys(("errors", "config", "process", "progress", "threads"), 0),
     "scene": 1,
     "storage": 2,
     **dict.fromkeys(("codec", "kernels", "capture"), 3),
@@ -25,7 +25,19 @@ RUNGS = {
     "cli": 7,
     "__main__": 8,
 }
-WITHOUT_TORCH = ("errors", "config", "progress", "threads", "scene", "storage", "codec", "capture", "play", "cli")
+WITHOUT_TORCH = (
+    "errors",
+    "config",
+    "process",
+    "progress",
+    "threads",
+    "scene",
+    "storage",
+    "codec",
+    "capture",
+    "play",
+    "cli",
+)
 MAX_FILE_LINES = 400
 MAX_FUNCTION_LINES = 80
 
@@ -112,7 +124,7 @@ ROOMS_OF_RECON = (
     ("groups", "shared_scene"),
     ("jobs",),
     ("pipeline",),
-    ("live",),
+    ("live", "machines"),
 )
 """The rooms within `recon`, from the lowest rung up; those of one rung do not import each other."""
 

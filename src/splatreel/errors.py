@@ -33,6 +33,10 @@ class ReconstructionError(SplatreelError):
     """Reconstruction cannot start or go on."""
 
 
+class InUseError(ReconstructionError):
+    """Another process is at work there; once it is done, or was killed, the same may succeed."""
+
+
 class StorageError(SplatreelError):
     """A folder elsewhere, such as a bucket, cannot be reached or refuses. lasting: to try again would change nothing."""
 

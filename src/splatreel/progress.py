@@ -18,6 +18,7 @@ PHRASES = {
     "resting": "{:,} resting points",
     "lit": "{:,} resting points in changing light",
     "appeared": "{:,} of them new",
+    "published": "{:,} groups in the reel",
 }
 """What work can say that it found, by the name of the number, in words that need no knowledge of how it works."""
 

@@ -17,6 +17,7 @@ from splatreel import errors
 from splatreel.cli import main as cli
 from splatreel.cli.failure import EXTRAS, LIGHTER, explain
 from splatreel.cli.main import main
+from splatreel.process import quiet_threads
 
 VERBS = [
     "demo",
@@ -65,7 +66,7 @@ def test_the_command_line_loads_nothing_heavy() -> None:
 def test_threads_sleep_unless_told_otherwise(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.delenv("GOMP_SPINCOUNT", raising=False)
     monkeypatch.setenv("KMP_BLOCKTIME", "7")
-    cli.quiet_threads()
+    quiet_threads()
     assert (os.environ["GOMP_SPINCOUNT"], os.environ["KMP_BLOCKTIME"]) == ("0", "7")
 
 

@@ -89,7 +89,7 @@ def test_what_is_missing_is_said(tmp_path: Path) -> None:
         chapter_job(planned(tmp_path), 1, Silent())
     scene_job(planned(tmp_path), Silent())
     chapter_job(planned(tmp_path), 1, Silent())
-    with pytest.raises(ReconstructionError, match=r"2 of 3 chapters are not finished \(0, 2\)"):
+    with pytest.raises(ReconstructionError, match=r"2 of 3 chapters are not finished \(1, 3\)"):
         publish_job(planned(tmp_path), Silent(), nothing_more)
 
 

@@ -6,13 +6,11 @@ import math
 from contextlib import closing
 from dataclasses import dataclass, fields
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal
+from typing import Any, Literal
 
+from splatreel.cli.output import playable
 from splatreel.config import Config
 from splatreel.errors import UsageError
-
-if TYPE_CHECKING:
-    from splatreel.recon.pipeline import Result
 
 
 @dataclass(frozen=True)
@@ -41,8 +39,11 @@ class Following:
 
     def reconstruct(
         self, path: Path, out: Path, config: Config, request: dict[str, Any], output: dict[str, Any]
-    ) -> Result:
-        """As `pipeline.reconstruct`. request: of `open_capture`. output: what that takes of sound, device, progress and more."""
+    ) -> str:
+        """As `pipeline.reconstruct`; returns what to say at the end.
+
+        request: of `open_capture`. output: what that takes of sound, device, progress and more.
+        """
         from splatreel.capture.follower import Follower, open_growing
         from splatreel.capture.growing.growth import Growth
         from splatreel.recon.live.following import Live, reconstruct_following
@@ -52,4 +53,6 @@ class Following:
             closing(open_growing(path, growth, tell, **request)) as capture,
             Follower(capture, growth, tell) as follower,
         ):
-            return reconstruct_following(follower, out, config, Live(self.when_late, self.keep), **output)
+            return playable(
+                reconstruct_following(follower, out, config, Live(self.when_late, self.keep), **output).reel
+            )

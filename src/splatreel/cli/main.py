@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import ctypes
 import os
 import sys
 from collections.abc import Sequence
@@ -23,6 +22,7 @@ from splatreel.cli.publish import publish
 from splatreel.cli.reconstruct import reconstruct
 from splatreel.cli.serve import serve, view
 from splatreel.cli.verify import verify
+from splatreel.process import keep_freed_memory, quiet_threads
 from splatreel.progress import printable
 
 DESCRIPTION = "Volumetric video from many static cameras: reconstruct, compress, stream and play groups of Gaussians."
@@ -66,24 +66,3 @@ def main(arguments: Sequence[str] | None = None) -> int:
         print(printable(known[0]), file=sys.stderr)
         return known[1]
     return 0
-
-
-def quiet_threads() -> None:
-    """Threads that wait sleep instead of spinning. Next to another busy process a spinning barrier costs 4 ms a kernel.
-
-    Read when the OpenMP runtimes load, so it must come before numba and torch.
-    """
-    os.environ.setdefault("GOMP_SPINCOUNT", "0")
-    os.environ.setdefault("KMP_BLOCKTIME", "0")
-
-
-def keep_freed_memory() -> None:
-    """Have glibc keep freed buffers of up to 32 MB for the next iteration, which needs the same ones.
-
-    Given back to the kernel, their pages are faulted in again on one core: a twentieth of an iteration.
-    """
-    libc = ctypes.CDLL(None) if os.name == "posix" else None
-    if hasattr(libc, "mallopt"):  # not in musl, nor on macOS
-        trim_threshold, mmap_threshold = -1, -3
-        libc.mallopt(trim_threshold, 1 << 30)
-        libc.mallopt(mmap_threshold, 1 << 25)

@@ -30,3 +30,8 @@ def counted(number: int, noun: str) -> str:
 def serving(reel: Path) -> str:
     """The command that plays a reel, to be copied."""
     return f"splatreel serve {shlex.quote(str(reel))}"
+
+
+def playable(reel: Path) -> str:
+    """What is said of a reel that was just made."""
+    return f"{reel}: play it with\n  {serving(reel)}"

@@ -3,15 +3,16 @@
 from __future__ import annotations
 
 import dataclasses
-from contextlib import closing
+from functools import partial
 from pathlib import Path
-from typing import Any, Literal
+from typing import Annotated, Any, Literal
 
-from tyro.conf import OmitArgPrefixes, Positional
+from tyro.conf import OmitArgPrefixes, Positional, arg
 
 from splatreel.cli.following import Following
+from splatreel.cli.machines import Machines
 from splatreel.cli.options import Set, parse_frames, parse_held_out, parse_renditions, with_set
-from splatreel.cli.output import say, serving
+from splatreel.cli.output import say
 from splatreel.cli.publish import publishing
 from splatreel.cli.words import Words
 from splatreel.config import Config, Quality, Rate, preset
@@ -26,7 +27,7 @@ Deformation = Literal["trajectory", "hashgrid"]
 def reconstruct(
     capture: Positional[Path],
     /,
-    out: Path,
+    out: Annotated[str, arg(metavar="PATH")],
     width: int | None = None,
     scale: float | None = None,
     frames: str | None = None,
@@ -43,6 +44,7 @@ def reconstruct(
     profile: bool = False,
     publish: str | None = None,
     publish_keep: float = 24.0,
+    machines: OmitArgPrefixes[Machines] = Machines(),  # noqa: B008 - it is frozen
     following: OmitArgPrefixes[Following] = Following(),  # noqa: B008 - it is frozen
     words: OmitArgPrefixes[Words] = Words(),  # noqa: B008 - it is frozen
 ) -> None:
@@ -50,7 +52,7 @@ def reconstruct(
 
     Args:
         capture: Folder of the videos or images and their cameras.
-        out: OUT/reel becomes the reel, playable while it grows; OUT/work holds the checkpoints.
+        out: OUT/reel becomes the reel, playable while it grows; OUT/work holds the checkpoints. With --cluster also s3:// and others.
         width: Width of the images to train on, in pixels; their own by default.
         scale: Size of the images to train on, as a share of their own, instead of the width.
         frames: Which frames, as A:B (B is left out); all by default.
@@ -74,28 +76,29 @@ def reconstruct(
     config = with_renditions(config, parse_renditions(renditions))
     given = words.given()
     following.check()
+    machines.check(out, follow=following.follow)
     from splatreel.capture.opening import open_capture
     from splatreel.evaluation.profile import profiled
     from splatreel.play.presentation_writer import PresentationWriter
     from splatreel.progress import console
-    from splatreel.recon import pipeline
 
     request: dict[str, Any] = {"width": width, "scale": scale, "frames": span, "held_out": held_out}
     progress, presents = console(), PresentationWriter(given)
     try:
-        with (
-            profiled(out / "profile.md" if profile else None),
-            publishing(out / "reel", publish, publish_keep, progress, presents) as present,
-        ):
-            output: dict[str, Any] = {"sound": sound, "device": device, "progress": progress, "present": present}
-            if following.follow:
-                result = following.reconstruct(capture, out, config, request, output)
-            else:
-                with closing(open_capture(capture, **request)) as source:
-                    result = pipeline.reconstruct(source, out, config, **output)
+        with machines.folder(out) as folder:
+            url = machines.published(out, publish)
+            with (
+                profiled(folder / "profile.md" if profile else None),
+                publishing(folder / "reel", url, publish_keep, progress, presents) as present,
+            ):
+                output: dict[str, Any] = {"sound": sound, "device": device, "progress": progress, "present": present}
+                if following.follow:
+                    done = following.reconstruct(capture, folder, config, request, output)
+                else:
+                    done = machines.reconstruct(partial(open_capture, capture, **request), folder, config, out, output)
     finally:
         progress.close()
-    say(f"{result.reel}: play it with\n  {serving(result.reel)}")
+    say(done)
 
 
 def with_renditions(config: Config, renditions: tuple[Rate, ...]) -> Config:

@@ -17,10 +17,10 @@ from splatreel.errors import UsageError
 from splatreel.evaluation import perceptual
 from splatreel.evaluation.comparison import comparison, write_png
 from splatreel.evaluation.flicker import Flicker, border_frames
-from splatreel.evaluation.memory import peak_memory_bytes
 from splatreel.evaluation.metrics import psnr, psnr_per_channel, ssim
 from splatreel.evaluation.report import Quality, Report
 from splatreel.play.timeline import Timeline
+from splatreel.process import peak_memory_bytes
 from splatreel.progress import Progress, Silent
 from splatreel.scene.atomic import sweep
 from splatreel.scene.camera import Camera, angles_apart

@@ -15,9 +15,9 @@ from splatreel.capture.looped import LoopedCapture
 from splatreel.config import Config
 from splatreel.errors import UsageError
 from splatreel.evaluation.evaluate import evaluate
-from splatreel.evaluation.memory import peak_memory_bytes
 from splatreel.evaluation.step_timings import on_one_thread
 from splatreel.evaluation.timing import Timing, medians_ms, ratio
+from splatreel.process import peak_memory_bytes
 from splatreel.progress import Progress, Silent
 from splatreel.recon.cameras.group_input import GroupInput
 from splatreel.recon.cameras.rig import Rig

@@ -6,6 +6,7 @@ be repeated, continued, or run on another machine. The scene comes first, then t
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -19,7 +20,7 @@ from splatreel.config import Config, EncodeConfig
 from splatreel.errors import ReconstructionError
 from splatreel.progress import Progress
 from splatreel.recon.encode.header import open_writer
-from splatreel.recon.encode.output import ChapterOutput
+from splatreel.recon.encode.output import ChapterOutput, untold
 from splatreel.recon.encode.publisher import Present, Publisher
 from splatreel.recon.encode.sound import hear
 from splatreel.recon.groups import Handover, reconstruct_groups
@@ -34,6 +35,8 @@ from splatreel.scene.spans import ChapterSpan, GroupSpan, chapter_spans, group_s
 from splatreel.scene.static_points import StaticPoints
 
 SCENE = "scene"
+SHARED = ("run", "layout", "points", "header", "coverage", "chapters.json", "sound")
+"""How the names of the scene's files begin that lie beside the folders of groups."""
 _PLATE = GroupSpan(0, 0, 1, 1)
 """The scene's pictures are one frame."""
 
@@ -61,8 +64,23 @@ class ChapteredRun:
     def chapters(self) -> list[ChapterSpan]:
         return chapter_spans(self.groups, self.config.chapter_frames)
 
-    def lock(self, part: str = "") -> RunLock:
-        return RunLock(self.out, self.capture, self.config, self.sound, part)
+    def lock(self) -> RunLock:
+        """The right to write the reel, and of a video of one chapter everything else."""
+        reel = self.out / "reel"
+        folders = (reel, *(place for place in reel.rglob("*") if place.is_dir()))
+        own = None if len(self.chapters) == 1 else [(folder, "") for folder in folders]
+        return RunLock(self.out, self.capture, self.config, self.sound, "", own)
+
+    def lock_scene(self) -> RunLock:
+        own = [(self.store.scene.folder, ""), *((self.store.work, name) for name in (*SHARED, f"seconds-{SCENE}"))]
+        return RunLock(self.out, self.capture, self.config, self.sound, SCENE, own)
+
+    def lock_chapter(self, chapter: ChapterSpan) -> RunLock:
+        part = part_of(chapter.index)
+        own = [(self.store.group(span.index).folder, "") for span in chapter.groups]
+        return RunLock(
+            self.out, self.capture, self.config, self.sound, part, [*own, (self.store.work, f"seconds-{part}")]
+        )
 
     def job(self, part: str, spans: tuple[GroupSpan, ...], progress: Progress) -> Job:
         return Job(self.config, self.device, progress, self.store, list(spans), part, len(self.groups))
@@ -71,6 +89,11 @@ class ChapteredRun:
         """What the scene and each chapter cost, in iterations of a keyframe."""
         parts = [(_PLATE,), *(chapter.groups for chapter in self.chapters)]
         return [Plan(spans, self.config).total for spans in parts]
+
+
+def part_of(chapter: int) -> str:
+    """The name of a chapter in files and locks."""
+    return f"chapter{chapter:04d}"
 
 
 def has_scene(run: ChapteredRun) -> bool:
@@ -84,7 +107,7 @@ def has_chapter(run: ChapteredRun, chapter: ChapterSpan) -> bool:
 
 def scene_job(run: ChapteredRun, progress: Progress) -> None:
     """What is always there, reconstructed from the whole video. Raises as `reconstruct` does."""
-    with run.lock(SCENE) as lock:
+    with run.lock_scene() as lock:
         if has_scene(run):
             return
         job = run.job(SCENE, (_PLATE,), progress)
@@ -93,14 +116,19 @@ def scene_job(run: ChapteredRun, progress: Progress) -> None:
         reconstruct_shared_scene(job, run.capture, sound, lock)
 
 
-def chapter_job(run: ChapteredRun, index: int, progress: Progress) -> None:
-    """One chapter, group after group. Raises `ReconstructionError` where the scene is not there yet, and as `reconstruct` does."""
-    chapter, part = run.chapters[index], f"chapter{index:04d}"
-    with run.lock(part):
+def chapter_job(run: ChapteredRun, index: int, progress: Progress, after_group: Callable[[int], None] = untold) -> None:
+    """One chapter, group after group. after_group: called with the index of each group when it is finished.
+
+    Raises `ReconstructionError` where the scene is not there yet, and as `reconstruct` does.
+    """
+    chapter = run.chapters[index]
+    with run.lock_chapter(chapter):
         if has_chapter(run, chapter):
             return
-        job = run.job(part, chapter.groups, progress)
-        reconstruct_groups(job, run.capture, *_begin(run, job), ChapterOutput(run.store, *_header(run)))
+        job = run.job(part_of(index), chapter.groups, progress)
+        layout, before = _begin(run, job)
+        output = ChapterOutput(run.store, *_header(run), after_group)
+        reconstruct_groups(job, run.capture, layout, before, output)
 
 
 def publish_job(run: ChapteredRun, progress: Progress, present: Present) -> None:
@@ -110,7 +138,7 @@ def publish_job(run: ChapteredRun, progress: Progress, present: Present) -> None
         publisher.publish_ready()
         missing = [chapter.index for chapter in run.chapters if not has_chapter(run, chapter)]
         if missing:
-            some = ", ".join(str(index) for index in missing[:5]) + (" ..." if len(missing) > 5 else "")
+            some = ", ".join(str(index + 1) for index in missing[:5]) + (" ..." if len(missing) > 5 else "")
             raise ReconstructionError(
                 f"{run.out}: {len(missing)} of {len(run.chapters)} chapters are not finished ({some}). The reel has the groups before "
                 "them. Run these chapters again, and then this."

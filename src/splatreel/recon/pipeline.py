@@ -49,12 +49,7 @@ def reconstruct(
     for frames or sound that cannot be read. What is finished stays, whatever is raised.
     """
     run = plan_run(capture, out, config, sound=sound, device=device)
-    progress = progress or Silent()
-    if len(run.chapters) > 1:
-        reconstruct_chapters(run, progress, present)
-    else:
-        reconstruct_sequence(run, progress, present)
-    return result_of(run)
+    return reconstruct_run(run, progress or Silent(), present)
 
 
 def plan_run(capture: Capture, out: Path, config: Config, *, sound: str = "auto", device: str = "auto") -> ChapteredRun:
@@ -62,6 +57,15 @@ def plan_run(capture: Capture, out: Path, config: Config, *, sound: str = "auto"
     check_capture(capture)
     check_memory(capture, config.group.length + config.group.overlap)
     return ChapteredRun(capture, Path(out), config, sound, pick_device(device))
+
+
+def reconstruct_run(run: ChapteredRun, progress: Progress, present: Present) -> Result:
+    """All of it, in this process. Raises as `reconstruct` does."""
+    if len(run.chapters) > 1:
+        reconstruct_chapters(run, progress, present)
+    else:
+        reconstruct_sequence(run, progress, present)
+    return result_of(run)
 
 
 def result_of(run: ChapteredRun) -> Result:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Protocol
 
 import numpy as np
@@ -71,11 +72,20 @@ class ReelOutput:
             self.present(self.writer, index)
 
 
-class ChapterOutput:
-    """Beside the checkpoints, encoded, for whoever writes the reel: chapters are made in any order, on any machine."""
+def untold(group: int) -> None:
+    """Tells nobody."""
 
-    def __init__(self, store: Store, header: ReelHeader, config: EncodeConfig) -> None:
-        self.store, self.header = store, header
+
+class ChapterOutput:
+    """Beside the checkpoints, encoded, for whoever writes the reel: chapters are made in any order, on any machine.
+
+    after_group: called with the index of each group that is finished.
+    """
+
+    def __init__(
+        self, store: Store, header: ReelHeader, config: EncodeConfig, after_group: Callable[[int], None] = untold
+    ) -> None:
+        self.store, self.header, self.after_group = store, header, after_group
         self.encoder = ReelEncoder(config)
 
     @property
@@ -91,6 +101,7 @@ class ChapterOutput:
 
     def add_group(self, group: Group, importance: np.ndarray | None) -> None:
         self.store.group(group.index).save_encoded_group(self.encoder.group(group, importance))
+        self.after_group(group.index)
 
     def restore(self, index: int, last: bool) -> None:
         if not self.store.group(index).has_encoded_group():

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
 from splatreel.capture.base import Capture
 from splatreel.config import Config
-from splatreel.errors import ReconstructionError
+from splatreel.errors import InUseError, ReconstructionError
 from splatreel.recon.run.run_record import check_record, has_record, run_record, save_record
 from splatreel.scene.atomic import lock, sweep
 
@@ -18,15 +18,25 @@ class RunLock:
     """The right to write into an output folder, OUT/work and OUT/reel. Use as a context manager.
 
     part: which part of the run, such as chapter0003, each of which may belong to another process; empty: the reel, and all of a run
-    that has no parts. Entering makes the folders, keeps others out, and removes what a killed one left half written. Raises
-    `ReconstructionError` if that cannot be, or the folder holds something else: the run of another capture or
-    configuration, or a reel without the checkpoints it was made from. Nothing is overwritten then.
+    that has no parts. writes: what belongs to the part, as folders and how names in them begin; None: all there is. Entering makes the
+    folders, keeps others out, and removes what a killed one left half written: of this part alone, since not every network file system
+    tells what others are writing. Raises `InUseError` where another process has it, and `ReconstructionError` if it cannot be, or the
+    folder holds something else: the run of another capture or configuration, or a reel without the checkpoints it was made from.
+    Nothing is overwritten then.
     """
 
-    def __init__(self, out: Path, capture: Capture, config: Config, sound: str = "auto", part: str = "") -> None:
+    def __init__(
+        self,
+        out: Path,
+        capture: Capture,
+        config: Config,
+        sound: str = "auto",
+        part: str = "",
+        writes: Iterable[tuple[Path, str]] | None = None,
+    ) -> None:
         self.out, self.reel, self.work = out, out / "reel", out / "work"
         self.record = run_record(capture, config, sound)
-        self.part = part
+        self.part, self.writes = part, writes
         self._lock: int | None = None
 
     def __enter__(self) -> RunLock:
@@ -36,9 +46,8 @@ class RunLock:
         except BaseException:
             self._release()
             raise
-        for root in (self.work, self.reel):
-            for folder in (root, *(place for place in root.rglob("*") if place.is_dir())):
-                sweep(folder)
+        for folder, name in self._everything() if self.writes is None else self.writes:
+            sweep(folder, name)
         return self
 
     def __exit__(self, *_: object) -> None:
@@ -47,6 +56,10 @@ class RunLock:
     def keep(self) -> None:
         """Say whose folder this is; called when the first checkpoint is about to be written."""
         save_record(self.work, self.record)
+
+    def _everything(self) -> Iterator[tuple[Path, str]]:
+        for root in (self.work, self.reel):
+            yield from ((folder, "") for folder in (root, *(place for place in root.rglob("*") if place.is_dir())))
 
     def _check(self) -> None:
         if has_record(self.work):
@@ -69,7 +82,7 @@ class RunLock:
         if not lock(handle):
             os.close(handle)
             what = f"making {self.part} of the run in this folder" if self.part else "reconstructing into this folder"
-            raise ReconstructionError(f"{self.out}: another process is {what}. Wait for it or choose another --out.")
+            raise InUseError(f"{self.out}: another process is {what}. Wait for it or choose another --out.")
         return handle
 
     def _release(self) -> None:
@@ -82,15 +95,13 @@ class RunLock:
 def hold(reel: Path) -> Iterator[None]:
     """The right to write a reel that is not that of a run. Entering makes its folder, and removes what a killed process left there.
 
-    Raises `ReconstructionError` where another process is writing it.
+    Raises `InUseError` where another process is writing it.
     """
     reel.mkdir(parents=True, exist_ok=True)
     handle = os.open(reel, os.O_RDONLY) if os.name == "posix" else None
     try:
         if handle is not None and not lock(handle):
-            raise ReconstructionError(
-                f"{reel}: another process is writing this reel. Wait for it or choose another --out."
-            )
+            raise InUseError(f"{reel}: another process is writing this reel. Wait for it or choose another --out.")
         for folder in (reel, *(place for place in reel.iterdir() if place.is_dir())):
             sweep(folder)
         yield

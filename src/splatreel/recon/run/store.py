@@ -33,6 +33,10 @@ from splatreel.recon.train.keyframe import KeyframeResult
 from splatreel.scene.gaussians import Gaussians
 from splatreel.scene.group import Group
 
+LAST_OF_GROUP = "encoded-group.safetensors"
+"""The file of a chapter's group that is written last."""
+PUBLISHED_OF_GROUP = ("layer.safetensors", "encoded-layer.safetensors", "group.safetensors", LAST_OF_GROUP)
+"""What a reel is written from."""
 T = TypeVar("T")
 Arrays = dict[str, np.ndarray]
 

@@ -1,0 +1,170 @@
+"""What workers and threads gain with chapters: two workers of one thread against one of two, and what the model says of more cores.
+
+python benchmarks/chapters.py CAPTURE --width 240
+
+Every job runs in a process of its own, from copies of one scene. Beside seconds there is processor time, which tells more where the
+machine is not idle: of the main thread, and of all. What the main thread has more than the others with it is what threads do not
+gain; SERIAL_SCENE and SERIAL_CHAPTER in recon/machines/scaling.py are this measurement's.
+"""
+
+import multiprocessing
+import shutil
+import time
+from functools import partial
+from multiprocessing.connection import Connection
+from pathlib import Path
+from typing import Any
+
+import tyro
+
+from record import machine, record
+from splatreel import threads
+from splatreel.cli.options import parse_frames
+from splatreel.config import Quality, preset
+from splatreel.config.settings import changed
+from splatreel.process import keep_freed_memory, peak_memory_bytes, quiet_threads
+
+MACHINES = {"16 cores": (16, 1), "8 x 16 cores": (16, 8)}
+"""Cores of each, and how many."""
+CHAPTERS = 20
+"""Of the video that the model is asked about: 6000 frames."""
+SCENE, FINISH = "scene", "finish"
+Row = dict[str, Any]
+
+
+def work(connection: Connection, capture: Path, options: Row, settings: Row, out: Path, count: int, jobs: list) -> None:
+    """A process: jobs one after the other, each a chapter or one of the names above."""
+    quiet_threads()
+    threads.use(count)
+    keep_freed_memory()
+    from splatreel.capture.opening import open_capture
+    from splatreel.progress import Silent
+    from splatreel.recon.encode.publisher import nothing_more
+    from splatreel.recon.jobs import chapter_job, publish_job, scene_job
+    from splatreel.recon.machines.run_spec import RunSpec
+
+    config = changed(preset(settings["quality"]), settings["set"])
+    with RunSpec(partial(open_capture, capture, **options), out, config, device="cpu").opened() as run:
+        rows = []
+        for job in jobs:
+            main, all_threads, wall = time.thread_time(), time.process_time(), time.monotonic()
+            if job == SCENE:
+                scene_job(run, Silent())
+            elif job == FINISH:
+                publish_job(run, Silent(), nothing_more)
+            else:
+                chapter_job(run, job, Silent())
+            found = {
+                "seconds": time.monotonic() - wall,
+                "processor": time.process_time() - all_threads,
+                "main_thread": time.thread_time() - main,
+            }
+            rows.append({"job": job, "threads": count, **{name: round(value, 2) for name, value in found.items()}})
+    connection.send((rows, peak_memory_bytes()))
+
+
+def at_once(common: tuple, *tasks: tuple[Path, int, list]) -> tuple[list[Row], float, list[int]]:
+    """Processes beside each other: what their jobs took, how long all of it was, the memory of each."""
+    context, started, running = multiprocessing.get_context("spawn"), time.monotonic(), []
+    for task in tasks:
+        mine, theirs = context.Pipe()
+        process = context.Process(target=work, args=(theirs, *common, *task))
+        process.start()
+        theirs.close()
+        running.append((mine, process))
+    answers = [mine.recv() for mine, _ in running]
+    for _, process in running:
+        process.join()
+    return [row for rows, _ in answers for row in rows], time.monotonic() - started, [peak for _, peak in answers]
+
+
+def serial_share(one: Row, two: Row) -> float:
+    """Of a job's processor time, what one thread does while the others wait: the main thread's on two, less what they share.
+
+    What is not the main thread's on one thread either, such as decoding ahead, is work that others do.
+    """
+    apart = two["processor"] * (1 - one["main_thread"] / one["processor"])
+    shared = max(two["processor"] - two["main_thread"] - apart, 0.0)
+    return round(max(two["main_thread"] - shared, 0.0) / two["processor"], 3)
+
+
+def main(
+    capture: tyro.conf.Positional[Path],
+    /,
+    width: int = 240,
+    frames: str = "0:60",
+    chapter_frames: int = 30,
+    group: int = 30,
+    quality: Quality = "standard",
+    out: Path = Path("out/benchmark-chapters"),
+    note: str = "",
+) -> None:
+    """Make two chapters in both ways, print, record."""
+    shutil.rmtree(out, ignore_errors=True)
+    settings = {
+        "quality": quality,
+        "set": {"chapter_frames": chapter_frames, "group.length": group, "check_coverage": False},
+    }
+    common = capture, {"width": width, "frames": parse_frames(frames)}, settings
+    before = machine()
+    (scene_two,), _, _ = at_once(common, (out / "scene", 2, [SCENE]))
+    for copy in ("one", "two"):
+        shutil.copytree(out / "scene", out / copy)
+    (scene_one,), _, _ = at_once(common, (out / "again", 1, [SCENE]))
+    first, second = (shutil.copytree(out / "scene", out / f"two-{number}") for number in range(2))
+    two_rows, two_seconds, two_memory = at_once(common, (first, 1, [0]), (second, 1, [1]))
+    one_rows, one_seconds, one_memory = at_once(common, (out / "one", 2, [0, 1, FINISH]))
+    *one_rows, finish = one_rows
+    for row in (scene_two, scene_one, *two_rows, *one_rows, finish):
+        print(row)
+    values = {
+        "width": width,
+        "frames": frames,
+        "one_worker": {
+            "seconds": round(one_seconds, 1),
+            "processor": total(one_rows),
+            "memory_mb": megabytes(one_memory),
+        },
+        "two_workers": {
+            "seconds": round(two_seconds, 1),
+            "processor": total(two_rows),
+            "memory_mb": megabytes(two_memory),
+        },
+        "processor_ratio": round(total(two_rows) / total(one_rows), 3),
+        "serial_scene": serial_share(scene_one, scene_two),
+        "serial_chapters": [serial_share(a, b) for a, b in zip(two_rows, one_rows, strict=True)],
+        "jobs": [scene_one, scene_two, *two_rows, *one_rows, finish],
+        "modelled": modelled(scene_one, two_rows, finish),
+        "machine_before": before,
+    }
+    print(values)
+    record("chapters", values, note)
+
+
+def modelled(scene: Row, chapters: list[Row], finish: Row) -> Row:
+    """Minutes of a video of CHAPTERS chapters such as these, by the model, on more cores and machines than there are here.
+
+    One group here stands for ten of a chapter of 300 frames, and the finish of two for that of all.
+    """
+    from splatreel.recon.machines.scaling import divide, run_time
+
+    chapter = 10 * sum(row["processor"] for row in chapters) / len(chapters)
+    ends = finish["processor"] * 10 * CHAPTERS / len(chapters)
+    found: Row = {}
+    for name, (cores, count) in {"1 core": (1, 1), **MACHINES}.items():
+        seconds = run_time(scene["processor"], chapter, ends, CHAPTERS, cores, count)
+        division = divide(cores, -(-CHAPTERS // count))
+        found[name] = {"minutes": round(seconds / 60, 1), "workers": division.workers, "threads": division.threads}
+    return found
+
+
+def total(rows: list[Row]) -> float:
+    return round(sum(row["processor"] for row in rows), 2)
+
+
+def megabytes(peaks: list[int]) -> list[int]:
+    return [round(peak / 1e6) for peak in peaks]
+
+
+if __name__ == "__main__":
+    tyro.cli(main)

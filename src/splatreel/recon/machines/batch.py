@@ -1,0 +1,65 @@
+"""A run as jobs of a batch system, such as Slurm: each does one part of it, on whatever machine that system gives it."""
+
+from __future__ import annotations
+
+from splatreel.errors import ReconstructionError
+from splatreel.progress import PartOf, Progress
+from splatreel.recon.encode.publisher import Present
+from splatreel.recon.jobs import ChapteredRun, chapter_job, has_scene, publish_job, scene_job
+from splatreel.recon.machines.run_spec import RunSpec
+from splatreel.recon.machines.share import JobName, Share
+from splatreel.recon.pipeline import reconstruct_sequence
+
+
+def run_job(spec: RunSpec, job: JobName, share: Share | None, progress: Progress, present: Present) -> str:
+    """One job of a run; what is finished is not made again. Returns a sentence about what there is now.
+
+    share: of a job of chapters. A video of one chapter has nothing to share: its chapter makes all of it. Raises
+    `ReconstructionError` where what comes before is missing, and as `reconstruct` does.
+    """
+    with spec.opened() as run:
+        many = len(run.chapters)
+        if job == "scene":
+            if many > 1:
+                scene_job(run, progress)
+            return f"{run.out}: the scene is there. Next are its {many} chapters." if many > 1 else _of_one(run)
+        if job == "finish":
+            _finish(run, progress, present)
+            return f"{run.out / 'reel'}: the reel is complete."
+        assert share is not None
+        chapters = share.of(many)
+        _make(run, chapters, progress, present)
+        if not chapters:
+            return f"{run.out}: there are {many} chapters, and none for task {share.index} of {share.tasks}."
+        return f"{run.out}: {_named(chapters)} of {many} {'is' if len(chapters) == 1 else 'are'} there."
+
+
+def _make(run: ChapteredRun, chapters: range, progress: Progress, present: Present) -> None:
+    if len(run.chapters) == 1:
+        if chapters:
+            reconstruct_sequence(run, progress, present)
+        return
+    if not has_scene(run):
+        raise ReconstructionError(f"{run.out}: the scene that chapters share is not there. Run --job scene first.")
+    costs = [run.costs()[1 + chapter] for chapter in chapters]
+    for place, chapter in enumerate(chapters):
+        begin, end = sum(costs[:place]) / sum(costs), sum(costs[: place + 1]) / sum(costs)
+        chapter_job(run, chapter, PartOf(progress, begin, end))
+
+
+def _finish(run: ChapteredRun, progress: Progress, present: Present) -> None:
+    if len(run.chapters) > 1:
+        publish_job(run, progress, present)
+    elif run.store.finished_groups() == len(run.groups):
+        reconstruct_sequence(run, progress, present)
+    else:
+        raise ReconstructionError(f"{run.out}: its only chapter is not finished. Run --job chapter first.")
+
+
+def _of_one(run: ChapteredRun) -> str:
+    return f"{run.out}: the video is one chapter of {run.capture.frames} frames, which has no scene to share. Next is the chapter."
+
+
+def _named(chapters: range) -> str:
+    listed = ", ".join(str(chapter + 1) for chapter in chapters[:8]) + (", ..." if len(chapters) > 8 else "")
+    return f"chapter{'s'[: len(chapters) > 1]} {listed}"

@@ -1,0 +1,70 @@
+"""The checkpoints of a run on machines without a common disk: each carries what it needs between its own folder and a shared one."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable, Iterable
+from pathlib import Path
+
+from splatreel.recon.jobs import part_of
+from splatreel.recon.run.store import LAST_OF_GROUP, PUBLISHED_OF_GROUP
+from splatreel.scene.spans import ChapterSpan
+from splatreel.storage.retrying import untold
+from splatreel.storage.shared_folder import SharedFolder
+
+_OF_GROUP = re.compile(r"(group[0-9]{4,})/(\w[\w.-]*)")
+
+
+class Exchange:
+    """OUT/work here, and the same at an address of any kind that `open_folder` knows (`SharedFolder`).
+
+    url: of OUT there. out: the folder OUT here. Methods raise `StorageError` where the address cannot be reached.
+    """
+
+    def __init__(self, url: str, out: Path, tell: Callable[[str], None] = untold) -> None:
+        self._shared, self._work = SharedFolder(f"{url.rstrip('/')}/work", tell), out / "work"
+
+    def fetch_scene(self) -> None:
+        """All that does not belong to one group."""
+        self._fetch(name for name in self._shared.files() if not _OF_GROUP.fullmatch(name))
+
+    def send_scene(self) -> None:
+        """The same, as far as the scene's job has made it."""
+        seconds = {f"{path.name}" for path in self._work.glob("seconds-chapter*")}
+        top = [path.name for path in self._work.iterdir() if path.is_file() and path.name not in seconds]
+        scene = [f"scene/{path.name}" for path in (self._work / "scene").iterdir()]
+        self._send([*sorted(scene), *sorted(top)])
+
+    def fetch_chapter(self, chapter: ChapterSpan) -> None:
+        """Whatever is there of a chapter's groups."""
+        for span in chapter.groups:
+            self._shared.pull_all(f"{self._group(span.index)}/", self._work)
+
+    def send_group(self, chapter: int, group: int) -> None:
+        """All of a group; what tells that it is finished comes last."""
+        folder = self._group(group)
+        names = sorted(path.name for path in (self._work / folder).iterdir())
+        names.sort(key=lambda name: name == LAST_OF_GROUP)
+        self._send([f"seconds-{part_of(chapter)}.json", *(f"{folder}/{name}" for name in names)])
+
+    def fetch_finished(self, groups: Iterable[int] | None = None) -> None:
+        """Of finished groups what is published of them. groups: those that are finished; None: whichever are."""
+        if groups is None:
+            found = [_OF_GROUP.fullmatch(name) for name in self._shared.files("group")]
+            folders = {match[1] for match in found if match and match[2] == LAST_OF_GROUP}
+        else:
+            folders = {self._group(group) for group in groups}
+        for folder in sorted(folders):
+            names = (f"{folder}/{name}" for name in PUBLISHED_OF_GROUP)
+            there = self._shared.files(f"{folder}/")
+            self._fetch(name for name in names if name in there)
+
+    def _group(self, index: int) -> str:
+        return f"group{index:04d}"
+
+    def _fetch(self, names: Iterable[str]) -> None:
+        self._shared.pull(names, self._work)
+
+    def _send(self, names: list[str]) -> None:
+        """Those that are no locks, nor half written."""
+        self._shared.push(self._work, [name for name in names if not Path(name).name.startswith(".")])

@@ -1,0 +1,117 @@
+"""What a node of a cluster does: one job, in a folder that all nodes see, or in one of its own whose checkpoints it exchanges."""
+
+from __future__ import annotations
+
+import contextlib
+import pickle
+import tempfile
+import time
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+from splatreel import __version__, threads
+from splatreel.errors import InUseError, ReconstructionError
+from splatreel.process import keep_freed_memory, quiet_threads
+
+PATIENCE = 120.0
+"""Seconds that a job waits for a lock: of a job that was lost with its node, the lock may be there for a while."""
+
+
+@dataclass(frozen=True)
+class NodeTask:
+    """What a node is told. spec: a pickled `RunSpec`. url: where checkpoints are exchanged; None: all nodes see the spec's folder.
+
+    threads: of this job. version: of the Splatreel that asks for it.
+    """
+
+    spec: bytes
+    url: str | None
+    threads: int
+    version: str = __version__
+
+
+def make_scene(task: NodeTask, send: Callable[[object], None]) -> str | None:
+    """The scene that chapters share. send: called with reports. Returns what went wrong, as a sentence."""
+    return _guarded(task, lambda: _make_scene(task, send))
+
+
+def make_chapter(task: NodeTask, chapter: int, send: Callable[[object], None]) -> str | None:
+    """One chapter, in the same way."""
+    return _guarded(task, lambda: _make_chapter(task, chapter, send))
+
+
+def _make_scene(task: NodeTask, send: Callable[[object], None]) -> None:
+    from splatreel.recon.jobs import scene_job
+    from splatreel.recon.machines.exchange import Exchange
+    from splatreel.recon.machines.reports import Reporter
+
+    spec = pickle.loads(task.spec)
+    with _place(task, spec.out) as out:
+        exchange = None if task.url is None else Exchange(task.url, out)
+        if exchange is not None:
+            exchange.fetch_scene()
+        with replace(spec, out=out).opened() as run:
+            _patiently(lambda: scene_job(run, Reporter(0, send)))
+        if exchange is not None:
+            exchange.send_scene()
+
+
+def _make_chapter(task: NodeTask, chapter: int, send: Callable[[object], None]) -> None:
+    from splatreel.recon.jobs import chapter_job
+    from splatreel.recon.machines.exchange import Exchange
+    from splatreel.recon.machines.reports import GroupDone, Reporter
+
+    spec = pickle.loads(task.spec)
+    with _place(task, spec.out) as out, replace(spec, out=out).opened() as run:
+        exchange = None if task.url is None else Exchange(task.url, out)
+        if exchange is not None:
+            exchange.fetch_scene()
+            exchange.fetch_chapter(run.chapters[chapter])
+
+        def after_group(group: int) -> None:
+            if exchange is not None:
+                exchange.send_group(chapter, group)
+            send(GroupDone(chapter, group))
+
+        _patiently(lambda: chapter_job(run, chapter, Reporter(chapter, send), after_group))
+
+
+def _guarded(task: NodeTask, action: Callable[[], None]) -> str | None:
+    quiet_threads()
+    threads.use(min(task.threads, threads.available()))
+    keep_freed_memory()
+    from splatreel.recon.machines.reports import in_a_sentence
+
+    try:
+        if task.version != __version__:
+            raise ReconstructionError(
+                f"This node has Splatreel {__version__}, the program that asks has {task.version}. Install the same on all."
+            )
+        action()
+    except Exception as error:
+        return in_a_sentence(error)
+    return None
+
+
+@contextlib.contextmanager
+def _place(task: NodeTask, out: Path) -> Iterator[Path]:
+    """The folder OUT: the one that all nodes see, or an empty one of this job, deleted at the end."""
+    from splatreel.scene.atomic import scratch
+
+    if task.url is None:
+        yield out
+        return
+    with scratch(Path(tempfile.gettempdir()), "splatreel-node") as folder:
+        yield folder
+
+
+def _patiently(action: Callable[[], None]) -> None:
+    end = time.monotonic() + PATIENCE
+    while True:
+        try:
+            return action()
+        except InUseError:
+            if time.monotonic() > end:
+                raise
+            time.sleep(1.0)

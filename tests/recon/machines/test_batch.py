@@ -1,0 +1,69 @@
+"""Jobs of a batch system: any number at once, in any order, as often as one likes."""
+
+import multiprocessing
+from functools import partial
+from pathlib import Path
+
+import pytest
+
+from splatreel import threads
+from splatreel.config.settings import changed
+from splatreel.errors import ReconstructionError
+from splatreel.progress import Silent
+from splatreel.recon.encode.publisher import nothing_more
+from splatreel.recon.machines.batch import run_job
+from splatreel.recon.machines.run_spec import RunSpec
+from splatreel.recon.machines.share import JobName, Share
+from tests.recon.captures import WallCapture
+from tests.recon.machines.runs import CONFIG, spec
+from tests.recon.test_pipeline import content
+
+
+def job(run: RunSpec, name: JobName, share: Share | None = None) -> str:
+    return run_job(run, name, share, Silent(), nothing_more)
+
+
+def task(out: Path, index: int) -> None:
+    """One of two, on a machine of its own."""
+    threads.use(1)
+    job(spec(out), "chapter", Share(index, 2))
+
+
+def test_two_tasks_at_once_make_the_reel_that_one_process_makes(out: Path, expected: dict[str, str]) -> None:
+    context = multiprocessing.get_context("spawn")
+    tasks = [context.Process(target=task, args=(out, index)) for index in range(2)]
+    for each in tasks:
+        each.start()
+    with pytest.raises(ReconstructionError, match="3 of 3 chapters are not finished"):
+        job(spec(out), "finish")
+    for each in tasks:
+        each.join()
+    assert [each.exitcode for each in tasks] == [0, 0]
+    for _ in range(2):
+        assert job(spec(out), "scene") == f"{out}: the scene is there. Next are its 3 chapters."
+        assert job(spec(out), "chapter", Share(0, 2)) == f"{out}: chapters 1, 3 of 3 are there."
+        assert job(spec(out), "finish") == f"{out / 'reel'}: the reel is complete."
+        assert content(out / "reel") == expected
+    assert job(spec(out), "chapter", Share(3, 4)) == f"{out}: there are 3 chapters, and none for task 3 of 4."
+
+
+def test_what_a_job_needs_is_said(scene: Path, tmp_path: Path) -> None:
+    with pytest.raises(ReconstructionError, match=r"the scene that chapters share is not there. Run --job scene first"):
+        job(spec(tmp_path), "chapter", Share(0, 1))
+    with pytest.raises(ReconstructionError, match="scene that chapters share is not finished"):
+        job(spec(tmp_path), "finish")
+    other = RunSpec(partial(WallCapture, 11), scene, changed(CONFIG, {"seed": 1}), device="cpu")
+    with pytest.raises(ReconstructionError, match=r"holds another reconstruction: config.seed is 0 there, 1 now"):
+        job(other, "chapter", Share(0, 1))
+
+
+def test_a_video_of_one_chapter_is_made_by_its_chapter(tmp_path: Path) -> None:
+    short = RunSpec(partial(WallCapture, 2), tmp_path, CONFIG, device="cpu")
+    assert "has no scene to share" in job(short, "scene")
+    assert "none for task 1 of 2" in job(short, "chapter", Share(1, 2))
+    with pytest.raises(ReconstructionError, match="its only chapter is not finished"):
+        job(short, "finish")
+    assert job(short, "chapter", Share(0, 2)) == f"{tmp_path}: chapter 1 of 1 is there."
+    made = content(tmp_path / "reel")
+    assert job(short, "finish") == f"{tmp_path / 'reel'}: the reel is complete."
+    assert content(tmp_path / "reel") == made

@@ -1,0 +1,121 @@
+"""A Ray cluster of two nodes on this machine, one of which is lost in the middle of a chapter."""
+
+import os
+import shutil
+import time
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from splatreel.cli.machines import Machines
+from splatreel.errors import UsageError
+from splatreel.recon.machines.exchange import Exchange
+from splatreel.recon.machines.ray_cluster import Resources, reconstruct_on_cluster, share_nodes
+from tests.recon.machines.runs import spec
+from tests.recon.machines.test_here import Display
+from tests.recon.test_pipeline import content
+
+ray = pytest.importorskip("ray", reason="the tests of clusters need the extra cluster")
+
+QUICKLY = {
+    "health_check_initial_delay_ms": 500,
+    "health_check_period_ms": 500,
+    "health_check_timeout_ms": 5000,
+    "health_check_failure_threshold": 2,
+}
+"""So that the loss of a node is noticed within seconds."""
+SMALL = {"num_cpus": 1, "object_store_memory": 80 << 20}
+
+
+@pytest.fixture(scope="module")
+def cluster() -> Iterator[Any]:
+    """Of two nodes; the first test takes one away."""
+    from ray.cluster_utils import Cluster
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("RAY_USAGE_STATS_ENABLED", "0")
+        head = SMALL | {"include_dashboard": False, "_system_config": QUICKLY}
+        made = Cluster(initialize_head=True, head_node_args=head)
+        made.second = made.add_node(**SMALL)
+        yield made
+        made.shutdown()
+
+
+def test_a_node_that_is_lost_changes_nothing(cluster: Any, out: Path, expected: dict[str, str]) -> None:
+    """All nodes see OUT. The node is lost once chapters are being made on both."""
+    lost = []
+
+    def lose(published: int) -> None:
+        busy = list((out / "work").glob("group*/chapter.safetensors"))
+        if len(busy) >= 2 and not lost:
+            lost.append(time.monotonic())
+            cluster.remove_node(cluster.second, allow_graceful=False)
+
+    display = Display(lose)
+    result = reconstruct_on_cluster(spec(out), cluster.address, progress=display)
+    assert lost
+    assert content(result.reel) == expected
+    assert display.stages[-1][0] == "making 3 chapters, 2 at a time"
+    assert display.steps[-1] == 1000
+    assert display.published == sorted(display.published)
+    assert not ray.is_initialized()
+
+
+def test_without_a_common_disk_checkpoints_are_exchanged(
+    cluster: Any, scene: Path, expected: dict[str, str], tmp_path: Path
+) -> None:
+    """A folder stands for the bucket. What a task had pushed is used by the next; the driver's folder is empty each time."""
+    url = (tmp_path / "bucket").as_uri()
+    Exchange(url, scene).send_scene()
+    display = Display()
+    result = reconstruct_on_cluster(spec(tmp_path / "first"), cluster.address, url=url, progress=display)
+    assert content(result.reel) == expected
+    assert len(set(display.published)) > 2  # it grows while it is made
+    shutil.rmtree(tmp_path / "bucket" / "work" / "group0003")
+    again = Display()
+    result = reconstruct_on_cluster(spec(tmp_path / "second"), cluster.address, url=url, progress=again)
+    assert content(result.reel) == expected
+    assert [name for name, _ in again.stages] == ["making 1 chapters"]
+
+
+def node(cpu: int, gpu: int = 0, memory: int = 64 << 30, alive: bool = True) -> dict[str, Any]:
+    return {"Alive": alive, "Resources": {"CPU": cpu, "memory": memory} | ({"GPU": gpu} if gpu else {})}
+
+
+def test_tasks_ask_for_what_every_node_has() -> None:
+    need = 2 << 30
+    assert share_nodes([node(1), node(1), node(4, alive=False)], 3, "auto", need) == (Resources(1, 0, need), 2)
+    wanted, at_once = share_nodes(8 * [node(16)], 20, "auto", need)
+    assert at_once == 8 * (16 // wanted.cores)
+    assert share_nodes([node(16, gpu=4), node(8), node(32, gpu=4)], 20, "auto", need) == (Resources(4, 1, need), 8)
+    assert share_nodes([node(16, gpu=4)], 20, "cpu", need)[0].gpus == 0
+    assert share_nodes([node(16, memory=1 << 30)], 20, "auto", need)[0] == Resources(16, 0, 1 << 30)
+    with pytest.raises(UsageError, match="no node of the Ray cluster has a GPU"):
+        share_nodes([node(16)], 20, "cuda", need)
+    with pytest.raises(UsageError, match="no node of the Ray cluster has a CPU"):
+        share_nodes([node(0)], 20, "auto", need)
+
+
+def test_a_cluster_that_is_not_there(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.delenv("RAY_ADDRESS", raising=False)
+    assert os.environ.get("RAY_ADDRESS") is None
+    with pytest.raises(UsageError, match=r"--cluster 127.0.0.1:9: no Ray cluster answers there"):
+        reconstruct_on_cluster(spec(tmp_path), "127.0.0.1:9")
+
+
+@pytest.mark.parametrize(
+    ("given", "out", "words"),
+    [
+        ({"job": "scene", "workers": 2}, "out", "--workers and --job exclude each other"),
+        ({"chapter": "0/2"}, "out", "Give --job chapter as well"),
+        ({"job": "chapter", "chapter": "2/2"}, "out", "is no share of the chapters"),
+        ({}, "s3://bucket/run", "which only --cluster writes to"),
+    ],
+)
+def test_options_that_do_not_go_together(given: dict[str, Any], out: str, words: str) -> None:
+    with pytest.raises(UsageError, match=words):
+        Machines(**given).check(out, follow=False)
+    with pytest.raises(UsageError, match="is already written to s3://bucket/run"):
+        Machines(cluster="auto").published("s3://bucket/run", "s3://other")
