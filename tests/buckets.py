@@ -70,6 +70,11 @@ class Bucket:
         self.client.put_bucket_cors(Bucket=self.name, CORSConfiguration=CORS)
         self.client.put_bucket_policy(Bucket=self.name, Policy=json.dumps(readable_by_all(self.name)))
 
+    def keys(self, prefix: str) -> list[str]:
+        """Up to 1000 names that begin so."""
+        found = self.client.list_objects_v2(Bucket=self.name, Prefix=prefix)
+        return [entry["Key"] for entry in found.get("Contents", [])]
+
     def headers(self, key: str) -> dict[str, str]:
         return self.client.head_object(Bucket=self.name, Key=key)["ResponseMetadata"]["HTTPHeaders"]
 

@@ -1,7 +1,6 @@
 """A Ray cluster of two nodes on this machine, one of which is lost in the middle of a chapter."""
 
 import os
-import shutil
 import time
 from collections.abc import Iterator
 from pathlib import Path
@@ -10,9 +9,12 @@ from typing import Any
 import pytest
 
 from splatreel.cli.machines import Machines
+from splatreel.cli.publish import publishing
 from splatreel.errors import UsageError
+from splatreel.recon.encode.publisher import nothing_more
 from splatreel.recon.machines.exchange import Exchange
 from splatreel.recon.machines.ray_cluster import Resources, reconstruct_on_cluster, share_nodes
+from tests.buckets import CREDENTIALS, Bucket
 from tests.recon.machines.runs import spec
 from tests.recon.machines.test_here import Display
 from tests.recon.test_pipeline import content
@@ -30,12 +32,13 @@ SMALL = {"num_cpus": 1, "object_store_memory": 80 << 20}
 
 
 @pytest.fixture(scope="module")
-def cluster() -> Iterator[Any]:
-    """Of two nodes; the first test takes one away."""
+def cluster(s3_server: str) -> Iterator[Any]:
+    """Of two nodes, which find buckets; the first test takes one away."""
     from ray.cluster_utils import Cluster
 
     with pytest.MonkeyPatch.context() as patch:
-        patch.setenv("RAY_USAGE_STATS_ENABLED", "0")
+        for name, value in {**CREDENTIALS, "AWS_ENDPOINT_URL": s3_server, "RAY_USAGE_STATS_ENABLED": "0"}.items():
+            patch.setenv(name, value)
         head = SMALL | {"include_dashboard": False, "_system_config": QUICKLY}
         made = Cluster(initialize_head=True, head_node_args=head)
         made.second = made.add_node(**SMALL)
@@ -63,21 +66,33 @@ def test_a_node_that_is_lost_changes_nothing(cluster: Any, out: Path, expected: 
     assert not ray.is_initialized()
 
 
+def made_in(bucket: Bucket, cluster: Any, display: Display) -> dict[str, str]:
+    """The reel of the command with `--cluster ADDRESS --out s3://...`, as it is in the driver's folder, which begins empty."""
+    out, machines = bucket.url("run"), Machines(cluster=cluster.address)
+    machines.check(out, follow=False)
+    with machines.folder(out) as folder:
+        url, run = machines.published(out, None), spec(folder)
+        with publishing(folder / "reel", url, 24.0, display, nothing_more) as present:
+            output = {"sound": run.sound, "device": run.device, "progress": display, "present": present}
+            said = machines.reconstruct(run.open_capture, folder, run.config, out, output)
+        assert said == f"{out}/reel: the reel is complete."
+        return content(folder / "reel")
+
+
 def test_without_a_common_disk_checkpoints_are_exchanged(
-    cluster: Any, scene: Path, expected: dict[str, str], tmp_path: Path
+    cluster: Any, bucket: Bucket, scene: Path, expected: dict[str, str]
 ) -> None:
-    """A folder stands for the bucket. What a task had pushed is used by the next; the driver's folder is empty each time."""
-    url = (tmp_path / "bucket").as_uri()
-    Exchange(url, scene).send_scene()
+    """What a task has sent to the bucket is used by the next one, and by the next driver."""
+    Exchange(bucket.url("run"), scene).send_scene()
     display = Display()
-    result = reconstruct_on_cluster(spec(tmp_path / "first"), cluster.address, url=url, progress=display)
-    assert content(result.reel) == expected
+    assert made_in(bucket, cluster, display) == expected
     assert len(set(display.published)) > 2  # it grows while it is made
-    shutil.rmtree(tmp_path / "bucket" / "work" / "group0003")
+    assert len(bucket.keys("run/reel/")) == len(expected)
+    for key in bucket.keys("run/work/group0003/"):
+        bucket.client.delete_object(Bucket=bucket.name, Key=key)
     again = Display()
-    result = reconstruct_on_cluster(spec(tmp_path / "second"), cluster.address, url=url, progress=again)
-    assert content(result.reel) == expected
-    assert [name for name, _ in again.stages] == ["making 1 chapters"]
+    assert made_in(bucket, cluster, again) == expected
+    assert again.stages[0][0] == "making 1 chapter"
 
 
 def node(cpu: int, gpu: int = 0, memory: int = 64 << 30, alive: bool = True) -> dict[str, Any]:
