@@ -4,14 +4,22 @@ import multiprocessing
 import os
 import signal
 from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
 
 import pytest
+import torch
 
 from splatreel import threads
-from splatreel.errors import ReconstructionError
+from splatreel.errors import ReconstructionError, UsageError
 from splatreel.progress import Silent
-from splatreel.recon.machines.here import reconstruct_here
+from splatreel.recon.machines import here, worker_pool
+from splatreel.recon.machines.here import division_of, places, reconstruct_here
+from splatreel.recon.machines.scaling import Division
+from splatreel.recon.machines.worker_pool import Worker, WorkerPool
+from tests.recon.captures import WallCapture
 from tests.recon.machines.runs import spec
+from tests.recon.small import small
 from tests.recon.test_pipeline import content
 
 
@@ -92,3 +100,62 @@ def test_a_chapter_that_fails_leaves_the_others_and_is_tried_again_by_the_same_c
     result = reconstruct_here(spec(out, spoilt), workers=2, progress=display)
     assert display.stages[0][0] == "making 1 chapter"
     assert content(result.reel) == expected
+
+
+def a_run(device: str, chapters: int = 6) -> Any:
+    """As much of one as is asked for."""
+    config, capture = small({"group.length": 30}), WallCapture(60)
+    return SimpleNamespace(device=torch.device(device), chapters=list(range(chapters)), config=config, capture=capture)
+
+
+def test_each_gpu_of_a_machine_is_a_worker(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(threads, "count", lambda: 16)
+    monkeypatch.setattr(torch.cuda, "device_count", lambda: 4)
+    monkeypatch.delenv("CUDA_VISIBLE_DEVICES", raising=False)
+    assert division_of(a_run("cuda")) == Division(4, 4)
+    assert places(a_run("cuda"), 4) == ["0", "1", "2", "3"]
+    monkeypatch.setenv("CUDA_VISIBLE_DEVICES", "4,6")
+    assert places(a_run("cuda"), 3) == ["4", "6", "4"]
+    assert places(a_run("cpu"), 3) == [None, None, None]
+
+
+def test_workers_are_as_many_as_asked_for_or_as_memory_allows(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(threads, "count", lambda: 16)
+    assert division_of(a_run("cpu"), 5) == Division(5, 3)
+    assert division_of(a_run("cpu", chapters=2), 5) == Division(2, 8)
+    monkeypatch.setattr(here, "free_memory", lambda: 5 << 29)
+    assert division_of(a_run("cpu")) == Division(2, 8)
+    monkeypatch.setattr(here, "free_memory", lambda: 0)
+    assert division_of(a_run("cpu")) == Division(1, 16)
+    for workers in (0, 17):
+        with pytest.raises(
+            UsageError, match=rf"--workers {workers} is out of range: this process has 16 cores. Choose 1"
+        ):
+            division_of(a_run("cpu"), workers)
+
+
+class Line:
+    """The way to a worker that is not there."""
+
+    def send(self, chapter: int) -> None: ...
+
+
+def test_a_chapter_for_which_there_is_no_memory_waits(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    pool = WorkerPool(spec(tmp_path), [None] * 4, 1, need=100)
+    monkeypatch.setattr(pool, "_start", lambda: pool._workers.append(Worker(None, Line(), None)) or pool._workers[-1])
+    pool._waiting.extend(range(4))
+    monkeypatch.setattr(worker_pool, "free_memory", lambda: 0)
+    pool._hand_out()
+    assert [worker.chapter for worker in pool._workers] == [0]  # one is made whatever there is
+    monkeypatch.setattr(worker_pool, "free_memory", lambda: 299)
+    pool._hand_out()
+    assert len(pool._busy) == 2  # the first will take 100, and the second as well
+    pool._workers[0].memory = 150
+    pool._hand_out()
+    assert len(pool._busy) == 2  # by now it is known that a chapter takes 150
+    monkeypatch.setattr(worker_pool, "free_memory", lambda: 300)
+    pool._hand_out()
+    assert len(pool._busy) == 3
+    monkeypatch.setattr(worker_pool, "free_memory", lambda: None)
+    pool._hand_out()
+    assert [worker.chapter for worker in pool._workers] == [0, 1, 2, 3]

@@ -35,6 +35,8 @@ def reconstruct_here(
         with run.lock():
             scene, *chapters = run.costs()
             scene_job(run, PartOf(progress, 0.0, scene / (scene + sum(chapters))))
+            if run.device.type == "cuda":
+                torch.cuda.empty_cache()  # for the worker that uses the same GPU
             driver = Driver(run, progress, present, division.workers)
             with WorkerPool(spec, places(run, division.workers), division.threads, _need(run)) as pool:
                 pool.make(driver.todo, driver.hear)
