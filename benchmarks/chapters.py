@@ -23,11 +23,12 @@ from splatreel.cli.options import parse_frames
 from splatreel.config import Quality, preset
 from splatreel.config.settings import changed
 from splatreel.process import keep_freed_memory, peak_memory_bytes, quiet_threads
+from splatreel.recon.machines.scaling import divide, run_time
 
 MACHINES = {"16 cores": (16, 1), "8 x 16 cores": (16, 8)}
 """Cores of each, and how many."""
-CHAPTERS = 20
-"""Of the video that the model is asked about: 6000 frames."""
+CHAPTERS, CHAPTER_FRAMES = 20, 300
+"""Of the video that the model is asked about."""
 SCENE, FINISH = "scene", "finish"
 Row = dict[str, Any]
 
@@ -134,22 +135,21 @@ def main(
         "serial_scene": serial_share(scene_one, scene_two),
         "serial_chapters": [serial_share(a, b) for a, b in zip(two_rows, one_rows, strict=True)],
         "jobs": [scene_one, scene_two, *two_rows, *one_rows, finish],
-        "modelled": modelled(scene_one, two_rows, finish),
+        "modelled": modelled(scene_one, two_rows, finish, chapter_frames),
         "machine_before": before,
     }
     print(values)
     record("chapters", values, note)
 
 
-def modelled(scene: Row, chapters: list[Row], finish: Row) -> Row:
-    """Minutes of a video of CHAPTERS chapters such as these, by the model, on more cores and machines than there are here.
+def modelled(scene: Row, chapters: list[Row], finish: Row, frames: int) -> Row:
+    """Minutes of a video of CHAPTERS by the model, on more cores and machines than there are here. frames: of a chapter measured here.
 
-    One group here stands for ten of a chapter of 300 frames, and the finish of two for that of all.
+    A chapter is taken to cost as much a frame as these, whose first keyframe is a larger part of them.
     """
-    from splatreel.recon.machines.scaling import divide, run_time
-
-    chapter = 10 * sum(row["processor"] for row in chapters) / len(chapters)
-    ends = finish["processor"] * 10 * CHAPTERS / len(chapters)
+    scale = CHAPTER_FRAMES / frames
+    chapter = scale * sum(row["processor"] for row in chapters) / len(chapters)
+    ends = finish["processor"] * scale * CHAPTERS / len(chapters)
     found: Row = {}
     for name, (cores, count) in {"1 core": (1, 1), **MACHINES}.items():
         seconds = run_time(scene["processor"], chapter, ends, CHAPTERS, cores, count)
