@@ -46,42 +46,87 @@ class EncodedSound:
         return first / RATE, min(_SEGMENT * PACKET, self.samples - first) / RATE
 
 
+class SoundEncoder:
+    """Sound at `RATE` samples a second, as it comes, to segments.
+
+    channels: 1 or 2. first: the segment to begin with; the samples from `begin` on are wanted, a second before it, in which an encoder
+    comes into step. The same samples give the same bytes on one machine. Raises `MissingDependencyError` without libopus.
+    """
+
+    def __init__(self, channels: int, first: int = 0) -> None:
+        try:
+            context = av.CodecContext.create("libopus", "w")
+        except (ValueError, FFmpegError) as error:
+            raise MissingDependencyError("PyAV has no libopus encoder. Install the `av` wheel from PyPI.") from error
+        context.sample_rate, context.layout, context.format = RATE, "mono" if channels == 1 else "stereo", "flt"  # type: ignore[attr-defined]
+        context.bit_rate = BITS_A_SECOND[channels]
+        context.options = {"application": "audio", "vbr": "on", "frame_duration": "20"}
+        context.open()
+        self.channels = channels
+        self.begin = max(first * _SEGMENT * PACKET - RATE, 0)
+        self.samples = self.begin
+        self._context, self._next = context, first
+        self._delay = int.from_bytes((context.extradata or bytes(12))[10:12], "little")
+        # What goes in comes out of a decoder `delay` samples later. So much silence goes before it that it comes out with the second
+        # packet; the first is left out, and then packet k decodes to the samples from k * PACKET on.
+        self._unwanted = 1 + first * _SEGMENT - self.begin // PACKET
+        self._rest = np.zeros((PACKET - self._delay, channels), np.float32)
+        self._packets: list[bytes] = []
+
+    def add(self, block: np.ndarray) -> list[bytes]:
+        """The segments that are complete with [n, channels] float32, -1..1, in order."""
+        block = np.asarray(block, np.float32).reshape(-1, self.channels)
+        self.samples += len(block)
+        self._encode(block)
+        return self._complete(_SEGMENT)
+
+    def finish(self) -> list[bytes]:
+        """The segments that are left. The last packet is filled up with silence."""
+        self._encode(np.zeros((self._delay + PACKET, self.channels), np.float32))
+        self._take(self._context.encode(None))
+        count = max(-(-self.samples // PACKET) - self._next * _SEGMENT, 0)
+        self._packets = self._packets[:count]
+        return self._complete(1)
+
+    def _encode(self, block: np.ndarray) -> None:
+        self._rest = np.concatenate([self._rest, block])
+        whole = len(self._rest) // PACKET * PACKET
+        for first in range(0, whole, PACKET):
+            part = np.ascontiguousarray(self._rest[first : first + PACKET], np.float32)
+            frame = av.AudioFrame.from_ndarray(part.reshape(1, -1), "flt", "mono" if self.channels == 1 else "stereo")
+            frame.sample_rate = RATE
+            self._take(self._context.encode(frame))
+        self._rest = self._rest[whole:]
+
+    def _take(self, packets: list) -> None:
+        for packet in packets:
+            if self._unwanted:
+                self._unwanted -= 1
+            else:
+                self._packets.append(bytes(packet))
+
+    def _complete(self, least: int) -> list[bytes]:
+        """Segments of the packets there are, the last of at least so many."""
+        made = []
+        while len(self._packets) >= least:
+            part, self._packets = self._packets[:_SEGMENT], self._packets[_SEGMENT:]
+            made.append(segment(self._next, self._next * _SEGMENT * PACKET, part))
+            self._next += 1
+        return made
+
+
 def encode_sound(blocks: Iterable[np.ndarray], channels: int) -> EncodedSound:
     """Encode sound at `RATE` samples a second from the reel's time 0 on; the same samples give the same bytes on one machine.
 
     blocks: [n, channels] float32, -1..1, in order; channels: 1 or 2. The last packet is filled up with silence.
     Raises `MissingDependencyError` without libopus, `ReelError` for no sample at all.
     """
-    packets: list[bytes] = []
-    count = 0
-
-    def counted() -> Iterator[np.ndarray]:
-        nonlocal count
-        for block in blocks:
-            count += len(block)
-            yield np.asarray(block, np.float32).reshape(-1, channels)
-
-    try:
-        context = av.CodecContext.create("libopus", "w")
-    except (ValueError, FFmpegError) as error:
-        raise MissingDependencyError("PyAV has no libopus encoder. Install the `av` wheel from PyPI.") from error
-    context.sample_rate, context.layout, context.format = RATE, "mono" if channels == 1 else "stereo", "flt"  # type: ignore[attr-defined]
-    context.bit_rate = BITS_A_SECOND[channels]
-    context.options = {"application": "audio", "vbr": "on", "frame_duration": "20"}
-    context.open()
-    delay = int.from_bytes((context.extradata or bytes(12))[10:12], "little")
-    # What goes in comes out of a decoder `delay` samples later. So much silence goes before it that it comes out with the second
-    # packet; the first is left out, and then packet k decodes to the samples from k * PACKET on.
-    silence = np.zeros((PACKET - delay, channels), np.float32)
-    for frame in _frames(_chain(silence, counted(), np.zeros((delay + PACKET, channels), np.float32))):
-        packets += [bytes(packet) for packet in context.encode(frame)]
-    packets += [bytes(packet) for packet in context.encode(None)]
-    if not count:
+    encoder = SoundEncoder(channels)
+    segments = [made for block in blocks for made in encoder.add(block)]
+    if not encoder.samples:
         raise ReelError("There is no sound to encode.")
-    packets = packets[1 : 1 + -(-count // PACKET)]
-    cut = [packets[first : first + _SEGMENT] for first in range(0, len(packets), _SEGMENT)]
-    segments = tuple(segment(i, i * _SEGMENT * PACKET, part) for i, part in enumerate(cut))
-    return EncodedSound(channels, initialization(channels), segments, len(packets) * PACKET)
+    segments += encoder.finish()
+    return EncodedSound(channels, initialization(channels), tuple(segments), -(-encoder.samples // PACKET) * PACKET)
 
 
 def decode_sound(init: bytes, segments: list[bytes], channels: int) -> Iterator[tuple[int, np.ndarray]]:
@@ -157,24 +202,3 @@ def _samples(frame: av.AudioFrame) -> np.ndarray:
     pcm = frame.to_ndarray()
     pcm = pcm.T if frame.format.is_planar else pcm.reshape(-1, frame.layout.nb_channels)
     return pcm / np.float32(1 << 15) if frame.format.name.startswith("s16") else pcm
-
-
-def _chain(before: np.ndarray, blocks: Iterator[np.ndarray], after: np.ndarray) -> Iterator[np.ndarray]:
-    yield before
-    yield from blocks
-    yield after
-
-
-def _frames(blocks: Iterable[np.ndarray]) -> Iterator[av.AudioFrame]:
-    """Packets' worth of samples; what is left over at the end is dropped."""
-    rest, done = None, 0
-    for block in blocks:
-        rest = block if rest is None else np.concatenate([rest, block])
-        whole = len(rest) // PACKET * PACKET
-        for first in range(0, whole, PACKET):
-            part = np.ascontiguousarray(rest[first : first + PACKET], np.float32)
-            frame = av.AudioFrame.from_ndarray(part.reshape(1, -1), "flt", "mono" if part.shape[1] == 1 else "stereo")
-            frame.sample_rate, frame.pts = RATE, done
-            done += PACKET
-            yield frame
-        rest = rest[whole:]

@@ -15,7 +15,7 @@ RATE = 48_000
 CONTAINERS: dict[str, tuple[str, dict[str, str]]] = {
     "mkv": ("matroska", {"flush_packets": "1", "cluster_time_limit": "200"}),
     "ts": ("mpegts", {"flush_packets": "1"}),
-    "mp4": ("mp4", {"flush_packets": "1", "movflags": "frag_every_frame+empty_moov+default_base_moof"}),
+    "mp4": ("mp4", {"flush_packets": "1", "movflags": "frag_keyframe+delay_moov+default_base_moof"}),
 }
 """How each kind of file is written so that it can be read while it grows."""
 KINDS = (*CONTAINERS, "segments", "pictures")
@@ -59,17 +59,23 @@ class Video:
         if self._sound is not None:
             self._rest = np.concatenate([self._rest, self._sound(self._frame)])
             while len(self._rest) >= 1024:
-                part = av.AudioFrame.from_ndarray(np.ascontiguousarray(self._rest[None, :1024]), "fltp", "mono")
-                part.sample_rate, part.pts = RATE, self._heard
-                self._heard, self._rest = self._heard + 1024, self._rest[1024:]
-                self._container.mux(self._track.encode(part))
+                self._hear()
         self._frame += 1
+
+    def _hear(self) -> None:
+        part, self._rest = self._rest[:1024], self._rest[1024:]
+        frame = av.AudioFrame.from_ndarray(np.ascontiguousarray(part[None]), "fltp", "mono")
+        frame.sample_rate, frame.pts = RATE, self._heard
+        self._heard += len(part)
+        self._container.mux(self._track.encode(frame))
 
     def skip(self, frames: int) -> None:
         """Nothing was recorded for so long."""
         self._frame += frames
 
     def close(self) -> None:
+        if len(self._rest):
+            self._hear()
         for stream in filter(None, (self._stream, self._track)):
             self._container.mux(stream.encode(None))
         self._container.close()

@@ -12,11 +12,15 @@ from splatreel.capture.follower import Follower, open_growing
 from splatreel.capture.growing.growth import Growth
 from splatreel.capture.opening import open_capture
 from splatreel.codec.reader import ReelReader
+from splatreel.codec.sound import decode_sound
 from splatreel.codec.verify import verify_reel
+from splatreel.config import Config
 from splatreel.progress import Silent, Span
 from splatreel.recon.live.following import Live, reconstruct_following
 from splatreel.recon.pipeline import reconstruct
 from tests.capture.growing.recorder import Recorder
+from tests.capture.growing.test_sound import FPS, clicks, heard
+from tests.capture.test_follower import BEGUN
 from tests.files import contents
 from tests.recon.captures import WallCapture
 from tests.recon.small import small
@@ -26,11 +30,11 @@ LENGTH, OVERLAP = CONFIG.group.length, CONFIG.group.overlap
 WALL = WallCapture(1000, speed=0.1)
 
 
-def recorder(folder: Path) -> Recorder:
+def recorder(folder: Path, kind: str = "pictures", sound: Callable[[int], np.ndarray] | None = None) -> Recorder:
     def picture(camera: int, frame: int) -> np.ndarray:
         return WALL.read(frame, 1, [WALL.cameras[camera].name])[0, 0]
 
-    return Recorder(folder, "pictures", picture, cameras=WALL.cameras)
+    return Recorder(folder, kind, picture, cameras=WALL.cameras, fps=FPS, sound=sound)
 
 
 class Director(Silent):
@@ -55,13 +59,15 @@ class Director(Silent):
             self.acts.pop(begin)()
 
 
-def follow(source: Recorder, out: Path, director: Director, timeout: float = 60, **live: Any) -> Path:
+def follow(
+    source: Recorder, out: Path, director: Director, timeout: float = 60, config: Config = CONFIG, **live: Any
+) -> Path:
     growth = Growth(source.folder, timeout)
     with (
         closing(open_growing(source.folder, growth, director.note, held_out=[])) as capture,
         Follower(capture, growth, director.note) as follower,
     ):
-        return reconstruct_following(follower, out, CONFIG, Live(**live), progress=director).reel
+        return reconstruct_following(follower, out, config, Live(**live), progress=director).reel
 
 
 def groups(reel: Path) -> dict[str, bytes]:
@@ -214,3 +220,31 @@ def test_a_reel_that_keeps_its_last_seconds_stays_small_and_goes_on_after_a_kill
         (reel / file).unlink()
     (reel / "manifest.json").unlink()
     assert groups(follow(source, out, Director(), keep=keep)) == groups(undisturbed)
+
+
+def test_the_sound_grows_with_the_reel_and_goes_on_after_a_kill(tmp_path: Path) -> None:
+    source, out = recorder(tmp_path / "show", "ts", clicks), tmp_path / "out"
+    source.write(BEGUN)
+    config = small({"group.length": 10, "group.iterations_per_frame": 1})
+    director = Director({"Group 2 shown": lambda: source.write(18), "group 4: learning": interrupt})
+    with pytest.raises(KeyboardInterrupt):
+        follow(source, out, director, config=config)
+    assert "Sound: camera cam00, as it is recorded" in director.told
+    early = ReelReader(out / "reel").manifest.presentation.sound
+    assert early is not None
+    assert [segment.start for segment in early.segments] == [0.0, 2.0]
+    source.write(7)
+    source.end()
+    manifest = ReelReader(follow(source, out, Director(), config=config)).manifest
+    assert verify_reel(out / "reel").groups == len(manifest.groups)
+    sound = manifest.presentation.sound
+    assert sound is not None
+    assert [segment.start for segment in sound.segments] == [0.0, 2.0, 4.0]
+    frames = source.written[0]
+    assert manifest.frames == frames
+    assert sound.segments[-1].start + sound.segments[-1].seconds == pytest.approx(frames / FPS, abs=0.02)
+    assert sound.position == pytest.approx(WALL.cameras[0].center.tolist(), abs=1e-5)
+    data = [(out / "reel" / segment.asset.uri).read_bytes() for segment in sound.segments]
+    init = (out / "reel" / sound.init.uri).read_bytes()
+    samples = np.concatenate([part for _, part in decode_sound(init, data, 1)])[:, 0]
+    assert heard(samples) == pytest.approx(list(np.arange(5, frames, 5) / FPS), abs=0.003)  # Opus begins softly

@@ -6,9 +6,11 @@ import re
 from dataclasses import dataclass
 from pathlib import Path
 
+import av
 import numpy as np
 
 from splatreel.capture.growing.growth import Growth
+from splatreel.capture.growing.sound import Packets, guard
 from splatreel.capture.video import VideoFile
 from splatreel.errors import CaptureError
 
@@ -50,12 +52,13 @@ def numbered(files: list[Path]) -> Numbered | None:
 
 @dataclass(frozen=True)
 class Segment:
-    """first: the number of its first frame. start: seconds from the first frame of all to its own."""
+    """first: the number of its first frame. start: seconds from the first frame of all to its own; begins: what the file says of it."""
 
     file: Path
     first: int
     start: float
     times: np.ndarray
+    begins: float
 
 
 class SegmentedVideo:
@@ -88,7 +91,7 @@ class SegmentedVideo:
             says, follows = video.start - self._origin, self._end()
             start = says if says > follows - 0.5 / max(video.fps, 1e-3) else follows
             first = sum((len(self.segments[-1].times), self.segments[-1].first)) if self.segments else 0
-            self.segments.append(Segment(video.path, first, start, video.times))
+            self.segments.append(Segment(video.path, first, start, video.times, video.start))
 
     def settle(self) -> None:
         """Once the capture has ended: the last file counts as far as it is whole."""
@@ -125,6 +128,30 @@ class SegmentedVideo:
             part = np.empty((len(mine), *out.shape[1:]), np.uint8)
             self._video(segment.file).read_into(part, numbers[mine] - segment.first)
             out[mine] = part
+
+    @property
+    def written(self) -> Path:
+        """A file that can be read by now, to see what it holds."""
+        return self.segments[0].file
+
+    def sound(self) -> Packets:
+        """The packets of its sound track, file after file, as they are completed."""
+        index = 0
+        while True:
+            ended = self._growth.ended  # asked first: files that were completed before count
+            if index < len(self.segments):
+                yield from self._sound_of(self.segments[index])
+                index += 1
+            elif ended:
+                return
+            else:
+                self._growth.pause()
+
+    def _sound_of(self, segment: Segment) -> Packets:
+        with guard(segment.file), av.open(str(segment.file)) as container:
+            for packet in container.demux(container.streams.audio[0]):
+                if packet.size:
+                    yield segment.begins - segment.start, packet
 
     def close(self) -> None:
         for video in self._open.values():

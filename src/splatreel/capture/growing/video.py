@@ -14,11 +14,12 @@ from av.container import InputContainer
 from av.error import FFmpegError
 
 from splatreel.capture.growing.growth import Growth
+from splatreel.capture.growing.sound import Packets, guard
 from splatreel.capture.growing.tail import Tail
 from splatreel.capture.video import to_rgb
 from splatreel.errors import CaptureError
 
-OPTIONS = {"analyzeduration": "1", "fpsprobesize": "1"}
+OPTIONS = {"analyzeduration": "1000000", "fpsprobesize": "1"}
 """FFmpeg looks at no more of the file than it needs to say what is in it: more is not there yet."""
 COUNTED = 24
 """Frames by whose times the rate is known where the file does not say it."""
@@ -93,6 +94,18 @@ class GrowingVideo:
         raise CaptureError(
             f"{self.path}: frame {min(missing)} cannot be decoded; the file is damaged. Follow from a later frame on (--frames)."
         )
+
+    @property
+    def written(self) -> Path:
+        """A file that can be read by now, to see what it holds."""
+        return self.path
+
+    def sound(self) -> Packets:
+        """The packets of its sound track, as they are written."""
+        with guard(self.path), av.open(Tail(self.path, self._growth, self._left), "r") as container:
+            shift = self._pts[0] * self._time_base
+            for packet in container.demux(container.streams.audio[0]):
+                yield shift, packet
 
     def close(self) -> None:
         """Stop reading, for good."""

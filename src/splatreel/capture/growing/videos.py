@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Protocol
 
@@ -9,6 +10,7 @@ import numpy as np
 
 from splatreel.capture.growing.growth import Growth
 from splatreel.capture.growing.segments import SegmentedVideo, numbered
+from splatreel.capture.growing.sound import Packets, read_packets
 from splatreel.capture.growing.video import GrowingVideo
 from splatreel.capture.sidecar import Sidecar
 from splatreel.capture.sound import Track
@@ -25,6 +27,8 @@ class GrowingCamera(Protocol):
     fps: float
 
     @property
+    def written(self) -> Path: ...
+    @property
     def last(self) -> float | None: ...
     @property
     def waiting_for(self) -> Path: ...
@@ -32,6 +36,7 @@ class GrowingCamera(Protocol):
     def settle(self) -> None: ...
     def numbers(self, wanted: np.ndarray) -> np.ndarray: ...
     def read_into(self, out: np.ndarray, numbers: np.ndarray) -> None: ...
+    def sound(self) -> Packets: ...
     def close(self) -> None: ...
 
 
@@ -91,9 +96,13 @@ class GrowingVideos:
         return [camera.path for camera in self._cameras.values()]
 
     def tracks(self, first: int) -> dict[str, Track]:
-        """By camera, where its sound from time step `first` on is."""
-        seconds = {name: self._starts.get(name, 0.0) + first / self.fps for name in self._cameras}
-        return {name: Track(camera.path, seconds[name]) for name, camera in self._cameras.items()}
+        """By camera, a file that is written and may have sound. It is followed by `sound`."""
+        return {name: Track(camera.written, 0.0) for name, camera in self._cameras.items()}
+
+    def sound(self, name: str, channels: int, first: int, seconds: float) -> Iterator[np.ndarray]:
+        """That of a camera, in blocks [n, channels] float32 of 48 kHz, from so many seconds after time step `first` on."""
+        start = self._starts.get(name, 0.0) + first / self.fps + seconds
+        yield from read_packets(self._cameras[name].sound(), channels, start)
 
     def close(self) -> None:
         for camera in self._cameras.values():

@@ -59,13 +59,27 @@ def save_sound(work: Path, sound: RunSound | None) -> None:
 def load_sound(work: Path) -> RunSound | None:
     """What is kept; None where nothing is. Raises `ReconstructionError` for a file that cannot be read."""
     if not _file(work).exists():
-        return None
+        return load_live_sound(work)
     arrays = checkpoint.load_arrays(_file(work))
     channels, samples = arrays["format"].tolist()
     segments = tuple(arrays[name].tobytes() for name in sorted(arrays) if name.startswith("segment"))
     encoded = EncodedSound(channels, arrays["init"].tobytes(), segments, samples)
     position = arrays["position"].tolist()
     return RunSound(encoded, (position[0], position[1], position[2]) if position else None)
+
+
+def load_live_sound(work: Path) -> RunSound | None:
+    """Of a capture that was followed, in OUT/work/sound; None where there is none, or its beginning was dropped."""
+    choice = work / "sound" / "choice.json"
+    known = checkpoint.load_json(choice) if choice.exists() else None
+    files = sorted((work / "sound").glob("*.m4s"))
+    if known is None or not files or not files[0].name.startswith("000000-"):
+        return None
+    samples = sum(int(file.stem.partition("-")[2]) for file in files)
+    init = (work / "sound" / "init.mp4").read_bytes()
+    encoded = EncodedSound(known["channels"], init, tuple(file.read_bytes() for file in files), samples)
+    x, y, z = known["position"]
+    return RunSound(encoded, (x, y, z))
 
 
 def publish_sound(work: Path, writer: ReelWriter) -> None:

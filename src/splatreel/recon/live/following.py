@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from contextlib import ExitStack
+from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
 from queue import Queue
@@ -13,6 +13,7 @@ import torch
 
 from splatreel.capture.follower import Follower
 from splatreel.capture.prefetch import FramePrefetcher
+from splatreel.codec.writer import ReelWriter
 from splatreel.config import Config
 from splatreel.errors import CaptureError
 from splatreel.progress import Progress, Silent
@@ -26,6 +27,7 @@ from splatreel.recon.live.held import hold_group
 from splatreel.recon.live.lateness import Lateness, WhenLate
 from splatreel.recon.live.output import LiveOutput
 from splatreel.recon.live.renewal import is_renewed, keep_epochs, static_before, trained_points
+from splatreel.recon.live.sound import LiveSound
 from splatreel.recon.live.spans import LiveSpans
 from splatreel.recon.live.window import Window, first_kept, load_rig
 from splatreel.recon.pipeline import Result
@@ -78,11 +80,28 @@ def reconstruct_following(
         keep_epochs(job.store, job.store.finished_groups(first_kept(job.store)) + first_kept(job.store))
         save_header(job, capture, rig, layout, None)
         writer = open_writer(job.store, lock.reel, config.encode, resume=True, first_group=first_kept(job.store))
-        output = LiveOutput(ReelOutput(writer, Publisher(writer, job.store, chosen), present))
-        run.make(rig, layout, output)
+        with LiveSound(lock.work, follower, sound, progress) as heard:
+
+            def shown(writer: ReelWriter, group: int | None) -> None:
+                heard.publish(writer)
+                present(writer, group)
+
+            output = LiveOutput(ReelOutput(writer, Publisher(writer, job.store, chosen), shown))
+            run.make(rig, layout, output)
+            heard.finish(writer)
         present(writer, None)
         writer.finish()
         return Result(lock.reel, lock.work, job.store.seconds(), chosen.type)
+
+
+@contextmanager
+def _stopping(follower: Follower) -> Iterator[None]:
+    """After an error nobody waits for frames any more, a thread that decodes them neither."""
+    try:
+        yield
+    except BaseException:
+        follower.stop()
+        raise
 
 
 class _LiveRun:
@@ -116,10 +135,11 @@ class _LiveRun:
                 yield span.first, span.count
 
         capture, group = self.follower.capture, self.config.group
-        with ExitStack() as stack:
-            frames = FramePrefetcher(capture, before.rig.names, stretches(), ahead=not skip, shared=group.overlap)
-            stack.enter_context(frames)
-            stack.callback(self.follower.stop)  # before the thread is waited for, which may wait for frames
+        names = before.rig.names
+        with (
+            FramePrefetcher(capture, names, stretches(), ahead=not skip, shared=group.overlap) as frames,
+            _stopping(self.follower),
+        ):
             for pictures in frames:
                 span = taken.get()
                 for index in range(done, span.index):

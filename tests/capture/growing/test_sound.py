@@ -1,0 +1,70 @@
+"""The sound of videos that grow, without gaps where files meet."""
+
+from contextlib import closing
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from splatreel.capture.file_capture import FileCapture
+from splatreel.capture.follower import open_growing
+from splatreel.capture.growing.growth import Growth
+from splatreel.capture.growing.sound import begin_with
+from splatreel.capture.growing.videos import GrowingVideos
+from splatreel.capture.sound import GAP
+from splatreel.errors import CaptureError
+from tests.capture.growing.recorder import RATE, Recorder
+
+FPS = 10
+FRAMES = 30
+
+
+def clicks(frame: int) -> np.ndarray:
+    """A tone, and a burst at the beginning of every fifth frame."""
+    time = (frame * RATE // FPS + np.arange(RATE // FPS)) / RATE
+    tone = 0.05 * np.sin(2 * np.pi * 200 * time)
+    if frame % 5 == 0:
+        tone[:480] += 0.8 * np.sin(2 * np.pi * 1000 * time[:480])
+    return tone.astype(np.float32)
+
+
+def heard(sound: np.ndarray) -> list[float]:
+    """Seconds at which bursts begin."""
+    loud = np.flatnonzero(np.abs(sound) > 0.4)
+    return [float(at) / RATE for at in loud[np.diff(loud, prepend=-RATE) > RATE // 10]]
+
+
+@pytest.mark.parametrize("kind", ["mkv", "ts", "mp4", "segments"])
+def test_sound_goes_on_from_file_to_file_and_is_in_time_with_the_pictures(kind: str, tmp_path: Path) -> None:
+    recorder = Recorder(tmp_path / "show", kind, fps=FPS, sound=clicks, segment=7)
+    recorder.write(FRAMES)
+    recorder.end()
+    with closing(open_growing(recorder.folder, Growth(recorder.folder, 60), lambda _: None, held_out=[])) as capture:
+        assert isinstance(capture, FileCapture)
+        source = capture.source
+        assert isinstance(source, GrowingVideos)
+        source.settle()
+        sound = np.concatenate(list(source.sound("cam00", 1, 0, 0.0)))[:, 0]
+        later = np.concatenate(list(source.sound("cam00", 1, 0, 1.25)))[:, 0]
+    assert len(sound) == pytest.approx(FRAMES / FPS * RATE, abs=0.05 * RATE)
+    off = GAP if kind == "segments" else 0.003  # there each file's sound is a little longer than its pictures
+    np.testing.assert_allclose(heard(sound), np.arange(0, FRAMES, 5) / FPS, atol=off)
+    np.testing.assert_allclose(heard(later), np.arange(15, FRAMES, 5) / FPS - 1.25, atol=off)
+    between = sound[int(0.02 * RATE) : int(2.9 * RATE)].reshape(-1, 480)
+    assert np.abs(between).max(1).min() > 0.02, "no silence, also where files meet"
+
+
+def test_a_camera_is_chosen_by_what_is_heard_so_far(tmp_path: Path) -> None:
+    loud = Recorder(tmp_path / "loud", "ts", fps=FPS, sound=clicks)
+    silent = Recorder(tmp_path / "silent", "ts", fps=FPS, sound=lambda frame: 0 * clicks(frame))
+    for recorder in (loud, silent):
+        recorder.write(FRAMES)
+    noisy, quiet, mute = (tmp_path / name for name in ("loud/cam00.ts", "silent/cam00.ts", "loud/cam01.ts"))
+    files = {"a": quiet, "b": noisy, "c": mute}
+    assert begin_with("auto", files, 2.0, tmp_path) == ("b", 1)
+    assert begin_with("auto", {"a": quiet, "c": mute}, 2.0, tmp_path) == ("a", 1)  # it may still be heard
+    assert begin_with("auto", {"c": mute}, 2.0, tmp_path) is None
+    assert begin_with("none", files, 2.0, tmp_path) is None
+    assert begin_with("a", files, 2.0, tmp_path) == ("a", 1)
+    with pytest.raises(CaptureError, match="the cameras with sound are a, b"):
+        begin_with("c", files, 2.0, tmp_path)
