@@ -47,7 +47,8 @@ def reconstruct_shared_scene(job: Job, capture: Capture, sound: RunSound | None,
         with job.timed("keyframe"):
             iterations, share = job.config.keyframe.first_iterations, job.plan.keyframe(0)
             job.progress.stage("building what all chapters share", iterations, share)
-            return train_first_keyframe(data, *job.store.initial_points(), job.config, job.progress)
+            seeds = job.store.initial_points()
+            return train_first_keyframe(data, *seeds, job.config, job.progress, plates.unknown)
 
     found = once(store.keyframe, train, store.save_keyframe)
     found.points.check_finite("The scene that all chapters share")

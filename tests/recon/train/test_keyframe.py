@@ -134,6 +134,30 @@ def test_faint_points_and_monsters_are_pruned_but_never_all() -> None:
         assert len(trainer.points) == len(THING) - 15
 
 
+def test_where_a_picture_means_nothing_it_teaches_nothing() -> None:
+    """Somebody white stands in the picture of one camera, of whom the others know nothing."""
+    seen = pictures()
+    images, unknown = seen.images.clone(), torch.zeros(seen.images.shape[1:4], dtype=torch.bool)
+    images[0, 1, 8:24, 12:36] = 255
+    unknown[1, 8:24, 12:36] = True
+    found = {}
+    for name, mask in (("masked", unknown), ("believed", None)):
+        points = TrainablePoints.from_gaussians(SCENE, default_rates(UNIT, 4.0), CPU)
+        trainer = KeyframeTrainer(points, gains(), replace(CONFIG, rate_scale=4.0), max_points=len(SCENE))
+        trainer.train(replace(seen, images=images, unknown=mask), 100, 100, Silent())
+        found[name] = psnr(trainer.points.gaussians(), CAMERAS[1])
+    assert found["masked"] > found["believed"] + 3
+
+
+def test_what_is_unknown_in_one_of_four_pixels_is_unknown_at_half_size() -> None:
+    seen = pictures()
+    unknown = torch.zeros(seen.images.shape[1:4], dtype=torch.bool)
+    unknown[0, 5, 8] = True
+    small = replace(seen, unknown=unknown).halved().unknown
+    assert small is not None
+    assert torch.nonzero(small).tolist() == [[0, 2, 4]]
+
+
 def test_what_explains_nothing_fades_when_opacity_has_a_price() -> None:
     """Points behind the wall show in no picture."""
     hidden = np.random.default_rng(3).uniform([-1, -1, 1.5], [1, 1, 2.5], (40, 3))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -17,7 +18,7 @@ from splatreel.recon.cameras.color_gains import CameraGains
 from splatreel.recon.deform.adam import Restore, together
 from splatreel.recon.train.average import Average
 from splatreel.recon.train.keyframe_density import KeyframeDensity
-from splatreel.recon.train.losses import KEYFRAME, KEYFRAME_BEFORE_STATIC, KeyframeStep, backward, psnr
+from splatreel.recon.train.losses import KEYFRAME, KeyframeStep, Loss, backward, psnr
 from splatreel.recon.train.pictures import Pictures
 from splatreel.recon.train.points import TrainablePoints, default_rates
 from splatreel.recon.train.recovery import Recovery
@@ -79,9 +80,10 @@ class KeyframeTrainer:
         *,
         static: Gaussians | None = None,
         max_points: int,
+        losses: Sequence[Loss[KeyframeStep]] = KEYFRAME,
         seed: int = 0,
     ) -> None:
-        self.points, self.gains, self.config, self.static = points, gains, config, static
+        self.points, self.gains, self.config, self.static, self.losses = points, gains, config, static, losses
         self.density = KeyframeDensity(points, config, max_points, seed)
         self.rng = np.random.default_rng(seed)
         self.done = 0
@@ -131,7 +133,7 @@ class KeyframeTrainer:
 
         Returns the photometric loss [] and the drawing, which keeps its gradients.
         """
-        view = pictures.views[camera]
+        view, gain = pictures.views[camera], self.gains.of(camera)
         splats = deformed(self.points.params, None, None, view, pictures.near)
         drawing = draw(splats, view, static.view(camera) if static else None)
         drawn = KeyframeStep(
@@ -139,8 +141,8 @@ class KeyframeTrainer:
             share=share,
             view=view,
             drawing=drawing,
-            target=pictures.images[0, camera],
-            gain=self.gains.of(camera),
+            target=pictures.target(camera, drawing.image if gain is None else drawing.image * gain),
+            gain=gain,
             tiles=None,
             lambda_dssim=LAMBDA_DSSIM,
             unit=pictures.unit,
@@ -148,7 +150,7 @@ class KeyframeTrainer:
             splats=splats,
             near=pictures.near,
         )
-        losses = backward(KEYFRAME_BEFORE_STATIC if static else KEYFRAME, drawn, self.config)
+        losses = backward(self.losses, drawn, self.config)
         self.points.step(self.density.distances[:, None])
         self.gains.step()
         return losses["photometric"].detach(), drawing

@@ -15,17 +15,30 @@ class Pictures:
     """At one resolution. images: [T, C, H, W, 3] uint8, of a keyframe T = 1; views: C.
 
     near: plane before which nothing is drawn; unit: typical viewing distance; both in world units.
+    unknown: [C, H, W] bool, of a keyframe, where its pictures mean nothing; None: nowhere.
     """
 
     images: Tensor
     views: list[View]
     near: float
     unit: float
+    unknown: Tensor | None = None
 
     @property
     def count(self) -> int:
         """Frames T."""
         return self.images.shape[0]
+
+    def target(self, camera: int, shown: Tensor) -> Tensor:
+        """[H, W, 3] uint8, what a camera's picture of the keyframe should be. Where that is unknown it may be as it is.
+
+        shown: [H, W, 3] what is drawn now, 0..1.
+        """
+        image = self.images[0, camera]
+        if self.unknown is None:
+            return image
+        as_shown = (shown.detach().clamp(0, 1) * 255).round().to(torch.uint8)
+        return torch.where(self.unknown[camera][..., None], as_shown, image)
 
     def halved(self) -> Pictures:
         """The same at half size. A frame at a time, into its place: as floats, or in pieces, a group's pictures take much memory."""
@@ -33,7 +46,10 @@ class Pictures:
         small = self.images.new_empty(count, cameras, height // 2, width // 2, channels)
         for place, images in zip(small, self.images, strict=True):
             place.copy_(halved(images))
-        return replace(self, images=small, views=[view.halved() for view in self.views])
+        unknown = self.unknown
+        if unknown is not None:  # where any of the four pixels is
+            unknown = torch.nn.functional.max_pool2d(unknown[:, None].float(), 2)[:, 0] > 0
+        return replace(self, images=small, views=[view.halved() for view in self.views], unknown=unknown)
 
 
 def halved(images: Tensor) -> Tensor:

@@ -92,11 +92,16 @@ def train_frame(
     coarse_share: float,
     antialias: bool,
     progress: Progress,
+    unknown: np.ndarray | None = None,
 ) -> None:
-    """Train on one frame, the first `coarse_share` of the iterations at half size. images: [C, H, W, 3] uint8."""
+    """Train on one frame, the first `coarse_share` of the iterations at half size. images: [C, H, W, 3] uint8.
+
+    unknown: [C, H, W] bool, where they mean nothing.
+    """
     device = trainer.points.means.device
     views = [View.of(camera, device, antialias, layout) for camera in cameras]
-    pictures = Pictures(torch.from_numpy(images).to(device)[None], views, layout.near, layout.unit)
+    mask = None if unknown is None else torch.from_numpy(unknown).to(device)
+    pictures = Pictures(torch.from_numpy(images).to(device)[None], views, layout.near, layout.unit, mask)
     coarse = round(iterations * coarse_share)
     if coarse:
         trainer.train(pictures.halved(), coarse, iterations, progress)

@@ -16,6 +16,7 @@ from splatreel.recon.layering.tracking import GroupStart
 from splatreel.recon.train.export import GroupResult
 from splatreel.recon.train.group import GroupTrainer
 from splatreel.recon.train.keyframe import KeyframeResult, KeyframeTrainer
+from splatreel.recon.train.losses import KEYFRAME, KEYFRAME_BEFORE_STATIC
 from splatreel.recon.train.pictures import Pictures
 from splatreel.recon.train.points import TrainablePoints, default_rates
 from splatreel.recon.train.render import View
@@ -25,12 +26,20 @@ from splatreel.scene.static_points import StaticPoints
 
 
 def train_first_keyframe(
-    data: GroupInput, positions: np.ndarray, colors: np.ndarray, config: Config, progress: Progress
+    data: GroupInput,
+    positions: np.ndarray,
+    colors: np.ndarray,
+    config: Config,
+    progress: Progress,
+    unknown: np.ndarray | None = None,
 ) -> KeyframeResult:
-    """All points of the first group's keyframe, from initial ones. positions: [P, 3] world. colors: [P, 3] 0..1."""
+    """All points of the first group's keyframe, from initial ones. positions: [P, 3] world. colors: [P, 3] 0..1.
+
+    unknown: [C, H, W] bool, where the pictures mean nothing.
+    """
     keyframe, gains = config.keyframe, gains_of(data, config)
     trainer = first_keyframe_trainer(positions, colors, data.layout, data.cameras, gains, config)
-    return _trained(data, trainer, keyframe.first_iterations, keyframe.coarse_share, config, progress)
+    return _trained(data, trainer, keyframe.first_iterations, keyframe.coarse_share, config, progress, unknown)
 
 
 def train_keyframe(
@@ -41,7 +50,15 @@ def train_keyframe(
     points = TrainablePoints.from_gaussians(dynamic, default_rates(data.unit, keyframe.rate_scale), data.device)
     most = len(points) + max(1000, len(points) // 3)
     gains, behind = gains_of(data, config), static.living
-    trainer = KeyframeTrainer(points, gains, keyframe, static=behind, max_points=most, seed=data.seed)
+    trainer = KeyframeTrainer(
+        points,
+        gains,
+        keyframe,
+        static=behind,
+        max_points=most,
+        losses=KEYFRAME_BEFORE_STATIC if len(behind) else KEYFRAME,
+        seed=data.seed,
+    )
     return _trained(data, trainer, keyframe.refine_iterations, 0.0, config, progress)
 
 
@@ -81,8 +98,14 @@ def gains_of(data: GroupInput, config: Config) -> CameraGains:
 
 
 def _trained(
-    data: GroupInput, trainer: KeyframeTrainer, iterations: int, coarse: float, config: Config, progress: Progress
+    data: GroupInput,
+    trainer: KeyframeTrainer,
+    iterations: int,
+    coarse: float,
+    config: Config,
+    progress: Progress,
+    unknown: np.ndarray | None = None,
 ) -> KeyframeResult:
     images = temporal_mean(data.images) if config.keyframe.temporal_mean else data.images[0]
-    train_frame(trainer, data.cameras, images, data.layout, iterations, coarse, data.antialias, progress)
+    train_frame(trainer, data.cameras, images, data.layout, iterations, coarse, data.antialias, progress, unknown)
     return KeyframeResult(trainer.points.gaussians(), trainer.gains.values.cpu().numpy())
