@@ -6,7 +6,8 @@ import sys
 import threading
 import time
 import unicodedata
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
+from itertools import accumulate, pairwise
 from typing import Any, Protocol, TextIO
 
 Span = tuple[float, float]
@@ -80,6 +81,12 @@ class PartOf:
 
     def note(self, text: str) -> None:
         self._progress.note(text)
+
+
+def parts_of(progress: Progress, costs: Sequence[float]) -> list[PartOf]:
+    """The parts of a job that one after the other are all of it, by what each costs."""
+    whole = sum(costs)
+    return [PartOf(progress, begin / whole, end / whole) for begin, end in pairwise([0.0, *accumulate(costs)])]
 
 
 class Estimate:

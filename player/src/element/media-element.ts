@@ -166,7 +166,7 @@ export abstract class MediaElement extends HTMLElement {
     return player.busy ? MediaElement.NETWORK_LOADING : MediaElement.NETWORK_IDLE;
   }
 
-  /** Of the bytes that people wait for now, the part that is here, 0..1. */
+  /** The share of the bytes being waited for that has arrived, 0..1. */
   get progress(): number {
     return this.player.progress;
   }

@@ -74,7 +74,7 @@ export class DecoderPool {
     return this.running.get(key)?.received ?? 0;
   }
 
-  /** Whether no more is missing of a file than comes until another that is asked for now begins to. */
+  /** Whether the rest of a file will be here before the first byte of another one could: the rest takes less than a round trip. */
   isNearlyHere(key: string): boolean {
     const job = this.running.get(key);
     if (!job?.open) return true;

@@ -14,9 +14,8 @@ from pathlib import Path
 import torch
 
 from splatreel.capture.base import Capture
-from splatreel.codec.header import ReelHeader
 from splatreel.codec.writer import ReelWriter
-from splatreel.config import Config, EncodeConfig
+from splatreel.config import Config
 from splatreel.errors import ReconstructionError
 from splatreel.progress import Progress
 from splatreel.recon.encode.header import open_writer
@@ -97,7 +96,7 @@ def part_of(chapter: int) -> str:
 
 
 def has_scene(run: ChapteredRun) -> bool:
-    return run.store.scene.layer() is not None
+    return run.store.scene.has_layer()
 
 
 def has_chapter(run: ChapteredRun, chapter: ChapterSpan) -> bool:
@@ -127,7 +126,7 @@ def chapter_job(run: ChapteredRun, index: int, progress: Progress, after_group: 
             return
         job = run.job(part_of(index), chapter.groups, progress)
         layout, before = _begin(run, job)
-        output = ChapterOutput(run.store, *_header(run), after_group)
+        output = ChapterOutput(run.store, run.store.header()[0], run.config.encode, after_group)
         reconstruct_groups(job, run.capture, layout, before, output)
 
 
@@ -183,7 +182,3 @@ def _begin(run: ChapteredRun, job: Job) -> tuple[Layout, Handover]:
         raise ReconstructionError(f"{run.out}: the scene that chapters share is not finished. Make it first.")
     static = StaticPoints.none(run.config.keyframe.sh_degree).with_layer(shared.decoded)
     return layout, Handover(shared_rig(job, run.capture), static, Gaussians.empty(), plates=plates.images, begins=True)
-
-
-def _header(run: ChapteredRun) -> tuple[ReelHeader, EncodeConfig]:
-    return run.store.header()[0], run.config.encode

@@ -7,7 +7,7 @@ from pathlib import Path
 
 from splatreel.capture.base import Capture
 from splatreel.config import Config
-from splatreel.progress import PartOf, Progress, Silent
+from splatreel.progress import Progress, Silent, parts_of
 from splatreel.recon.encode.output import ReelOutput
 from splatreel.recon.encode.publisher import Present, Publisher, nothing_more
 from splatreel.recon.encode.sound import hear
@@ -89,14 +89,12 @@ def reconstruct_sequence(run: ChapteredRun, progress: Progress, present: Present
 
 def reconstruct_chapters(run: ChapteredRun, progress: Progress, present: Present) -> None:
     """A video of several: the scene that they share, and one chapter after the other, each published as it is finished."""
-    costs = run.costs()
+    of_scene, *of_chapters = parts_of(progress, run.costs())
     with run.lock():
-        scene_job(run, PartOf(progress, 0, costs[0] / sum(costs)))
+        scene_job(run, of_scene)
         publisher = ChapterPublisher(run, present)
-        for chapter in run.chapters:
+        for chapter, part in zip(run.chapters, of_chapters, strict=True):
             publisher.publish_ready()
-            begin = sum(costs[: chapter.index + 1])
-            part = PartOf(progress, begin / sum(costs), (begin + costs[chapter.index + 1]) / sum(costs))
             chapter_job(run, chapter.index, part)
         publisher.publish_ready()
         publisher.finish()

@@ -37,7 +37,7 @@ UNKNOWN = 0.5
 def reconstruct_shared_scene(job: Job, capture: Capture, sound: RunSound | None, lock: RunLock) -> None:
     """Make clean plates, reconstruct them as the first keyframe of a video, and encode the points as a layer; all of it is kept."""
     store = job.store.scene
-    if store.layer() is not None:
+    if store.has_layer():
         return
     rig, layout, plates = _look_at_video(job, capture, lock)
     save_header(job, capture, rig, layout, sound)

@@ -37,11 +37,14 @@ def hear(work: Path, capture: Capture, wanted: str, progress: Progress) -> RunSo
         progress.note("Sound: none" if wanted == "none" else "Sound: none, no video has any")
         return None
     progress.note(f"Sound: {choice}")
-    position = None
-    if choice.camera is not None:
-        x, y, z = capture.camera(choice.camera).center.tolist()
-        position = (round(x, 6), round(y, 6), round(z, 6))
+    position = None if choice.camera is None else place_of(capture, choice.camera)
     return RunSound(encode_sound(choice.samples(seconds), choice.channels), position)
+
+
+def place_of(capture: Capture, camera: str) -> Vec3:
+    """Where a camera stands, as the manifest says it."""
+    x, y, z = (round(value, 6) for value in capture.camera(camera).center.tolist())
+    return x, y, z
 
 
 def save_sound(work: Path, sound: RunSound | None) -> None:

@@ -19,7 +19,6 @@ from splatreel.errors import CaptureError
 from splatreel.progress import Progress, Silent
 from splatreel.recon.cameras.rig import Rig
 from splatreel.recon.encode.header import open_writer
-from splatreel.recon.encode.output import ReelOutput
 from splatreel.recon.encode.publisher import Present, Publisher, nothing_more
 from splatreel.recon.groups import Handover, reconstruct_group, restore_group
 from splatreel.recon.init.layout import Layout
@@ -86,7 +85,7 @@ def reconstruct_following(
                 heard.publish(writer)
                 present(writer, group)
 
-            output = LiveOutput(ReelOutput(writer, Publisher(writer, job.store, chosen), shown))
+            output = LiveOutput(writer, Publisher(writer, job.store, chosen), shown)
             run.make(rig, layout, output)
             heard.finish(writer)
         present(writer, None)
@@ -154,7 +153,7 @@ class _LiveRun:
         self.edge = frames[span.own].copy() if span.own < len(frames) else None
         before = self._begin(span, before)
         before = reconstruct_group(self.job(span, settings), span, frames, before, layout, output)
-        self.window.move(output.reel.writer)
+        self.window.move(output.writer)
         self._tell(span, live)
         return before
 
@@ -166,7 +165,7 @@ class _LiveRun:
                 edge = self.follower.capture.read(span.first, 1, before.rig.names)[0]
             before = replace(before, reference=edge)
         before = hold_group(self.job(span, self.config), span, self._begin(span, before), layout, output)
-        self.window.move(output.reel.writer)
+        self.window.move(output.writer)
         self.progress.note(f"Group {span.index + 1} is left out: nothing moves in it.")
         return before
 

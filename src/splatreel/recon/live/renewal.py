@@ -5,8 +5,6 @@ Without that, everything that ever rested would have to be got by who joins, for
 
 from __future__ import annotations
 
-import numpy as np
-
 from splatreel.recon.run.store import Store
 from splatreel.scene.gaussians import Gaussians
 from splatreel.scene.static_points import StaticPoints
@@ -39,7 +37,4 @@ def static_before(store: Store, group: int, sh_degree: int) -> StaticPoints:
     """The static points that a group finds, all of them taken for alive."""
     if group == 0 or is_renewed(group):
         return StaticPoints.none(sh_degree)
-    points = Gaussians.concatenate(
-        [Gaussians.empty(sh_degree), *(layer.decoded for _, layer in store.layers(group - 1))]
-    )
-    return StaticPoints(points, np.ones(len(points), bool))
+    return StaticPoints.none(sh_degree).with_layer(store.static(group - 1))

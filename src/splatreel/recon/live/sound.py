@@ -10,18 +10,18 @@ from threading import Thread
 
 import numpy as np
 
-from splatreel.capture.base import Capture
 from splatreel.capture.file_capture import FileCapture
 from splatreel.capture.follower import Follower
 from splatreel.capture.growing.sound import begin_with
 from splatreel.capture.growing.videos import GrowingVideos
 from splatreel.codec.container import write_atomically
 from splatreel.codec.fragments import RATE, initialization
-from splatreel.codec.presentation import Sound, SoundSegment, Vec3
+from splatreel.codec.presentation import Sound, SoundSegment
 from splatreel.codec.sound import SEGMENT_SECONDS, TYPE, SoundEncoder
 from splatreel.codec.writer import ReelWriter
 from splatreel.errors import SplatreelError
 from splatreel.progress import Progress
+from splatreel.recon.encode.sound import place_of
 from splatreel.recon.run import checkpoint
 
 JUDGED = 10.0
@@ -86,7 +86,7 @@ class LiveSound:
             if before is not None
             else writer.write_asset(f"sound/{_INIT}", (self.folder / _INIT).read_bytes())
         )
-        sound = Sound(TYPE, RATE, self._channels, init, tuple(segments), _position(self.follower.capture, self.camera))
+        sound = Sound(TYPE, RATE, self._channels, init, tuple(segments), place_of(self.follower.capture, self.camera))
         sound = sound.since(manifest.first_frame / manifest.fps)
         if sound != before:
             writer.present(replace(manifest.presentation, sound=sound))
@@ -110,7 +110,7 @@ class LiveSound:
             checkpoint.save_json(file, None)
         else:
             name, channels = chosen
-            position = _position(capture, name)
+            position = place_of(capture, name)
             checkpoint.save_json(file, {"camera": name, "channels": channels, "position": position})
         return chosen
 
@@ -166,9 +166,3 @@ class LiveSound:
         for old in self.folder.glob(f"{index:06d}-*.m4s"):
             old.unlink()
         write_atomically(self.folder / f"{index:06d}-{samples}.m4s", data)
-
-
-def _position(capture: Capture, camera: str) -> Vec3:
-    """Where it stands, as the manifest says it."""
-    x, y, z = (round(float(value), 6) for value in capture.camera(camera).center)
-    return x, y, z

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from splatreel.errors import ReconstructionError
-from splatreel.progress import PartOf, Progress
+from splatreel.progress import Progress, parts_of
 from splatreel.recon.encode.publisher import Present
 from splatreel.recon.jobs import ChapteredRun, chapter_job, has_scene, publish_job, scene_job
 from splatreel.recon.machines.run_spec import RunSpec
@@ -41,10 +41,10 @@ def _make(run: ChapteredRun, chapters: range, progress: Progress, present: Prese
         return
     if not has_scene(run):
         raise ReconstructionError(f"{run.out}: the scene that chapters share is not there. Run --job scene first.")
-    costs = [run.costs()[1 + chapter] for chapter in chapters]
-    for place, chapter in enumerate(chapters):
-        begin, end = sum(costs[:place]) / sum(costs), sum(costs[: place + 1]) / sum(costs)
-        chapter_job(run, chapter, PartOf(progress, begin, end))
+    _, *costs = run.costs()
+    parts = parts_of(progress, [costs[chapter] for chapter in chapters])
+    for chapter, part in zip(chapters, parts, strict=True):
+        chapter_job(run, chapter, part)
 
 
 def _finish(run: ChapteredRun, progress: Progress, present: Present) -> None:

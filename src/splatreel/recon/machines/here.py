@@ -8,7 +8,7 @@ import torch
 
 from splatreel import threads
 from splatreel.errors import UsageError
-from splatreel.progress import PartOf, Progress, Silent
+from splatreel.progress import Progress, Silent, parts_of
 from splatreel.recon.encode.publisher import Present, nothing_more
 from splatreel.recon.jobs import ChapteredRun, scene_job
 from splatreel.recon.machines.driver import Driver
@@ -33,8 +33,7 @@ def reconstruct_here(
         if division.workers == 1:
             return reconstruct_run(run, progress, present)
         with run.lock():
-            scene, *chapters = run.costs()
-            scene_job(run, PartOf(progress, 0.0, scene / (scene + sum(chapters))))
+            scene_job(run, parts_of(progress, run.costs())[0])
             if run.device.type == "cuda":
                 torch.cuda.empty_cache()  # for the worker that uses the same GPU
             driver = Driver(run, progress, present, division.workers)

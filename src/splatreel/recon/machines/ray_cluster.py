@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from splatreel.errors import MissingDependencyError, ReconstructionError, UsageError
-from splatreel.progress import PartOf, Progress, Silent
+from splatreel.progress import Progress, Silent, parts_of
 from splatreel.recon.encode.publisher import Present, nothing_more
 from splatreel.recon.jobs import ChapteredRun, has_scene
 from splatreel.recon.machines.driver import Driver
@@ -99,9 +99,8 @@ class _Cluster:
         """The scene, the chapters and the reel."""
         if self.exchange is not None:
             self.exchange.fetch_scene()
-        scene, *chapters = self.run.costs()
         if not has_scene(self.run):
-            self._make_scene(PartOf(self.progress, 0.0, scene / (scene + sum(chapters))))
+            self._make_scene(parts_of(self.progress, self.run.costs())[0])
         if self.exchange is not None:
             self.exchange.fetch_scene()
             self.exchange.fetch_finished()

@@ -128,6 +128,9 @@ class GroupStore:
         trained, decoded = (checkpoint.unpack(arrays, f"{kind}_") for kind in ("raw", "decoded"))
         return StoredLayer(trained, decoded, arrays.get("importance"))
 
+    def has_layer(self) -> bool:
+        return self._path("layer").exists()
+
     def save_layer(self, layer: StoredLayer) -> None:
         arrays = checkpoint.pack(layer.trained, "raw_") | checkpoint.pack(layer.decoded, "decoded_")
         self._save("layer", arrays | _present(importance=layer.importance))

@@ -141,7 +141,7 @@ class KeyframeTrainer:
             share=share,
             view=view,
             drawing=drawing,
-            target=pictures.target(camera, drawing.image if gain is None else drawing.image * gain),
+            target=pictures.target(camera, drawing.image, gain),
             gain=gain,
             tiles=None,
             lambda_dssim=LAMBDA_DSSIM,

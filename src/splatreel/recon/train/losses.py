@@ -175,7 +175,10 @@ KEYFRAME: tuple[Loss[KeyframeStep], ...] = (
     Loss("bent surfaces", bent_surfaces, "lambda_roughness", every=2, after=SURFACES_FROM),
     Loss("before surfaces", before_surfaces, "lambda_spread", every=2, after=SURFACES_FROM),
 )
-CHAPTER_KEYFRAME: tuple[Loss[KeyframeStep], ...] = KEYFRAME[:2]
+CHAPTER_KEYFRAME: tuple[Loss[KeyframeStep], ...] = (
+    Loss("photometric", photometric),
+    Loss("opacity", opacity, "lambda_opacity", after=GROWTH),
+)
 """Of many new points before static ones: what explains little fades. Surfaces are those of bodies, which are seen from all around."""
 KEYFRAME_BEFORE_STATIC: tuple[Loss[KeyframeStep], ...] = (Loss("photometric", photometric),)
 """Of points before static ones nothing else is asked: what moves has few points, and needs them."""

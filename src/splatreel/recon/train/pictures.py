@@ -29,15 +29,16 @@ class Pictures:
         """Frames T."""
         return self.images.shape[0]
 
-    def target(self, camera: int, shown: Tensor) -> Tensor:
+    def target(self, camera: int, drawn: Tensor, gain: Tensor | None) -> Tensor:
         """[H, W, 3] uint8, what a camera's picture of the keyframe should be. Where that is unknown it may be as it is.
 
-        shown: [H, W, 3] what is drawn now, 0..1.
+        drawn: [H, W, 3] what is drawn now, 0..1, before the camera's color gain [3].
         """
         image = self.images[0, camera]
         if self.unknown is None:
             return image
-        as_shown = (shown.detach().clamp(0, 1) * 255).round().to(torch.uint8)
+        shown = drawn.detach() if gain is None else drawn.detach() * gain.detach()
+        as_shown = (shown.clamp(0, 1) * 255).round().to(torch.uint8)
         return torch.where(self.unknown[camera][..., None], as_shown, image)
 
     def halved(self) -> Pictures:
