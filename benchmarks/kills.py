@@ -17,7 +17,7 @@ from tests.kills import NAMES, run
 
 
 def main(kills: Positional[int] = 50, seed: int = 0, note: str = "") -> None:
-    """Kill each command so many times; ends with 1 if any file differs from those of an undisturbed run."""
+    """Kill each command so many times; ends with 1 if any file is not as an undisturbed run leaves it."""
     results = run(dict.fromkeys(NAMES, kills), seed)
     commands = {
         found.command: {
@@ -25,11 +25,12 @@ def main(kills: Positional[int] = 50, seed: int = 0, note: str = "") -> None:
             "moments": found.moments,
             "seconds": round(found.seconds, 1),
             "files_that_differ": len(found.different),
+            "checkpoints_that_differ": len(found.checkpoints),
         }
         for found in results
     }
     record("kills", {"kills": kills, "seed": seed, "commands": commands}, note)
-    sys.exit(any(found.different for found in results))
+    sys.exit(any(found.different or found.checkpoints for found in results))
 
 
 if __name__ == "__main__":

@@ -1,4 +1,4 @@
-"""Commands that are killed at random moments and continued by the same command: what they leave in the end must be the same bytes.
+"""Commands that are killed at random moments and continued by the same command: their result must be the same bytes.
 
 Moments are counted, so that a seed decides where a command dies: around everything that changes what lies on the disk (a file is begun,
 half written, made durable, moved, deleted), and around every stage and iteration. A killed command goes on with what it has kept, so a
@@ -25,6 +25,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from safetensors.numpy import load
 
 from tests.capture import folders
 from tests.files import contents
@@ -74,8 +75,10 @@ class Attempt:
 
 @dataclass
 class Found:
-    """Of one command. killed: how often, by stage; refused: how often a full disk stopped it; different: files that are not as an
-    undisturbed run leaves them."""
+    """Of one command. killed: how often, by stage; refused: how often a full disk stopped it.
+
+    different, checkpoints: files that are not as an undisturbed run leaves them, and in what; of the result, and of the run's own work.
+    """
 
     command: str
     moments: int = 0
@@ -83,6 +86,15 @@ class Found:
     killed: Counter[str] = field(default_factory=Counter)
     refused: int = 0
     different: list[str] = field(default_factory=list)
+    checkpoints: list[str] = field(default_factory=list)
+
+    def compare(self, out: Path, expected: dict[str, bytes], left: dict[str, bytes]) -> None:
+        """Note the files in `out` that differ."""
+        for name in sorted({*expected, *left}):
+            wanted, found = expected.get(name), left.get(name)
+            if wanted != found:
+                whose = self.checkpoints if name.startswith("work/") else self.different
+                whose.append(f"{out.name}/{name} ({_difference(name, wanted, found)})")
 
 
 class Moments:
@@ -209,11 +221,11 @@ def try_command(command: Command, folder: Path, kills: int, seed: int) -> Found:
         if not met:
             raise AssertionError(f"{command.name}: could not be killed within {found.moments} moments")
         found.killed += met
-        found.different += _different(command, out, expected)
+        found.compare(out, expected, command.content(out))
     out = folder / f"{command.name} full"
     out.mkdir()
     found.refused = _fill(command, out, max(len(data) for data in expected.values()))
-    found.different += _different(command, out, expected)
+    found.compare(out, expected, command.content(out))
     return found
 
 
@@ -230,10 +242,18 @@ def _fill(command: Command, out: Path, largest: int) -> int:
     return refused
 
 
-def _different(command: Command, out: Path, expected: dict[str, bytes]) -> list[str]:
-    left = command.content(out)
-    names = sorted({*expected, *left})
-    return [f"{out.name}/{name}" for name in names if expected.get(name) != left.get(name)]
+def _difference(name: str, wanted: bytes | None, found: bytes | None) -> str:
+    """In what two versions of a file differ."""
+    if wanted is None or found is None:
+        return "should not be there" if wanted is None else "is missing"
+    if not name.endswith(".safetensors"):
+        return f"{len(wanted)} bytes, {len(found)} found"
+    arrays, others = load(wanted), load(found)
+    if {key: value.shape for key, value in arrays.items()} != {key: value.shape for key, value in others.items()}:
+        return "other arrays"
+    apart = {key: np.abs(value.astype(float) - others[key]) for key, value in arrays.items()}
+    told = [f"{key}: {(by != 0).sum()} of {by.size} values, by {by.max()}" for key, by in apart.items() if by.any()]
+    return "; ".join(told) or "not in what they say"
 
 
 def commands(folder: Path) -> Iterator[Command]:
@@ -308,6 +328,8 @@ def run(kills: dict[str, int], seed: int) -> list[Found]:
             whole = f"{found.moments} moments in {found.seconds:.1f} s"
             met = f"killed in {stages}; {found.refused} full disks"
             print(f"{found.command}: {whole}; {met}; files that differ: {found.different or 'none'}", flush=True)
+            if found.checkpoints:
+                print(f"  checkpoints that differ: {found.checkpoints}", flush=True)
             results.append(found)
         return results
 

@@ -1,3 +1,6 @@
+import errno
+from pathlib import Path
+
 import pytest
 
 from splatreel.errors import StorageError
@@ -26,4 +29,16 @@ def test_what_lasts_is_not_tried_again(tmp_path):
     told = []
     with pytest.raises(StorageError):
         RetryingFolder(LocalFolder(tmp_path / "file"), told.append).read("a", 1)
+    assert told == []
+
+
+def test_a_full_disk_is_not_waited_for(tmp_path, monkeypatch):
+    def refused(path, data):
+        raise OSError(errno.ENOSPC, "No space left on device", str(path))
+
+    monkeypatch.setattr(Path, "write_bytes", refused)
+    told = []
+    with pytest.raises(StorageError, match=r"could not be written \(1 bytes\) \(No space left on device\)") as caught:
+        RetryingFolder(LocalFolder(tmp_path), told.append).write("a", b"1")
+    assert caught.value.lasting
     assert told == []

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import errno
 import os
 import re
 from collections.abc import Iterator
@@ -17,6 +18,8 @@ _NAME = re.compile(r"[^/\\.\x00-\x1f][^/\\\x00-\x1f]*(/[^/\\.\x00-\x1f][^/\\\x00
 
 REFUSALS = (PermissionError, FileNotFoundError, NotADirectoryError, IsADirectoryError)
 """Errors that are not the line's fault: to try again changes nothing."""
+_FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EROFS)
+"""What a disk says that has no room, or takes nothing: nor does it change by itself."""
 
 
 @dataclass(frozen=True)
@@ -109,6 +112,5 @@ class LocalFolder:
                         yield name, path.stat().st_size
 
     def _failed(self, name: str, what: str, error: OSError) -> StorageError:
-        return StorageError(
-            f"{self.address(name)}: {what} ({error.strerror or error}).", lasting=isinstance(error, REFUSALS)
-        )
+        lasting = isinstance(error, REFUSALS) or error.errno in _FULL
+        return StorageError(f"{self.address(name)}: {what} ({error.strerror or error}).", lasting=lasting)
