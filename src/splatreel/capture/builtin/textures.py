@@ -1,6 +1,7 @@
 """Procedural textures of the built-in capture: smooth functions of a solid's local coordinates.
 
-Their finest detail is a few pixels wide at the default size, so that pixels sample them without aliasing.
+Their finest detail is a few pixels wide at the default size, so that pixels sample them without aliasing. `GRAINED` ones are for large
+pictures.
 """
 
 from __future__ import annotations
@@ -10,6 +11,10 @@ import math
 from numba import njit
 
 SOLID, PLANKS, WALLPAPER, CHECKS, STRIPES, DOTS, RINGS, GLOBE, SECTORS, PAINTING, EMBLEM, BANDS, MIRROR = range(13)
+GRAINED = 32
+"""Added to a kind: darker and lighter in spots of all sizes, as are stone, wood and cloth."""
+_COARSEST, _OCTAVES, _DEEP = 5.0, 6, 0.45
+"""Spots a unit of length of the largest kind; kinds, each half as large; how much darker and lighter."""
 
 
 @njit(cache=True, error_model="numpy")
@@ -121,8 +126,28 @@ def _emblem(u, v, face, colors):
 
 
 @njit(cache=True, error_model="numpy")
+def _grain(x, y, z):
+    """A factor around 1: value noise of several sizes, the small ones fainter, about as in photographs."""
+    total, frequency, amplitude, most = 0.0, _COARSEST, 1.0, 0.0
+    for _ in range(_OCTAVES):
+        total += amplitude * (2 * _noise(x * frequency, y * frequency, z * frequency) - 1)
+        most += amplitude
+        frequency, amplitude = 2 * frequency, 0.75 * amplitude
+    return 1 + 2 * _DEEP * total / most
+
+
+@njit(cache=True, error_model="numpy")
 def albedo(kind, x, y, z, nx, ny, nz, half, colors, scale, phase):
     """Linear color of a texture at a local point with local normal; see the constants above for the kinds."""
+    if kind < GRAINED:
+        return _pattern(kind, x, y, z, nx, ny, nz, half, colors, scale, phase)
+    color = _pattern(kind - GRAINED, x, y, z, nx, ny, nz, half, colors, scale, phase)
+    return _times(color, _grain(x + phase, y, z))
+
+
+@njit(cache=True, error_model="numpy")
+def _pattern(kind, x, y, z, nx, ny, nz, half, colors, scale, phase):
+    """As `albedo`, without grain."""
     ax, ay, az = abs(nx), abs(ny), abs(nz)
     face = 0 if ax >= ay and ax >= az else (1 if ay >= az else 2)
     u, v, hu, hv = (
