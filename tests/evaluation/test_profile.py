@@ -1,15 +1,15 @@
+import json
 import re
 from pathlib import Path
 
 import pytest
 
 from splatreel.capture import opening
-from splatreel.capture.base import Capture
 from splatreel.cli.main import main
 from splatreel.errors import CaptureError
 from splatreel.evaluation.profile import profiled, table
-from splatreel.recon import pipeline
 from tests.evaluation import scenes
+from tests.recon.small import FEW
 
 
 def test_the_longest_first_and_short_ones_left_out() -> None:
@@ -47,17 +47,13 @@ def test_reconstruct_profiles_itself(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     capture = scenes.capture(tmp_path, ["cam03"])
-
-    def reconstruct(source: Capture, out: Path, *_: object, **__: object) -> pipeline.Result:
-        out.mkdir()
-        source.read(0, 2, ["cam00"])
-        return pipeline.Result(out / "reel", out / "work", {}, "cpu")
-
     monkeypatch.setattr(opening, "open_capture", lambda *_, **__: capture)
-    monkeypatch.setattr(pipeline, "reconstruct", reconstruct)
+    sizes = [f"--set={name}={json.dumps(value)}" for name, value in FEW.items()]
     for options, expected in (([], False), (["--profile"], True)):
         out = tmp_path / f"out{len(options)}"
-        assert main(["reconstruct", "capture", "--out", str(out), *options]) == 0
+        assert main(["reconstruct", "capture", "--out", str(out), *sizes, *options]) == 0
         assert (out / "profile.md").exists() == expected
         assert f"splatreel serve {out / 'reel'}" in capsys.readouterr().out
-    assert "s on the main thread" in (tmp_path / "out1" / "profile.md").read_text()
+    said = (tmp_path / "out1" / "profile.md").read_text()
+    assert "s on the main thread" in said
+    assert "recon/" in said

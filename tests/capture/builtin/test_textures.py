@@ -1,3 +1,5 @@
+from itertools import pairwise
+
 import numpy as np
 
 from splatreel.capture.builtin.textures import CHECKS, GRAINED, albedo
@@ -25,8 +27,8 @@ def test_grain_has_spots_of_all_sizes() -> None:
     points = np.random.default_rng(1).uniform(-1, 1, (4000, 3))
 
     def grain(moved: float) -> np.ndarray:
-        shifted = points + (moved, 0, 0)
+        shifted = points + np.array([moved, 0, 0])
         return (colors(CHECKS + GRAINED, shifted) / colors(CHECKS, shifted))[:, 0]
 
     apart = [np.square(grain(distance) - grain(0)).mean() ** 0.5 for distance in (0.02, 0.04, 0.08)]
-    assert all(1.1 < more / less < 1.9 for less, more in zip(apart, apart[1:], strict=False))
+    assert all(1.1 < more / less < 1.9 for less, more in pairwise(apart))
