@@ -42,6 +42,8 @@ def test_what_is_measured(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> No
     assert [row["what"] for row in rows] == ["quick", "group iteration", "quick looped", "long"]
     assert quick["seconds"] > 0
     assert quick["seconds_a_frame"] == pytest.approx(quick["seconds"] / 4, abs=0.02)
+    megapixels = capture.width * capture.height / 1e6
+    assert quick["seconds_a_megapixel"] == pytest.approx(quick["seconds_a_frame"] / megapixels, rel=0.01)
     assert quick["peak_memory_mb"] > 50
     assert quick["psnr"] > 10
     group = ReelReader(tmp_path / "quick" / "reel").group(0)

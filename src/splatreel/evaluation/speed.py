@@ -79,14 +79,19 @@ def bench_reconstruct(
 def _run(
     capture: Capture, out: Path, name: str, config: Config, device: str, progress: Progress
 ) -> tuple[Timing, Result]:
-    """Reconstruct and, where cameras are held out, evaluate the decoded reel on them."""
+    """Reconstruct and, where cameras are held out, evaluate the decoded reel on them.
+
+    seconds_a_megapixel: of a frame, for each million pixels that one camera's picture has.
+    """
     result = reconstruct(capture, out / name.replace(" ", "-"), config, device=device, progress=progress)
     seconds = sum(result.seconds.values())
+    megapixels = capture.width * capture.height / 1e6
     row: Timing = {
         "what": name,
         "frames": capture.frames,
         "seconds": round(seconds, 1),
         "seconds_a_frame": round(seconds / capture.frames, 3),
+        "seconds_a_megapixel": round(seconds / capture.frames / megapixels, 3),
         **{f"{stage}_share": round(spent / seconds, 3) for stage, spent in result.seconds.items()},
         "peak_memory_mb": round((peak_memory_bytes() or 0) / 1e6, 1),
     }
