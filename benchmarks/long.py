@@ -33,21 +33,23 @@ from splatreel.recon.run.store import Store
 FPS = 30
 NOISE = 1.5
 """Gray levels, standard deviation, of the pictures' noise: without any, nothing would be like a video."""
-LIGHT, LIGHT_SHARE, LIGHT_SECONDS = 0.8, 0.2, 97.0
-"""The light on average, so that no picture is too bright; how much brighter and darker it gets; how long it takes to come back."""
+LIGHT, LIGHT_SHARE = 0.8, 0.2
+"""The light on average, so that no picture is too bright; how much brighter and darker it gets."""
 LOOP = 5 * FPS
 """Frames that are traced, of each choice of things that are there."""
-VISITS = ((71.0, 0.7, slice(0, 1)), (43.0, 0.5, slice(2, None)))
-"""The globe; the plane with the train. Seconds after which each comes back, the share of them for which it is there, its solids."""
 MINUTE = 60 * FPS
+LIGHT_ROUNDS = 2
+VISITS = ((2, 0.7, slice(0, 1)), (3, 0.5, slice(2, None)))
+"""The globe; the plane with the train. How often each comes until the last minute begins, as the light goes up and down: that minute
+shows what the first one did, so that they can be compared. The share of the time for which each is there, and its solids."""
 QUICK = ("keyframe.refine_iterations=100", "group.iterations_per_frame=6")
 """Settings below `draft`, so that 200 groups take an hour on two cores: what is asked is whether the end is as the start."""
 CAMERAS = ("cam03", "cam04", "cam05", "cam06", "cam07", "cam08")
 
 
-def visible(seconds: float) -> tuple[bool, ...]:
-    """Which of the visitors are there."""
-    return tuple((seconds / every) % 1.0 < share for every, share, _ in VISITS)
+def visible(elapsed: float) -> tuple[bool, ...]:
+    """Which of the visitors are there. elapsed: of the time until the last minute begins."""
+    return tuple((elapsed * rounds) % 1.0 < share for rounds, share, _ in VISITS)
 
 
 def without(shapes: Shapes, there: tuple[bool, ...]) -> Shapes:
@@ -68,16 +70,17 @@ class LongFilm(Capture):
         self._still = toyroom.standing(0)
         self._seen = {camera.name: trace_still(camera, self._still, toyroom.LIGHT) for camera in cameras}
         self._traced: dict[tuple[str, tuple[bool, ...], int], np.ndarray] = {}
+        self._repeats = max(frames - MINUTE, MINUTE)
         super().__init__(Path("long film"), cameras, held_out=["cam07"], frame_range=(0, frames), fps=FPS, near=NEAR)
 
     def _read_into(self, out: np.ndarray, first: int, cameras: list[str]) -> None:
         for place in range(len(out)):
             frame = first + place
-            seconds, at = frame / FPS, abs((frame + LOOP) % (2 * LOOP) - LOOP)
-            light = LIGHT * (1 + LIGHT_SHARE * np.sin(2 * np.pi * seconds / LIGHT_SECONDS))
+            elapsed, at = frame / self._repeats, abs((frame + LOOP) % (2 * LOOP) - LOOP)
+            light = LIGHT * (1 + LIGHT_SHARE * np.sin(2 * np.pi * LIGHT_ROUNDS * elapsed))
             for c, name in enumerate(cameras):
                 rng = np.random.default_rng([frame, int(name.removeprefix("cam"))])
-                picture = self._picture(name, visible(seconds), at)
+                picture = self._picture(name, visible(elapsed), at)
                 out[place, c] = np.rint(picture * light + rng.normal(0, NOISE, picture.shape)).clip(0, 255)
 
     def _picture(self, name: str, there: tuple[bool, ...], at: int) -> np.ndarray:

@@ -1,6 +1,7 @@
 """From a seek to its picture in a reel of hours, at its beginning and at its end: benchmarks/player/seek.py REEL --groups 10000.
 
 The long reel is the given one again and again: each time is a chapter, whose layers are retired with it. Its files are links.
+With --groups 0 the given reel is played as it is.
 """
 
 from __future__ import annotations
@@ -34,7 +35,9 @@ one that is not."""
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("reel", type=Path, help="a reel's folder, of one chapter and without renditions")
+    parser.add_argument(
+        "reel", type=Path, help="a reel's folder; of one chapter and without renditions, unless --groups 0"
+    )
     parser.add_argument("--groups", type=int, default=10_000)
     parser.add_argument("--size", type=int, nargs=2, default=[640, 360], metavar=("WIDTH", "HEIGHT"))
     parser.add_argument("--mbit", type=float, default=float("inf"), help="of the network, Mbit/s")
@@ -46,13 +49,20 @@ def main() -> None:
     with tempfile.TemporaryDirectory() as name, sync_playwright() as driver:
         folder = Path(name)
         shutil.copytree(STATIC, folder, dirs_exist_ok=True)
-        manifest = write_long(arguments.reel.resolve(), folder / "reel", arguments.groups)
+        reel = arguments.reel.resolve()
+        if arguments.groups:
+            manifest = write_long(reel, folder / "reel", arguments.groups)
+        else:
+            (folder / "reel").symlink_to(reel)
+            manifest = ReelReader(reel).manifest
+        count = len(manifest.groups)
+        far = min(FAR, count // (2 * arguments.times))
         flags = FLAGS if arguments.gpu else [*FLAGS, "--disable-gpu"]
         browser = driver.chromium.launch(executable_path=chromium(), args=flags)
         with serve_folder(folder, Line(arguments.mbit, arguments.latency)) as url:
             page = opened(browser, url, arguments)
             steps = range(1, arguments.times + 1)
-            asked = {"start": [NEAR * i for i in steps], "end": [arguments.groups - FAR * i for i in steps]}
+            asked = {"start": [NEAR * i for i in steps], "end": [count - far * i for i in steps]}
             found = {
                 f"{where}_ms": [page.evaluate(f"window.seek({time_of(manifest, group)})") for group in groups]
                 for where, groups in asked.items()
@@ -60,7 +70,7 @@ def main() -> None:
         browser.close()
     values: dict = {name: statistics.median(times) for name, times in found.items()}
     values |= {
-        "groups": arguments.groups,
+        "groups": count,
         "mbit": min(arguments.mbit, 1e6),
         "latency_ms": round(1000 * arguments.latency),
     }
