@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
 from splatreel.codec.group_file import encode_group, encode_layer
@@ -27,16 +29,26 @@ class ReelEncoder:
         return tuple(self._others)
 
     def layer(
-        self, group: int, first_frame: int, gaussians: Gaussians, importance: np.ndarray | None = None
+        self,
+        group: int,
+        first_frame: int,
+        gaussians: Gaussians,
+        importance: np.ndarray | None = None,
+        fineness: float = 1.0,
     ) -> tuple[bytes, np.ndarray]:
         """The file of the static points born at `group`, and order [N]: order[i] is the index of the point that became reel point i.
 
-        importance: [N, 3], how much of the pictures hangs on each point's shape, color and place; None: all alike.
+        importance: [N, 3], how much of the pictures hangs on each point's shape, color and place; None: all alike. fineness: what all
+        steps of the predictive codec are multiplied by, beside the coarseness.
         """
-        return encode_layer(group, first_frame, gaussians, self.config, importance)
+        return encode_layer(group, first_frame, gaussians, _finer(self.config, fineness), importance)
 
-    def group(self, group: Group, importance: np.ndarray | None = None) -> dict[str, bytes]:
+    def group(self, group: Group, importance: np.ndarray | None = None, fineness: float = 1.0) -> dict[str, bytes]:
         """By uri the files of a group, the best first."""
         name = f"groups/{group.index:04d}"
         configs = {f"{name}.safetensors": self.config} | {f"{name}.{n}.safetensors": c for n, c in self._others.items()}
-        return {uri: encode_group(group, config, importance)[0] for uri, config in configs.items()}
+        return {uri: encode_group(group, _finer(c, fineness), importance)[0] for uri, c in configs.items()}
+
+
+def _finer(config: EncodeConfig, fineness: float) -> EncodeConfig:
+    return config if fineness == 1 else replace(config, coarseness=config.coarseness * fineness)

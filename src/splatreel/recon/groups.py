@@ -100,7 +100,7 @@ def reconstruct_group(
     group = Group(span.index, span.first, found.dynamic, found.dx, found.dq, found.alive, found.shade, data.light)
     with job.timed("encode"):
         job.say(span, "writing it for players", 1, job.plan.moved(span.index))
-        publish_group(job, group, static, output)
+        publish_group(job, data, group, static, output)
         job.progress.update(1)
     return hand_over(span, rig, static, group, before.plates)
 

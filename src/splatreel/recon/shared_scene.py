@@ -14,6 +14,7 @@ from splatreel.motion.lift import shares
 from splatreel.recon.cameras.exposure import measure_exposure, take_out
 from splatreel.recon.cameras.group_input import GroupInput
 from splatreel.recon.cameras.rig import Rig
+from splatreel.recon.encode.fineness import encode_layer
 from splatreel.recon.encode.importance import weigh
 from splatreel.recon.encode.sound import RunSound
 from splatreel.recon.init.initialise import initial_points, near_plane
@@ -128,8 +129,9 @@ def _save_layer(job: Job, data: GroupInput, points: Gaussians, plates: CleanPlat
     with job.timed("encode"):
         job.progress.stage("writing what all chapters share", 1, job.plan.layered(0))
         importance = weigh([known], data.cameras, data.near, job.device, data.antialias)
-        encoded, order = ReelEncoder(job.config.encode).layer(0, 0, known, importance)
+        none = known[:0]
+        (encoded, order), fineness = encode_layer(ReelEncoder(job.config.encode), data, known, none, importance)
         store.save_encoded_layer(encoded)
         decoded = decode_layer(encoded, "The layer that all chapters share")[1]
-        store.save_layer(StoredLayer(known[order], decoded, importance[order]))
+        store.save_layer(StoredLayer(known[order], decoded, importance[order], fineness))
         job.progress.update(1, points=len(known))

@@ -13,6 +13,7 @@ import torch
 from splatreel.recon.cameras.exposure import at_next_keyframe, measure_exposure, take_out, tell_exposure
 from splatreel.recon.cameras.group_input import GroupInput
 from splatreel.recon.cameras.rig import Rig, check_poses_again
+from splatreel.recon.encode.fineness import encode_group, encode_layer
 from splatreel.recon.encode.importance import group_importance, weigh
 from splatreel.recon.encode.output import Output
 from splatreel.recon.init.layout import Layout
@@ -131,10 +132,12 @@ def publish_layer(job: Job, data: GroupInput, layers: Layers, static: StaticPoin
     with job.timed("encode"):
         job.say(span, "writing what rests", 1, job.plan.layered(span.index))
         seen = Gaussians.concatenate([layers.settled, layers.dynamic, layers.relit.points, static.living])
-        importance = weigh([seen], data.cameras, data.near, job.device, data.antialias)[: len(layers.settled)]
-        decoded, order = output.add_layer(span.index, span.first, layers.settled, importance)
+        count = len(layers.settled)
+        importance = weigh([seen], data.cameras, data.near, job.device, data.antialias)[:count]
+        encoded, fineness = encode_layer(output.encoder, data, layers.settled, seen[count:], importance)
+        decoded, order = output.add_layer(span.index, span.first, layers.settled, encoded), encoded[1]
         job.progress.update(1, points=len(decoded))
-    job.store.group(span.index).save_layer(StoredLayer(layers.settled[order], decoded, importance[order]))
+    job.store.group(span.index).save_layer(StoredLayer(layers.settled[order], decoded, importance[order], fineness))
     return static.with_layer(decoded)
 
 
@@ -171,8 +174,16 @@ def motion(job: Job, data: GroupInput, start: GroupStart, static: StaticPoints) 
     return found
 
 
-def publish_group(job: Job, group: Group, static: StaticPoints, output: Output) -> None:
-    """Keep the finished group, and then write it for players: what is in the reel is never trained again."""
-    importance = group_importance(output.header, output.config, static.points, group, job.device)[0]
-    job.store.group(group.index).save_group(StoredGroup(group, importance))
-    output.add_group(group, importance)
+def publish_group(job: Job, data: GroupInput | None, group: Group, static: StaticPoints, output: Output) -> None:
+    """Keep the finished group, and then write it for players: what is in the reel is never trained again.
+
+    data: its pictures, which say how finely it must be encoded; None: there are none.
+    """
+    encoder = output.encoder
+    importance = group_importance(output.header, encoder.config, static.points, group, job.device)[0]
+    if data is None:
+        files, fineness = encoder.group(group, importance), 1.0
+    else:
+        files, fineness = encode_group(encoder, data, group, static, importance)
+    job.store.group(group.index).save_group(StoredGroup(group, importance, fineness))
+    output.add_group(group, files)

@@ -17,23 +17,26 @@ from splatreel.recon.run.store import Store
 from splatreel.scene.gaussians import Gaussians
 from splatreel.scene.group import Group
 
+EncodedLayer = tuple[bytes, np.ndarray]
+"""A layer's file, and the order [N] of its points: which of those given each of them was."""
+
 
 class Output(Protocol):
-    """What a run hands its layers and groups to. header, config: what the reel says, and how it is encoded."""
+    """What a run hands its layers and groups to. header, encoder: what the reel says, and how it is encoded."""
 
     @property
     def header(self) -> ReelHeader: ...
 
     @property
-    def config(self) -> EncodeConfig: ...
+    def encoder(self) -> ReelEncoder: ...
 
-    def add_layer(
-        self, group: int, first_frame: int, points: Gaussians, importance: np.ndarray | None
-    ) -> tuple[Gaussians, np.ndarray]:
-        """As `ReelWriter.add_layer`: the points decoded, in reel order, and that order."""
+    def add_layer(self, group: int, first_frame: int, points: Gaussians, encoded: EncodedLayer) -> Gaussians:
+        """The points decoded, in reel order. encoded: what `encoder.layer` gave for them."""
         ...
 
-    def add_group(self, group: Group, importance: np.ndarray | None) -> None: ...
+    def add_group(self, group: Group, encoded: dict[str, bytes]) -> None:
+        """encoded: what `encoder.group` gave for it."""
+        ...
 
     def restore(self, index: int, last: bool) -> None:
         """A group that was finished before, and may lack here. last: none follows that was."""
@@ -51,16 +54,14 @@ class ReelOutput:
         return self.writer.manifest
 
     @property
-    def config(self) -> EncodeConfig:
-        return self.writer.config
+    def encoder(self) -> ReelEncoder:
+        return self.writer.encoder
 
-    def add_layer(
-        self, group: int, first_frame: int, points: Gaussians, importance: np.ndarray | None
-    ) -> tuple[Gaussians, np.ndarray]:
-        return self.writer.add_layer(group, first_frame, points, importance)
+    def add_layer(self, group: int, first_frame: int, points: Gaussians, encoded: EncodedLayer) -> Gaussians:
+        return self.writer.add_layer(group, first_frame, points, encoded=encoded)[0]
 
-    def add_group(self, group: Group, importance: np.ndarray | None) -> None:
-        self.writer.add_group(group, importance)
+    def add_group(self, group: Group, encoded: dict[str, bytes]) -> None:
+        self.writer.add_group(group, encoded=encoded)
         self.present(self.writer, group.index)
 
     def restore(self, index: int, last: bool) -> None:
@@ -88,22 +89,15 @@ class ChapterOutput:
         self.store, self.header, self.after_group = store, header, after_group
         self.encoder = ReelEncoder(config)
 
-    @property
-    def config(self) -> EncodeConfig:
-        return self.encoder.config
+    def add_layer(self, group: int, first_frame: int, points: Gaussians, encoded: EncodedLayer) -> Gaussians:
+        self.store.group(group).save_encoded_layer(encoded[0])
+        return decode_layer(encoded[0], f"The layer of group {group}")[1]
 
-    def add_layer(
-        self, group: int, first_frame: int, points: Gaussians, importance: np.ndarray | None
-    ) -> tuple[Gaussians, np.ndarray]:
-        data, order = self.encoder.layer(group, first_frame, points, importance)
-        self.store.group(group).save_encoded_layer(data)
-        return decode_layer(data, f"The layer of group {group}")[1], order
-
-    def add_group(self, group: Group, importance: np.ndarray | None) -> None:
-        self.store.group(group.index).save_encoded_group(self.encoder.group(group, importance))
+    def add_group(self, group: Group, encoded: dict[str, bytes]) -> None:
+        self.store.group(group.index).save_encoded_group(encoded)
         self.after_group(group.index)
 
     def restore(self, index: int, last: bool) -> None:
         if not self.store.group(index).has_encoded_group():
             stored = self.store.group(index).group()
-            self.add_group(stored.group, stored.importance)
+            self.add_group(stored.group, self.encoder.group(stored.group, stored.importance, stored.fineness))

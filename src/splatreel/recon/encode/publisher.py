@@ -32,10 +32,11 @@ def nothing_more(writer: ReelWriter, group: int | None) -> None:
 
 @dataclass(frozen=True)
 class Ready:
-    """A group that is about to be encoded, with the importance of its points, and the layers born at it, which are encoded."""
+    """A group that is about to be encoded, with what its steps hang on, and the layers born at it, which are encoded."""
 
     group: Group
     importance: np.ndarray | None
+    fineness: float
     layers: list[ReadyLayer]
 
 
@@ -80,7 +81,8 @@ class Publisher:
         with ThreadPoolExecutor(workers) as pool:
             for index in range(count):
                 ready = self._prepare(index)
-                waiting.append((ready, pool.submit(self.writer.encoder.group, ready.group, ready.importance)))
+                files = pool.submit(self.writer.encoder.group, ready.group, ready.importance, ready.fineness)
+                waiting.append((ready, files))
                 while len(waiting) > (workers if index + 1 < count else 0):
                     before, files = waiting.popleft()
                     self._write(before, files.result())
@@ -105,7 +107,7 @@ class Publisher:
             self._extend(layers[-1].order, shared)
         # The alive bits count in the order that training saw; another encoder may have put the points into another order.
         group = dataclasses.replace(group, alive=group.alive[self._order])
-        return Ready(group, moving, layers)
+        return Ready(group, moving, stored.fineness, layers)
 
     def _born(self, index: int) -> list[tuple[bool, StoredLayer]]:
         """The layers born at a group, each with whether all chapters share it. Those of the chapter before are retired at its end."""
@@ -128,9 +130,8 @@ class Publisher:
         data = store.encoded_layer() if self.encoded else None
         if data is not None:
             return ReadyLayer(layer.trained, data, np.arange(len(layer.trained)), until)
-        return ReadyLayer(
-            layer.trained, *self.writer.encoder.layer(index, first_frame, layer.trained, importance), until
-        )
+        encoded = self.writer.encoder.layer(index, first_frame, layer.trained, importance, layer.fineness)
+        return ReadyLayer(layer.trained, *encoded, until)
 
     def _importance(self, stored: StoredGroup, born: list[StoredLayer]) -> Importance:
         """As the run measured it, or measured now."""
@@ -148,4 +149,6 @@ class Publisher:
         for layer in ready.layers:
             encoded = layer.data, layer.order
             self.writer.add_layer(group.index, group.first_frame, layer.points, encoded=encoded, until=layer.until)
-        self.writer.add_group(group, ready.importance, files)
+        self.writer.add_group(
+            group, encoded=files or self.writer.encoder.group(group, ready.importance, ready.fineness)
+        )

@@ -29,7 +29,7 @@ def hold_group(job: Job, span: GroupSpan, before: Handover, layout: Layout, outp
         span.index, span.first, still, np.zeros((count, len(still), 3), np.float32), dq, static.alive, light=light
     )
     with job.timed("encode"):
-        publish_group(job, group, static, output)
+        publish_group(job, None, group, static, output)
     return replace(before, static=static, velocity=None, trained=None)
 
 
@@ -42,6 +42,7 @@ def _renew(job: Job, span: GroupSpan, before: Handover, layout: Layout, output: 
         return none
     seen = Gaussians.concatenate([living, before.dynamic])
     importance = weigh([seen], before.rig.cameras, layout.near, job.device, job.config.antialias)[: len(living)]
-    decoded, order = output.add_layer(span.index, span.first, living, importance)
+    encoded = output.encoder.layer(span.index, span.first, living, importance)
+    decoded, order = output.add_layer(span.index, span.first, living, encoded), encoded[1]
     job.store.group(span.index).save_layer(StoredLayer(living[order], decoded, importance[order]))
     return none.with_layer(decoded)

@@ -45,20 +45,22 @@ Arrays = dict[str, np.ndarray]
 class StoredLayer:
     """The static points born at a group, in reel order: as trained, and as the reel holds them.
 
-    importance: [N, 3] of each, as the run measured it; None where it did not.
+    importance: [N, 3] of each, as the run measured it; None where it did not. fineness: what the steps of their file are multiplied by.
     """
 
     trained: Gaussians
     decoded: Gaussians
     importance: np.ndarray | None = None
+    fineness: float = 1.0
 
 
 @dataclass(frozen=True)
 class StoredGroup:
-    """A finished group before encoding. importance: [N, 3] of its dynamic points, as the run measured it; None where it did not."""
+    """A finished group before encoding. importance, fineness: as of a layer, of its dynamic points."""
 
     group: Group
     importance: np.ndarray | None = None
+    fineness: float = 1.0
 
 
 class GroupStore:
@@ -126,14 +128,14 @@ class GroupStore:
         if arrays is None:
             return None
         trained, decoded = (checkpoint.unpack(arrays, f"{kind}_") for kind in ("raw", "decoded"))
-        return StoredLayer(trained, decoded, arrays.get("importance"))
+        return StoredLayer(trained, decoded, arrays.get("importance"), _fineness(arrays))
 
     def has_layer(self) -> bool:
         return self._path("layer").exists()
 
     def save_layer(self, layer: StoredLayer) -> None:
         arrays = checkpoint.pack(layer.trained, "raw_") | checkpoint.pack(layer.decoded, "decoded_")
-        self._save("layer", arrays | _present(importance=layer.importance))
+        self._save("layer", arrays | {"fineness": np.array([layer.fineness])} | _present(importance=layer.importance))
 
     def encoded_layer(self) -> bytes | None:
         """The file of `layer`, in whose order it is."""
@@ -191,12 +193,12 @@ class GroupStore:
         dynamic, alive = checkpoint.unpack(arrays), arrays["alive"].astype(bool)
         shade, light = arrays.get("shade"), arrays.get("light")
         group = Group(index, first, dynamic, arrays["dx"], arrays["dq"], alive, shade, light)
-        return StoredGroup(group, arrays.get("importance"))
+        return StoredGroup(group, arrays.get("importance"), _fineness(arrays))
 
     def save_group(self, stored: StoredGroup) -> None:
         group = stored.group
         arrays = checkpoint.pack(group.dynamic) | {"dx": group.dx, "dq": group.dq, "alive": group.alive}
-        arrays["first_frame"] = np.array([group.first_frame])
+        arrays |= {"first_frame": np.array([group.first_frame]), "fineness": np.array([stored.fineness])}
         found = _present(shade=group.shade, light=group.light, importance=stored.importance)
         self._save("group", arrays | found)
 
@@ -208,6 +210,11 @@ class GroupStore:
 
     def _save(self, name: str, arrays: Arrays) -> None:
         checkpoint.save_arrays(self._path(name), arrays)
+
+
+def _fineness(arrays: Arrays) -> float:
+    """Earlier versions had none."""
+    return float(arrays["fineness"][0]) if "fineness" in arrays else 1.0
 
 
 class Store:
