@@ -134,7 +134,7 @@ def publish_layer(job: Job, data: GroupInput, layers: Layers, static: StaticPoin
         seen = Gaussians.concatenate([layers.settled, layers.dynamic, layers.relit.points, static.living])
         count = len(layers.settled)
         importance = weigh([seen], data.cameras, data.near, job.device, data.antialias)[:count]
-        encoded, fineness = encode_layer(output.encoder, data, layers.settled, seen[count:], importance)
+        encoded, fineness = encode_layer(output.encoder, data, layers.settled, seen[count:], importance, job.trial)
         decoded, order = output.add_layer(span.index, span.first, layers.settled, encoded), encoded[1]
         job.progress.update(1, points=len(decoded))
     job.store.group(span.index).save_layer(StoredLayer(layers.settled[order], decoded, importance[order], fineness))
@@ -184,6 +184,6 @@ def publish_group(job: Job, data: GroupInput | None, group: Group, static: Stati
     if data is None:
         files, fineness = encoder.group(group, importance), 1.0
     else:
-        files, fineness = encode_group(encoder, data, group, static, importance)
+        files, fineness = encode_group(encoder, data, group, static, importance, job.trial)
     job.store.group(group.index).save_group(StoredGroup(group, importance, fineness))
     output.add_group(group, files)

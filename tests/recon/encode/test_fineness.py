@@ -1,5 +1,7 @@
 """Where points meet their pictures closely, steps get finer, until encoding costs as little as elsewhere."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 import torch
@@ -8,6 +10,7 @@ from splatreel.codec.encoder import ReelEncoder
 from splatreel.codec.group_file import decode_group, decode_layer
 from splatreel.config import EncodeConfig
 from splatreel.recon.cameras.group_input import GroupInput
+from splatreel.recon.coverage.trial import Trial
 from splatreel.recon.encode.fineness import FINEST, MOST_LOST, encode_group, encode_layer
 from splatreel.recon.init.layout import Layout
 from splatreel.scene.gaussians import Gaussians
@@ -18,6 +21,8 @@ from tests.recon.captures import blots
 from tests.recon.scenes import ring
 
 FRAMES = 4
+CLOSE = Trial("cam00", 10.0, 99.0, 12.0, 12.0)
+"""A trial after which new views are no worse than others."""
 
 
 def uneven(points: Gaussians) -> Gaussians:
@@ -67,7 +72,7 @@ def lost(data: GroupInput, thing: Group, wall: Gaussians) -> float:
 @pytest.mark.parametrize("noise", [1.0, 3.0])
 def test_a_layer_loses_little_however_close_it_is(noise: float) -> None:
     data, importance, encoder = seen(noise), np.ones((len(WALL), 3), np.float32), ReelEncoder(EncodeConfig())
-    (file, order), fineness = encode_layer(encoder, data, WALL, THING, importance)
+    (file, order), fineness = encode_layer(encoder, data, WALL, THING, importance, CLOSE)
     assert FINEST <= fineness < 1
     assert sorted(order) == list(range(len(WALL)))
     usual = encoder.layer(0, 0, WALL, importance)[0]
@@ -79,7 +84,7 @@ def test_a_layer_loses_little_however_close_it_is(noise: float) -> None:
 def test_a_group_loses_less_where_it_is_close() -> None:
     data, encoder, static = seen(1.0), ReelEncoder(EncodeConfig()), StaticPoints(WALL, np.ones(len(WALL), bool))
     importance, uri = np.ones((len(THING), 3), np.float32), "groups/0000.safetensors"
-    files, fineness = encode_group(encoder, data, moving(), static, importance)
+    files, fineness = encode_group(encoder, data, moving(), static, importance, CLOSE)
     assert FINEST <= fineness < 1
     usual = encoder.group(moving(), importance)[uri]
     assert len(files[uri]) > len(usual)
@@ -90,11 +95,22 @@ def test_a_group_loses_less_where_it_is_close() -> None:
 
 def test_where_noise_hides_it_the_steps_are_the_usual_ones() -> None:
     data, importance, encoder = seen(40.0), np.ones((len(WALL), 3), np.float32), ReelEncoder(EncodeConfig())
-    (file, _), fineness = encode_layer(encoder, data, WALL, THING, importance)
+    (file, _), fineness = encode_layer(encoder, data, WALL, THING, importance, CLOSE)
     assert fineness == 1
     assert file == encoder.layer(0, 0, WALL, importance)[0]
 
 
+def test_what_new_views_hide_needs_no_finer_steps() -> None:
+    data, importance, encoder = seen(1.0), np.ones((len(WALL), 3), np.float32), ReelEncoder(EncodeConfig())
+
+    def fineness(trial: Trial | None) -> float:
+        return encode_layer(encoder, data, WALL, THING, importance, trial)[1]
+
+    assert fineness(CLOSE) < fineness(replace(CLOSE, psnr=44.0)) < 1
+    assert fineness(replace(CLOSE, psnr=30.0)) == 1
+    assert fineness(None) == 1
+
+
 def test_the_papers_codec_has_the_paper_s_steps() -> None:
     data, encoder = seen(1.0), ReelEncoder(EncodeConfig(codec="h265"))
-    assert encode_layer(encoder, data, WALL, THING, np.ones((len(WALL), 3), np.float32))[1] == 1
+    assert encode_layer(encoder, data, WALL, THING, np.ones((len(WALL), 3), np.float32), CLOSE)[1] == 1

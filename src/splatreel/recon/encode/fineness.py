@@ -1,7 +1,8 @@
 """How fine the steps of a file must be, for encoding to spoil little of how well its points fit the pictures they were trained on.
 
 Steps are chosen for pictures that are met to about 32 dB, where errors of a reconstruction hide those of its encoding. Where noise is
-low and surfaces are plain it comes much nearer to its pictures, and the same steps show.
+low and surfaces are plain it comes much nearer to its pictures, and the same steps show. What counts are new views, which are met less
+closely than those that are trained on: as closely at most as that of a camera that was left out in a trial (`coverage.trial`).
 """
 
 from __future__ import annotations
@@ -16,6 +17,7 @@ from splatreel.codec.encoder import ReelEncoder
 from splatreel.codec.group_file import decode_group, decode_layer
 from splatreel.kernels import splat
 from splatreel.recon.cameras.group_input import GroupInput
+from splatreel.recon.coverage.trial import Trial
 from splatreel.scene.camera import Camera
 from splatreel.scene.gaussians import Gaussians
 from splatreel.scene.group import Group
@@ -34,11 +36,17 @@ Shown = tuple[int, int, Gaussians, Gaussians]
 
 
 def encode_layer(
-    encoder: ReelEncoder, data: GroupInput, points: Gaussians, others: Gaussians, importance: np.ndarray
+    encoder: ReelEncoder,
+    data: GroupInput,
+    points: Gaussians,
+    others: Gaussians,
+    importance: np.ndarray,
+    trial: Trial | None,
 ) -> tuple[tuple[bytes, np.ndarray], float]:
     """What `ReelEncoder.layer` makes of points that are born at a group, and the fineness that it took.
 
-    others: what else is to be seen in the first frame.
+    others: what else is to be seen in the first frame. trial: how closely new views are met; None: not known, the steps are the usual
+    ones.
     """
     span = data.span
 
@@ -46,17 +54,29 @@ def encode_layer(
         return encoder.layer(span.index, span.first, points, importance, fineness)
 
     encoded = encode(1.0)
+    if trial is None or encoder.config.codec != "predictive":
+        return encoded, 1.0
     decoded = decode_layer(encoded[0], f"The layer of group {span.index}")[1]
     before, after = (Gaussians.concatenate([some, others]) for some in (points, decoded))
-    fineness = _needed(encoder, data, ((0, view, before, after) for view in _views(data, 0, LAYER_VIEWS)))
+    fineness = _needed(data, ((0, view, before, after) for view in _views(data, 0, LAYER_VIEWS)), trial)
     return (encoded if fineness == 1 else encode(fineness)), fineness
 
 
 def encode_group(
-    encoder: ReelEncoder, data: GroupInput, group: Group, static: StaticPoints, importance: np.ndarray | None
+    encoder: ReelEncoder,
+    data: GroupInput,
+    group: Group,
+    static: StaticPoints,
+    importance: np.ndarray | None,
+    trial: Trial | None,
 ) -> tuple[dict[str, bytes], float]:
-    """What `ReelEncoder.group` makes of a group, and the fineness that it took. static: all that `group.alive` speaks of."""
+    """What `ReelEncoder.group` makes of a group, and the fineness that it took. static: all that `group.alive` speaks of.
+
+    trial: as of a layer.
+    """
     files = encoder.group(group, importance)
+    if trial is None or encoder.config.codec != "predictive":
+        return files, 1.0
     uri, best = next(iter(files.items()))
     decoded, resting = decode_group(best, uri), static.points[group.alive]
 
@@ -66,7 +86,7 @@ def encode_group(
             for view in _views(data, number, GROUP_VIEWS):
                 yield int(frame), view, before, after
 
-    fineness = _needed(encoder, data, shown())
+    fineness = _needed(data, shown(), trial)
     return (files if fineness == 1 else encoder.group(group, importance, fineness)), fineness
 
 
@@ -76,12 +96,10 @@ def _views(data: GroupInput, number: int, count: int) -> list[int]:
     return list(range(len(data.cameras)))[number % apart :: apart][:count]
 
 
-def _needed(encoder: ReelEncoder, data: GroupInput, shown: Iterable[Shown]) -> float:
+def _needed(data: GroupInput, shown: Iterable[Shown], trial: Trial) -> float:
     """What steps are to be multiplied by, at most 1: errors of steps add to those of the points, as their squares do."""
-    if encoder.config.codec != "predictive":
-        return 1.0
-    errors = np.mean([_errors(data, *one) for one in shown], axis=0)
-    wrong, lost = float(errors[0]), float(errors[1])
+    wrong, lost = np.mean([_errors(data, *one) for one in shown], axis=0).tolist()
+    wrong = max(wrong, 10 ** (-trial.psnr / 10))
     allowed = wrong * (10 ** (MOST_LOST / 10) - 1)
     return 1.0 if lost <= allowed else max(math.sqrt(allowed / lost), FINEST)
 

@@ -11,6 +11,7 @@ import torch
 
 from splatreel.config import Config
 from splatreel.progress import Progress, Span
+from splatreel.recon.coverage.trial import Trial
 from splatreel.recon.run.plan import Plan
 from splatreel.recon.run.store import Store
 from splatreel.scene.spans import GroupSpan
@@ -39,6 +40,12 @@ class Job:
         self.groups = self.groups or len(self.spans)
         self.plan = Plan(self.spans, self.config)
         self.seconds = self.store.seconds(self.part)
+
+    @property
+    def trial(self) -> Trial | None:
+        """How closely new views are met, where that was tried."""
+        coverage = self.store.coverage()
+        return coverage and coverage.trial
 
     @contextmanager
     def timed(self, stage: str) -> Iterator[None]:
