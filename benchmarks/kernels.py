@@ -9,6 +9,7 @@ import os
 
 os.environ.setdefault("GOMP_SPINCOUNT", "0")  # as the command line does; see its reason there
 
+from collections.abc import Callable
 from typing import Annotated
 
 import numpy as np
@@ -36,12 +37,12 @@ def main(repeats: int = 21, note: str = "", save: Annotated[bool, tyro.conf.arg(
         record("kernels", {"milliseconds": scenes, "threads": torch.get_num_threads()}, note)
 
 
-def measure(kernels, n: int, width: int, height: int, repeats: int) -> dict[str, float]:
-    """Parts of one step with the functions of a module: `splat` or `twin`."""
-    means, quats, scales, opacities, sh, K = scene(n, width, height)
+def measure(kernels, n: int, width: int, height: int, repeats: int, device: str = "cpu") -> dict[str, float]:
+    """Parts of one step with the functions of a module, `splat` or `twin`, on a device: cpu or cuda."""
+    means, quats, scales, opacities, sh, K = (tensor.to(device) for tensor in scene(n, width, height))
     leaves = [tensor.requires_grad_() for tensor in (means, quats, scales, opacities, sh)]
-    target = torch.rand(height, width, 3, generator=torch.Generator().manual_seed(0))
-    viewmat = np.eye(4, dtype=np.float32)
+    target = torch.rand(height, width, 3, generator=torch.Generator().manual_seed(0)).to(device)
+    viewmat = torch.eye(4, device=device)
 
     def project() -> tuple[Tensor, ...]:
         return kernels.project(means, quats, scales, viewmat, K, width, height)
@@ -66,18 +67,29 @@ def measure(kernels, n: int, width: int, height: int, repeats: int) -> dict[str,
         for leaf in leaves:
             leaf.grad = None
 
-    return {
-        "project": median_ms(project, repeats),
-        "+ backward": median_ms(lambda: sum(t.sum() for t in project()[:2]).backward(), repeats),
-        "SH + backward": median_ms(lambda: color().sum().backward(), repeats),
-        "rasterize": median_ms(rasterize, repeats),
-        "& backward": median_ms(lambda: rasterize().sum().backward(), repeats),
-        "loss + grad": median_ms(lambda: kernels.photometric_loss(image, target), repeats),
-        "whole step": median_ms(step, repeats),
+    parts = {
+        "project": project,
+        "+ backward": lambda: sum(t.sum() for t in project()[:2]).backward(),
+        "SH + backward": lambda: color().sum().backward(),
+        "rasterize": rasterize,
+        "& backward": lambda: rasterize().sum().backward(),
+        "loss + grad": lambda: kernels.photometric_loss(image, target).backward(),
+        "whole step": step,
     }
+    return {name: median_ms(waiting(part) if device == "cuda" else part, repeats) for name, part in parts.items()}
 
 
-def scene(n: int, width: int, height: int) -> tuple[Tensor, Tensor, Tensor, Tensor, Tensor, np.ndarray]:
+def waiting(work: Callable[[], object]) -> Callable[[], None]:
+    """The work until the GPU has done it."""
+
+    def done() -> None:
+        work()
+        torch.cuda.synchronize()
+
+    return done
+
+
+def scene(n: int, width: int, height: int) -> tuple[Tensor, Tensor, Tensor, Tensor, Tensor, Tensor]:
     """means, quats, scales, opacities, sh, and K of a camera at the origin looking along z."""
     rng = np.random.default_rng(0)
     depth = rng.uniform(2, 10, n)
@@ -88,8 +100,8 @@ def scene(n: int, width: int, height: int) -> tuple[Tensor, Tensor, Tensor, Tens
     scales = flatness * (radius * depth / width)[:, None]
     opacities = 1 / (1 + np.exp(-rng.normal(0.3, 1.5, n)))
     arrays = (means, rng.normal(size=(n, 4)), scales, opacities, 0.3 * rng.normal(size=(n, 16, 3)))
-    K = np.array([[width, 0, width / 2], [0, width, height / 2], [0, 0, 1]], np.float32)
     tensors = [torch.from_numpy(array.astype(np.float32)) for array in arrays]
+    K = torch.tensor([[width, 0, width / 2], [0, width, height / 2], [0, 0, 1]])
     return tensors[0], tensors[1], tensors[2], tensors[3], tensors[4], K
 
 
