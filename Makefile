@@ -5,7 +5,9 @@ BIN := $(VENV)/bin
 SETUP := $(VENV)/.installed
 NPM := $(shell command -v npm 2>/dev/null)
 
-.PHONY: demo test check bench player golden screens setup clean
+MINUTES ?= 8
+
+.PHONY: demo test check bench gpu player golden screens setup clean
 
 demo: $(SETUP)  ## capture, reconstruct, compress, evaluate and play the built-in scene
 	$(BIN)/splatreel demo --out out/demo
@@ -31,6 +33,9 @@ bench: $(SETUP)  ## append to benchmarks/results.jsonl
 	$(BIN)/python benchmarks/demo.py
 	$(BIN)/splatreel bench kernels
 	$(BIN)/splatreel bench codec
+
+gpu: $(SETUP)  ## on a machine with an NVIDIA GPU: test and measure there, within MINUTES; BASKETBALL=FOLDER, of Panoptic Sports
+	$(BIN)/python benchmarks/gpu.py --minutes $(MINUTES) $(if $(BASKETBALL),--basketball '$(BASKETBALL)')
 
 player: player/node_modules/.package-lock.json  ## rebuild the web player's bundle in src/splatreel/play/static
 	npm --prefix player run build

@@ -1,0 +1,202 @@
+"""PSNR of a held-out camera against the seconds that a reconstruction has taken, until it is done or its time is over."""
+
+import gc
+import shutil
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from splatreel.capture.base import Capture
+from splatreel.config import Config
+from splatreel.evaluation.evaluate import evaluate
+from splatreel.evaluation.oracle import held_out_views
+from splatreel.process import peak_memory_bytes
+from splatreel.progress import Estimate, Progress, Span
+from splatreel.recon.encode.publisher import nothing_more
+from splatreel.recon.jobs import ChapteredRun
+from splatreel.recon.pipeline import plan_run, reconstruct_run
+from splatreel.recon.train.export import GroupResult
+from splatreel.recon.train.group import GroupTrainer
+from splatreel.recon.train.keyframe import KeyframeTrainer
+from splatreel.recon.train.losses import psnr
+from splatreel.recon.train.pictures import Pictures
+from splatreel.recon.train.points import to_params
+from splatreel.recon.train.render import Splats, View, activate, deformed, draw, splats
+
+POINTS = 40
+"""Of a curve, at most."""
+
+
+class OutOfTime(Exception):
+    """Training was to end by now."""
+
+
+def reconstruct_until(
+    found: dict[str, Any], capture: Capture, out: Path, config: Config, device: str, limit: float, shown: Progress
+) -> None:
+    """Reconstruct a capture into OUT anew, for `limit` seconds at most, and put into `found` what there is to record.
+
+    What says nothing of its progress, such as writing a group, is done to its end. found is filled whatever is raised, and that is what
+    the capture and `reconstruct` raise, and `UsageError` where no camera is held out.
+    """
+    shutil.rmtree(out, ignore_errors=True)  # seconds of a run that is continued are not comparable
+    run = plan_run(capture, out, config, device=device)
+    on_gpu = run.device.type == "cuda"
+    if on_gpu:
+        gc.collect()  # trainers are in circles, and have pictures on the GPU
+        torch.cuda.empty_cache()
+        torch.cuda.reset_peak_memory_stats()
+    curve = Curve(run, limit, shown)
+    found |= {"width": capture.width, "height": capture.height, "frames": capture.frames, "seed": config.seed}
+    found |= {"held_out": curve.camera.name, "psnr_at": curve.points, "stages": curve.stages, "finished": False}
+    try:
+        with watched(curve):
+            reconstruct_run(run, curve, nothing_more)
+        found["finished"] = True
+    except OutOfTime:
+        shown.note(f"stopped after {curve.seconds():.0f} s: its time is over")
+    finally:
+        curve.look = None
+        found |= curve.summary(found["finished"])
+        found["memory_mb"] = round((peak_memory_bytes() or 0) / 1e6, 1)
+        if on_gpu:
+            found["gpu_memory_mb"] = round(torch.cuda.max_memory_allocated() / 1e6, 1)
+    if found["finished"]:
+        frames = sorted({0, capture.frames // 2, capture.frames - 1})
+        report = evaluate(out / "reel", capture, cameras=[curve.camera.name], frames=frames)
+        found |= {"psnr": report.psnr, "reel_bytes": report.reel_bytes}
+
+
+@dataclass
+class Curve:
+    """A progress that hands on to another one what it hears, measures now and then, and raises `OutOfTime` after `limit` seconds.
+
+    points: (seconds, dB) of the first held-out camera: of a keyframe's first frame, or the mean over three frames of a group. Seconds
+    do not include those of measuring. stages: what ran, for how long, and how many of its steps. look: measures what is trained at the
+    moment, if anything is. group: the index of the one that is at work.
+    """
+
+    run: ChapteredRun
+    limit: float
+    shown: Progress
+    points: list[tuple[float, float]] = field(default_factory=list)
+    stages: list[dict[str, Any]] = field(default_factory=list)
+    look: Callable[[], float] | None = None
+    group: int = 0
+
+    def __post_init__(self) -> None:
+        self.camera = held_out_views(self.run.capture)[0]
+        self._truths: dict[int, Tensor] = {}
+        self._start, self._measuring = time.monotonic(), 0.0
+        self.estimate = Estimate(self.seconds)
+
+    def seconds(self) -> float:
+        """Since the start, without those of measuring."""
+        return time.monotonic() - self._start - self._measuring
+
+    def stage(self, name: str, total: int, span: Span | None = None) -> None:
+        self.look = None
+        self._note_seconds()
+        self.estimate.stage(total, span)
+        self.stages.append({"stage": name, "begin": round(self.seconds(), 2), "seconds": 0.0, "done": 0, "of": total})
+        self.shown.stage(name, total, span)
+        self._check()
+
+    def update(self, done: int, **numbers: float) -> None:
+        self.estimate.done = done
+        if self.stages:
+            self.stages[-1] |= {"done": done, **numbers}
+        due = not self.points or self.seconds() - self.points[-1][0] >= self.limit / POINTS
+        last = done >= self.estimate.total or self.seconds() > self.limit
+        if self.look is not None and (due or last):
+            before, at = time.monotonic(), self.seconds()
+            self.points.append((round(at, 2), round(self.look(), 3)))
+            self._measuring += time.monotonic() - before
+            numbers["psnr"] = self.points[-1][1]
+        self.shown.update(done, **numbers)
+        self._check()
+
+    def note(self, text: str) -> None:
+        self.shown.note(text)
+
+    def summary(self, finished: bool) -> dict[str, Any]:
+        """Seconds, and those of a frame: of a run that is not finished, those that are to be expected, or None if that is not known."""
+        self._note_seconds()
+        taken, frames = self.seconds(), self.run.capture.frames
+        left = 0.0 if finished else self.estimate.seconds_left()
+        a_frame = None if left is None else round((taken + left) / frames, 4)
+        return {"seconds": round(taken, 2), "seconds_a_frame" if finished else "seconds_a_frame_expected": a_frame}
+
+    def look_at_keyframe(self, trainer: KeyframeTrainer, pictures: Pictures) -> float:
+        """dB of the held-out camera at the group's first frame."""
+        view, near = self._view(pictures), pictures.near
+        seen = deformed(trainer.points.params, None, None, view, near)
+        if trainer.static is not None and len(trainer.static):
+            seen = Splats.join(seen, resting(to_params(trainer.static, self.run.device), view, near))
+        return psnr(draw(seen, view).image, self._truth(self.run.groups[self.group].first))
+
+    def look_at_group(self, trainer: GroupTrainer) -> float:
+        """dB of the held-out camera, mean over the first, the middle and the last frame that the group has alone."""
+        view, near, span = self._view(trainer.pictures), trainer.pictures.near, self.run.groups[self.group]
+        alive = torch.nonzero(trainer.static.alive)[:, 0]
+        still = resting({name: value[alive] for name, value in trainer.static.params.items()}, view, near)
+        values = []
+        for frame in sorted({0, span.own // 2, span.own - 1}):
+            seen = Splats.join(trainer.points.at(frame, view, near), still)
+            values.append(psnr(draw(seen, view).image, self._truth(span.first + frame)))
+        return float(np.mean(values))
+
+    def _view(self, pictures: Pictures) -> View:
+        """Of the held-out camera at full size, as those that are trained on are drawn."""
+        return View.of(self.camera, self.run.device, pictures.views[0].antialias, self.run.store.layout())
+
+    def _truth(self, frame: int) -> Tensor:
+        if frame not in self._truths:
+            image = self.run.capture.read(frame, 1, [self.camera.name])[0, 0]
+            self._truths[frame] = torch.from_numpy(image).to(self.run.device)
+        return self._truths[frame]
+
+    def _note_seconds(self) -> None:
+        if self.stages:
+            self.stages[-1]["seconds"] = round(self.seconds() - self.stages[-1]["begin"], 2)
+
+    def _check(self) -> None:
+        if self.seconds() > self.limit:
+            raise OutOfTime
+
+
+def resting(params: dict[str, Tensor], view: View, near: float) -> Splats:
+    """Static points as a view sees them. params: unconstrained, as `TrainablePoints` has them."""
+    return splats(*activate(params), view, max(near, view.clear))
+
+
+@contextmanager
+def watched(curve: Curve) -> Iterator[None]:
+    """Let the curve look at what is trained: reconstruction tells how far it is, but not what it has."""
+    keyframe, group = KeyframeTrainer.train, GroupTrainer.train
+
+    def train_keyframe(
+        self: KeyframeTrainer, pictures: Pictures, iterations: int, total: int, progress: Progress
+    ) -> None:
+        curve.look = torch.no_grad()(lambda: curve.look_at_keyframe(self, pictures))
+        keyframe(self, pictures, iterations, total, progress)
+        curve.look = None
+
+    def train_group(self: GroupTrainer, progress: Progress) -> GroupResult:
+        curve.look = torch.no_grad()(lambda: curve.look_at_group(self))
+        result = group(self, progress)
+        curve.look, curve.group = None, curve.group + 1
+        return result
+
+    KeyframeTrainer.train, GroupTrainer.train = train_keyframe, train_group
+    try:
+        yield
+    finally:
+        KeyframeTrainer.train, GroupTrainer.train = keyframe, group

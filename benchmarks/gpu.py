@@ -1,0 +1,334 @@
+"""On a machine with an NVIDIA GPU: its tests, whether it computes what the CPU does, how fast it is, and trainings, in some minutes.
+
+python benchmarks/gpu.py --minutes 8 --basketball FOLDER
+
+What matters most comes first, and each step is recorded when it is done: a line of results.jsonl, with what failed if it did.
+"""
+
+import contextlib
+import os
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable
+from dataclasses import dataclass, field, replace
+from functools import partial
+from importlib.metadata import version
+from importlib.util import find_spec
+from pathlib import Path
+from typing import Any
+
+os.environ.setdefault("GOMP_SPINCOUNT", "0")  # as the command line does; see its reason there
+
+import torch
+import tyro
+
+import kernels
+import kitchen
+from curve import reconstruct_until
+from parity import differences, drawing
+from record import RESULTS, ROOT, record
+from splatreel.capture.opening import open_capture
+from splatreel.config import Quality, preset
+from splatreel.config.settings import changed
+from splatreel.kernels import splat
+from splatreel.process import keep_freed_memory
+from splatreel.progress import console
+from splatreel.recon.run.memory import free_memory
+
+COMPILER_BYTES = 3e9
+"""Memory that one process of CUDA's compiler is given."""
+FAR_OFF = 0.02
+"""Relative difference between the devices from which on an iteration is wrong, and not only rounded otherwise."""
+Found = dict[str, Any]
+
+
+@dataclass(frozen=True)
+class Sizes:
+    """How large what is measured is. scenes: points, width and height of kernels. settings: that differ from the quality's."""
+
+    scenes: tuple[tuple[int, int, int], ...] = (*kernels.SCENES, (200_000, 1920, 1080))
+    parity: tuple[int, int, int] = (20_000, 320, 240)
+    points: int = 100_000
+    drawn: tuple[tuple[int, int], ...] = ((640, 360), (1920, 1080))
+    repeats: int = 7
+    basketball: int = 640
+    kitchen: tuple[int, int] = (1352, 1014)
+    frames: int = 30
+    settings: dict[str, Any] = field(default_factory=lambda: {"check_coverage": False})
+
+
+TINY_SETTINGS = {"keyframe.first_iterations": 12, "group.iterations_per_frame": 2, "check_coverage": False}
+TINY = Sizes(((60, 32, 24),), (60, 32, 24), 60, ((32, 18),), 1, 32, (32, 24), 3, TINY_SETTINGS)
+"""For the stand-in."""
+
+
+@dataclass(frozen=True)
+class Bench:
+    """What all steps share. ends: when the time is over, on the monotonic clock, seconds. device: the GPU's name."""
+
+    ends: float
+    basketball: Path | None
+    out: Path
+    results: Path
+    note: str
+    sizes: Sizes
+    device: str
+    standin: bool
+
+    def left(self) -> float:
+        """Seconds."""
+        return max(self.ends - time.monotonic(), 0.0)
+
+    def record(self, name: str, found: Found) -> None:
+        """Append a line. Of a step that found numbers which are not finite, and so have no place in JSON, it says that."""
+        label = {"device": self.device, "torch": torch.__version__, "cuda": torch.version.cuda}
+        label["gsplat"] = version("gsplat")
+        try:
+            record(f"gpu {name}", label | found, self.note, self.results)
+        except ValueError as error:
+            record(f"gpu {name}", label | {"failed": f"{error}: {found}"[:2000]}, self.note, self.results)
+
+
+def main(
+    minutes: float = 8.0,
+    basketball: Path | None = None,
+    steps: str = "",
+    out: Path = Path("out/gpu"),
+    results: Path | None = None,
+    standin: bool = False,
+    note: str = "",
+) -> None:
+    """Run the steps in their order and record each; ends with 1 if one failed, or where there is no GPU.
+
+    minutes: for all of it. Trainings share what is left, and are stopped when theirs is over.
+    basketball: folder of the Panoptic capture; without it, that is left out.
+    steps: some of them, with commas: compile, tests, parity, kernels, drawing, basketball-standard, basketball-paper, film (which needs
+    no GPU), kitchen-standard, kitchen-paper; all by default.
+    standin: try the script without a GPU, on tiny sizes; it needs --results, a file other than that of real measurements.
+    """
+    names = steps.split(",") if steps else list(STEPS)
+    if unknown := [name for name in names if name not in STEPS]:
+        fail(2, f"--steps: there is no step {unknown[0]!r}. Choose among {', '.join(STEPS)}.")
+    if standin and (results is None or results.resolve() == RESULTS):
+        fail(2, "--standin measures nothing: name a file of its own, --results FILE.")
+    sizes = TINY if standin else Sizes()
+    bench = Bench(time.monotonic() + 60 * minutes, basketball, out, results or RESULTS, note, sizes, "none", standin)
+    with machine(standin):
+        if names != ["film"]:
+            if why := missing():
+                fail(1, why)
+            prepare_compiler()
+            bench = replace(bench, device="stand-in" if standin else torch.cuda.get_device_name())
+        if basketball is None and any(name.startswith("basketball") for name in names):
+            print("Basketball is left out: --basketball FOLDER would say where the Panoptic capture is.")
+            names = [name for name in names if not name.startswith("basketball")]
+        signal.signal(signal.SIGTERM, lambda *_: sys.exit(143))  # so that a step that is ended records what it has
+        keep_freed_memory()  # as the command line does
+        failed = run_steps(bench, names)
+    sys.exit(1 if failed else 0)
+
+
+def fail(code: int, text: str) -> None:
+    print(text, file=sys.stderr)
+    sys.exit(code)
+
+
+def machine(standin: bool) -> contextlib.AbstractContextManager[None]:
+    """This one, or the one with the stand-in of the tests."""
+    if not standin:
+        return contextlib.nullcontext()
+    sys.path.insert(0, str(ROOT))
+    from tests.standin.gpu import gpu
+
+    return gpu()
+
+
+def missing() -> str | None:
+    """What this machine lacks, and what to do; None if it lacks nothing."""
+    if not torch.cuda.is_available():
+        if torch.version.cuda is None:
+            return (
+                "PyTorch was installed without CUDA here. On a machine with an NVIDIA GPU, let pip find the build with CUDA (unset "
+                "PIP_EXTRA_INDEX_URL and PIP_FIND_LINKS), remove .venv and run `make gpu` again. Without a GPU, `--standin "
+                "--results FILE` tries this script."
+            )
+        return "PyTorch finds no CUDA device. Is there an NVIDIA GPU, and its driver? `nvidia-smi` tells."
+    if find_spec("gsplat") is None:
+        return "gsplat is not installed. Run `pip install '.[cuda]'`."
+    from torch.utils.cpp_extension import CUDA_HOME
+
+    if CUDA_HOME is None and find_spec("gsplat.csrc") is None and torch.version.cuda is not None:
+        return (
+            f"gsplat compiles its kernels when it is first used, and CUDA's compiler is not there. Install the CUDA toolkit "
+            f"{torch.version.cuda}, or set CUDA_HOME to where it is."
+        )
+    return None
+
+
+def prepare_compiler() -> None:
+    """gsplat is compiled for this card alone, by as many processes as cores and memory allow, unless the user says otherwise."""
+    major, minor = torch.cuda.get_device_capability()
+    os.environ.setdefault("TORCH_CUDA_ARCH_LIST", f"{major}.{minor}")
+    jobs = min(os.cpu_count() or 1, int((free_memory() or COMPILER_BYTES) / COMPILER_BYTES))
+    os.environ.setdefault("MAX_JOBS", str(max(jobs, 1)))
+
+
+def run_steps(bench: Bench, names: list[str]) -> bool:
+    """Whether any failed."""
+    failed = False
+    for place, name in enumerate(names):
+        if bench.left() == 0:
+            print(f"no time is left for {', '.join(names[place:])}", flush=True)
+            break
+        trainings = sum(name.endswith(QUALITIES) for name in names[place:])
+        if run_step(bench, name, bench.left() / max(trainings, 1)):
+            continue
+        failed = True
+        if name == "compile":
+            print("without gsplat's kernels nothing else can run", flush=True)
+            break
+        if not usable():
+            print(f"{name} left CUDA unusable for this process: the rest runs in another one", flush=True)
+            in_new_process(bench, names[place + 1 :])
+            break
+    return failed
+
+
+def run_step(bench: Bench, name: str, share: float) -> bool:
+    """Run a step and record what it found, or how it failed. share: seconds for it, if it is a training. Whether it succeeded."""
+    found: Found = {}
+    print(f"{name} ...", flush=True)
+    started = time.monotonic()
+    try:
+        STEPS[name](bench, found, share)
+    except BaseException as error:
+        found["failed"] = f"{type(error).__name__}: {str(error)[-2000:]}"
+        if not isinstance(error, Exception):  # somebody ends it: what it found is recorded nevertheless
+            raise
+    finally:
+        found.setdefault("seconds", round(time.monotonic() - started, 2))
+        if len(found) > 1:  # filming finds nothing
+            bench.record(name.replace("-", " "), found)
+    print(f"{name}: {found.get('failed', 'done')}, {found['seconds']:.1f} s", flush=True)
+    return "failed" not in found
+
+
+def usable() -> bool:
+    """Whether CUDA still works: after some errors no call of this process succeeds."""
+    try:
+        torch.cuda.empty_cache()
+        torch.cuda.synchronize()
+    except RuntimeError:
+        return False
+    return True
+
+
+def in_new_process(bench: Bench, names: list[str]) -> None:
+    """Run the steps that are left in the time that is left."""
+    if not names or bench.left() == 0:
+        return
+    command = [sys.executable, __file__, "--minutes", str(bench.left() / 60), "--steps", ",".join(names)]
+    command += ["--out", str(bench.out), "--results", str(bench.results), "--note", bench.note]
+    command += ["--basketball", str(bench.basketball)] if bench.basketball else []
+    subprocess.call([*command, "--standin"] if bench.standin else command)
+
+
+def compile_kernels(bench: Bench, found: Found, share: float) -> None:
+    """gsplat's, by using one of them."""
+    place = torch.zeros(1, 3, device="cuda")
+    splat.spherical_harmonics(0, place, torch.zeros(1, 1, 3, device="cuda"))
+    torch.cuda.synchronize()
+    found |= {"arch": os.environ["TORCH_CUDA_ARCH_LIST"], "jobs": os.environ["MAX_JOBS"]}
+
+
+def cuda_tests(bench: Bench, found: Found, share: float) -> None:
+    """The tests that are marked so, in a process of their own."""
+    command = [sys.executable, "-m", "pytest", "-m", "cuda", "-q", "tests/kernels/test_cuda.py"]
+    command += ["-p", "tests.standin.plugin"] if bench.standin else []
+    ran = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, timeout=bench.left())
+    lines = ran.stdout.strip().splitlines() or ["nothing was printed"]
+    found["tests"] = lines[-1].strip("= ")
+    if ran.returncode != 0 or "skipped" in found["tests"]:
+        raise RuntimeError("\n".join([*lines[-20:], ran.stderr[-1000:]]))
+
+
+def parity(bench: Bench, found: Found, share: float) -> None:
+    """One iteration on both devices."""
+    points, width, height = bench.sizes.parity
+    found |= {"points": points, "width": width, "height": height}
+    found["largest_relative_difference"] = differences(points, width, height)
+    worst = max(max(parts.values()) for parts in found["largest_relative_difference"].values())
+    if not worst < FAR_OFF:
+        raise RuntimeError(f"the GPU differs from the CPU by {worst:.2g} of the largest value")
+
+
+def kernel_times(bench: Bench, found: Found, share: float) -> None:
+    """Milliseconds of each part of a step, on both."""
+    rows = found["milliseconds"] = {}
+    for points, width, height in bench.sizes.scenes:
+        for device in ("cuda", "cpu"):
+            row = kernels.measure(splat, points, width, height, bench.sizes.repeats, device)
+            rows[f"{points} {width}x{height}, {device}"] = row
+    found["threads"] = torch.get_num_threads()
+
+
+def drawing_rates(bench: Bench, found: Found, share: float) -> None:
+    """Pictures a second of points that are on the GPU."""
+    found["points"] = bench.sizes.points
+    torch.cuda.reset_peak_memory_stats()
+    for width, height in bench.sizes.drawn:
+        found[f"fps {width}x{height}"] = drawing(bench.sizes.points, width, height, 3 * bench.sizes.repeats)
+    found["gpu_memory_mb"] = round(torch.cuda.max_memory_allocated() / 1e6, 1)
+
+
+def basketball(bench: Bench, found: Found, share: float, quality: Quality) -> None:
+    """The Panoptic capture, as basketball.py takes it."""
+    assert bench.basketball is not None
+    train(bench, found, share, bench.basketball, bench.sizes.basketball, f"basketball-{quality}", quality)
+
+
+def film(bench: Bench, found: Found, share: float) -> None:
+    """The kitchen, unless it is there."""
+    if not kitchen_folder(bench).exists():
+        width, height = bench.sizes.kitchen
+        kitchen.film(width, height).write(kitchen_folder(bench), bench.sizes.frames)
+
+
+def kitchen_folder(bench: Bench) -> Path:
+    width, height = bench.sizes.kitchen
+    return bench.out / f"kitchen-{width}x{height}-{bench.sizes.frames}"
+
+
+def kitchen_film(bench: Bench, found: Found, share: float, quality: Quality) -> None:
+    train(bench, found, share, kitchen_folder(bench), bench.sizes.kitchen[0], f"kitchen-{quality}", quality)
+
+
+def train(bench: Bench, found: Found, share: float, capture: Path, width: int, name: str, quality: Quality) -> None:
+    """Reconstruct a capture's first frames on the GPU for `share` seconds at most, and measure on the way."""
+    source = open_capture(capture, width=width, frames=(0, bench.sizes.frames))
+    config = changed(preset(quality), bench.sizes.settings)
+    progress = console()
+    try:
+        reconstruct_until(found, source, bench.out / name, config, "cuda", share, progress)
+    finally:
+        progress.close()
+        source.close()
+
+
+QUALITIES: tuple[Quality, ...] = ("standard", "paper")
+STEPS: dict[str, Callable[[Bench, Found, float], None]] = {
+    "compile": compile_kernels,
+    "tests": cuda_tests,
+    "parity": parity,
+    "kernels": kernel_times,
+    "drawing": drawing_rates,
+    **{f"basketball-{quality}": partial(basketball, quality=quality) for quality in QUALITIES},
+    "film": film,
+    **{f"kitchen-{quality}": partial(kitchen_film, quality=quality) for quality in QUALITIES},
+}
+"""What matters most first."""
+
+if __name__ == "__main__":
+    tyro.cli(main)
