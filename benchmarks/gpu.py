@@ -54,13 +54,13 @@ class Sizes:
     drawn: tuple[tuple[int, int], ...] = ((640, 360), (1920, 1080))
     repeats: int = 7
     basketball: int = 640
-    kitchen: tuple[int, int] = (1352, 1014)
+    kitchen: int = 1352
     frames: int = 30
     settings: dict[str, Any] = field(default_factory=lambda: {"check_coverage": False})
 
 
 TINY_SETTINGS = {"keyframe.first_iterations": 12, "group.iterations_per_frame": 2, "check_coverage": False}
-TINY = Sizes(((60, 32, 24),), (60, 32, 24), 60, ((32, 18),), 1, 32, (32, 24), 3, TINY_SETTINGS)
+TINY = Sizes(((60, 32, 24),), (60, 32, 24), 60, ((32, 18),), 1, 32, 32, 3, TINY_SETTINGS)
 """For the stand-in."""
 
 
@@ -292,17 +292,15 @@ def basketball(bench: Bench, found: Found, share: float, quality: Quality) -> No
 def film(bench: Bench, found: Found, share: float) -> None:
     """The kitchen, unless it is there."""
     if not kitchen_folder(bench).exists():
-        width, height = bench.sizes.kitchen
-        kitchen.film(width, height).write(kitchen_folder(bench), bench.sizes.frames)
+        kitchen.film(bench.sizes.kitchen).write(kitchen_folder(bench), bench.sizes.frames)
 
 
 def kitchen_folder(bench: Bench) -> Path:
-    width, height = bench.sizes.kitchen
-    return bench.out / f"kitchen-{width}x{height}-{bench.sizes.frames}"
+    return bench.out / f"kitchen-{bench.sizes.kitchen}-{bench.sizes.frames}"
 
 
 def kitchen_film(bench: Bench, found: Found, share: float, quality: Quality) -> None:
-    train(bench, found, share, kitchen_folder(bench), bench.sizes.kitchen[0], f"kitchen-{quality}", quality)
+    train(bench, found, share, kitchen_folder(bench), bench.sizes.kitchen, f"kitchen-{quality}", quality)
 
 
 def train(bench: Bench, found: Found, share: float, capture: Path, width: int, name: str, quality: Quality) -> None:

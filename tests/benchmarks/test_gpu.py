@@ -29,7 +29,7 @@ def lines(file: Path) -> dict[str, dict[str, Any]]:
 def test_all_of_it_runs_on_the_stand_in(gpu: ModuleType, tmp_path: Path) -> None:
     pytest.importorskip("gsplat", reason="gsplat is not installed")
     results, film = tmp_path / "results.jsonl", tmp_path / "film"
-    gpu.kitchen.film(*gpu.TINY.kitchen).write(film, gpu.TINY.frames)
+    gpu.kitchen.film(gpu.TINY.kitchen).write(film, gpu.TINY.frames)
     command = [sys.executable, "benchmarks/gpu.py", "--standin", "--results", str(results), "--out", str(tmp_path)]
     command += ["--basketball", str(film), "--minutes", "30"]
     ran = subprocess.run(command, cwd=ROOT, capture_output=True, text=True)
