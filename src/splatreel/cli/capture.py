@@ -79,13 +79,12 @@ def capture_check(
 
 def _check(source: Capture, names: list[str], frames: np.ndarray, quick: bool) -> None:
     """What reconstruction asks of a capture, and what it will say of the cameras. frames: two moments of the named cameras."""
-    from splatreel.config import GroupConfig
+    from splatreel.config import Config
     from splatreel.recon.run.memory import check_memory
     from splatreel.recon.run.requirements import check_capture, check_pictures
 
-    group = GroupConfig()
     check_capture(source)
-    check_memory(source, group.length + group.overlap)
+    check_memory(source, Config())
     check_pictures(source, names, frames)
     said = list(source.doubts)
     if importlib.util.find_spec("cv2") is None:

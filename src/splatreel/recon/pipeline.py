@@ -55,7 +55,7 @@ def reconstruct(
 def plan_run(capture: Capture, out: Path, config: Config, *, sound: str = "auto", device: str = "auto") -> ChapteredRun:
     """What `reconstruct` is going to do; nothing is made yet. Raises as it does, for a capture or a device that will not do."""
     check_capture(capture)
-    check_memory(capture, config.group.length + config.group.overlap)
+    check_memory(capture, config)
     return ChapteredRun(capture, Path(out), config, sound, pick_device(device))
 
 

@@ -123,7 +123,7 @@ def test_workers_are_as_many_as_asked_for_or_as_memory_allows(monkeypatch: pytes
     monkeypatch.setattr(threads, "count", lambda: 16)
     assert division_of(a_run("cpu"), 5) == Division(5, 3)
     assert division_of(a_run("cpu", chapters=2), 5) == Division(2, 8)
-    monkeypatch.setattr(here, "free_memory", lambda: 5 << 29)
+    monkeypatch.setattr(here, "free_memory", lambda: 3 << 29)
     assert division_of(a_run("cpu")) == Division(2, 8)
     monkeypatch.setattr(here, "free_memory", lambda: 0)
     assert division_of(a_run("cpu")) == Division(1, 16)

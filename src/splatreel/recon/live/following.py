@@ -67,7 +67,7 @@ def reconstruct_following(
     """
     capture = follower.capture
     check_capture(capture)
-    check_memory(capture, config.group.length + config.group.overlap)
+    check_memory(capture, config)
     chosen, progress = pick_device(device), progress or Silent()
     with RunLock(Path(out), capture, config, sound) as lock:
         run = _LiveRun(follower, config, live, chosen, progress, Store(lock.work))

@@ -74,5 +74,4 @@ def places(run: ChapteredRun, workers: int) -> list[str | None]:
 
 
 def _need(run: ChapteredRun) -> int:
-    group = run.config.group
-    return needed_memory(run.capture, group.length + group.overlap)
+    return needed_memory(run.capture, run.config)

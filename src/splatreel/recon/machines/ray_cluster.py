@@ -89,8 +89,7 @@ class _Cluster:
         self, ray: Any, run: ChapteredRun, spec: RunSpec, url: str | None, exchange: Exchange | None, progress: Progress
     ) -> None:
         self.ray, self.run, self.exchange, self.progress = ray, run, exchange, progress
-        group = run.config.group
-        need = needed_memory(run.capture, group.length + group.overlap)
+        need = needed_memory(run.capture, run.config)
         self.resources, self.at_once = share_nodes(ray.nodes(), len(run.chapters), spec.device, need)
         self.task = NodeTask(pickle.dumps(spec), url, self.resources.cores)
         self.mailbox = _mailbox(ray)

@@ -1,20 +1,29 @@
-"""Whether the frames of a capture fit into this machine: who runs out of memory is killed, and told nothing."""
+"""Whether a reconstruction fits into this machine: who runs out of memory is killed, and told nothing."""
 
 from __future__ import annotations
 
-import math
 import os
 from pathlib import Path
 
 from splatreel.capture.base import Capture
+from splatreel.config import Config
 from splatreel.errors import ReconstructionError
 
 HALVED = 0.25
 """Of a group's frames, the share that they take once more at half size."""
-FOR_FRAMES = 0.4
-"""Share of the memory that frames may take where a size is recommended: points, views and other programs want the rest."""
-PROCESS = 1 << 30
-"""Bytes of a process that has loaded all libraries and compiled code, about."""
+PROCESS = 640e6
+"""Bytes of a process that has loaded all libraries and compiled code, and works with few and small pictures."""
+FRAMES = 1.3
+"""Bytes for each one of the frames that are held: masks, flow, and what the static points of each view look like."""
+PIXEL = 620.0
+"""Bytes for each pixel of one picture, while a step is trained."""
+POINT = 1500.0
+"""Bytes for each point: 59 numbers and their gradients, what Adam knows of them, a copy to go back to, and what is passing."""
+CONTAINER = Path("/sys/fs/cgroup")
+FITS = 0.8
+"""Share of the memory that a recommended size takes: other programs want the rest."""
+NARROWEST = 64
+"""Pixels across, below which no width is recommended."""
 
 
 def physical_memory() -> int | None:
@@ -23,6 +32,12 @@ def physical_memory() -> int | None:
         return os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")
     except (AttributeError, ValueError, OSError):
         return None
+
+
+def total_memory() -> int | None:
+    """Bytes that programs may take when nothing else runs, of the machine or of the container; None where nobody tells."""
+    found = [room for room in (physical_memory(), _limit_of_container()) if room is not None]
+    return min(found) if found else None
 
 
 def free_memory() -> int | None:
@@ -39,47 +54,76 @@ def _free_of_machine() -> int | None:
         return None
 
 
-def _free_of_container() -> int | None:
-    """By control groups, version 2: what the limit leaves, and pages of files, which are given up first."""
-    folder = Path("/sys/fs/cgroup")
+def _limit_of_container() -> int | None:
+    """By control groups, version 2; None where there is no limit."""
     try:
-        most, held = (int((folder / f"memory.{name}").read_text(encoding="ascii")) for name in ("max", "current"))
-        lines = (folder / "memory.stat").read_text(encoding="ascii").splitlines()
+        return int((CONTAINER / "memory.max").read_text(encoding="ascii"))
+    except (OSError, ValueError):
+        return None
+
+
+def _free_of_container() -> int | None:
+    """What the limit leaves, and pages of files, which are given up first."""
+    most = _limit_of_container()
+    if most is None:
+        return None
+    try:
+        held = int((CONTAINER / "memory.current").read_text(encoding="ascii"))
+        lines = (CONTAINER / "memory.stat").read_text(encoding="ascii").splitlines()
         files = sum(int(line.split()[1]) for line in lines if line.startswith(("inactive_file ", "active_file ")))
-    except (OSError, ValueError):  # there is no limit, or no control group
+    except (OSError, ValueError):
         return None
     return max(most - held + files, 0)
 
 
-def needed_memory(capture: Capture, group: int) -> int:
-    """Bytes that a process takes which reconstructs groups of so many frames, about: it is seen how much it does take."""
-    return PROCESS + round(_of_frames(capture, group) / FOR_FRAMES)
+def needed_memory(capture: Capture, config: Config) -> int:
+    """Bytes that a process takes at most which reconstructs the groups of a capture.
+
+    Within 30 % of the peaks in `benchmarks/results.jsonl`, 160 to 1352 pixels wide.
+    """
+    return _needed(capture, config, capture.width, capture.height)
 
 
-def check_memory(capture: Capture, group: int) -> None:
-    """Raises `ReconstructionError` for pictures too large, and says which fit. group: frames of one, overlap included.
+def check_memory(capture: Capture, config: Config) -> None:
+    """Raises `ReconstructionError` for pictures too large for this machine, and says which fit.
 
     A group's frames are in memory with those of the next one, and at half size.
     """
-    memory, cameras, needed = physical_memory(), len(capture.training_cameras), _of_frames(capture, group)
+    memory, needed = total_memory(), needed_memory(capture, config)
     if memory is None or needed <= memory:
         return
-    width = int(capture.width * math.sqrt(FOR_FRAMES * memory / needed)) // 16 * 16
-    frames = min(2 * group, _length(capture, group))
+    group = config.group.length + config.group.overlap
+    frames, cameras = min(2 * group, _length(capture, config)), len(capture.training_cameras)
+    width = fitting_width(capture, config, FITS * memory)
+    remedy = "Use a machine with more memory." if width is None else f"--width {width} fits."
     raise ReconstructionError(
-        f"{capture.path}: pictures of {capture.width}x{capture.height} by {cameras} cameras take {needed / 2**30:.0f} GiB of "
-        f"memory, {frames} frames at a time, and this machine has {memory / 2**30:.0f}. --width {width} fits."
+        f"{capture.path}: pictures of {capture.width}x{capture.height} by {cameras} cameras, {frames} frames at a time, take "
+        f"{needed / 2**30:.1f} GiB of memory, and this machine has {memory / 2**30:.1f}. {remedy}"
     )
 
 
-def _of_frames(capture: Capture, group: int) -> float:
-    """Bytes of a group's frames, and those of the next one."""
-    frames = _length(capture, group)
+def fitting_width(capture: Capture, config: Config, memory: float) -> int | None:
+    """The largest width of pictures, a multiple of 16, with which so many bytes do; None where not even small ones do."""
+    widths = range(NARROWEST, capture.width, 16)
+    heights = (round(capture.height * width / capture.width) for width in widths)
+    fitting = [w for w, h in zip(widths, heights, strict=True) if _needed(capture, config, w, h) <= memory]
+    return max(fitting, default=None)
+
+
+def _needed(capture: Capture, config: Config, width: int, height: int) -> int:
+    pixels, keyframe = width * height, config.keyframe
+    points = min(keyframe.max_points, keyframe.points_per_pixel * pixels)
+    frames = 3 * pixels * len(capture.training_cameras) * _held(capture, config)
+    return round(PROCESS + FRAMES * frames + PIXEL * pixels + POINT * points)
+
+
+def _held(capture: Capture, config: Config) -> float:
+    """Frames of a group, and those of the next one, in frames of full size."""
+    group, frames = config.group.length + config.group.overlap, _length(capture, config)
     first = min(group, frames)
-    following = min(group, frames - first)
-    return 3 * capture.width * capture.height * len(capture.training_cameras) * (first * (1 + HALVED) + following)
+    return first * (1 + HALVED) + min(group, frames - first)
 
 
-def _length(capture: Capture, group: int) -> int:
+def _length(capture: Capture, config: Config) -> int:
     """Frames; of a capture that grows there will be enough."""
-    return 2 * group if capture.growing else capture.frames
+    return 2 * (config.group.length + config.group.overlap) if capture.growing else capture.frames
