@@ -33,12 +33,14 @@ class Machines:
     cluster: str | None = None
     """Have the chapters of a long video made by a Ray cluster: auto, or its address (needs splatreel[cluster]; docs/cluster.md)."""
 
-    def check(self, out: str, follow: bool) -> None:
+    def check(self, out: str, follow: bool, estimate: bool = False) -> None:
         """Raises `UsageError` for options that do not go together."""
         ways = {"--workers": self.workers, "--job": self.job, "--cluster": self.cluster, "--follow": follow or None}
         given = [name for name, value in ways.items() if value is not None]
         if len(given) > 1:
             raise UsageError(f"{' and '.join(given)} exclude each other. Give one of them.")
+        if estimate and given and self.workers is None:
+            raise UsageError(f"--estimate is of runs on this machine alone. Leave out {given[0]}.")
         if self.chapter is not None and self.job != "chapter":
             raise UsageError("--chapter says which chapters a job of a batch system makes. Give --job chapter as well.")
         if self.cluster is None and _elsewhere(out):
@@ -92,6 +94,13 @@ class Machines:
         from splatreel.recon.machines.here import reconstruct_here
 
         return playable(reconstruct_here(spec, workers=self.workers, progress=progress, present=present).reel)
+
+    def estimated(self, source: Callable[[], Capture], config: Config, sound: str, device: str) -> str:
+        """How long that would take on this machine, and how much memory, in lines."""
+        from splatreel.cli.estimation import estimated
+        from splatreel.recon.machines.run_spec import RunSpec
+
+        return estimated(RunSpec(source, Path("OUT"), config, sound, device), self.workers)
 
     def _on_cluster(self, spec: RunSpec, address: str, out: str, progress: Any, present: Any) -> str:
         from splatreel.recon.machines.ray_cluster import reconstruct_on_cluster

@@ -41,6 +41,7 @@ def reconstruct(
     seed: int = 0,
     settings: Set = (),
     threads: int | None = None,
+    estimate: bool = False,
     profile: bool = False,
     publish: str | None = None,
     publish_keep: float = 24.0,
@@ -66,6 +67,7 @@ def reconstruct(
         seed: Seed of everything random.
         settings: Any setting that `splatreel config` lists, such as group.lambda_arap=0; as often as you like.
         threads: How many threads to use; as many as there are cores by default.
+        estimate: Only say how long it would take, and how much memory. Nothing is written.
         profile: Measure where the time goes, and write it to OUT/profile.md.
         publish: Copy the reel there while it grows, such as to s3://BUCKET/REEL, as `splatreel publish` does.
         publish_keep: Hours that files stay there after they are no part of the reel any more.
@@ -76,13 +78,15 @@ def reconstruct(
     config = with_renditions(config, parse_renditions(renditions))
     given = words.given()
     following.check()
-    machines.check(out, follow=following.follow)
+    machines.check(out, follow=following.follow, estimate=estimate)
     from splatreel.capture.opening import open_capture
     from splatreel.evaluation.profile import profiled
     from splatreel.play.presentation_writer import PresentationWriter
     from splatreel.progress import console
 
     request: dict[str, Any] = {"width": width, "scale": scale, "frames": span, "held_out": held_out}
+    if estimate:
+        return say(machines.estimated(partial(open_capture, capture, **request), config, sound, device))
     progress, presents = console(), PresentationWriter(given)
     try:
         with machines.folder(out) as folder:

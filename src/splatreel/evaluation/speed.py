@@ -15,7 +15,6 @@ from splatreel.capture.looped import LoopedCapture
 from splatreel.config import Config
 from splatreel.errors import UsageError
 from splatreel.evaluation.evaluate import evaluate
-from splatreel.evaluation.step_timings import on_one_thread
 from splatreel.evaluation.timing import Timing, medians_ms, ratio
 from splatreel.process import peak_memory_bytes
 from splatreel.progress import Progress, Silent
@@ -23,6 +22,7 @@ from splatreel.recon.cameras.group_input import GroupInput
 from splatreel.recon.cameras.rig import Rig
 from splatreel.recon.layering.tracking import GroupStart
 from splatreel.recon.pipeline import Result, reconstruct
+from splatreel.recon.run.machine_speed import on_one_thread
 from splatreel.recon.run.store import Store, restored_rig
 from splatreel.recon.train.group import GroupTrainer
 from splatreel.recon.train.group_density import MEASURE_EVERY

@@ -10,6 +10,7 @@ import torch
 
 from splatreel.evaluation.timing import Timing, medians_ms, ratio
 from splatreel.kernels import splat
+from splatreel.recon.run.machine_speed import on_one_thread
 from splatreel.recon.train.points import TrainablePoints, default_rates
 from splatreel.recon.train.render import StaticCache, View, deformed, draw
 from splatreel.scene.camera import Camera
@@ -63,14 +64,3 @@ def _step(gaussians: Gaussians, view: View, still: StaticCache | None = None) ->
         p.clear()
 
     return step
-
-
-def on_one_thread(work: Callable[[], None], threads: int) -> None:
-    """Do it on one thread, and use `threads` again afterwards."""
-    numba.set_num_threads(1)
-    torch.set_num_threads(1)
-    try:
-        work()
-    finally:
-        numba.set_num_threads(threads)
-        torch.set_num_threads(threads)

@@ -1,0 +1,114 @@
+"""What a run is going to take on this machine, before anything is spent."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from splatreel.capture.base import Capture
+from splatreel.motion.change import changes
+from splatreel.recon.jobs import ChapteredRun
+from splatreel.recon.machines.scaling import (
+    SERIAL_CHAPTER,
+    SERIAL_SCENE,
+    Division,
+    chapters_time,
+    job_time,
+)
+from splatreel.recon.run.costs import Seconds, Shooting, chapter_seconds, scene_seconds, sequence_seconds, together
+from splatreel.recon.run.machine_speed import MachineSpeed
+from splatreel.recon.run.memory import PROCESS, needed_memory
+from splatreel.scene.camera import Camera
+
+LOOKS = 3
+"""Frames of the first group that are compared, to see how much moves."""
+LOOKED_AT = 6e6
+"""Pixels of all cameras that are looked at of a frame, at most; two cameras at least, six at most."""
+TRAINING = ("keyframe", "group")
+
+
+@dataclass(frozen=True)
+class Estimate:
+    """seconds: by stage, as in `Result`, of the whole run from its beginning. memory: bytes of all processes at most.
+
+    moving: share of the pixels that change in the first group. division: chapters at a time, and threads of each.
+    """
+
+    seconds: dict[str, float]
+    memory: int
+    moving: float
+    division: Division
+
+    @property
+    def total(self) -> float:
+        return sum(self.seconds.values())
+
+
+def estimate(run: ChapteredRun, division: Division, speed: MachineSpeed, moving: float | None = None) -> Estimate:
+    """Within about 30 % where nothing else runs; on a GPU only a guess.
+
+    division: as `here.division_of` gives it. speed: of this machine, by `measure_speed`. moving: the share of the pixels that change
+    in a group, if that is known; else a few pictures of the first group tell. Raises what reading the capture raises.
+    """
+    capture, config = run.capture, run.config
+    moving = moving_share(capture, run.groups[0].count) if moving is None else moving
+    cameras = capture.training_cameras
+    shooting = Shooting(capture.width * capture.height / 1e6, len(cameras), moving, facing(cameras))
+    pace = _Pace(speed, trains_on_gpu=run.device.type == "cuda")
+    need = needed_memory(capture, config)
+    if len(run.chapters) == 1:
+        seconds = pace.job(sequence_seconds(shooting, run.groups, config), SERIAL_CHAPTER, division.threads)
+        return Estimate(seconds, need, moving, division)
+    cores = division.workers * division.threads
+    seconds = pace.job(scene_seconds(shooting, config), SERIAL_SCENE, cores)
+    of_all = together(chapter_seconds(shooting, chapter.groups, config) for chapter in run.chapters)
+    seconds = together([seconds, pace.chapters(of_all, len(run.chapters), division)])
+    memory = need if division.workers == 1 else round(division.workers * need + PROCESS)
+    return Estimate(seconds, memory, moving, division)
+
+
+def moving_share(capture: Capture, frames: int) -> float:
+    """Share of the pixels that change among the first so many frames, of a few pictures of a few cameras."""
+    if frames < 2:
+        return 0.0
+    names = [camera.name for camera in capture.training_cameras]
+    count = min(len(names), int(np.clip(LOOKED_AT / (capture.width * capture.height), 2, 6)))
+    names = [names[place] for place in np.linspace(0, len(names) - 1, count).round().astype(int)]
+    moments = np.unique(np.linspace(0, frames - 1, LOOKS).round().astype(int))
+    return float(changes(np.concatenate([capture.read(int(moment), 1, names) for moment in moments])).mean())
+
+
+def facing(cameras: list[Camera]) -> float:
+    """0..1, see `Shooting`: how long the mean is of the directions that they look in."""
+    return float(np.linalg.norm(np.mean([camera.viewmat[2, :3] for camera in cameras], axis=0)))
+
+
+@dataclass(frozen=True)
+class _Pace:
+    """From the seconds of one thread, where costs were measured, to those of this machine."""
+
+    speed: MachineSpeed
+    trains_on_gpu: bool
+
+    def job(self, seconds: Seconds, serial: float, threads: int) -> Seconds:
+        """By stage, of a job on so many threads. serial: the share of it that one thread does, see `scaling`."""
+        return {stage: self._of(stage, spent, serial, threads) for stage, spent in seconds.items()}
+
+    def chapters(self, seconds: Seconds, count: int, division: Division) -> Seconds:
+        """By stage, of so many chapters, which take `seconds` together."""
+        found: Seconds = {}
+        for stage, spent in seconds.items():
+            one = self._of(stage, spent / count, SERIAL_CHAPTER, 1)
+            alone = Division(division.workers, 1 if self._on_gpu(stage) else division.threads)
+            found[stage] = chapters_time(one, count, alone)
+        return found
+
+    def _of(self, stage: str, seconds: float, serial: float, threads: int) -> float:
+        if self._on_gpu(stage):
+            return seconds * self.speed.training
+        pace = self.speed.training if stage in TRAINING else self.speed.other
+        return job_time(seconds * pace, serial, threads)
+
+    def _on_gpu(self, stage: str) -> bool:
+        return self.trains_on_gpu and stage in TRAINING

@@ -1,0 +1,69 @@
+"""Costs against what was measured: one thread, or two idle ones, which take 0.64 of it (`scaling.SERIAL_CHAPTER`)."""
+
+import pytest
+
+from splatreel.config import Config, preset
+from splatreel.config.settings import changed
+from splatreel.recon.run.costs import Shooting, chapter_seconds, scene_seconds, sequence_seconds
+from splatreel.scene.spans import group_spans
+
+TWO_THREADS = 0.64
+QUICK_PAPER = {"keyframe.first_iterations": 1000, "keyframe.refine_iterations": 250, "group.iterations_per_frame": 20}
+MEASURED = {
+    # megapixels, training cameras, share that moves, how far they look one way, frames, quality, settings, seconds of one thread
+    "basketball 160x90": (0.0144, 27, 0.12, 0.35, 10, "standard", {}, 51.6),
+    "basketball 160x90, paper": (0.0144, 27, 0.12, 0.35, 10, "paper", QUICK_PAPER, 44.4),
+    "basketball 320x180, draft": (0.0576, 27, 0.12, 0.35, 10, "draft", {}, 73.6),
+    "basketball 320x180": (0.0576, 27, 0.2, 0.35, 60, "standard", {}, 217 / TWO_THREADS),  # 3a19254
+    "basketball 640x360": (0.2304, 27, 0.2, 0.35, 60, "standard", {}, 733.8),  # de618e4
+    "built-in 256x192": (0.049152, 12, 0.2, 0.96, 60, "standard", {}, 225 / TWO_THREADS),  # a798874
+    "yard 400x225": (0.09, 10, 0.141, 0.73, 40, "standard", {}, 248.2),  # 0c612b2
+    "studio 320x180": (0.0576, 17, 0.377, 0.56, 45, "standard", {}, 343.2),  # de618e4
+    "juggle 320x180": (0.0576, 26, 0.128, 0.29, 60, "standard", {}, 322.9),  # de618e4
+    "hearth 336x252": (0.084672, 16, 0.134, 0.99, 45, "standard", {}, 390.2),  # de618e4
+    "built-in 160x90, draft": (0.0144, 12, 0.204, 0.96, 30, "draft", {}, 66.4),
+    "kitchen 1352x1014": (1.370928, 17, 0.034, 0.99, 10, "standard", {}, 388 / TWO_THREADS),
+    "flame_steak 1345x1008": (1.35576, 20, 0.0, 0.94, 1, "standard", {}, 264 / TWO_THREADS),
+}
+"""Of `benchmarks/results.jsonl` at the revision named, or measured when this was written; processor time without compiling."""
+
+
+def total(shooting: Shooting, frames: int, config: Config = Config()) -> float:  # noqa: B008 - it is frozen
+    return sum(sequence_seconds(shooting, group_spans(frames, 30, 5), config).values())
+
+
+@pytest.mark.parametrize("name", MEASURED)
+def test_what_was_measured(name: str) -> None:
+    *shooting, frames, quality, settings, seconds = MEASURED[name]
+    said = total(Shooting(*shooting), frames, changed(preset(quality), settings))
+    assert 0.7 <= said / seconds <= 1.3
+
+
+def test_more_of_anything_costs_more() -> None:
+    usual = total(Shooting(0.1, 10, 0.1, 0.5), 60)
+    assert usual < total(Shooting(0.2, 10, 0.1, 0.5), 60) < 2 * usual
+    assert usual < total(Shooting(0.1, 20, 0.1, 0.5), 60) < 2 * usual
+    assert usual < total(Shooting(0.1, 10, 0.2, 0.5), 60) < 2 * usual
+    assert usual < total(Shooting(0.1, 10, 0.1, 1.0), 60) < 1.5 * usual
+    first, second, third = (total(Shooting(0.1, 10, 0.1, 0.5), frames) for frames in (600, 1200, 1800))
+    assert third - second == pytest.approx(second - first)
+    draft, standard, paper = (
+        total(Shooting(0.1, 10, 0.1, 0.5), 60, preset(name)) for name in ("draft", "standard", "paper")
+    )
+    assert draft < standard / 1.5
+    assert paper > 5 * standard
+
+
+def test_a_single_frame_has_no_motion() -> None:
+    found = sequence_seconds(Shooting(0.1, 10, 0.1, 0.5), group_spans(1, 30, 5), Config())
+    assert {"layering", "tracking", "group"}.isdisjoint(found)
+
+
+def test_chapters_cost_the_scene_and_their_own_starts() -> None:
+    shooting, spans, config = Shooting(0.1, 10, 0.1, 0.5), group_spans(300, 30, 5), Config()
+    scene, chapter = scene_seconds(shooting, config), chapter_seconds(shooting, tuple(spans), config)
+    sequence = sequence_seconds(shooting, spans, config)
+    assert chapter["group"] == sequence["group"]
+    assert "group" not in scene
+    whole = sum(sequence.values())
+    assert whole < sum(scene.values()) + sum(chapter.values()) < 1.3 * whole
