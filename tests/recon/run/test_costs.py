@@ -59,6 +59,14 @@ def test_a_single_frame_has_no_motion() -> None:
     assert {"layering", "tracking", "group"}.isdisjoint(found)
 
 
+def test_a_long_film_of_chapters() -> None:
+    """`benchmarks/long.py`: 205 s a chapter of 300 frames, the median of twenty, on two threads."""
+    quick = {"keyframe.refine_iterations": 100, "group.iterations_per_frame": 6}
+    config, spans = changed(preset("draft"), quick), group_spans(305, 30, 5)
+    said = sum(chapter_seconds(Shooting(0.0144, 5, 0.194, 0.96), spans, config).values())
+    assert 0.7 <= said * TWO_THREADS / 205 <= 1.3
+
+
 def test_chapters_cost_the_scene_and_their_own_starts() -> None:
     shooting, spans, config = Shooting(0.1, 10, 0.1, 0.5), group_spans(300, 30, 5), Config()
     scene, chapter = scene_seconds(shooting, config), chapter_seconds(shooting, tuple(spans), config)
