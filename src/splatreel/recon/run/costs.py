@@ -46,7 +46,7 @@ class Shooting:
     def dynamic(self, config: Config) -> float:
         """Thousands of points that are going to move. Where there are more than usual, more of them do."""
         size, crowd = self.megapixels / USUAL, max(1.0, self.points(config) / self._usual)
-        return (1 + 24 * self.moving) * (math.sqrt(size) if size < 1 else size**0.25) * crowd
+        return (1 + 24 * self.moving) * size**0.3 * crowd
 
     def points(self, config: Config) -> float:
         """Thousands of points of the first keyframe. Where no price is on opacities, as many as there may be."""
@@ -58,7 +58,7 @@ class Shooting:
 
     @property
     def _usual(self) -> float:
-        return 22 * (self.megapixels / USUAL) ** 0.4
+        return 22 * (self.megapixels / USUAL) ** 0.3
 
     def drawn(self, config: Config) -> float:
         """The same, in points as large as usual: the more there are for a picture, the smaller they are."""
