@@ -11,7 +11,7 @@ from splatreel.codec.group_file import decode_group, decode_layer
 from splatreel.config import EncodeConfig
 from splatreel.recon.cameras.group_input import GroupInput
 from splatreel.recon.coverage.trial import Trial
-from splatreel.recon.encode.fineness import FINEST, MOST_LOST, encode_group, encode_layer
+from splatreel.recon.encode.fineness import FINEST, GROUP_LOSS, LAYER_LOSS, encode_group, encode_layer
 from splatreel.recon.init.layout import Layout
 from splatreel.scene.gaussians import Gaussians
 from splatreel.scene.group import Group
@@ -77,8 +77,8 @@ def test_a_layer_loses_little_however_close_it_is(noise: float) -> None:
     assert sorted(order) == list(range(len(WALL)))
     usual = encoder.layer(0, 0, WALL, importance)[0]
     assert len(file) > len(usual)
-    assert lost(data, moving(), decode_layer(usual, "layer")[1]) > 2 * MOST_LOST
-    assert lost(data, moving(), decode_layer(file, "layer")[1]) < 1.5 * MOST_LOST
+    assert lost(data, moving(), decode_layer(usual, "layer")[1]) > 2 * LAYER_LOSS
+    assert lost(data, moving(), decode_layer(file, "layer")[1]) < 1.5 * LAYER_LOSS
 
 
 def test_a_group_loses_less_where_it_is_close() -> None:
@@ -89,7 +89,7 @@ def test_a_group_loses_less_where_it_is_close() -> None:
     usual = encoder.group(moving(), importance)[uri]
     assert len(files[uri]) > len(usual)
     losses = [lost(data, decode_group(made, "group"), WALL) for made in (usual, files[uri])]
-    assert losses[0] > 2 * MOST_LOST
+    assert losses[0] > 2 * GROUP_LOSS
     assert losses[1] < 0.5 * losses[0]
 
 

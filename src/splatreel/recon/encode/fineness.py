@@ -23,8 +23,8 @@ from splatreel.scene.gaussians import Gaussians
 from splatreel.scene.group import Group
 from splatreel.scene.static_points import StaticPoints
 
-MOST_LOST = 0.025
-"""Decibels that encoding a layer may cost, or a group: together at most twice that, as errors of both add up."""
+LAYER_LOSS, GROUP_LOSS = 0.025, 0.05
+"""Decibels that encoding may cost: of a layer, which all groups show, and of a group. It costs new views about half of that."""
 FINEST = 0.2
 """Of the usual steps: nothing is better where points meet a picture that has no noise at all."""
 LAYER_VIEWS = 6
@@ -58,7 +58,8 @@ def encode_layer(
         return encoded, 1.0
     decoded = decode_layer(encoded[0], f"The layer of group {span.index}")[1]
     before, after = (Gaussians.concatenate([some, others]) for some in (points, decoded))
-    fineness = _needed(data, ((0, view, before, after) for view in _views(data, 0, LAYER_VIEWS)), trial)
+    shown = ((0, view, before, after) for view in _views(data, 0, LAYER_VIEWS))
+    fineness = _needed(data, shown, trial, LAYER_LOSS)
     return (encoded if fineness == 1 else encode(fineness)), fineness
 
 
@@ -86,7 +87,7 @@ def encode_group(
             for view in _views(data, number, GROUP_VIEWS):
                 yield int(frame), view, before, after
 
-    fineness = _needed(data, shown(), trial)
+    fineness = _needed(data, shown(), trial, GROUP_LOSS)
     return (files if fineness == 1 else encoder.group(group, importance, fineness)), fineness
 
 
@@ -96,11 +97,14 @@ def _views(data: GroupInput, number: int, count: int) -> list[int]:
     return list(range(len(data.cameras)))[number % apart :: apart][:count]
 
 
-def _needed(data: GroupInput, shown: Iterable[Shown], trial: Trial) -> float:
-    """What steps are to be multiplied by, at most 1: errors of steps add to those of the points, as their squares do."""
+def _needed(data: GroupInput, shown: Iterable[Shown], trial: Trial, loss: float) -> float:
+    """What steps are to be multiplied by, at most 1: errors of steps add to those of the points, as their squares do.
+
+    loss: decibels that are allowed.
+    """
     wrong, lost = np.mean([_errors(data, *one) for one in shown], axis=0).tolist()
     wrong = max(wrong, 10 ** (-trial.psnr / 10))
-    allowed = wrong * (10 ** (MOST_LOST / 10) - 1)
+    allowed = wrong * (10 ** (loss / 10) - 1)
     return 1.0 if lost <= allowed else max(math.sqrt(allowed / lost), FINEST)
 
 
