@@ -40,9 +40,12 @@ def main(
     out: Path | None = None,
     note: str = "",
 ) -> None:
-    """Film, reconstruct, evaluate, record. width: of pictures, pixels. rich: all surfaces have grain, and pictures more noise."""
-    name = "kitchen" if width == 336 else f"kitchen{width}"
-    film(width, rich).run(f"{name}-rich" if rich else name, quality, frames, seed, out, note)
+    """Film, reconstruct, evaluate, record; results.md shows what has the usual width and 45 frames.
+
+    width: of pictures, pixels. rich: all surfaces have grain, and pictures more noise.
+    """
+    other = [str(width)] * (width != 336) + ["rich"] * rich + [f"{frames}-frames"] * (frames != 45)
+    film(width, rich).run("-".join(["kitchen", *other]), quality, frames, seed, out, note)
 
 
 def film(width: int = 336, rich: bool = False) -> Film:
