@@ -32,7 +32,6 @@ def group_step(iteration: int, share: float = 0.5, frames: int = 4, seed: int = 
         drawing=drawing,
         target=pictures.images[0, 0],
         gain=None,
-        tiles=None,
         lambda_dssim=0.2,
         unit=4.0,
         points=points,

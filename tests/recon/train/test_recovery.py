@@ -1,6 +1,7 @@
 """Numbers that are not finite, put into training on purpose."""
 
 from collections.abc import Callable
+from functools import partial
 
 import numpy as np
 import pytest
@@ -17,7 +18,7 @@ from splatreel.recon.train.recovery import ATTEMPTS, Recovery
 from tests.recon.train import test_group as groups
 from tests.recon.train import test_keyframe as keyframes
 
-LOSS = splat.photometric_loss
+LOSSES = {name: getattr(splat, name) for name in ("photometric_loss", "layered_loss")}
 TOTAL = 120
 
 
@@ -37,12 +38,13 @@ def spoil(monkeypatch: pytest.MonkeyPatch, bad: Callable[[int], bool], value: fl
     """The loss of those calls, counted from 1, is multiplied by a value that is not finite."""
     calls = 0
 
-    def loss(*args: object) -> Tensor:
+    def loss(name: str, *args: object) -> Tensor:
         nonlocal calls
         calls += 1
-        return LOSS(*args) * (value if bad(calls) else 1.0)
+        return LOSSES[name](*args) * (value if bad(calls) else 1.0)
 
-    monkeypatch.setattr(splat, "photometric_loss", loss)
+    for name in LOSSES:
+        monkeypatch.setattr(splat, name, partial(loss, name))
     monkeypatch.setattr(recovery, "KEEP_EVERY", 50)
 
 

@@ -9,7 +9,6 @@ between. Buffers belong to the call that made them: any number of renders can wa
 
 from __future__ import annotations
 
-from functools import lru_cache
 from typing import Any
 
 import numpy as np
@@ -18,7 +17,7 @@ from torch import Tensor
 from torch.autograd import Function
 from torch.autograd.function import once_differentiable
 
-from splatreel.kernels.cpu import binning, deform, harmonics, hashgrid, motion, project, rasterize, similarity
+from splatreel.kernels.cpu import binning, deform, harmonics, hashgrid, layered, motion, project, rasterize, similarity
 
 CHUNK = 3  # channels the rasterizer blends at once; other counts but 1 are padded and take several passes
 
@@ -34,13 +33,8 @@ def _array(tensor: Tensor) -> np.ndarray:
 
 
 def _gradient(found: Tensor | None, values: np.ndarray) -> np.ndarray:
-    """The gradient to some values; shared zeros where the loss does not depend on them, as it mostly does not on alpha."""
-    return _array(found) if found is not None else _zeros(values.shape)
-
-
-@lru_cache(maxsize=8)
-def _zeros(shape: tuple[int, ...]) -> np.ndarray:
-    return np.zeros(shape, np.float32)
+    """The gradient to some values; zeros where the loss does not depend on them."""
+    return _array(found) if found is not None else rasterize.no_gradient(values.shape)
 
 
 def _tensors(*arrays: np.ndarray) -> list[Tensor]:
@@ -167,6 +161,29 @@ class RasterizeAmong(Function):
         gradients = rasterize.backward(ctx.bins, colors, image, d_image_, alpha, d_alpha_, ctx.frozen)
         d_means2d, d_conics, d_opacities, d_colors = _tensors(*gradients)
         return d_means2d, d_conics, d_colors, d_opacities, None, None, None
+
+
+class LayeredLoss(Function):
+    @staticmethod
+    def forward(
+        ctx: Any, means2d, conics, colors, opacities, depths, radii, frozen: rasterize.Frozen, target: Tensor, *rest
+    ):
+        lambda_dssim, gain, background, wanted = rest
+        height, width = frozen.alpha.shape
+        bins = _bins(means2d, conics, opacities, depths, radii, width, height)
+        given = [None if value is None else _array(value) for value in (gain, background)]
+        tiles = None if wanted is None else wanted.numpy()
+        found = layered.loss_and_gradient(
+            bins, _array(colors), frozen, target.contiguous().numpy(), lambda_dssim, *given, wanted=tiles
+        )
+        ctx.gradients = _tensors(found.d_means2d, found.d_conics, found.d_colors, found.d_opacities)
+        return torch.tensor(found.loss, dtype=torch.float32)
+
+    @staticmethod
+    @once_differentiable
+    def backward(ctx: Any, d_loss: Tensor):
+        gradients = ctx.gradients if float(d_loss) == 1 else [gradient * d_loss for gradient in ctx.gradients]
+        return *gradients, *[None] * 8
 
 
 def freeze(means2d, conics, colors, opacities, depths, radii, width: int, height: int) -> rasterize.Frozen:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numba
 import numpy as np
@@ -44,6 +45,12 @@ def forward(bins: Bins, colors: np.ndarray, frozen: Frozen | None = None) -> tup
     return image, alpha
 
 
+def draw_over(bins: Bins, colors: np.ndarray, frozen: Frozen, near: np.ndarray) -> None:
+    """Blend colors [N, 3] into the very picture of frozen splats. near: [tiles] bool, the only tiles where that is done."""
+    drawn, held, tiles = _drawn(bins, colors), _drawn(frozen.bins, frozen.colors), _balanced(bins, frozen, near)
+    blending.forward_3(drawn, held, True, tiles, frozen.image, frozen.alpha, _scratch())
+
+
 def backward(
     bins: Bins,
     colors: np.ndarray,
@@ -52,22 +59,29 @@ def backward(
     alpha: np.ndarray,
     d_alpha: np.ndarray,
     frozen: Frozen | None = None,
+    wanted: np.ndarray | None = None,
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
     """Gradients to means2d [N, 2], conics [N, 3], opacities [N] and colors [N, C].
 
-    image and alpha are what `forward` returned. Every (splat, tile) pair has its own slot, summed in a fixed order: no
-    atomics, and the same bits for any number of threads. Frozen splats only take light away; what lies behind the last
-    splat that is not frozen matters to no gradient and is left out.
+    image and alpha are what `forward` returned. wanted: [tiles] bool, the only tiles whose pixels have a gradient; None: all. Every
+    (splat, tile) pair has its own slot, summed in a fixed order: no atomics, and the same bits for any number of threads. Frozen splats
+    only take light away; what lies behind the last splat that is not frozen matters to no gradient and is left out.
     """
     n, channels = colors.shape
-    pairs = np.empty((bins.first[-1], 6 + channels), np.float32)
+    pairs = (np.empty if wanted is None else np.zeros)((bins.first[-1], 6 + channels), np.float32)
     kernel = blending.backward_1 if channels == 1 else blending.backward_3
     splats = _drawn(bins, colors), bins.slots, _held(bins, colors, frozen), frozen is not None
-    kernel(*splats, _balanced(bins, frozen), image, alpha, d_image, d_alpha, pairs, _scratch())
+    kernel(*splats, _balanced(bins, frozen, wanted), image, alpha, d_image, d_alpha, pairs, _scratch())
     d_means2d, d_conics = np.empty((n, 2), np.float32), np.empty((n, 3), np.float32)
     d_opacities, d_colors = np.empty(n, np.float32), np.empty((n, channels), np.float32)
     _gather(bins.first, pairs, bins.splats, d_means2d, d_conics, d_opacities, d_colors)
     return d_means2d, d_conics, d_opacities, d_colors
+
+
+@lru_cache(maxsize=8)
+def no_gradient(shape: tuple[int, ...]) -> np.ndarray:
+    """Zeros, shared, for what the loss does not depend on, as it mostly does not on alpha."""
+    return np.zeros(shape, np.float32)
 
 
 def _drawn(bins: Bins, colors: np.ndarray) -> Drawn:
@@ -81,23 +95,26 @@ def _held(bins: Bins, colors: np.ndarray, frozen: Frozen | None) -> Drawn:
     return _drawn(frozen.bins, frozen.colors)
 
 
-def _balanced(bins: Bins, frozen: Frozen | None) -> np.ndarray:
-    """The tiles to draw, fullest first, dealt out so that the contiguous share each thread takes holds about equal work."""
+def _balanced(bins: Bins, frozen: Frozen | None, wanted: np.ndarray | None = None) -> np.ndarray:
+    """The tiles to draw, fullest first, dealt out so that the contiguous share each thread takes holds about equal work.
+
+    Before frozen splats these are the tiles that others touch. wanted: [tiles] bool, no others.
+    """
+    chosen = np.ones(len(bins.counts), np.bool_) if frozen is None else bins.counts > 0
+    if wanted is not None:
+        chosen &= wanted
     held = np.zeros_like(bins.offsets) if frozen is None else frozen.bins.offsets
-    return _deal(bins.offsets, held, frozen is not None, numba.get_num_threads())
+    return _deal(bins.offsets, held, np.flatnonzero(chosen), numba.get_num_threads())
 
 
 @njit(**SERIAL)
-def _deal(offsets, held, some, threads):
-    """some: only tiles that something in `offsets` touches."""
-    n = offsets.shape[0] - 1
-    counts, tiles, size = np.empty(n, np.int64), np.empty(n, np.int64), 0
-    for tile in range(n):
-        count = offsets[tile + 1] - offsets[tile]
-        if count > 0 or not some:
-            counts[size], tiles[size] = -(count + held[tile + 1] - held[tile]), tile
-            size += 1
-    fullest_first = np.argsort(counts[:size], kind="mergesort")
+def _deal(offsets, held, tiles, threads):
+    size = tiles.shape[0]
+    counts = np.empty(size, np.int64)
+    for k in range(size):
+        tile = tiles[k]
+        counts[k] = -(offsets[tile + 1] - offsets[tile] + held[tile + 1] - held[tile])
+    fullest_first = np.argsort(counts, kind="mergesort")
     dealt, position = np.empty(size, np.int64), 0
     for thread in range(threads):
         for k in range(thread, size, threads):

@@ -44,29 +44,34 @@ def loss_and_gradient(
     lambda_dssim: float,
     gain: np.ndarray | None = None,
     tiles: np.ndarray | None = None,
+    background: np.ndarray | None = None,
+    zeros: bool = True,
 ) -> Gradient:
-    """The loss of image * gain against the target, and its gradient.
+    """The loss of (image + background) * gain against the target, and its gradient.
 
-    image: [H, W, 3] float32. target: the same, in 0..1, or uint8. gain: [3] float32. tiles: [ceil(H / 16), ceil(W / 16)] bool, where
-    the gradient is wanted; it is zero elsewhere, and the loss is short of what depends on no pixel of these tiles: a constant.
+    image: [H, W, 3] float32. target: the same, in 0..1, or uint8. gain, background: [3] float32. tiles: [ceil(H / 16), ceil(W / 16)]
+    bool, where the gradient is wanted; it is zero elsewhere (zeros; else anything), and the loss is short of what depends on no pixel
+    of these tiles: a constant.
     """
     height, width, _ = image.shape
     lines = (height, width * 3)
     x, y = image.reshape(lines), target.reshape(lines)
     scale = F(1 / 255) if target.dtype == np.uint8 else ONE
     gains = np.tile(np.ones(3, np.float32) if gain is None else gain, width)
+    behind = np.tile(np.zeros(3, np.float32) if background is None else background, width)
     rows, across = -(-height // ROWS), -(-lines[1] // COLUMNS)
     drawn = np.zeros((rows, across * TILES), np.bool_)
     drawn[:, : -(-width // ROWS)] = True if tiles is None else tiles
     changed, compared = _blocks(drawn)
     maps = np.empty((3, *lines), np.float32)  # what is not compared stays unset: no wanted gradient hangs on it
-    d_image = np.empty(lines, np.float32) if tiles is None else np.zeros(lines, np.float32)
+    d_image = np.zeros(lines, np.float32) if zeros and tiles is not None else np.empty(lines, np.float32)
     similarity, differences = np.empty(len(compared), np.float32), np.empty(len(changed), np.float32)
     products = np.zeros((len(changed), COLUMNS), np.float32)
-    _ssim_maps(x, y, gains, scale, compared, maps, similarity)
+    _ssim_maps(x, y, behind, gains, scale, compared, maps, similarity)
     l1_weight, ssim_weight = (1 - lambda_dssim) / image.size, lambda_dssim / image.size
     weights = F(l1_weight), F(ssim_weight)
-    _gradient(x, y, gains, scale, changed, drawn.reshape(-1), maps, *weights, d_image, differences, products)
+    seen = (x, y, behind, gains, scale)
+    _gradient(*seen, changed, drawn.reshape(-1), maps, *weights, d_image, differences, products)
     l1, ssim = differences.sum(dtype=np.float64), similarity.sum(dtype=np.float64)
     loss = float(l1_weight * l1 + lambda_dssim - ssim_weight * ssim)
     d_gain = products.reshape(-1, 3).sum(0, dtype=np.float64).astype(np.float32)
@@ -98,15 +103,16 @@ def _block(index, shape):
 
 
 @njit(inline="always")
-def _load(image, top, left, gains, scale, plane):
-    """Copies a block and its border, times gains [columns] and scale, into a plane; zeros outside the image."""
+def _load(image, top, left, behind, gains, scale, plane):
+    """Copies a block and its border, plus behind [columns], times gains [columns] and scale, into a plane; zeros outside the image."""
     first, last = max(left - BORDER, 0), min(left + COLUMNS + BORDER, image.shape[1])
     plane[:] = ZERO
     for row in range(max(top - RADIUS, 0), min(top + ROWS + RADIUS, image.shape[0])):
         start = (row - top + RADIUS) * STRIDE + first - left + BORDER
-        line, source, factors = plane[start : start + last - first], image[row, first:last], gains[first:last]
+        line, source = plane[start : start + last - first], image[row, first:last]
+        added, factors = behind[first:last], gains[first:last]
         for j in range(U(last - first)):
-            line[j] = F(source[j]) * (factors[j] * scale)
+            line[j] = (F(source[j]) + added[j]) * (factors[j] * scale)
 
 
 @njit(inline="always")
@@ -147,15 +153,15 @@ def _ssim_row(blurs, start, columns):
 
 
 @njit(**PARALLEL)
-def _ssim_maps(x, y, gains, scale, blocks, maps, similarity):
-    ones = np.ones_like(gains)
+def _ssim_maps(x, y, behind, gains, scale, blocks, maps, similarity):
+    ones, none = np.ones_like(gains), np.zeros_like(gains)
     for task in prange(blocks.shape[0]):
         top, left, rows, columns = _block(blocks[task], x.shape)
         plane_x, plane_y = np.empty(PADDED, np.float32), np.empty(PADDED, np.float32)
         mixed, down = np.empty(PADDED, np.float32), np.empty(AREA, np.float32)
         blurs = np.empty(4 * AREA, np.float32)
-        _load(x, top, left, gains, ONE, plane_x)
-        _load(y, top, left, ones, scale, plane_y)
+        _load(x, top, left, behind, gains, ONE, plane_x)
+        _load(y, top, left, none, ones, scale, plane_y)
         _blur(plane_x, down, blurs[:AREA])
         _blur(plane_y, down, blurs[AREA : 2 * AREA])
         for p in range(U(PADDED)):
@@ -174,29 +180,30 @@ def _ssim_maps(x, y, gains, scale, blocks, maps, similarity):
 
 
 @njit(**PARALLEL)
-def _gradient(x, y, gains, scale, blocks, drawn, maps, l1_weight, ssim_weight, d_image, differences, products):
-    ones = np.ones_like(gains)
+def _gradient(x, y, behind, gains, scale, blocks, drawn, maps, l1_weight, ssim_weight, d_image, differences, products):
+    ones, none = np.ones_like(gains), np.zeros_like(gains)
     for task in prange(blocks.shape[0]):
         top, left, rows, columns = _block(blocks[task], x.shape)
         plane, down = np.empty(PADDED, np.float32), np.empty(AREA, np.float32)
         blurs = np.empty(3 * AREA, np.float32)
         for m in range(3):
-            _load(maps[m], top, left, ones, ONE, plane)
+            _load(maps[m], top, left, none, ones, ONE, plane)
             _blur(plane, down, blurs[m * AREA : (m + 1) * AREA])
         total = ZERO
         for r in range(rows):
             row_x, row_y = x[top + r, left : left + columns], y[top + r, left : left + columns]
             d_row, parts, factors = d_image[top + r, left : left + columns], blurs[r * STRIDE :], gains[left:]
-            sums = products[task]
+            sums, added = products[task], behind[left:]
             for p in range(U(columns)):
-                seen, wanted = row_x[p] * factors[p], F(row_y[p]) * scale
+                plain = row_x[p] + added[p]
+                seen, wanted = plain * factors[p], F(row_y[p]) * scale
                 difference = seen - wanted
                 total += abs(difference)
                 sign = ONE if difference > ZERO else (-ONE if difference < ZERO else ZERO)
                 ssim = parts[p] + TWO * seen * parts[p + U(AREA)] + wanted * parts[p + U(2 * AREA)]
                 slope = l1_weight * sign - ssim_weight * ssim
                 d_row[p] = slope * factors[p]
-                sums[p] += slope * row_x[p]
+                sums[p] += slope * plain
         differences[task] = total
         for tile in range(TILES):
             if not drawn[blocks[task] * TILES + tile]:

@@ -13,7 +13,7 @@ from splatreel.motion.lift import NEIGHBORS
 from splatreel.recon.train.density import CULL_OPACITY, GradientMeter, too_large
 from splatreel.recon.train.moving import MovingPoints
 from splatreel.recon.train.pictures import Pictures
-from splatreel.recon.train.render import Drawing, StaticCache, View, contributions, relative_distances
+from splatreel.recon.train.render import Comparable, StaticCache, View, contributions, relative_distances
 
 CONVERT_FROM, CONVERT_TO = 0.25, 0.8
 """Share of training in which points are converted and cloned: before, everything that moves pulls; after, none could learn."""
@@ -62,7 +62,7 @@ class GroupDensity:
         """Whether an iteration has to draw the whole picture, and not only where something moves."""
         return self._measures(iteration) and iteration % MEASURE_EVERY == 0
 
-    def measure(self, iteration: int, drawing: Drawing, view: View) -> None:
+    def measure(self, iteration: int, drawing: Comparable, view: View) -> None:
         """How an iteration pulls at the points, after its backward pass."""
         if not self._measures(iteration):
             return

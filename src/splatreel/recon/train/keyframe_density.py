@@ -17,7 +17,7 @@ from splatreel.recon.train.density import (
 from splatreel.recon.train.losses import GROWTH
 from splatreel.recon.train.pictures import Pictures
 from splatreel.recon.train.points import TrainablePoints
-from splatreel.recon.train.render import Drawing, View, relative_distances
+from splatreel.recon.train.render import Comparable, View, relative_distances
 
 PRUNE_EVERY = 500
 """Iterations between two that drop points, once none are added."""
@@ -41,7 +41,9 @@ class KeyframeDensity:
             self.points.means, pictures.views, pictures.unit, self.config.far_step_scale
         )
 
-    def update(self, done: int, share: float, drawing: Drawing, view: View, pictures: Pictures, settled: bool) -> None:
+    def update(
+        self, done: int, share: float, drawing: Comparable, view: View, pictures: Pictures, settled: bool
+    ) -> None:
         """After an iteration: let points come and go where it is time for it.
 
         done: iterations with this one. share: 0..1, that much of training. settled: values are averaged, no point goes any more.

@@ -16,11 +16,10 @@ import torch
 from torch import Tensor
 
 from splatreel.config import GroupConfig, KeyframeConfig
-from splatreel.kernels import splat
 from splatreel.recon.train.moving import Changes, MovingPoints
 from splatreel.recon.train.points import TrainablePoints
 from splatreel.recon.train.regularizers import Neighbors, arap, temporal
-from splatreel.recon.train.render import Drawing, Splats, View
+from splatreel.recon.train.render import Comparable, Splats, View
 from splatreel.recon.train.surfaces import Depths, roughness, spread
 
 
@@ -28,16 +27,15 @@ from splatreel.recon.train.surfaces import Depths, roughness, spread
 class Step:
     """What one iteration has drawn, and the picture that it should equal. share: 0..1, how much of training is over.
 
-    target: [H, W, 3] uint8. gain: [3] of the camera's channels, or None. tiles: those that are compared, or None for all (`Drawing`).
+    target: [H, W, 3] uint8. gain: [3] of the camera's channels, or None.
     """
 
     iteration: int
     share: float
     view: View
-    drawing: Drawing
+    drawing: Comparable
     target: Tensor
     gain: Tensor | None
-    tiles: Tensor | None
     lambda_dssim: float
     unit: float
 
@@ -119,7 +117,7 @@ def backward(losses: Sequence[Loss[S]], step: S, config: KeyframeConfig | GroupC
 
 def photometric(step: Step, _weight: float) -> Tensor:
     """How much the drawing differs from the picture (3DGS): absolute differences, and structural similarity."""
-    return splat.photometric_loss(step.drawing.image, step.target, step.lambda_dssim, step.gain, step.tiles)
+    return step.drawing.loss(step.target, step.lambda_dssim, step.gain)
 
 
 def opacity(step: KeyframeStep, weight: float) -> Tensor:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from typing import Protocol
 
 import torch
 from torch import Tensor
@@ -87,11 +88,28 @@ class StaticView:
     frozen: splat.FrozenSplats
 
 
+class Comparable(Protocol):
+    """What a view sees, to be compared with a picture. means2d: [M, 2], a tensor of the graph that keeps its gradient (pixels).
+
+    Its first `moving` rows are the moving points in their order; where everything has a gradient, the static points `index` follow.
+    """
+
+    @property
+    def means2d(self) -> Tensor: ...
+    @property
+    def moving(self) -> int: ...
+    @property
+    def index(self) -> Tensor | None: ...
+
+    def loss(self, target: Tensor, lambda_dssim: float, gain: Tensor | None) -> Tensor:
+        """The photometric loss [] against a picture [H, W, 3] uint8, of a camera with a color gain [3]."""
+        ...
+
+
 @dataclass(frozen=True)
 class Drawing:
-    """image: [H, W, 3]; alpha: [H, W]. means2d: [M, 2], a tensor of the graph that keeps its gradient (pixels).
+    """All that a view sees. image: [H, W, 3]; alpha: [H, W]. Others as of `Comparable`.
 
-    Its first `moving` rows are the moving points in their order; where everything was drawn, the static points `index` follow.
     tiles: [ceil(H / 16), ceil(W / 16)] bool, all that was drawn anew and has a gradient; None if everything was.
     """
 
@@ -101,6 +119,33 @@ class Drawing:
     moving: int
     index: Tensor | None = None
     tiles: Tensor | None = None
+
+    def loss(self, target: Tensor, lambda_dssim: float, gain: Tensor | None) -> Tensor:
+        """Of the whole picture."""
+        return splat.photometric_loss(self.image, target, lambda_dssim, gain)
+
+
+@dataclass(frozen=True)
+class MovingTiles:
+    """Moving points before a view's static ones, only where they are: drawn when they are compared, and never as a whole picture."""
+
+    splats: Splats
+    static: StaticView
+    background: Tensor | None
+    index: Tensor | None = None
+
+    @property
+    def means2d(self) -> Tensor:
+        return self.splats.means2d
+
+    @property
+    def moving(self) -> int:
+        return len(self.splats.means2d)
+
+    def loss(self, target: Tensor, lambda_dssim: float, gain: Tensor | None) -> Tensor:
+        """Short of a constant: what is compared only where nothing moves is left out. The gain gets no gradient."""
+        splats, frozen = self.splats.tensors, self.static.frozen
+        return splat.layered_loss(*splats, frozen, target, lambda_dssim, gain, self.background)
 
 
 def relative_distances(means: Tensor, views: list[View], unit: float, reach: float) -> Tensor:
@@ -216,6 +261,13 @@ def draw(moving: Splats, view: View, static: StaticView | None = None, layered: 
     image, alpha = splat.rasterize(*parts.tensors, view.width, view.height)
     index = None if static is None else static.index
     return Drawing(_add_background(view.background, image), alpha, parts.means2d, count, index)
+
+
+def moving_tiles(moving: Splats, view: View, static: StaticView) -> MovingTiles:
+    """As `draw`, of the tiles that a moving point touches, to be compared only."""
+    if moving.means2d.requires_grad:
+        moving.means2d.retain_grad()
+    return MovingTiles(moving, static, view.background)
 
 
 def _add_background(background: Tensor | None, image: Tensor) -> Tensor:
