@@ -67,6 +67,7 @@ BEYOND_THE_PAPER: dict[str, Any] = {
     "even_exposure": False,
     "antialias": False,
     "background": False,
+    "training_megapixels": 0.0,
     "chapter_frames": 0,
 }
 """What the paper does not have, turned off."""

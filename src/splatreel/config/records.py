@@ -111,6 +111,7 @@ UNSAID: dict[str, Any] = {
     "background": False,
     "chapter_frames": 0,
     "seed": 0,
+    "training_megapixels": 0.0,
 }
 """What a record means that does not say a setting: it is of a version that did not know it, which did as if it were turned off.
 A new setting comes here with the value that changes nothing."""

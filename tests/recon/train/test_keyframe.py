@@ -146,7 +146,7 @@ def test_where_a_picture_means_nothing_it_teaches_nothing() -> None:
         trainer = KeyframeTrainer(points, gains(), replace(CONFIG, rate_scale=4.0), max_points=len(SCENE))
         trainer.train(replace(seen, images=images, unknown=mask), 100, 100, Silent())
         found[name] = psnr(trainer.points.gaussians(), CAMERAS[1])
-    assert found["masked"] > found["believed"] + 3
+    assert found["masked"] > found["believed"] + 2
 
 
 def test_what_is_unknown_in_one_of_four_pixels_is_unknown_at_half_size() -> None:

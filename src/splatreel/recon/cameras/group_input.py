@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
+import cv2
 import numpy as np
 import torch
 
@@ -48,6 +49,21 @@ class GroupInput:
     def unit(self) -> float:
         """Typical viewing distance, world units."""
         return self.layout.unit
+
+    def at_most(self, side: int) -> GroupInput:
+        """The same with pictures halved, width and height, as long as one of them is longer than this; pixels."""
+        width, height, halvings = self.cameras[0].width, self.cameras[0].height, 0
+        while max(width, height) >> halvings > side:
+            halvings += 1
+        if not halvings:
+            return self
+        size = max(width >> halvings, 1), max(height >> halvings, 1)
+        images = np.empty((*self.images.shape[:2], size[1], size[0], 3), np.uint8)
+        for place, image in zip(
+            images.reshape(-1, *images.shape[2:]), self.images.reshape(-1, height, width, 3), strict=True
+        ):
+            cv2.resize(image, size, dst=place, interpolation=cv2.INTER_AREA)
+        return replace(self, images=images, cameras=[camera.resized(*size) for camera in self.cameras])
 
     def draw(self, points: Gaussians, camera: Camera) -> np.ndarray:
         """[H, W, 3] float32, a picture of points as it comes before the camera's color gain; on the CPU, without gradients."""

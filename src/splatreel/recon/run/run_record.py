@@ -28,6 +28,8 @@ def run_record(capture: Capture, config: Config, sound: str) -> dict[str, Any]:
     groups = group_spans(capture.frames, config.group.length, config.group.overlap)
     if len(chapter_spans(groups, config.chapter_frames)) == 1:
         settings["chapter_frames"] = 0  # of a short video it decides nothing
+    if 1e-6 * capture.width * capture.height <= config.training_megapixels:
+        settings["training_megapixels"] = 0.0  # nor this of small images
     return {"version": VERSION, "capture": capture.describe(), "config": settings, "sound": name}
 
 

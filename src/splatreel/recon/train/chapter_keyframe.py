@@ -76,7 +76,7 @@ def start_chapter(data: GroupInput, static: StaticPoints, config: Config, progre
         data.layout,
         keyframe.first_iterations,
         keyframe.coarse_share,
-        data.antialias,
+        config,
         progress,
     )
     return ChapterStart(trainer.points.gaussians(), gains.values.cpu().numpy(), static.alive)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from itertools import pairwise
+
 import numpy as np
 import torch
 from torch import Tensor
@@ -21,7 +23,7 @@ from splatreel.recon.train.moving import Changes, MovingPoints
 from splatreel.recon.train.pictures import Pictures
 from splatreel.recon.train.recovery import Recovery
 from splatreel.recon.train.regularizers import Neighbors
-from splatreel.recon.train.render import StaticCache, draw
+from splatreel.recon.train.render import StaticCache, draw, moving_tiles
 from splatreel.recon.train.schedule import FrameSchedule
 from splatreel.scene.static_points import StaticPoints
 
@@ -32,7 +34,7 @@ SHOW_EVERY = 50
 class GroupTrainer:
     """One group's loop. Static points stay as they are, unless density control makes them dynamic (paper 4.1).
 
-    pictures: those in use, at first of half size if the configuration says so; full_size: the others.
+    pictures: those in use, at first smaller ones; coming: those of other sizes, and the iterations at whose number their turns come.
     """
 
     def __init__(
@@ -50,13 +52,15 @@ class GroupTrainer:
         """time_offsets: to be learned further; None: all cameras are in step. may_move: [S] bool, the static points that density
         control may make dynamic; None: all that are alive."""
         device, group = pictures.images.device, config.group
-        self.config, self.gains, self.full_size = config, gains, pictures
+        self.config, self.gains = config, gains
+        self.iterations = group.iterations_per_frame * pictures.count
+        sizes = pictures.sizes(self.iterations, group.coarse_share, config.training_megapixels)
+        self.pictures = sizes[0][1]
+        self.coming = [(end, larger) for (end, _), (_, larger) in pairwise(sizes)]
         self.time_offsets = time_offsets or TimeOffsets(len(pictures.views), enabled=False)
-        self.pictures = pictures.halved() if group.coarse_share else pictures
         self.points = MovingPoints.of(start, self.pictures, group, seed)
         self.static = StaticCache(static.points, self.pictures.views, pictures.near, device)
         self.static.set_alive(torch.from_numpy(static.alive).to(device))
-        self.iterations = group.iterations_per_frame * pictures.count
         self.schedule = FrameSchedule(
             pictures.count, len(pictures.views), self.iterations, group.progressive_share, seed
         )
@@ -83,8 +87,8 @@ class GroupTrainer:
 
     def _iterate(self, iteration: int, progress: Progress) -> None:
         """A step, and what is to be done after it. Raises `GaussiansError` where numbers are not finite."""
-        if iteration == round(self.config.group.coarse_share * self.iterations):
-            self._use_full_size()
+        while self.coming and iteration >= self.coming[0][0]:
+            self._use(self.coming.pop(0)[1])
         loss, done = self.step(iteration), iteration + 1
         self.recovery.passed(done, loss)
         if self.density.update(done, self.pictures):
@@ -121,9 +125,9 @@ class GroupTrainer:
 
         view = self.pictures.views[camera]
         splats = self.points.splats(changes, view, self.pictures.near)
-        whole = self.density.measures_static(iteration)
-        drawing = draw(splats, view, self.static.view(camera), layered=not whole)
-        tiles = None if self._shows(iteration) else drawing.tiles  # the whole loss is only there to be looked at
+        static, everywhere = self.static.view(camera), self.density.measures_static(iteration)
+        whole = everywhere or self._shows(iteration)  # the whole loss is only there to be looked at
+        drawing = draw(splats, view, static, layered=not everywhere) if whole else moving_tiles(splats, view, static)
 
         drawn = GroupStep(
             iteration=iteration,
@@ -132,7 +136,6 @@ class GroupTrainer:
             drawing=drawing,
             target=self.pictures.images[frame, camera],
             gain=self.gains.values[camera],
-            tiles=tiles,
             lambda_dssim=self.config.group.lambda_dssim,
             unit=self.pictures.unit,
             points=self.points,
@@ -146,7 +149,7 @@ class GroupTrainer:
         loss = backward(GROUP, drawn, self.config.group)["photometric"].detach()
 
         self._learn_time_offset(camera, moment, changes, share)
-        if tiles is not None:  # else it is the loss of another set of pixels
+        if not whole:  # else it is the loss of another set of pixels
             self.schedule.note(frame, camera, loss)
         self.density.measure(iteration, drawing, view)
         self.points.step(share, self.recovery.pace)
@@ -163,12 +166,12 @@ class GroupTrainer:
         """Mean dB over a few of the pictures that are trained on."""
         return training_psnr(self.points, self.static, self.pictures, self.gains.values, self.time_offsets)
 
-    def _use_full_size(self) -> None:
-        if self.pictures is not self.full_size:
-            self.pictures = self.full_size
-            self.static.set_views(self.pictures.views)
-            self.density.restart()
-            self.find_neighbors()
+    def _use(self, pictures: Pictures) -> None:
+        """From now on, those of another size."""
+        self.pictures = pictures
+        self.static.set_views(pictures.views)
+        self.density.restart()
+        self.find_neighbors()
 
     def _learn_time_offset(self, camera: int, moment: float, changes: Changes, share: float) -> None:
         """When a camera took its picture, by how the loss changes with the moment that was drawn."""

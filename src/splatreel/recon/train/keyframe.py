@@ -22,11 +22,14 @@ from splatreel.recon.train.losses import KEYFRAME, KeyframeStep, Loss, backward,
 from splatreel.recon.train.pictures import Pictures
 from splatreel.recon.train.points import TrainablePoints, default_rates
 from splatreel.recon.train.recovery import Recovery
-from splatreel.recon.train.render import Drawing, StaticCache, deformed, draw
+from splatreel.recon.train.render import Comparable, StaticCache, deformed, draw, moving_tiles
 from splatreel.scene.gaussians import C0, Gaussians
 
 SHOW_EVERY = 25
 """Iterations between two that say their loss."""
+GAINS_EVERY = 4
+"""Iterations between two that compare whole pictures before static points, which the color gains are learned from; others look only
+where something moves."""
 
 LAMBDA_DSSIM = 0.2
 """Share of structural similarity in the photometric loss, as in 3DGS."""
@@ -128,22 +131,29 @@ class KeyframeTrainer:
         self.points.check()
         splat.check_finite(gains=self.gains.values)
 
-    def step(self, pictures: Pictures, camera: int, static: StaticCache | None, share: float) -> tuple[Tensor, Drawing]:
+    def step(
+        self, pictures: Pictures, camera: int, static: StaticCache | None, share: float
+    ) -> tuple[Tensor, Comparable]:
         """One iteration: draw what a camera sees, compare, follow the gradients. share: of training that is over.
 
         Returns the photometric loss [] and the drawing, which keeps its gradients.
         """
-        view, gain = pictures.views[camera], self.gains.of(camera)
+        view = pictures.views[camera]
         splats = deformed(self.points.params, None, None, view, pictures.near)
-        drawing = draw(splats, view, static.view(camera) if static else None)
+        if static is None or self._compares_all(pictures):
+            gain = self.gains.of(camera)
+            drawing = draw(splats, view, static.view(camera) if static else None)
+            target = pictures.target(camera, drawing.image, gain)
+        else:
+            gain = self.gains.values[camera]
+            drawing, target = moving_tiles(splats, view, static.view(camera)), pictures.images[0, camera]
         drawn = KeyframeStep(
             iteration=self.done,
             share=share,
             view=view,
             drawing=drawing,
-            target=pictures.target(camera, drawing.image, gain),
+            target=target,
             gain=gain,
-            tiles=None,
             lambda_dssim=LAMBDA_DSSIM,
             unit=pictures.unit,
             points=self.points,
@@ -168,6 +178,11 @@ class KeyframeTrainer:
         if self.static is None or len(self.static) == 0:
             return None
         return StaticCache(self.static, pictures.views, pictures.near, self.points.means.device)
+
+    def _compares_all(self, pictures: Pictures) -> bool:
+        """Also where no point is that is trained."""
+        shows = (self.done + 1) % SHOW_EVERY == 0
+        return shows or self.done % GAINS_EVERY == 0 or pictures.unknown is not None
 
     def _anneal(self, share: float) -> None:
         late, pace = 0.3 if share > 0.8 else 1.0, self.recovery.pace

@@ -41,6 +41,19 @@ class Pictures:
         as_shown = (shown.clamp(0, 1) * 255).round().to(torch.uint8)
         return torch.where(self.unknown[camera][..., None], as_shown, image)
 
+    def sizes(self, iterations: int, coarse_share: float, afforded: float) -> list[tuple[int, Pictures]]:
+        """In which sizes training looks at them, the smallest first, and at which of its iterations it ends to look at each.
+
+        coarse_share: of the iterations, which look at half size. afforded: see `Config.training_megapixels`.
+        """
+        *_, height, width, _ = self.images.shape
+        sizes, shown = [], self
+        for end in _ends(1e-6 * width * height, coarse_share, afforded):
+            if sizes:
+                shown = shown.halved()
+            sizes.append((round(end * iterations), shown))
+        return sizes[::-1]
+
     def halved(self) -> Pictures:
         """The same at half size. A frame at a time, into its place: as floats, or in pieces, a group's pictures take much memory."""
         count, cameras, height, width, channels = self.images.shape
@@ -51,6 +64,19 @@ class Pictures:
         if unknown is not None:  # where any of the four pixels is
             unknown = torch.nn.functional.max_pool2d(unknown[:, None].float(), 2)[:, 0] > 0
         return replace(self, images=small, views=[view.halved() for view in self.views], unknown=unknown)
+
+
+def _ends(megapixels: float, coarse_share: float, afforded: float) -> list[float]:
+    """Shares of training after which one looks at pictures halved 0, 1, 2 times and so on no more.
+
+    Of large pictures each size has the iterations that are afforded; the smallest of these sizes stands for the whole one, which the
+    coarse ones are half of.
+    """
+    ends = [1.0]
+    while afforded and (share := afforded / megapixels) < ends[-1] - coarse_share:
+        ends.append(ends[-1] - share)
+        megapixels /= 4
+    return [*ends, coarse_share] if coarse_share else ends
 
 
 def halved(images: Tensor) -> Tensor:

@@ -45,9 +45,7 @@ def reconstruct_single_frame(
     gains = CameraGains(len(cameras), device or torch.device("cpu"), config.correct_colors)
     trainer = first_keyframe_trainer(seeds.points, seeds.colors, layout, cameras, gains, config)
     progress = progress or Silent()
-    train_frame(
-        trainer, cameras, images, layout, keyframe.first_iterations, keyframe.coarse_share, config.antialias, progress
-    )
+    train_frame(trainer, cameras, images, layout, keyframe.first_iterations, keyframe.coarse_share, config, progress)
     gaussians = trainer.points.gaussians()
     gaussians.check_finite("The static reconstruction")
     return gaussians, layout
@@ -90,22 +88,23 @@ def train_frame(
     layout: Layout,
     iterations: int,
     coarse_share: float,
-    antialias: bool,
+    config: Config,
     progress: Progress,
     unknown: np.ndarray | None = None,
 ) -> None:
-    """Train on one frame, the first `coarse_share` of the iterations at half size. images: [C, H, W, 3] uint8.
+    """Train on one frame, at first in smaller sizes (`Pictures.sizes`). images: [C, H, W, 3] uint8.
 
     unknown: [C, H, W] bool, where they mean nothing.
     """
     device = trainer.points.means.device
-    views = [View.of(camera, device, antialias, layout) for camera in cameras]
+    views = [View.of(camera, device, config.antialias, layout) for camera in cameras]
     mask = None if unknown is None else torch.from_numpy(unknown).to(device)
     pictures = Pictures(torch.from_numpy(images).to(device)[None], views, layout.near, layout.unit, mask)
-    coarse = round(iterations * coarse_share)
-    if coarse:
-        trainer.train(pictures.halved(), coarse, iterations, progress)
-    trainer.train(pictures, iterations - coarse, iterations, progress)
+    begin = 0
+    for end, shown in pictures.sizes(iterations, coarse_share, config.training_megapixels):
+        if end > begin:
+            trainer.train(shown, end - begin, iterations, progress)
+            begin = end
     progress.update(iterations, points=len(trainer.points))
     if trainer.static is None and (psnr := trainer.psnr(pictures)) < POOR:
         why = "the cameras do not agree on what they see. Are their poses, lenses and clocks right?"

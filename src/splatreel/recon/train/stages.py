@@ -107,5 +107,5 @@ def _trained(
     unknown: np.ndarray | None = None,
 ) -> KeyframeResult:
     images = temporal_mean(data.images) if config.keyframe.temporal_mean else data.images[0]
-    train_frame(trainer, data.cameras, images, data.layout, iterations, coarse, data.antialias, progress, unknown)
+    train_frame(trainer, data.cameras, images, data.layout, iterations, coarse, config, progress, unknown)
     return KeyframeResult(trainer.points.gaussians(), trainer.gains.values.cpu().numpy())

@@ -1,0 +1,44 @@
+"""Which sizes of pictures training looks at, and for how long."""
+
+import pytest
+import torch
+
+from splatreel.recon.train.pictures import Pictures
+from splatreel.recon.train.render import View
+from tests.recon.scenes import ring
+
+CPU = torch.device("cpu")
+
+
+def pictures(width: int, height: int) -> Pictures:
+    images = torch.full((1, 1, height, width, 3), 100, dtype=torch.uint8)
+    return Pictures(images, [View.of(ring(1, width=width, height=height)[0], CPU)], 0.1, 4.0)
+
+
+def sizes(width: int, height: int, coarse: float, afforded: float) -> list[tuple[int, int]]:
+    """The iteration of 1000 at which each size ends, and its width."""
+    return [(end, shown.images.shape[3]) for end, shown in pictures(width, height).sizes(1000, coarse, afforded)]
+
+
+def test_small_pictures_are_looked_at_in_full_after_the_coarse_ones():
+    assert sizes(100, 80, 0.25, 0.4) == [(250, 50), (1000, 100)]
+    assert sizes(100, 80, 0.0, 0.4) == [(1000, 100)]
+
+
+def test_of_large_pictures_each_size_has_as_many_pixels():
+    """8,000 pixels of which 2,000 are afforded: a quarter of the iterations; of half size all that are left, but for coarse ones."""
+    assert sizes(100, 80, 0.25, 0.002) == [(250, 25), (750, 50), (1000, 100)]
+    assert sizes(100, 80, 0.0, 0.002) == [(750, 50), (1000, 100)]
+    assert sizes(100, 80, 0.25, 0.0005) == [(250, 12), (688, 25), (938, 50), (1000, 100)]
+
+
+def test_without_a_limit_none_is_large():
+    assert sizes(100, 80, 0.25, 0.0) == [(250, 50), (1000, 100)]
+
+
+@pytest.mark.parametrize("width", [101, 100])
+def test_halved_views_see_the_same(width: int):
+    shown = pictures(width, 80).halved()
+    assert shown.images.shape[2:4] == (40, 50)
+    assert (shown.images == 100).all()
+    assert (shown.views[0].width, shown.views[0].height) == (50, 40)
