@@ -5,13 +5,20 @@ hence named float32 constants. Numba's on-disk cache watches only the file a ker
 delete the `__pycache__` folders.
 """
 
+import os
 from typing import Any
 
 import numpy as np
+from numba.core import config
 from numba.core.codegen import JITCodeLibrary
 from numba.core.compiler import CompilerBase, DefaultPassBuilder
 from numba.core.compiler_machinery import AnalysisPass, register_pass
 from numba.core.typed_passes import AnnotateTypes
+
+if not {"NUMBA_THREADING_LAYER", "NUMBA_THREADING_LAYER_PRIORITY"} & set(os.environ):
+    # Numba takes TBB first where the system has it. Its workers spin while they wait, and kernels of a millisecond wait a lot:
+    # most of the processor's time went there.
+    config.THREADING_LAYER_PRIORITY = ["omp", "tbb", "workqueue"]
 
 
 class _KernelLibrary(JITCodeLibrary):

@@ -9,8 +9,11 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 
 from splatreel.config import Config
+from splatreel.recon.train.keyframe import GAINS_EVERY
+from splatreel.recon.train.pictures import size_ends
 from splatreel.scene.spans import GroupSpan
 
 COARSE = 0.25
@@ -115,7 +118,7 @@ def _points(shooting: Shooting, config: Config) -> float:
 
 def _first_keyframe(shooting: Shooting, config: Config) -> float:
     keyframe = config.keyframe
-    return keyframe.first_iterations * _step(shooting, config, _pixels(keyframe.coarse_share))
+    return keyframe.first_iterations * _step(shooting, config, _pixels(shooting, config, keyframe.coarse_share))
 
 
 def _step(shooting: Shooting, config: Config, pixels: float = 1.0) -> float:
@@ -125,7 +128,8 @@ def _step(shooting: Shooting, config: Config, pixels: float = 1.0) -> float:
 
 
 def _later_keyframe(shooting: Shooting, config: Config) -> float:
-    return config.keyframe.refine_iterations * (0.152 * shooting.megapixels + 0.0012 * shooting.dynamic(config))
+    megapixels = shooting.megapixels * _pixels(shooting, config, 0.0)
+    return config.keyframe.refine_iterations * (0.152 / GAINS_EVERY * megapixels + 0.0012 * shooting.dynamic(config))
 
 
 def _group(shooting: Shooting, span: GroupSpan, config: Config) -> Seconds:
@@ -158,12 +162,14 @@ def _layering(shooting: Shooting, frames: int, config: Config) -> float:
 
 def _motion(shooting: Shooting, frames: int, config: Config) -> float:
     group = config.group
-    step = 0.049 * shooting.megapixels * _pixels(group.coarse_share) + 0.0031 * shooting.dynamic(config) + 0.0014
+    pixels = _pixels(shooting, config, group.coarse_share)
+    step = 0.049 * shooting.megapixels * pixels + 0.0031 * shooting.dynamic(config) + 0.0014
     step *= HASHGRID if group.deformation == "hashgrid" else 1.0
     views = 0.152 * shooting.cameras * math.sqrt(shooting.megapixels)
     return views + group.iterations_per_frame * frames * step
 
 
-def _pixels(coarse_share: float) -> float:
-    """Pixels of an iteration, of which so many look at pictures of half size, over those of the whole picture."""
-    return 1 - coarse_share * (1 - COARSE)
+def _pixels(shooting: Shooting, config: Config, coarse_share: float) -> float:
+    """Pixels of an iteration, in the mean, over those of the whole picture: many look at smaller ones."""
+    ends = [*size_ends(shooting.megapixels, coarse_share, config.training_megapixels), 0.0]
+    return sum((end - begin) * COARSE**halvings for halvings, (end, begin) in enumerate(pairwise(ends)))

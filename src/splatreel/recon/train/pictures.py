@@ -48,7 +48,7 @@ class Pictures:
         """
         *_, height, width, _ = self.images.shape
         sizes, shown = [], self
-        for end in _ends(1e-6 * width * height, coarse_share, afforded):
+        for end in size_ends(1e-6 * width * height, coarse_share, afforded):
             if sizes:
                 shown = shown.halved()
             sizes.append((round(end * iterations), shown))
@@ -66,7 +66,7 @@ class Pictures:
         return replace(self, images=small, views=[view.halved() for view in self.views], unknown=unknown)
 
 
-def _ends(megapixels: float, coarse_share: float, afforded: float) -> list[float]:
+def size_ends(megapixels: float, coarse_share: float, afforded: float) -> list[float]:
     """Shares of training after which one looks at pictures halved 0, 1, 2 times and so on no more.
 
     Of large pictures each size has the iterations that are afforded; the smallest of these sizes stands for the whole one, which the
