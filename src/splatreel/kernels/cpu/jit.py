@@ -18,7 +18,7 @@ from numba.core.typed_passes import AnnotateTypes
 if not {"NUMBA_THREADING_LAYER", "NUMBA_THREADING_LAYER_PRIORITY"} & set(os.environ):
     # Numba takes TBB first where the system has it. Its workers spin while they wait, and kernels of a millisecond wait a lot:
     # most of the processor's time went there.
-    config.THREADING_LAYER_PRIORITY = ["omp", "tbb", "workqueue"]
+    config.THREADING_LAYER_PRIORITY = ["omp", "tbb", "workqueue"]  # pyright: ignore[reportAttributeAccessIssue]
 
 
 class _KernelLibrary(JITCodeLibrary):
