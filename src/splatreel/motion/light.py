@@ -6,10 +6,14 @@ that see such a point see it grow darker by the same factor, where of a body tha
 
 from __future__ import annotations
 
+from concurrent.futures import ThreadPoolExecutor
+from functools import partial
+
 import cv2
 import numpy as np
 import torch
 
+from splatreel import threads
 from splatreel.motion.lift import gathered
 from splatreel.motion.splats import SplatTensors
 from splatreel.scene.camera import Camera
@@ -68,7 +72,9 @@ def _brightness_of(
     )
     for row, camera, film in zip(shown, cameras, frames.swapaxes(0, 1), strict=True):
         small = _shrunk(camera)
-        pictures = np.stack([_brightness(picture, small.width, small.height) for picture in film], 2)
+        with ThreadPoolExecutor(threads.count()) as pool:
+            bright = partial(_brightness, width=small.width, height=small.height)
+            pictures = np.stack(list(pool.map(bright, film)), 2)
         pictures -= pictures[..., :1].copy()
         pictures -= np.median(pictures[::3, ::3], (0, 1))  # a camera's exposure, or the light of the whole scene
         pictures = np.concatenate([pictures, np.ones_like(pictures[..., :1])], 2)

@@ -63,6 +63,13 @@ class Camera:
         K[1] *= height / self.height
         return replace(self, K=K, width=width, height=height)
 
+    def at_most(self, side: int) -> Camera:
+        """The same with its image halved, width and height, as long as one of them is longer than this many pixels."""
+        halvings = 0
+        while max(self.width, self.height) >> halvings > side:
+            halvings += 1
+        return self.resized(max(self.width >> halvings, 1), max(self.height >> halvings, 1)) if halvings else self
+
 
 def _short(array: np.ndarray) -> list[float]:
     return [float(str(value)) for value in array.ravel()]

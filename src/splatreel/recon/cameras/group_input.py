@@ -2,17 +2,23 @@
 
 from __future__ import annotations
 
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import cv2
 import numpy as np
 import torch
 
+from splatreel import threads
 from splatreel.kernels.image import render_image
 from splatreel.recon.init.layout import Layout
 from splatreel.scene.camera import Camera
 from splatreel.scene.gaussians import Gaussians
 from splatreel.scene.spans import GroupSpan
+
+ENOUGH_SIDE = 768
+"""Pixels of the longer side of pictures that are large enough to tell what moves."""
 
 
 @dataclass(frozen=True)
@@ -50,20 +56,18 @@ class GroupInput:
         """Typical viewing distance, world units."""
         return self.layout.unit
 
-    def at_most(self, side: int) -> GroupInput:
-        """The same with pictures halved, width and height, as long as one of them is longer than this; pixels."""
-        width, height, halvings = self.cameras[0].width, self.cameras[0].height, 0
-        while max(width, height) >> halvings > side:
-            halvings += 1
-        if not halvings:
+    @cached_property
+    def smaller(self) -> GroupInput:
+        """The same with pictures of `ENOUGH_SIDE`, for what needs no more of them: to tell what moves, and about where to."""
+        cameras = [camera.at_most(ENOUGH_SIDE) for camera in self.cameras]
+        size = cameras[0].width, cameras[0].height
+        if size == (self.cameras[0].width, self.cameras[0].height):
             return self
-        size = max(width >> halvings, 1), max(height >> halvings, 1)
         images = np.empty((*self.images.shape[:2], size[1], size[0], 3), np.uint8)
-        for place, image in zip(
-            images.reshape(-1, *images.shape[2:]), self.images.reshape(-1, height, width, 3), strict=True
-        ):
-            cv2.resize(image, size, dst=place, interpolation=cv2.INTER_AREA)
-        return replace(self, images=images, cameras=[camera.resized(*size) for camera in self.cameras])
+        pairs = zip(self.images.reshape(-1, *self.images.shape[2:]), images.reshape(-1, *images.shape[2:]), strict=True)
+        with ThreadPoolExecutor(threads.count()) as pool:
+            list(pool.map(lambda pair: cv2.resize(pair[0], size, dst=pair[1], interpolation=cv2.INTER_AREA), pairs))
+        return replace(self, images=images, cameras=cameras)
 
     def draw(self, points: Gaussians, camera: Camera) -> np.ndarray:
         """[H, W, 3] float32, a picture of points as it comes before the camera's color gain; on the CPU, without gradients."""

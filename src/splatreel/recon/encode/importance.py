@@ -10,6 +10,7 @@ import torch
 from splatreel.codec.header import ReelHeader
 from splatreel.config import EncodeConfig
 from splatreel.kernels import splat
+from splatreel.recon.cameras.group_input import ENOUGH_SIDE
 from splatreel.scene.camera import Camera
 from splatreel.scene.gaussians import Gaussians
 from splatreel.scene.group import Group
@@ -50,17 +51,19 @@ def weigh(
 ) -> np.ndarray:
     """[N, 3] float32: how much the pictures change with a point's shape (its log scales), its color and its place (world units).
 
-    moments: the same N points at some times, each seen by `views` of the cameras at most. device: where they are drawn. Root of the
-    summed squares over all pixels of the derivatives, estimated: the gradient of a picture weighted by random signs has that sum as
-    its expected square (Hutchinson's estimator).
+    moments: the same N points at some times, each seen by `views` of the cameras at most. Large pictures are drawn smaller, and count
+    as large as they are. device: where they are drawn. Root of the summed squares over all pixels of the derivatives, estimated: the
+    gradient of a picture weighted by random signs has that sum as its expected square (Hutchinson's estimator).
     """
     rng = np.random.default_rng(0)
     squares: np.ndarray | float = 0.0
+    smaller = [camera.at_most(ENOUGH_SIDE) for camera in cameras]
     apart = max(len(cameras) // views, 1)
     for number, points in enumerate(moments):
         # Every moment is seen by other cameras, spread over all of them.
-        for camera in cameras[number % apart :: apart][:views]:
-            squares = squares + _squares(points, camera, near, device, antialias, rng)
+        for camera, drawn in list(zip(cameras, smaller, strict=True))[number % apart :: apart][:views]:
+            pixels = camera.width * camera.height / (drawn.width * drawn.height)
+            squares = squares + pixels * _squares(points, drawn, near, device, antialias, rng)
     return np.sqrt(squares).astype(np.float32)
 
 

@@ -18,8 +18,6 @@ from splatreel.recon.layering.relighting import RelitPoints
 from splatreel.scene.gaussians import C0, Gaussians
 from splatreel.scene.static_points import StaticPoints
 
-ENOUGH_SIDE = 768
-"""Pictures are halved while they are longer than this, pixels: the tracks are only where training starts from, and flow is slow."""
 LOOK_EVERY = 4
 """Frames between two looks for things that appeared."""
 MAX_NEW_POINTS = 6000
@@ -61,7 +59,7 @@ def track(
 
     Points come in this order: dynamic ones, those that were added, relit ones, whose light is of the same frames.
     """
-    data, behind = data.at_most(ENOUGH_SIDE), Gaussians.concatenate([static.living, relit.points])
+    data, behind = data.smaller, Gaussians.concatenate([static.living, relit.points])
     tracker = Tracker(behind, data.cameras, data.images, make_flow(config.flow), data.near)
     detector = ChangeDetector(tracker, data, dynamic, static.living, relit)
     tracks = [PointTracks(dynamic, 0, velocities)]

@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 
+import cv2
+import numpy as np
 import torch
 from torch import Tensor
 
+from splatreel import threads
 from splatreel.recon.train.render import View
 
 
@@ -58,8 +62,8 @@ class Pictures:
         """The same at half size. A frame at a time, into its place: as floats, or in pieces, a group's pictures take much memory."""
         count, cameras, height, width, channels = self.images.shape
         small = self.images.new_empty(count, cameras, height // 2, width // 2, channels)
-        for place, images in zip(small, self.images, strict=True):
-            place.copy_(halved(images))
+        with ThreadPoolExecutor(threads.count()) as pool:
+            list(pool.map(lambda pair: pair[0].copy_(halved(pair[1])), zip(small, self.images, strict=True)))
         unknown = self.unknown
         if unknown is not None:  # where any of the four pixels is
             unknown = torch.nn.functional.max_pool2d(unknown[:, None].float(), 2)[:, 0] > 0
@@ -81,5 +85,10 @@ def size_ends(megapixels: float, coarse_share: float, afforded: float) -> list[f
 
 def halved(images: Tensor) -> Tensor:
     """Images [C, H, W, 3] uint8 at half size, averaged over blocks of 2 x 2; an odd row or column is cut off."""
-    small = torch.nn.functional.avg_pool2d(images.permute(0, 3, 1, 2).float(), 2)
-    return small.round().to(torch.uint8).permute(0, 2, 3, 1).contiguous()
+    if images.is_cuda:
+        small = torch.nn.functional.avg_pool2d(images.permute(0, 3, 1, 2).float(), 2)
+        return small.round().to(torch.uint8).permute(0, 2, 3, 1).contiguous()
+    height, width = images.shape[1] // 2, images.shape[2] // 2
+    even = images[:, : 2 * height, : 2 * width].numpy()
+    small = [cv2.resize(image, (width, height), interpolation=cv2.INTER_AREA) for image in even]
+    return torch.from_numpy(np.stack(small))
