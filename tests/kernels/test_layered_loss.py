@@ -8,7 +8,6 @@ from splatreel.kernels import splat
 from tests.kernels.test_freeze import HEIGHT, WIDTH, splats
 
 GAIN, BACKGROUND = torch.tensor([0.9, 1.0, 1.1]), torch.tensor([0.1, 0.2, 0.3])
-TILES = -(-HEIGHT // 16), -(-WIDTH // 16)
 
 
 def scene(seed):
@@ -26,26 +25,56 @@ def gradients(points):
     return [point.grad for point in points[:4]]
 
 
-def whole(moving, frozen, target, wanted=None):
-    """The loss of the whole picture, with gradients only from the wanted tiles."""
-    image, _, tiles = splat.rasterize_among(*moving, frozen)
-    if wanted is not None:
-        pixels = wanted.repeat_interleave(16, 0).repeat_interleave(16, 1)[:HEIGHT, :WIDTH, None]
-        image = torch.where(pixels, image, image.detach())
-    return splat.photometric_loss(image + BACKGROUND, target, 0.2, GAIN), tiles
+def whole(moving, frozen, target):
+    """The loss of the whole picture."""
+    image, _, _ = splat.rasterize_among(*moving, frozen)
+    return splat.photometric_loss(image + BACKGROUND, target, 0.2, GAIN)
+
+
+def assert_close(found, expected):
+    torch.testing.assert_close(found, expected, rtol=1e-4, atol=1e-6 * float(expected.abs().max()))
+    assert expected.any()
 
 
 @pytest.mark.parametrize("seed", range(3))
-@pytest.mark.parametrize("some", [False, True])
-def test_gradients_equal_those_of_the_whole_picture(seed, some):
+def test_gradients_equal_those_of_the_whole_picture(seed):
     moving, frozen, target = scene(seed)
-    wanted = torch.rand(TILES, generator=torch.Generator().manual_seed(seed)) < 0.5 if some else None
     expected, found = leaves(moving), leaves(moving)
-    (2 * whole(expected, frozen, target, wanted)[0]).backward()
-    (2 * splat.layered_loss(*found, frozen, target, 0.2, GAIN, BACKGROUND, wanted)).backward()
+    (2 * whole(expected, frozen, target)).backward()
+    (2 * splat.layered_loss(*found, frozen, target, 0.2, GAIN, BACKGROUND)).backward()
     for a, b in zip(gradients(found), gradients(expected), strict=True):
-        torch.testing.assert_close(a, b, rtol=1e-4, atol=1e-6 * float(b.abs().max()))
-        assert b.any()
+        assert_close(a, b)
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_frozen_splats_get_gradients_where_they_are_asked_for(seed):
+    moving, frozen, target = scene(seed)
+    static, before = splats(400, seed), frozen.image.clone()
+    asked = torch.rand(400, generator=torch.Generator().manual_seed(seed)) < 0.05
+    where = torch.cat([torch.ones(30, dtype=torch.bool), asked])
+    everything = [torch.cat(pair) for pair in zip(moving, static, strict=True)]
+    expected, found = leaves(everything), leaves(everything)
+    image, _ = splat.rasterize(*expected, WIDTH, HEIGHT)
+    splat.photometric_loss(image + BACKGROUND, target, 0.2, GAIN).backward()
+    splat.layered_loss(*found, frozen, target, 0.2, GAIN, BACKGROUND, where).backward()
+    for a, b in zip(gradients(found), gradients(expected), strict=True):
+        assert_close(a[where], b[where])
+    assert torch.equal(frozen.image, before)
+
+
+def test_without_some_frozen_splats_the_picture_is_that_of_the_others():
+    static = splats(400, 0)
+    frozen, rows = splat.freeze(*static, WIDTH, HEIGHT), torch.arange(400)
+    for gone in (rows[::7], rows[3:40:2]):
+        frozen = splat.remove(frozen, gone)
+        rows = rows[~torch.isin(rows, gone)]
+        others = splat.freeze(*[value[rows] for value in static], WIDTH, HEIGHT)
+        torch.testing.assert_close(frozen.image, others.image, rtol=0, atol=1e-6)
+        torch.testing.assert_close(frozen.alpha, others.alpha, rtol=0, atol=1e-6)
+        moving, _, target = scene(0)
+        found = [splat.layered_loss(*moving, held, target) for held in (frozen, others)]
+        assert float(found[0]) == pytest.approx(float(found[1]), abs=1e-6)
+    assert len(rows) < 340
 
 
 def test_the_loss_differs_from_that_of_the_whole_picture_by_a_constant():
@@ -53,9 +82,7 @@ def test_the_loss_differs_from_that_of_the_whole_picture_by_a_constant():
     apart = []
     for brighter in (0.0, 0.1, 0.2):
         moving[2] = moving[2] + brighter
-        apart.append(
-            whole(moving, frozen, target)[0] - splat.layered_loss(*moving, frozen, target, 0.2, GAIN, BACKGROUND)
-        )
+        apart.append(whole(moving, frozen, target) - splat.layered_loss(*moving, frozen, target, 0.2, GAIN, BACKGROUND))
     assert float(apart[0]) > 0
     torch.testing.assert_close(torch.stack(apart), apart[0].expand(3), rtol=0, atol=1e-6)
 

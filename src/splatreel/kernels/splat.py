@@ -204,6 +204,19 @@ def freeze(
     return FrozenSplats(torch.from_numpy(held.image), torch.from_numpy(held.alpha), held)
 
 
+def remove(frozen: FrozenSplats, gone: Tensor) -> FrozenSplats:
+    """The same without some splats. gone: [K] int64, rows of what `freeze` was given, also if others have gone before.
+
+    On the CPU it is the same object, whose picture is drawn anew where those were.
+    """
+    if frozen.image.is_cuda:
+        means2d, conics, colors, opacities, depths, radii = frozen.held.splats
+        left, (height, width) = opacities.index_fill(0, gone, 0.0), frozen.alpha.shape
+        return FrozenSplats(*cuda.freeze(means2d, conics, colors, left, depths, radii, width, height))
+    cpu.remove(frozen.held, gone)
+    return frozen
+
+
 def rasterize_among(
     means2d: Tensor,
     conics: Tensor,
@@ -291,24 +304,25 @@ def layered_loss(
     lambda_dssim: float = 0.2,
     gain: Tensor | None = None,
     background: Tensor | None = None,
-    wanted: Tensor | None = None,
+    where: Tensor | None = None,
 ) -> Tensor:
     """`photometric_loss` of the picture of `rasterize_among`, in the tiles that it draws anew, and a constant.
 
-    background: [3], added to the picture before the gain [3]; neither gets a gradient. wanted: [ceil(H / 16), ceil(W / 16)] bool, the
-    only tiles whose pixels have a gradient; None: all. Much faster than the two of them where little of a large picture is drawn
-    anew. Not by two threads at once among the same frozen splats. Raises `GaussiansError` for NaN or infinity.
+    background: [3], added to the picture before the gain [3]; neither gets a gradient. where: [N] bool; the splats are then all that
+    is to be seen, frozen ones too, which get gradients like the others, in the tiles that one of those touches; what moves must be
+    among those. Much faster than the two functions where little of a large picture is drawn anew. Not by two threads at once among
+    the same frozen splats. Raises `GaussiansError` for NaN or infinity.
     """
     _check_finite(means2d=means2d, conics=conics, colors=colors, opacities=opacities)
     splats = means2d, conics, colors, opacities, depths, radii
     if means2d.is_cuda:
-        image, _, tiles = cuda.rasterize_among(*splats, frozen.held)
-        if wanted is not None:
-            pixels = wanted.repeat_interleave(16, 0).repeat_interleave(16, 1)[: image.shape[0], : image.shape[1], None]
-            image = torch.where(pixels, image, image.detach())
+        size = frozen.image.shape[1], frozen.image.shape[0]
+        image = (
+            cuda.rasterize(*splats, *size)[0] if where is not None else cuda.rasterize_among(*splats, frozen.held)[0]
+        )
         shown = image if background is None else image + background
-        return twin.photometric_loss(shown, target, lambda_dssim, gain, tiles)
-    return cpu.LayeredLoss.apply(*splats, frozen.held, target, lambda_dssim, gain, background, wanted)  # pyright: ignore[reportReturnType]
+        return twin.photometric_loss(shown, target, lambda_dssim, gain)
+    return cpu.LayeredLoss.apply(*splats, frozen.held, target, lambda_dssim, gain, background, where)  # pyright: ignore[reportReturnType]
 
 
 def nearest_neighbors(points: Tensor, k: int, queries: Tensor | None = None) -> tuple[Tensor, Tensor]:

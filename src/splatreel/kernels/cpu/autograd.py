@@ -168,13 +168,13 @@ class LayeredLoss(Function):
     def forward(
         ctx: Any, means2d, conics, colors, opacities, depths, radii, frozen: rasterize.Frozen, target: Tensor, *rest
     ):
-        lambda_dssim, gain, background, wanted = rest
+        lambda_dssim, gain, background, where = rest
         height, width = frozen.alpha.shape
         bins = _bins(means2d, conics, opacities, depths, radii, width, height)
         given = [None if value is None else _array(value) for value in (gain, background)]
-        tiles = None if wanted is None else wanted.numpy()
+        chosen = None if where is None else where.numpy()
         found = layered.loss_and_gradient(
-            bins, _array(colors), frozen, target.contiguous().numpy(), lambda_dssim, *given, wanted=tiles
+            bins, _array(colors), frozen, target.contiguous().numpy(), lambda_dssim, *given, where=chosen
         )
         ctx.gradients = _tensors(found.d_means2d, found.d_conics, found.d_colors, found.d_opacities)
         return torch.tensor(found.loss, dtype=torch.float32)
@@ -190,6 +190,11 @@ def freeze(means2d, conics, colors, opacities, depths, radii, width: int, height
     """Splats [M] with colors [M, 3], sorted into tiles and drawn once. Tensors as `splat.rasterize` takes them."""
     bins, values = _bins(means2d, conics, opacities, depths, radii, width, height), _arrays(colors)[0]
     return rasterize.Frozen(bins, values, *rasterize.forward(bins, values))
+
+
+def remove(frozen: rasterize.Frozen, gone: Tensor) -> None:
+    """Without the splats [K] int64."""
+    rasterize.remove(frozen, gone.numpy())
 
 
 def _bins(means2d, conics, opacities, depths, radii, width: int, height: int) -> binning.Bins:

@@ -20,7 +20,7 @@ MIN_ALPHA = F(1 / 255)
 LOG2_E = F(math.log2(math.e))
 LOG2_255 = F(math.log2(255))
 ROOM = F(2e-3)  # pixels added to every extent, for rounding
-DEPTH = 6  # column of `Bins.splats`
+LOG_OPACITY, DEPTH = 5, 6  # columns of `Bins.splats`
 
 
 @dataclass(frozen=True)
@@ -72,6 +72,22 @@ def bin_splats(
     ids, slots, rows = np.empty(first[-1], np.int32), np.empty(first[-1], np.int32), np.empty(first[-1], np.uint8)
     _fill(order, first, tiles, reaches, offsets, ids, slots, rows)
     return Bins(width, height, splats, offsets, ids, slots, rows, first)
+
+
+def tiles_of(bins: Bins, chosen: np.ndarray) -> np.ndarray:
+    """[tiles] bool: those that one of the chosen splats, [N] bool, touches."""
+    found = np.zeros(len(bins.offsets) - 1, np.bool_)
+    _mark(bins.offsets, bins.ids, chosen, found)
+    return found
+
+
+@njit(**PARALLEL)
+def _mark(offsets, ids, chosen, found):
+    for tile in prange(found.shape[0]):
+        for pair in range(offsets[tile], offsets[tile + 1]):
+            if chosen[ids[pair]]:
+                found[tile] = True
+                break
 
 
 @njit(inline="always")

@@ -13,7 +13,7 @@ import numpy as np
 from numba import njit, prange
 
 from splatreel.kernels.cpu import rasterize, similarity
-from splatreel.kernels.cpu.binning import TILE, Bins
+from splatreel.kernels.cpu.binning import TILE, Bins, tiles_of
 from splatreel.kernels.cpu.jit import PARALLEL
 
 
@@ -37,33 +37,26 @@ def loss_and_gradient(
     lambda_dssim: float,
     gain: np.ndarray | None,
     background: np.ndarray | None,
-    wanted: np.ndarray | None = None,
+    where: np.ndarray | None = None,
 ) -> Gradient:
     """The loss of (picture + background) * gain against the target, of colors [N, 3] among frozen splats.
 
-    target: [H, W, 3], gain and background: [3], as of `similarity`. wanted: [ceil(H / 16), ceil(W / 16)] bool, the only tiles whose
-    pixels count; around them it is drawn as far as their similarity depends on it. No two threads may draw among the same frozen
-    splats at once: it is done in their picture.
+    target: [H, W, 3], gain and background: [3], as of `similarity`. where: [N] bool; the splats are then all that is to be seen, frozen
+    ones too, and only the tiles that one of those touches are drawn and compared. No two threads may draw among the same frozen splats
+    at once: it is done in their picture.
     """
-    touched = (bins.counts > 0).reshape(-(-bins.height // TILE), -1)
-    compared = touched if wanted is None else touched & wanted
-    near = touched if wanted is None else touched & _with_neighbors(compared)
-    with _put_back(frozen, np.flatnonzero(near)):
-        rasterize.draw_over(bins, colors, frozen, near.ravel())
+    tiles = bins.counts > 0 if where is None else tiles_of(bins, where)
+    among = frozen if where is None else None
+    with _put_back(frozen, np.flatnonzero(tiles)):
+        rasterize.draw_over(bins, colors, frozen, among, tiles)
+        compared = tiles.reshape(-(-bins.height // TILE), -1)
         found = similarity.loss_and_gradient(
             frozen.image, target, lambda_dssim, gain, compared, background, zeros=False
         )
         none = rasterize.no_gradient(frozen.alpha.shape)
-        arguments = bins, colors, frozen.image, found.d_image, frozen.alpha, none, frozen
-        gradients = rasterize.backward(*arguments, wanted=None if wanted is None else compared.ravel())
+        arguments = bins, colors, frozen.image, found.d_image, frozen.alpha, none, among
+        gradients = rasterize.backward(*arguments, wanted=None if where is None else tiles)
     return Gradient(found.loss, *gradients)
-
-
-def _with_neighbors(tiles: np.ndarray) -> np.ndarray:
-    """These tiles [rows, columns] bool and the eight around each."""
-    padded = np.pad(tiles, 1)
-    down = padded[:-2] | padded[1:-1] | padded[2:]
-    return down[:, :-2] | down[:, 1:-1] | down[:, 2:]
 
 
 @contextmanager

@@ -10,9 +10,12 @@ import numpy as np
 from numba import njit, prange
 
 from splatreel.kernels.cpu import blending
-from splatreel.kernels.cpu.binning import LOG2_E, Bins
+from splatreel.kernels.cpu.binning import LOG2_E, LOG_OPACITY, Bins, tiles_of
 from splatreel.kernels.cpu.blending import PIXELS
 from splatreel.kernels.cpu.jit import HALF, PARALLEL, SERIAL, TWO, ZERO, F
+
+NOTHING = F(-100)
+"""log2 of the opacity of what is not drawn."""
 
 
 @dataclass(frozen=True)
@@ -45,10 +48,24 @@ def forward(bins: Bins, colors: np.ndarray, frozen: Frozen | None = None) -> tup
     return image, alpha
 
 
-def draw_over(bins: Bins, colors: np.ndarray, frozen: Frozen, near: np.ndarray) -> None:
-    """Blend colors [N, 3] into the very picture of frozen splats. near: [tiles] bool, the only tiles where that is done."""
-    drawn, held, tiles = _drawn(bins, colors), _drawn(frozen.bins, frozen.colors), _balanced(bins, frozen, near)
-    blending.forward_3(drawn, held, True, tiles, frozen.image, frozen.alpha, _scratch())
+def remove(frozen: Frozen, gone: np.ndarray) -> None:
+    """Draw frozen splats anew without some of them, [K] int64; nothing else changes."""
+    frozen.bins.splats[gone, LOG_OPACITY] = NOTHING
+    without = np.zeros(len(frozen.bins.splats), np.bool_)
+    without[gone] = True
+    tiles = _balanced(frozen.bins, None, tiles_of(frozen.bins, without))
+    drawn, held = _drawn(frozen.bins, frozen.colors), _held(frozen.bins, frozen.colors, None)
+    kernel = blending.forward_1 if frozen.colors.shape[1] == 1 else blending.forward_3
+    kernel(drawn, held, False, tiles, frozen.image, frozen.alpha, _scratch())
+
+
+def draw_over(bins: Bins, colors: np.ndarray, frozen: Frozen, among: Frozen | None, near: np.ndarray) -> None:
+    """Blend colors [N, 3] into the very picture of frozen splats. near: [tiles] bool, the only tiles where that is done.
+
+    among: the frozen splats, or None to draw in their place.
+    """
+    drawn, held, tiles = _drawn(bins, colors), _held(bins, colors, among), _balanced(bins, among, near)
+    blending.forward_3(drawn, held, among is not None, tiles, frozen.image, frozen.alpha, _scratch())
 
 
 def backward(

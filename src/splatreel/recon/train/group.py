@@ -125,9 +125,9 @@ class GroupTrainer:
 
         view = self.pictures.views[camera]
         splats = self.points.splats(changes, view, self.pictures.near)
-        static, everywhere = self.static.view(camera), self.density.measures_static(iteration)
-        whole = everywhere or self._shows(iteration)  # the whole loss is only there to be looked at
-        drawing = draw(splats, view, static, layered=not everywhere) if whole else moving_tiles(splats, view, static)
+        static, also = self.static.view(camera), self.density.measured_static(iteration)
+        whole = self._shows(iteration)  # only to be looked at
+        drawing = draw(splats, view, static) if whole else moving_tiles(splats, view, static, also)
 
         drawn = GroupStep(
             iteration=iteration,
@@ -149,7 +149,7 @@ class GroupTrainer:
         loss = backward(GROUP, drawn, self.config.group)["photometric"].detach()
 
         self._learn_time_offset(camera, moment, changes, share)
-        if not whole:  # else it is the loss of another set of pixels
+        if not whole and also is None:  # else it is the loss of another set of pixels
             self.schedule.note(frame, camera, loss)
         self.density.measure(iteration, drawing, view)
         self.points.step(share, self.recovery.pace)

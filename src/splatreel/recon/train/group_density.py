@@ -28,7 +28,7 @@ FAINT_PICTURES = 60
 """Pictures in which that is measured."""
 
 MEASURE_EVERY = 8
-"""Iterations between two that draw the whole picture, to measure how much the static points are pulled at."""
+"""Iterations between two that measure how much the static points are pulled at: they draw these too."""
 
 
 class GroupDensity:
@@ -58,9 +58,10 @@ class GroupDensity:
         self.moving_meter = GradientMeter(len(self.points), device)
         self.static_meter = GradientMeter(len(self.static), device)
 
-    def measures_static(self, iteration: int) -> bool:
-        """Whether an iteration has to draw the whole picture, and not only where something moves."""
-        return self._measures(iteration) and iteration % MEASURE_EVERY == 0
+    def measured_static(self, iteration: int) -> Tensor | None:
+        """[S] bool: the static points that an iteration shall measure the pull at; None: it looks only at what moves."""
+        due = self._measures(iteration) and iteration % MEASURE_EVERY == 0
+        return self.convertible & self.static.alive if due else None
 
     def measure(self, iteration: int, drawing: Comparable, view: View) -> None:
         """How an iteration pulls at the points, after its backward pass."""

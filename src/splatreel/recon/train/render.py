@@ -81,11 +81,19 @@ class Splats:
 
 @dataclass(frozen=True)
 class StaticView:
-    """What one view sees of the static points. index: [M] which of them."""
+    """What one view sees of the static points. index: [M] which of them. rows: [M] where they are among the frozen splats."""
 
     splats: Splats
     index: Tensor
     frozen: splat.FrozenSplats
+    rows: Tensor
+
+    def keep(self, kept: Tensor) -> StaticView:
+        """Those of a mask [M] bool."""
+        if bool(kept.all()):
+            return self
+        index, frozen = torch.nonzero(kept)[:, 0], splat.remove(self.frozen, self.rows[~kept])
+        return StaticView(self.splats.rows(index), self.index[index], frozen, self.rows[index])
 
 
 class Comparable(Protocol):
@@ -127,25 +135,29 @@ class Drawing:
 
 @dataclass(frozen=True)
 class MovingTiles:
-    """Moving points before a view's static ones, only where they are: drawn when they are compared, and never as a whole picture."""
+    """Moving splats before a view's static ones, only where they are: drawn when they are compared, and never as a whole picture.
+
+    splats: the moving ones, and all static ones if `where` is given, [M] bool: then it is drawn only where one of those is.
+    """
 
     splats: Splats
     static: StaticView
     background: Tensor | None
-    index: Tensor | None = None
+    moving: int
+    where: Tensor | None = None
 
     @property
     def means2d(self) -> Tensor:
         return self.splats.means2d
 
     @property
-    def moving(self) -> int:
-        return len(self.splats.means2d)
+    def index(self) -> Tensor | None:
+        return None if self.where is None else self.static.index
 
     def loss(self, target: Tensor, lambda_dssim: float, gain: Tensor | None) -> Tensor:
         """Short of a constant: what is compared only where nothing moves is left out. The gain gets no gradient."""
         splats, frozen = self.splats.tensors, self.static.frozen
-        return splat.layered_loss(*splats, frozen, target, lambda_dssim, gain, self.background)
+        return splat.layered_loss(*splats, frozen, target, lambda_dssim, gain, self.background, self.where)
 
 
 def relative_distances(means: Tensor, views: list[View], unit: float, reach: float) -> Tensor:
@@ -206,10 +218,7 @@ class StaticCache:
     def set_alive(self, alive: Tensor) -> None:
         """Hide the points that became dynamic. alive: [S] bool."""
         self.alive = alive.clone()
-        for camera, old in self._views.items():
-            keep = torch.nonzero(alive[old.index])[:, 0]
-            if len(keep) < len(old.index):
-                self._views[camera] = self._drawn(camera, old.splats.rows(keep), old.index[keep])
+        self._views = {camera: view.keep(alive[view.index]) for camera, view in self._views.items()}
 
     def revive(self, alive: Tensor) -> None:
         """Show points again that were hidden. alive: [S] bool."""
@@ -225,18 +234,15 @@ class StaticCache:
             view = self.views[camera]
             projected = splats(*points, view, max(self.near, view.clear))
             seen = torch.nonzero(projected.radii > 0)[:, 0]
-            self._views[camera] = self._drawn(camera, projected.rows(seen), index[seen])
+            shown, rows = projected.rows(seen), torch.arange(len(seen), device=seen.device)
+            frozen = splat.freeze(*shown.tensors, view.width, view.height)
+            self._views[camera] = StaticView(shown, index[seen], frozen, rows)
         return self._views[camera]
 
     def set_views(self, views: list[View]) -> None:
         """Be seen by other views from now on."""
         self.views = views
         self._views.clear()
-
-    @torch.no_grad()
-    def _drawn(self, camera: int, seen: Splats, index: Tensor) -> StaticView:
-        view = self.views[camera]
-        return StaticView(seen, index, splat.freeze(*seen.tensors, view.width, view.height))
 
 
 def activate(params: dict[str, Tensor]) -> tuple[Tensor, Tensor, Tensor, Tensor, tuple[Tensor, Tensor]]:
@@ -263,11 +269,18 @@ def draw(moving: Splats, view: View, static: StaticView | None = None, layered: 
     return Drawing(_add_background(view.background, image), alpha, parts.means2d, count, index)
 
 
-def moving_tiles(moving: Splats, view: View, static: StaticView) -> MovingTiles:
-    """As `draw`, of the tiles that a moving point touches, to be compared only."""
-    if moving.means2d.requires_grad:
-        moving.means2d.retain_grad()
-    return MovingTiles(moving, static, view.background)
+def moving_tiles(moving: Splats, view: View, static: StaticView, also: Tensor | None = None) -> MovingTiles:
+    """As `draw`, of the tiles that a moving point touches, to be compared only.
+
+    also: [S] bool, static points that get gradients too: the tiles are those where one of them is, or a moving one.
+    """
+    count, parts, where = len(moving.means2d), moving, None
+    if also is not None:
+        parts = Splats.join(moving, static.splats)
+        where = torch.cat([also.new_ones(count), also[static.index]])
+    if parts.means2d.requires_grad:
+        parts.means2d.retain_grad()
+    return MovingTiles(parts, static, view.background, count, where)
 
 
 def _add_background(background: Tensor | None, image: Tensor) -> Tensor:
