@@ -26,11 +26,39 @@ def render_image(
 
     Raises `GaussiansError` for NaN or infinity.
     """
-    gaussians.check_finite()
-    if degree is None:
-        degree = gaussians.sh_degree
+    degree = gaussians.sh_degree if degree is None else degree
     if not 0 <= degree <= gaussians.sh_degree:
         raise GaussiansError(f"render_image: SH degree {degree} is not within 0..{gaussians.sh_degree}.")
+    return _over(background, *rasterize.forward(*_binned(gaussians, camera, near, degree, antialias)))
+
+
+class Backdrop:
+    """What one camera sees of Gaussians that stay as they are, drawn once. Arguments and errors are those of `render_image`."""
+
+    def __init__(
+        self,
+        gaussians: Gaussians,
+        camera: Camera,
+        *,
+        near: float = 0.01,
+        background: tuple[float, float, float] = (0, 0, 0),
+        antialias: bool = False,
+    ) -> None:
+        self.camera, self.near, self.background, self.antialias = camera, near, background, antialias
+        bins, colors = _binned(gaussians, camera, near, gaussians.sh_degree, antialias)
+        self._frozen = rasterize.Frozen(bins, colors, *rasterize.forward(bins, colors))
+
+    def with_others(self, gaussians: Gaussians) -> np.ndarray:
+        """[H, W, 3] float32, the picture of all of them together: others in front of, between and behind."""
+        bins, colors = _binned(gaussians, self.camera, self.near, gaussians.sh_degree, self.antialias)
+        return _over(self.background, *rasterize.forward(bins, colors, self._frozen))
+
+
+def _binned(
+    gaussians: Gaussians, camera: Camera, near: float, degree: int, antialias: bool
+) -> tuple[binning.Bins, np.ndarray]:
+    """Gaussians sorted into the tiles of a picture, and their colors."""
+    gaussians.check_finite()
     width, height = camera.width, camera.height
     view = project.Pinhole(camera.viewmat, camera.K, width, height, near, FINE_BLUR if antialias else BLUR)
     means2d, conics, depths, radii = project.forward(gaussians.means, gaussians.quats, gaussians.scales, view)
@@ -39,6 +67,8 @@ def render_image(
     opacities = gaussians.opacities
     if antialias:
         opacities = opacities * np.sqrt(np.maximum(project.kept_area(*conics.T), 0))
-    bins = binning.bin_splats(means2d, conics, opacities, depths, radii, width, height)
-    image, alpha = rasterize.forward(bins, colors)
+    return binning.bin_splats(means2d, conics, opacities, depths, radii, width, height), colors
+
+
+def _over(background: tuple[float, float, float], image: np.ndarray, alpha: np.ndarray) -> np.ndarray:
     return image + (1 - alpha[..., None]) * np.asarray(background, np.float32)

@@ -62,7 +62,8 @@ class ErrorMasks(NamedTuple):
 
 def error_masks(image: np.ndarray, truth: np.ndarray) -> ErrorMasks:
     """Of a rendered picture [H, W, 3] float against its truth (uint8)."""
-    difference = np.abs(image - truth.astype(np.float32) / 255).mean(-1)
+    difference = cv2.absdiff(image, truth.astype(np.float32) / 255)
+    difference = cv2.transform(difference, np.full((1, 3), 1 / 3, np.float32))
     smooth = cv2.GaussianBlur(difference, (5, 5), 1.2)
     mask = cv2.morphologyEx((smooth > ERROR).astype(np.uint8), cv2.MORPH_OPEN, np.ones((3, 3), np.uint8))
     return ErrorMasks(mask > 0, smooth > UNCERTAIN)

@@ -11,7 +11,7 @@ import numpy as np
 import torch
 
 from splatreel import threads
-from splatreel.kernels.image import render_image
+from splatreel.kernels.image import Backdrop, render_image
 from splatreel.recon.init.layout import Layout
 from splatreel.scene.camera import Camera
 from splatreel.scene.gaussians import Gaussians
@@ -73,3 +73,8 @@ class GroupInput:
         """[H, W, 3] float32, a picture of points as it comes before the camera's color gain; on the CPU, without gradients."""
         layout = self.layout
         return render_image(points, camera, near=layout.near, antialias=self.antialias, background=layout.background)
+
+    def backdrop(self, points: Gaussians, camera: Camera) -> Backdrop:
+        """For pictures as of `draw`, of these and other points."""
+        layout = self.layout
+        return Backdrop(points, camera, near=layout.near, antialias=self.antialias, background=layout.background)

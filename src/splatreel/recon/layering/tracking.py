@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from splatreel.config import LayeringConfig
+from splatreel.kernels.image import Backdrop
 from splatreel.motion.flow import make_flow
 from splatreel.motion.large_displacement import large_displacements
 from splatreel.motion.lift import shares
@@ -103,7 +104,8 @@ class ChangeDetector:
     ) -> None:
         self.tracker, self.data, self.static, self.relit = tracker, data, static, relit
         self.stays = np.ones(len(static), bool)
-        self.known = self._compare(Gaussians.concatenate([static, relit.points, dynamic]), 0).error
+        self.backdrops = self._backdrops(self.stays)
+        self.known = self._compare(self.backdrops, dynamic, 0).error
         """[C, H, W] bool: errors already where the points were trained: mirrors, nothing new."""
 
     def error_masks(self, tracks: list[PointTracks], frame: int, leaving: np.ndarray | None = None) -> ErrorMasks:
@@ -111,8 +113,8 @@ class ChangeDetector:
 
         leaving: [A] bool, static points that are left out.
         """
-        resting = self._resting(frame, self.stays if leaving is None else self.stays & ~leaving)
-        found = self._compare(Gaussians.concatenate([resting, _moved(tracks)]), frame)
+        backdrops = self.backdrops if leaving is None else self._backdrops(self.stays & ~leaving)
+        found = self._compare(backdrops, _moved(tracks), frame)
         return ErrorMasks(found.error & ~self.known, found.uncertain & ~self.known)
 
     def appeared(self, tracks: list[PointTracks], frame: int, masks: ErrorMasks) -> tuple[Gaussians, np.ndarray]:
@@ -153,6 +155,7 @@ class ChangeDetector:
     def depart(self, leaving: np.ndarray, frame: int) -> PointTracks:
         """These static points, which rested until the last look, and where they went since."""
         self.stays &= ~leaving
+        self.backdrops = self._backdrops(self.stays)
         self.tracker.set_occluders(Gaussians.concatenate([self.static[self.stays], self.relit.points]))
         track = PointTracks(self.static[leaving], frame - LOOK_EVERY, rested=True)
         for before in range(frame - LOOK_EVERY, frame):
@@ -163,10 +166,15 @@ class ChangeDetector:
         """The static points that stay, [A] bool, and what is relit, in the light of a frame."""
         return Gaussians.concatenate([self.static[staying], self.relit.at(frame)])
 
-    def _compare(self, scene: Gaussians, frame: int) -> ErrorMasks:
-        """[C, H, W]: where the views of a frame differ from a scene."""
-        views = zip(self.data.cameras, self.data.images[frame], self.data.gains, strict=True)
-        found = [error_masks(self.data.draw(scene, c) * gain, image) for c, image, gain in views]
+    def _backdrops(self, staying: np.ndarray) -> list[Backdrop]:
+        """The static points that stay, [A] bool, as each camera sees them."""
+        return [self.data.backdrop(self.static[staying], camera) for camera in self.data.cameras]
+
+    def _compare(self, backdrops: list[Backdrop], moving: Gaussians, frame: int) -> ErrorMasks:
+        """[C, H, W]: where the views of a frame differ from what stays, what is relit and what moves."""
+        scene = Gaussians.concatenate([self.relit.at(frame), moving])
+        views = zip(backdrops, self.data.images[frame], self.data.gains, strict=True)
+        found = [error_masks(backdrop.with_others(scene) * gain, image) for backdrop, image, gain in views]
         return ErrorMasks(*(np.stack(masks) for masks in zip(*found, strict=True)))
 
 
