@@ -35,6 +35,8 @@ REACH = 0.03
 REACH_LEAST = 14
 PATCH = 7
 """Pixels around one, a side, by which a guess is judged."""
+ENOUGH_WIDTH = 320
+"""Pixels of the width at which whole pictures are compared, if their half is wider: boxes are then looked at closely."""
 MOST = 0.7
 """Share of the picture that boxes fill above which it is less work to look closely at everything."""
 
@@ -85,7 +87,7 @@ class DisFlow:
     def __call__(
         self, a: np.ndarray, b: np.ndarray, guess: np.ndarray | None = None, wanted: np.ndarray | None = None
     ) -> np.ndarray:
-        """Where few pixels are wanted, the whole pictures are compared at half size, and only boxes around those at full size."""
+        """Where few pixels are wanted, whole pictures are compared in a smaller size, and only boxes around those at full size."""
         least = min(a.shape[:2])
         here, there = (cv2.cvtColor(np.ascontiguousarray(x), cv2.COLOR_RGB2GRAY) for x in (a, b))
         if least < 16:  # below DIS's patch pyramid; nothing goes far in such images
@@ -95,7 +97,8 @@ class DisFlow:
         boxes = [] if wanted is None else _boxes(wanted, guess)
         if wanted is None or sum(_area(box) for box in boxes) > MOST * wanted.size:
             return self._whole(0, here, there, guess)
-        flow = self._whole(1, here, there, guess)
+        halvings = max(1, math.ceil(math.log2(here.shape[1] / ENOUGH_WIDTH)))
+        flow = self._whole(halvings, here, there, guess)
         for box in boxes:
             near = np.ascontiguousarray(here[box]), np.ascontiguousarray(there[box])
             start = flow[box] if guess is None else _better(*near, flow[box], guess[box])
