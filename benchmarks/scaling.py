@@ -123,8 +123,10 @@ TINY = Sizes(
     long={"group.length": 3, "group.overlap": 1, "chapter_frames": 6},
 )
 """To try the script."""
-WARM: Row = {"width": 64, "frames": 2, "settings": TINY.settings}
-"""What is changed in a case that is run for its kernels to be compiled."""
+_WARM = partial(Case, "warm-up", 96, 6, 30)
+_QUICK = TINY.settings | {"keyframe.refine_iterations": 5, "group.length": 10, "group.overlap": 2}
+WARM = tuple(_WARM(settings=_QUICK | {"chapter_frames": frames}) for frames in (0, 10))
+"""What is run first, for kernels to be compiled: a film of one chapter and one of three, with things that move."""
 
 
 def main(
@@ -206,21 +208,26 @@ class Bench:
 
     def measured(self, case: Case) -> Row:
         """Its record. Films first, and compiles the kernels, where that has not been done."""
-        film = self.film(case)
-        if not self.warm:
-            self.apart(measure, dataclasses.replace(case, workers=1, **WARM), film, self.out / "run")
-            self.warm = True
+        film = self.film(case, self.films[case.width, case.cameras])
+        self.warm_up()
         print(f"{case.name}: measuring", flush=True)
         label = {"source": source(), "machine_before": machine()}
         found = self.apart(measure, case, film, self.out / "run")
         return record(case.name, case.row() | label | found, self.note, self.results)
 
-    def film(self, case: Case) -> Path:
+    def warm_up(self) -> None:
+        """Compile the kernels, once: what is measured after it finds them compiled."""
+        if not self.warm:
+            print("compiling the kernels that are not compiled yet", flush=True)
+            for case in WARM:
+                self.apart(measure, case, self.film(case, case.frames), self.out / "run")
+            self.warm = True
+
+    def film(self, case: Case, frames: int) -> Path:
         """Where it is."""
-        frames = self.films[case.width, case.cameras]
         path = self.out / f"film-{case.width}-{case.cameras}-{frames}"
         if not path.exists():
-            print(f"{case.name}: filming {frames} frames", flush=True)
+            print(f"filming {frames} frames of {case.width}x{case.height} by {case.cameras} cameras", flush=True)
             self.apart(write_film, path, case.width, case.cameras, frames)
         return path
 
