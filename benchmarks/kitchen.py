@@ -65,13 +65,17 @@ def grained(shapes: Shapes) -> Shapes:
     return shapes._replace(solids=solids)
 
 
-def wall(width: int, height: int) -> list[Camera]:
-    """Two rows of cameras, not quite straight, that look into the room; the first is in the middle of the lower row."""
+def wall(width: int, height: int, columns: int = COLUMNS) -> list[Camera]:
+    """Two rows of cameras, not quite straight, that look into the room; the first is in the middle of the lower row.
+
+    columns: two or more, on the same stretch.
+    """
     cameras = []
-    for k in range(ROWS * COLUMNS):
-        i = (k + COLUMNS // 2) % (ROWS * COLUMNS)
-        row, column = divmod(i, COLUMNS)
-        x = 0.3 * (column - COLUMNS // 2) + 0.04 * (i * 7 % 3)
+    step = 0.3 * (COLUMNS - 1) / (columns - 1)
+    for k in range(ROWS * columns):
+        i = (k + columns // 2) % (ROWS * columns)
+        row, column = divmod(i, columns)
+        x = step * (column - (columns - 1) / 2) + 0.04 * (i * 7 % 3)
         center = np.array([x, 1.35 + 0.45 * row + 0.05 * (i * 5 % 3), 2.6 + 0.08 * (i * 3 % 4)])
         forward = np.array([0.25 * x, 1.15, -3.0]) - center
         cameras.append(facing(f"cam{k:02d}", center, forward / np.linalg.norm(forward), 0.75 * width, width, height))

@@ -1,0 +1,83 @@
+"""The memory that a process holds, and its children, while something runs: sampled by a thread."""
+
+import os
+import threading
+import time
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Self
+
+PAGE = os.sysconf("SC_PAGE_SIZE")
+INTERVAL, INTERVAL_OF_CHILDREN = 0.05, 0.2
+"""Seconds between samples; children are looked for among all processes, which takes longer."""
+
+
+class Resident:
+    """Bytes of resident memory from `with` on to its end, on Linux. with_children: those of processes that this one started are added.
+
+    A page that several processes share, such as of a library, counts for each.
+    """
+
+    def __init__(self, with_children: bool = False) -> None:
+        self.samples: list[tuple[float, int]] = []
+        """(seconds since the epoch, bytes)"""
+        self._with_children, self._ended = with_children, threading.Event()
+        self._thread = threading.Thread(target=self._watch, daemon=True)
+
+    def __enter__(self) -> Self:
+        self._thread.start()
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._ended.set()
+        self._thread.join()
+
+    def peak(self) -> int:
+        """The most of all samples, or what the system says of this process, whose peak none may have met."""
+        return max(most_of_this_process(), *(held for _, held in self.samples))
+
+    def peaks(self, ends: Sequence[float]) -> list[int]:
+        """[G] the most within each stretch of time. ends: of the stretches, seconds since the epoch; each begins where the last ended.
+
+        0 for a stretch in which no sample was taken.
+        """
+        found, begin = [], 0.0
+        for end in ends:
+            found.append(max((held for at, held in self.samples if begin < at <= end), default=0))
+            begin = end
+        return found
+
+    def _watch(self) -> None:
+        own = str(os.getpid())
+        while True:
+            held = [resident_of(pid) for pid in ([own, *children_of(own)] if self._with_children else [own])]
+            self.samples.append((time.time(), sum(held)))
+            if self._ended.wait(INTERVAL_OF_CHILDREN if self._with_children else INTERVAL):
+                return
+
+
+def resident_of(pid: str) -> int:
+    """Bytes; 0 of a process that has ended."""
+    try:
+        return int(Path("/proc", pid, "statm").read_text(encoding="ascii").split()[1]) * PAGE
+    except (OSError, IndexError):
+        return 0
+
+
+def children_of(parent: str) -> list[str]:
+    """Processes that another one started, and that have not ended."""
+    return [pid for pid in os.listdir("/proc") if pid.isdigit() and _parent_of(pid) == parent]
+
+
+def _parent_of(pid: str) -> str | None:
+    try:
+        text = Path("/proc", pid, "stat").read_text(encoding="utf-8", errors="replace")
+    except OSError:
+        return None
+    return text.rpartition(")")[2].split()[1]
+
+
+def most_of_this_process() -> int:
+    """Bytes. Not what `getrusage` says: of a process that was started by a large one, that has the large one's peak."""
+    lines = Path("/proc/self/status").read_text(encoding="utf-8").splitlines()
+    return next(1024 * int(line.split()[1]) for line in lines if line.startswith("VmHWM:"))
