@@ -9,7 +9,7 @@ import torch
 
 from splatreel.errors import GaussiansError
 from splatreel.kernels import splat
-from splatreel.kernels.image import render_image
+from splatreel.kernels.image import Backdrop, render_image
 from splatreel.scene.camera import Camera
 from splatreel.scene.gaussians import Gaussians
 from tests.kernels.compare import camera, gaussians
@@ -37,6 +37,16 @@ def test_background_shows_through():
     rendered = splat.render(*gaussians(100), CAMERA.viewmat, CAMERA.K, W, H)
     expected = rendered.image + (1 - rendered.alpha[..., None]) * torch.tensor([0.1, 0.2, 0.3])
     np.testing.assert_allclose(render_image(cloud(), CAMERA, background=(0.1, 0.2, 0.3)), expected.numpy(), atol=1e-6)
+
+
+@pytest.mark.parametrize("antialias", [False, True])
+def test_others_before_a_backdrop_look_as_all_together(antialias):
+    scene, how = cloud(), {"antialias": antialias, "background": (0.1, 0.2, 0.3)}
+    order = np.random.default_rng(0).permutation(100)
+    backdrop = Backdrop(scene[order[:60]], CAMERA, **how)
+    for others in (scene[order[60:]], scene[order[60:70]], scene[order[:0]]):
+        expected = render_image(Gaussians.concatenate([scene[order[:60]], others]), CAMERA, **how)
+        np.testing.assert_allclose(backdrop.with_others(others), expected, atol=1e-6)
 
 
 def test_nan_is_refused():

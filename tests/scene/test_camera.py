@@ -36,6 +36,15 @@ def test_resizing_keeps_what_a_pixel_sees():
     assert (small.width, small.height, camera.width) == (25, 40, 100)
 
 
+def test_a_camera_with_too_large_an_image_is_halved():
+    camera = looking_at((0, 0, -4), (0, 0, 0))
+    assert camera.at_most(100) is camera
+    assert (camera.at_most(99).width, camera.at_most(99).height) == (50, 40)
+    small = camera.at_most(26)
+    assert (small.width, small.height) == (25, 20)
+    np.testing.assert_allclose(small.K, camera.resized(25, 20).K)
+
+
 def test_focus_point():
     target = (0.5, -1, 2)
     cameras = [looking_at(center, target) for center in ((4, 0, -3), (-4, 1, -3), (0, 2, -5))]
