@@ -49,6 +49,8 @@ PARTS: dict[str, dict[str, Any]] = {
     "converted-anywhere": {"layering.adapt_changed_share": 0.0},
     "not-steady": {"keyframe.temporal_mean": False},
     "no-coarse": {"keyframe.coarse_share": 0.0},
+    "full-size": {"training_megapixels": 0.0},
+    "smaller": {"training_megapixels": 0.2},
     "progressive": {"group.progressive_share": 0.5},
     "hashgrid": {"group.deformation": "hashgrid"},
 }

@@ -12,6 +12,7 @@ from dataclasses import dataclass
 from itertools import pairwise
 
 from splatreel.config import Config
+from splatreel.recon.cameras.group_input import ENOUGH_SIDE
 from splatreel.recon.train.keyframe import GAINS_EVERY
 from splatreel.recon.train.pictures import size_ends
 from splatreel.scene.spans import GroupSpan
@@ -135,18 +136,18 @@ def _later_keyframe(shooting: Shooting, config: Config) -> float:
 def _group(shooting: Shooting, span: GroupSpan, config: Config) -> Seconds:
     """All of a group but its keyframe, and the decoding of its pictures."""
     frames, cameras, megapixels, dynamic = span.count, shooting.cameras, shooting.megapixels, shooting.dynamic(config)
-    decoded = cameras * frames * megapixels
+    decoded, smaller = cameras * frames * megapixels, _smaller(megapixels)
     seconds = {
         "reading": READING * decoded,
         "cameras": (0.04 * cameras if config.check_poses else 0.0) + 0.007 * decoded * config.even_exposure,
-        "keyframe": 0.058 * decoded if config.keyframe.temporal_mean else 0.0,
-        "encode": 0.42 + 0.31 * cameras * megapixels + 0.0097 * dynamic * frames,
+        "keyframe": 0.02 * decoded if config.keyframe.temporal_mean else 0.0,
+        "encode": 0.42 + 0.31 * cameras * smaller + 0.0097 * dynamic * frames,
     }
     if frames > 1:
         seconds["layering"] = _layering(shooting, frames, config)
         seconds["group"] = _motion(shooting, frames, config)
         if config.group.tracks:
-            seconds["tracking"] = frames * (0.25 * cameras * megapixels + (0.18 + 0.0022 * cameras) * dynamic)
+            seconds["tracking"] = frames * (0.25 * cameras * smaller + (0.18 + 0.0022 * cameras) * dynamic)
     return seconds
 
 
@@ -163,10 +164,17 @@ def _layering(shooting: Shooting, frames: int, config: Config) -> float:
 def _motion(shooting: Shooting, frames: int, config: Config) -> float:
     group = config.group
     pixels = _pixels(shooting, config, group.coarse_share)
-    step = 0.049 * shooting.megapixels * pixels + 0.0031 * shooting.dynamic(config) + 0.0014
+    step = 0.03 * shooting.megapixels * pixels + 0.0031 * shooting.dynamic(config) + 0.0014
     step *= HASHGRID if group.deformation == "hashgrid" else 1.0
     views = 0.152 * shooting.cameras * math.sqrt(shooting.megapixels)
     return views + group.iterations_per_frame * frames * step
+
+
+def _smaller(megapixels: float) -> float:
+    """Of the pictures that layering and tracking look at: as `GroupInput.smaller`, if they are three quarters as high as wide."""
+    while megapixels > 0.75e-6 * ENOUGH_SIDE**2:
+        megapixels *= COARSE
+    return megapixels
 
 
 def _pixels(shooting: Shooting, config: Config, coarse_share: float) -> float:
