@@ -14,7 +14,7 @@ def test_pictures_are_halved_as_long_as_they_are_too_large(monkeypatch: pytest.M
     images = np.full((3, 2, 80, 122, 3), 90, np.uint8)
     images[:, :, :40] = 10
     data = inputs.group_input(images, cameras)
-    small = data.smaller
+    small = data.smaller()
     assert small.images.shape == (3, 2, 20, 30, 3)
     assert (small.images[:, :, :10] == 10).all()
     assert (small.images[:, :, 10:] == 90).all()
@@ -27,7 +27,7 @@ def test_a_halved_camera_sees_the_same(monkeypatch: pytest.MonkeyPatch):
     cameras = ring(1, width=128, height=80)
     data = inputs.group_input(np.zeros((1, 1, 80, 128, 3), np.uint8), cameras)
     points = random_gaussians(40, 0, sh_degree=0, spread=1.0)
-    small = data.smaller
+    small = data.smaller()
     shown, expected = small.draw(points, small.cameras[0]), data.draw(points, cameras[0])
     mean = expected.reshape(40, 2, 64, 2, 3).mean((1, 3))
     assert np.abs(shown - mean).mean() < 0.02
@@ -36,4 +36,4 @@ def test_a_halved_camera_sees_the_same(monkeypatch: pytest.MonkeyPatch):
 
 def test_small_pictures_stay_as_they_are():
     data = inputs.group_input(np.zeros((1, 1, 80, 122, 3), np.uint8), ring(1, width=122, height=80))
-    assert data.smaller is data
+    assert data.smaller() is data

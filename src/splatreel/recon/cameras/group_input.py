@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
-from functools import cached_property
 
 import cv2
 import numpy as np
@@ -56,9 +55,11 @@ class GroupInput:
         """Typical viewing distance, world units."""
         return self.layout.unit
 
-    @cached_property
     def smaller(self) -> GroupInput:
-        """The same with pictures of `ENOUGH_SIDE`, for what needs no more of them: to tell what moves, and about where to."""
+        """The same with pictures of `ENOUGH_SIDE`, for what needs no more of them: to tell what moves, and about where to.
+
+        Made anew each time, in less than a second: kept, they would take memory while the group trains.
+        """
         cameras = [camera.at_most(ENOUGH_SIDE) for camera in self.cameras]
         size = cameras[0].width, cameras[0].height
         if size == (self.cameras[0].width, self.cameras[0].height):

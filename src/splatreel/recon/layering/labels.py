@@ -36,7 +36,7 @@ class Layers:
 
 def find_layers(data: GroupInput, dynamic: Gaussians, static: StaticPoints, config: LayeringConfig) -> Layers:
     """Which of the points at a keyframe rest in its group, and which move. dynamic: those that are not static so far."""
-    data, points = data.smaller, Gaussians.concatenate([dynamic, static.living])
+    data, points = data.smaller(), Gaussians.concatenate([dynamic, static.living])
     moves = label_points(data, points, config)
     if data.span.index:
         moves[: len(dynamic)] |= crowding(dynamic.means, data.cameras, data.layout.clearance)
@@ -75,7 +75,7 @@ def convertible(data: GroupInput, static: StaticPoints, least: float) -> np.ndar
     """
     if not least:
         return static.alive
-    data = data.smaller
+    data = data.smaller()
     found = shares(static.living, data.cameras, changes(data.images), data.near, data.device)
     return static.without(found < least).alive  # of NaN, all comparisons are false
 

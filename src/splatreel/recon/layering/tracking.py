@@ -60,7 +60,7 @@ def track(
 
     Points come in this order: dynamic ones, those that were added, relit ones, whose light is of the same frames.
     """
-    data, behind = data.smaller, Gaussians.concatenate([static.living, relit.points])
+    data, behind = data.smaller(), Gaussians.concatenate([static.living, relit.points])
     tracker = Tracker(behind, data.cameras, data.images, make_flow(config.flow), data.near)
     detector = ChangeDetector(tracker, data, dynamic, static.living, relit)
     tracks = [PointTracks(dynamic, 0, velocities)]
