@@ -71,7 +71,7 @@ def trained(
     """What the held-out cameras see of a keyframe of images [C, H, W, 3] uint8, before encoding; each [H, W, 3] 0..1."""
     points = {"points": source.points, "point_colors": source.point_colors, "near": source.near}
     gaussians, layout = reconstruct_single_frame(cameras, images, config, **points)
-    how = {"near": layout.near, "antialias": config.antialias}
+    how = {"near": layout.near, "antialias": config.antialias, "background": layout.background}
     return [np.clip(render_image(gaussians, view, **how), 0, 1) for view in views]
 
 
