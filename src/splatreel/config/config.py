@@ -39,7 +39,7 @@ class Config:
     """Splats thinner than a pixel are drawn fainter (Mip-Splatting): images of any size look alike."""
     background: bool = True
     """Where nothing is known is the color of the images' borders, not black."""
-    training_megapixels: Annotated[float, Range(0)] = 0.4
+    training_megapixels: Annotated[float, Range(0)] = 0.7
     """Of images larger than this, only so many iterations look at full size that they look at so many million pixels in the mean,
     as many at half size, and so on: what is beside a pixel tells nearly the same. 0: all but coarse ones look at full size."""
     chapter_frames: Annotated[int, Range(0)] = 300
