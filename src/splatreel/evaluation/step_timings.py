@@ -9,10 +9,9 @@ import numpy as np
 import torch
 
 from splatreel.evaluation.timing import Timing, medians_ms, ratio
-from splatreel.kernels import splat
 from splatreel.recon.run.machine_speed import on_one_thread
 from splatreel.recon.train.points import TrainablePoints, default_rates
-from splatreel.recon.train.render import StaticCache, View, deformed, draw
+from splatreel.recon.train.render import StaticCache, View, deformed, draw, moving_tiles
 from splatreel.scene.camera import Camera
 from splatreel.scene.gaussians import Gaussians
 
@@ -59,8 +58,9 @@ def _step(gaussians: Gaussians, view: View, still: StaticCache | None = None) ->
 
     def step(layered: bool = True) -> None:
         moving = deformed(p.params, None, None, view, NEAR)
-        drawing = draw(moving, view, still.view(0) if still else None, layered)
-        splat.photometric_loss(drawing.image, target, tiles=drawing.tiles).backward()
+        static = still.view(0) if still else None
+        among = moving_tiles(moving, view, static) if layered and static else None
+        (among or draw(moving, view, static, layered=False)).loss(target, 0.2, None).backward()
         p.clear()
 
     return step
