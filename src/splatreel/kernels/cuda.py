@@ -126,6 +126,29 @@ def rasterize_among(
     return torch.where(drawn[..., None], image, held.image), torch.where(drawn, alpha, held.alpha), tiles
 
 
+def among_or_all(
+    means2d: Tensor,
+    conics: Tensor,
+    colors: Tensor,
+    opacities: Tensor,
+    depths: Tensor,
+    radii: Tensor,
+    held: Frozen,
+    everything: bool,
+) -> Tensor:
+    """The image [H, W, 3] of splats among frozen ones, or of these alone, which are all there is (everything)."""
+    height, width = held.alpha.shape
+    splats = means2d, conics, colors, opacities, depths, radii
+    return rasterize(*splats, width, height)[0] if everything else rasterize_among(*splats, held)[0]
+
+
+def remove(held: Frozen, gone: Tensor) -> tuple[Tensor, Tensor, Frozen]:
+    """As `freeze`, of all but the splats [K] int64: the others keep their rows, and these have no opacity."""
+    means2d, conics, colors, opacities, depths, radii = held.splats
+    height, width = held.alpha.shape
+    return freeze(means2d, conics, colors, opacities.index_fill(0, gone, 0.0), depths, radii, width, height)
+
+
 def tile_spans(means2d: Tensor, radii: Tensor, width: int, height: int) -> Tensor:
     """[N, 4]: first and last tile column, first and last tile row that each splat touches; last < first if none.
 

@@ -205,14 +205,12 @@ def freeze(
 
 
 def remove(frozen: FrozenSplats, gone: Tensor) -> FrozenSplats:
-    """The same without some splats. gone: [K] int64, rows of what `freeze` was given, also if others have gone before.
+    """The same without some splats; on the CPU the same object, drawn anew where those were.
 
-    On the CPU it is the same object, whose picture is drawn anew where those were.
+    gone: [K] int64, rows of what `freeze` was given, also if others have gone before.
     """
     if frozen.image.is_cuda:
-        means2d, conics, colors, opacities, depths, radii = frozen.held.splats
-        left, (height, width) = opacities.index_fill(0, gone, 0.0), frozen.alpha.shape
-        return FrozenSplats(*cuda.freeze(means2d, conics, colors, left, depths, radii, width, height))
+        return FrozenSplats(*cuda.remove(frozen.held, gone))
     cpu.remove(frozen.held, gone)
     return frozen
 
@@ -316,12 +314,8 @@ def layered_loss(
     _check_finite(means2d=means2d, conics=conics, colors=colors, opacities=opacities)
     splats = means2d, conics, colors, opacities, depths, radii
     if means2d.is_cuda:
-        size = frozen.image.shape[1], frozen.image.shape[0]
-        image = (
-            cuda.rasterize(*splats, *size)[0] if where is not None else cuda.rasterize_among(*splats, frozen.held)[0]
-        )
-        shown = image if background is None else image + background
-        return twin.photometric_loss(shown, target, lambda_dssim, gain)
+        image = cuda.among_or_all(*splats, frozen.held, everything=where is not None)
+        return twin.photometric_loss(image if background is None else image + background, target, lambda_dssim, gain)
     return cpu.LayeredLoss.apply(*splats, frozen.held, target, lambda_dssim, gain, background, where)  # pyright: ignore[reportReturnType]
 
 
