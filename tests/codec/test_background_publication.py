@@ -98,7 +98,7 @@ def test_at_the_end_it_is_given_up_after_some_tries_without_any_success(tmp_path
     with pytest.raises(StorageError, match="the line is cut") as caught:
         background.finish()
     assert background.failure is caught.value
-    assert LAST_TRIES <= folder.writes <= LAST_TRIES * 2  # of two files, some at the same time
+    assert LAST_TRIES <= folder.writes < 10_000  # before the end it tries as often as its thread gets to
 
 
 def test_a_line_that_is_cut_again_and_again_gets_there_as_long_as_something_arrives(tmp_path):
