@@ -52,7 +52,7 @@ def test_a_run_that_is_let_finish_has_points_of_every_group(
         assert [s for s in at if stage["begin"] - ROUNDED < s < end + ROUNDED]
     assert at == sorted(at)
     assert found["psnr_at"][-1][1] == pytest.approx(found["psnr"], abs=1)
-    assert found["seconds_a_frame"] == pytest.approx(found["seconds"] / FRAMES, abs=1e-3)
+    assert found["seconds_a_frame"] == pytest.approx(found["seconds"] / FRAMES, abs=ROUNDED / FRAMES)
 
 
 def test_a_run_whose_time_is_over_stops_and_says_how_far_it_came(
