@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import re
 from collections import Counter
-from functools import cached_property
 from pathlib import Path
 from typing import Protocol
 
@@ -39,10 +38,7 @@ class PlyFrames:
 
     def __init__(self, path: Path, files: list[Path]) -> None:
         self.path, self.files = path, files
-
-    @cached_property
-    def size(self) -> int:
-        return sum(file.stat().st_size for file in self.files)
+        self.size = sum(file.stat().st_size for file in files)
 
     def __len__(self) -> int:
         return len(self.files)
