@@ -31,6 +31,7 @@ from tests.capture import folders
 from tests.files import contents
 from tests.recon.captures import WallCapture
 from tests.recon.small import FEW
+from tests.sequence import films
 
 FRAMES = 4
 REACH = 3
@@ -258,13 +259,14 @@ def _difference(name: str, wanted: bytes | None, found: bytes | None) -> str:
 
 def commands(folder: Path) -> Iterator[Command]:
     """Each of what takes long, on a tiny capture. What needs a finished run has the first command's, left by `try_command`."""
-    capture, music = folder / "capture", folder / "music.wav"
+    capture, music, gaussians = folder / "capture", folder / "music.wav", folder / "gaussians"
     filming = os.fork()  # threads that draw would not be there in processes that are forked later, and be waited for
     if filming == 0:
         try:
             _film(capture, music)
+            films.write_film(gaussians, [films.frame(number) for number in range(FRAMES)])
         finally:
-            os._exit(not music.exists())
+            os._exit(not gaussians.exists())
     assert os.waitpid(filming, 0)[1] == 0
     sizes = [f"--set={name}={json.dumps(value)}" for name, value in FEW.items()]
     run = ["reconstruct", str(capture), f"--sound={music}", "--hold-out=cam01", *sizes]
@@ -276,6 +278,7 @@ def commands(folder: Path) -> Iterator[Command]:
     yield Command("chapters", lambda out: [*run, "--set=chapter_frames=3", f"--out={out}"], reel)
     made = folder / "sequence whole"
     yield Command("encode", lambda out: ["encode", str(made), f"--out={out / 'reel'}", "--rate=low"])
+    yield Command("import", lambda out: ["import", str(gaussians), f"--out={out / 'reel'}"])
     yield Command("publish", lambda out: ["publish", str(made), str(out / "public")])
     yield Command("evaluate", lambda out: ["evaluate", str(made / "reel"), str(capture), f"--out={out}"], _report)
     yield Command("film", lambda out: ["export", str(made / "reel"), f"--out={out / 'film.mp4'}"])
@@ -316,7 +319,8 @@ def run(kills: dict[str, int], seed: int) -> list[Found]:
     import splatreel.evaluation.evaluate
     import splatreel.play.film
     import splatreel.play.presentation_writer
-    import splatreel.recon.pipeline  # noqa: F401
+    import splatreel.recon.pipeline
+    import splatreel.sequence.reel  # noqa: F401
 
     with tempfile.TemporaryDirectory() as place:
         results = []
@@ -334,7 +338,7 @@ def run(kills: dict[str, int], seed: int) -> list[Found]:
         return results
 
 
-NAMES = ("sequence", "chapters", "encode", "publish", "evaluate", "film", "page", "frames")
+NAMES = ("sequence", "chapters", "encode", "import", "publish", "evaluate", "film", "page", "frames")
 
 if __name__ == "__main__":
     asked = dict(text.split("=") for text in sys.argv[1:])

@@ -21,7 +21,7 @@ RUNGS = {
     **dict.fromkeys(("codec", "kernels", "capture"), 3),
     "motion": 4,
     **dict.fromkeys(("recon", "play"), 5),
-    "evaluation": 6,
+    **dict.fromkeys(("evaluation", "sequence"), 6),
     "cli": 7,
     "__main__": 8,
 }

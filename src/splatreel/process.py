@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ctypes
+import functools
 import os
 import sys
 
@@ -21,11 +22,26 @@ def keep_freed_memory() -> None:
 
     Given back to the kernel, their pages are faulted in again on one core: a twentieth of an iteration.
     """
-    libc = ctypes.CDLL(None) if os.name == "posix" else None
-    if hasattr(libc, "mallopt"):  # not in musl, nor on macOS
-        trim_threshold, mmap_threshold = -1, -3
+    trim_threshold, mmap_threshold = -1, -3
+    if libc := _glibc():
         libc.mallopt(trim_threshold, 1 << 30)
         libc.mallopt(mmap_threshold, 1 << 25)
+
+
+def give_back_freed_memory() -> None:
+    """Give all freed buffers back to the kernel; for between stages, which need others.
+
+    Kept, they would lie scattered between what lives on, too small for the next ones, and a process would grow from stage to stage.
+    """
+    if libc := _glibc():
+        libc.malloc_trim(0)
+
+
+@functools.cache
+def _glibc() -> ctypes.CDLL | None:
+    """None on musl, macOS and Windows, whose memory is another matter."""
+    libc = ctypes.CDLL(None) if os.name == "posix" else None
+    return libc if hasattr(libc, "mallopt") and hasattr(libc, "malloc_trim") else None
 
 
 def peak_memory_bytes() -> int | None:

@@ -17,6 +17,7 @@ from splatreel.cli.encode import encode
 from splatreel.cli.evaluate import evaluate
 from splatreel.cli.export import export
 from splatreel.cli.failure import explain, termination
+from splatreel.cli.import_frames import import_frames
 from splatreel.cli.info import info
 from splatreel.cli.publish import publish
 from splatreel.cli.reconstruct import reconstruct
@@ -37,7 +38,10 @@ def build() -> SubcommandApp:
     app = SubcommandApp()
     app.command(demo)
     app.command(capture, name="capture")
-    for verb in (reconstruct, config, encode, edit, info, verify, serve, view, publish, export, evaluate):
+    for verb in (reconstruct, config, encode):
+        app.command(verb)
+    app.command(name="import")(import_frames)
+    for verb in (edit, info, verify, serve, view, publish, export, evaluate):
         app.command(verb)
     app.command(bench.build(), name="bench")
     return app

@@ -1,5 +1,7 @@
 """Numbers that are not finite, put into training on purpose."""
 
+import gc
+import weakref
 from collections.abc import Callable
 from functools import partial
 
@@ -151,20 +153,43 @@ def test_training_that_stays_infinite_is_given_up(monkeypatch: pytest.MonkeyPatc
     assert len(notes.notes) == ATTEMPTS
 
 
+class Value:
+    """What is trained: one number. kept: its copies."""
+
+    def __init__(self) -> None:
+        self.value, self.kept = 1.0, list[float]()
+
+    def check(self) -> None:
+        splat.check_finite(value=torch.tensor(self.value))
+
+    def snapshot(self) -> Callable[[], None]:
+        self.kept.append(self.value)
+        return self.restore
+
+    def restore(self) -> None:
+        self.value = self.kept[-1]
+
+
 def test_a_state_is_kept_only_if_it_is_finite() -> None:
-    value, kept = [1.0], []
-
-    def check() -> None:
-        splat.check_finite(value=torch.tensor(value))
-
-    def snapshot() -> Callable[[], None]:
-        kept.append(list(value))
-        return lambda: value.__setitem__(0, kept[-1][0])
-
-    state, notes = Recovery(snapshot, check), Notes()
-    state.keep(0)
-    value[0] = np.inf
+    training, state, notes = Value(), Recovery(), Notes()
+    state.keep(0, training)
+    training.value = np.inf
     with pytest.raises(splat.GaussiansError) as found:
-        state.passed(recovery.KEEP_EVERY, torch.tensor(0.1))
+        state.passed(recovery.KEEP_EVERY, torch.tensor(0.1), training)
     assert state.go_back(recovery.KEEP_EVERY, found.value, notes) == 0
-    assert (value, kept) == ([1.0], [[1.0]])
+    assert (training.value, training.kept) == (1.0, [1.0])
+
+
+def test_what_was_trained_is_freed_as_soon_as_nobody_needs_it() -> None:
+    """The frames of a group are gigabytes: they must not wait for the garbage collector."""
+    keyframe = KeyframeTrainer(keyframes.rough_start(), keyframes.gains(), keyframes.CONFIG, max_points=3000)
+    group = groups.trainer(groups.frames(), groups.config(iterations=2))
+    gc.disable()
+    try:
+        keyframe.train(keyframes.pictures(), 5, 5, Silent())
+        group.train(Silent())
+        left = [weakref.ref(keyframe), weakref.ref(group)]
+        del keyframe, group
+        assert [each() for each in left] == [None, None]
+    finally:
+        gc.enable()

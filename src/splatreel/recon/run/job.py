@@ -10,6 +10,7 @@ from dataclasses import dataclass, field
 import torch
 
 from splatreel.config import Config
+from splatreel.process import give_back_freed_memory
 from splatreel.progress import Progress, Span
 from splatreel.recon.coverage.trial import Trial
 from splatreel.recon.run.plan import Plan
@@ -49,9 +50,10 @@ class Job:
 
     @contextmanager
     def timed(self, stage: str) -> Iterator[None]:
-        """Count the seconds that are spent inside towards a stage."""
+        """Count the seconds that are spent inside towards a stage. What it needed no longer is given back."""
         start = time.monotonic()
         yield
+        give_back_freed_memory()
         self.seconds[stage] = round(self.seconds.get(stage, 0.0) + time.monotonic() - start, 3)
         self.store.save_seconds(self.seconds, self.part)
 

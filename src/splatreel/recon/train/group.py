@@ -68,20 +68,21 @@ class GroupTrainer:
         movable = torch.from_numpy(static.alive if may_move is None else may_move).to(device)
         self.density = GroupDensity(self.points, self.static, movable, config, self.iterations, self.rng)
         self.find_neighbors()
-        self.recovery = Recovery(self.snapshot, self.points.check)
+        self.recovery = Recovery()
 
     def train(self, progress: Progress) -> GroupResult:
         if len(self.points) == 0:
             progress.note("nothing moves in this group: it has no points of its own")
             return self.result()
         done = 0
-        self.recovery.keep(done)
+        self.recovery.keep(done, self)
         while done < self.iterations:
             try:
                 self._iterate(done, progress)
                 done += 1
             except GaussiansError as error:
                 done = self.recovery.go_back(done + 1, error, progress)
+        self.recovery.drop()
         progress.note(f"the pictures that this group was trained on come out with {self.psnr():.1f} dB")
         return self.result()
 
@@ -90,7 +91,7 @@ class GroupTrainer:
         while self.coming and iteration >= self.coming[0][0]:
             self._use(self.coming.pop(0)[1])
         loss, done = self.step(iteration), iteration + 1
-        self.recovery.passed(done, loss)
+        self.recovery.passed(done, loss, self)
         if self.density.update(done, self.pictures):
             self.find_neighbors()
         if self._shows(iteration) or done == self.iterations:
@@ -110,6 +111,10 @@ class GroupTrainer:
             self.find_neighbors()
 
         return restore
+
+    def check(self) -> None:
+        """Raises `GaussiansError` if a value is NaN or infinite."""
+        self.points.check()
 
     def step(self, iteration: int) -> Tensor:
         """One iteration: draw what one camera saw of one frame, compare, follow the gradients. Returns its photometric loss []."""

@@ -90,7 +90,7 @@ class KeyframeTrainer:
         self.density = KeyframeDensity(points, config, max_points, seed)
         self.rng = np.random.default_rng(seed)
         self.done = 0
-        self.recovery = Recovery(self.snapshot, self.check)
+        self.recovery = Recovery()
 
     def train(self, pictures: Pictures, iterations: int, total: int, progress: Progress) -> None:
         """Run `iterations` of `total` on pictures of one resolution; call again with others to go on."""
@@ -98,14 +98,14 @@ class KeyframeTrainer:
         average = Average(self.config.average_share, total)
         self.density.restart(pictures)
         end, cameras = self.done + iterations, list[int]()
-        self.recovery.keep(self.done)
+        self.recovery.keep(self.done, self)
         while self.done < end:
             cameras = cameras or self.rng.permutation(len(pictures.views)).tolist()
             camera = cameras.pop()
             try:
                 loss, drawing = self.step(pictures, camera, static, self.done / total)
                 self.done += 1
-                self.recovery.passed(self.done, loss)
+                self.recovery.passed(self.done, loss, self)
                 share, averaged = self.done / total, average.runs(self.done)
                 self._anneal(share)
                 self.density.update(self.done, share, drawing, pictures.views[camera], pictures, averaged)
@@ -119,6 +119,7 @@ class KeyframeTrainer:
                 self._anneal(self.done / total)
                 self.density.restart(pictures)
                 average = Average(self.config.average_share, total)
+        self.recovery.drop()
         average.settle(self.points.params.values())
         self.density.prune(pictures.unit, self.done / total)
 

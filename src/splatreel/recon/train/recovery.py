@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from typing import Protocol
 
 from torch import Tensor
 
@@ -19,25 +19,40 @@ ATTEMPTS = 4
 """How often training goes back before it gives up."""
 
 
+class Training(Protocol):
+    """What has a state to go back to."""
+
+    def snapshot(self) -> Restore:
+        """Copies what training changes."""
+        ...
+
+    def check(self) -> None:
+        """Raises `GaussiansError` if a value is NaN or infinite."""
+        ...
+
+
 class Recovery:
     """Keeps the last good state of a training. pace: what its learning rates are to be multiplied by.
 
     One failure may be chance, and once training is past it, it goes at its usual pace. After a second it stays slow.
-
-    snapshot: copies what training changes. check: raises `GaussiansError` if a value is NaN or infinite.
     """
 
-    def __init__(self, snapshot: Callable[[], Restore], check: Callable[[], None]) -> None:
+    def __init__(self) -> None:
         self.pace = 1.0
-        self._snapshot, self._check = snapshot, check
         self._attempts, self._failed = 0, 0
+        self._done = 0
+        self._restore: Restore | None = None
 
-    def keep(self, done: int) -> None:
+    def keep(self, done: int, training: Training) -> None:
         """Keep the state after so many iterations."""
-        self._check()
-        self._done, self._restore = done, self._snapshot()
+        training.check()
+        self._done, self._restore = done, training.snapshot()
 
-    def passed(self, done: int, loss: Tensor) -> None:
+    def drop(self) -> None:
+        """Keep no state any longer. It refers to the training, and that to this: both would stay in memory for who knows how long."""
+        self._restore = None
+
+    def passed(self, done: int, loss: Tensor, training: Training) -> None:
         """After an iteration: keep the state where it is time for it. Raises `GaussiansError` if numbers are not finite.
 
         On a GPU only states that are kept are looked at, as to look is to wait for it.
@@ -46,7 +61,7 @@ class Recovery:
         if (due or not loss.is_cuda) and not math.isfinite(loss.item()):
             raise GaussiansError(f"the training error is {loss.item()}")
         if due:
-            self.keep(done)
+            self.keep(done, training)
             if self._attempts == 1 and done > self._failed:
                 self.pace = 1.0
 
@@ -66,5 +81,6 @@ class Recovery:
             f"numbers were no longer finite at iteration {failed:,} ({str(error).rstrip('.')}): training goes on from iteration "
             f"{self._done:,}, at {self.pace:g} times its learning rates"
         )
-        self._restore()
+        if self._restore is not None:
+            self._restore()
         return self._done

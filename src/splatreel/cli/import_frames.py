@@ -1,0 +1,90 @@
+"""`splatreel import`."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from tyro.conf import Positional
+
+from splatreel.cli.output import playable, say
+from splatreel.config import COARSENESS, EncodeConfig, Rate
+from splatreel.errors import UsageError
+from splatreel.threads import use as use_threads
+
+UP = {"x": (1, 0, 0), "-x": (-1, 0, 0), "y": (0, 1, 0), "-y": (0, -1, 0), "z": (0, 0, 1), "-z": (0, 0, -1)}
+
+
+def import_frames(
+    frames: Positional[Path],
+    /,
+    out: Path,
+    fps: float = 30.0,
+    cameras: Path | None = None,
+    up: str | None = None,
+    rate: Rate = "high",
+    title: str | None = None,
+    antialiased: bool = False,
+    threads: int | None = None,
+) -> None:
+    """Make a reel of Gaussians that another program trained: numbered PLY files, or the params.npz of Dynamic 3D Gaussians.
+
+    What stays the same from frame to frame is stored once. That is recognized where all files hold the same points in the same
+    order, or at least the very same points where nothing moves. At the end the reel is compared with the files.
+
+    Args:
+        frames: Folder with a PLY file a frame (frame0000.ply, frame0001.ply, ...), or with params.npz.
+        out: Folder of the new reel.
+        fps: Frames a second.
+        cameras: What the film was made from: cameras.json as 3DGS writes it, or the capture. The reel then starts at one of them,
+            holds viewers near them, and spends its bytes on what they see; without it, on what a ring around everything sees.
+        up: Which way is up: x, -x, y, -y, z or -z; by default as the cameras stand, or -y without them.
+        rate: high loses hardly anything; medium and low are smaller.
+        title: What the player says the reel is.
+        antialiased: The points were trained to be drawn as Mip-Splatting does, blurred by 0.1 square pixels and fainter for it.
+        threads: How many threads to use; as many as there are cores by default.
+    """
+    if not 0 < fps <= 1000:
+        raise UsageError(f"--fps {fps:g}: give frames a second, more than 0 and at most 1000.")
+    if up is not None and up not in UP:
+        raise UsageError(f"--up {up}: choose {', '.join(UP)}.")
+    use_threads(threads)
+    import numpy as np
+
+    from splatreel.codec.writer import ReelWriter
+    from splatreel.play.presentation_writer import PresentationWriter
+    from splatreel.progress import console
+    from splatreel.recon.run.device import pick_device
+    from splatreel.recon.run.run_lock import hold
+    from splatreel.sequence.frames import open_frames
+    from splatreel.sequence.reel import header_of, write_reel
+    from splatreel.sequence.viewpoints import read_cameras
+
+    film = open_frames(frames)
+    views = None if cameras is None else read_cameras(cameras)
+    header, limits = header_of(film.read(0), views, None if up is None else np.array(UP[up], float), fps, antialiased)
+    words = {"title": title} if title else {}
+    _check_folder(out)
+    progress = console()
+    try:
+        with hold(out):
+            _check_folder(out)  # somebody else may have finished it by now
+            writer = ReelWriter(out, header, config=EncodeConfig(coarseness=COARSENESS[rate]))
+            found = write_reel(
+                film, writer, progress, pick_device("auto"), limits, PresentationWriter(words, {"title": frames.name})
+            )
+    finally:
+        progress.close()
+    size = sum(file.bytes for file in writer.manifest.files)
+    say(
+        f"{len(film)} frames in {size / 1e6:.2f} MB, {film.size / size:,.0f} times smaller than the {film.size / 1e6:,.0f} MB of "
+        f"{frames}. Pictures of the reel differ from those of the files by {found.psnr:.1f} dB PSNR (mean of {found.pictures})."
+    )
+    say(playable(out))
+
+
+def _check_folder(out: Path) -> None:
+    """A reel that somebody has made is not written over; one that is still live is what an interrupted `import` left."""
+    from splatreel.codec.reader import ReelReader
+
+    if (out / "manifest.json").is_file() and not ReelReader(out).manifest.live:
+        raise UsageError(f"--out {out}: holds a reel already. Choose another folder, or delete that reel.")

@@ -1,0 +1,1 @@
+"""Films of Gaussians that other programs made, one set a frame, turned into reels."""

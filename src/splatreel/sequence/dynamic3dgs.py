@@ -1,0 +1,59 @@
+"""The `params.npz` that Dynamic 3D Gaussians writes: the same points in every frame, as they move and turn."""
+
+from __future__ import annotations
+
+import zipfile
+from pathlib import Path
+
+import numpy as np
+
+from splatreel.errors import GaussiansError
+from splatreel.scene import rotations
+from splatreel.scene.gaussians import C0, Gaussians
+
+SHAPES = {
+    "means3D": ("T", "N", 3),
+    "rgb_colors": ("T", "N", 3),
+    "unnorm_rotations": ("T", "N", 4),
+    "logit_opacities": ("N", 1),
+    "log_scales": ("N", 3),
+}
+"""What is read of it; other entries say how it was trained."""
+
+
+class Dynamic3DGS:
+    """path: of the file. Colors are the same from everywhere. Raises `GaussiansError` where it is not such a file."""
+
+    def __init__(self, path: Path) -> None:
+        self.path, self.size = path, path.stat().st_size
+        try:
+            with np.load(path, allow_pickle=False) as archive:
+                if missing := [name for name in SHAPES if name not in archive]:
+                    raise GaussiansError(f"{path}: is not of Dynamic 3D Gaussians: it has no {missing[0]}.")
+                self._arrays = {name: archive[name].astype(np.float32) for name in SHAPES}
+        except (OSError, ValueError, EOFError, zipfile.BadZipFile) as error:
+            raise GaussiansError(f"{path}: cannot be read ({error}).") from error
+        self._check()
+
+    def __len__(self) -> int:
+        return len(self._arrays["means3D"])
+
+    def read(self, frame: int) -> Gaussians:
+        arrays = self._arrays
+        found = Gaussians(
+            means=arrays["means3D"][frame],
+            quats=rotations.normalize(arrays["unnorm_rotations"][frame]),
+            scales=np.exp(np.minimum(arrays["log_scales"], 80)),
+            opacities=1 / (1 + np.exp(-np.clip(arrays["logit_opacities"][:, 0], -80, 80))),
+            sh=((arrays["rgb_colors"][frame] - 0.5) / C0)[:, None],
+        )
+        found.check_finite(f"{self.path}, frame {frame}")
+        return found
+
+    def _check(self) -> None:
+        means = self._arrays["means3D"]
+        sizes = dict(zip("TN", means.shape, strict=False))
+        for name, shape in SHAPES.items():
+            wanted = tuple(sizes.get(size, -1) if isinstance(size, str) else size for size in shape)
+            if self._arrays[name].shape != wanted or not all(wanted):
+                raise GaussiansError(f"{self.path}: {name} has shape {self._arrays[name].shape}, expected {shape}.")

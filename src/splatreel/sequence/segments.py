@@ -1,0 +1,124 @@
+"""A stretch of a film as segments: points that keep their shape for some frames, and so can be stored once, with their motion."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from splatreel.scene.gaussians import Gaussians
+
+SCALE = 0.1
+"""By how much the logarithm of a scale may differ from that of a segment's first frame, and"""
+REST = 0.05
+"""a coefficient of the view-dependent color, of which a color is the sum."""
+RESTING_PLACE, RESTING_TURN, RESTING_COLOR = 0.03, 0.01, 0.004
+"""What counts as rest: of the point's mean scale; the sine of half the angle; of a color or an opacity, 0..1."""
+MANY = 1.5
+"""Segments for each point that a frame of a group has on average, at most: with more, shorter groups are smaller."""
+
+
+@dataclass(frozen=True)
+class Segments:
+    """S segments of T frames.
+
+    rows: [T, S] int64, the row of each segment's point in each frame, -1 where it has none; the frames of one are consecutive.
+    numbers: [S], which point each is (`Identities`). rests: [S] bool, whether it is there all the time and changes in no respect.
+    """
+
+    rows: np.ndarray
+    numbers: np.ndarray
+    rests: np.ndarray
+
+    @property
+    def first(self) -> np.ndarray:
+        """[S]: the first frame of each."""
+        return (self.rows >= 0).argmax(0)
+
+
+class SegmentBuilder:
+    """Takes the frames of a stretch one by one."""
+
+    def __init__(self) -> None:
+        self.frames: list[Gaussians] = []
+        self.opened: list[int] = []
+        self._rows: list[np.ndarray] = []
+        self._numbers = np.zeros(0, np.int64)
+        self._rested = np.zeros(0, np.int64)
+        self._reference: Gaussians | None = None
+
+    def add(self, points: Gaussians, numbers: np.ndarray) -> None:
+        """numbers: [N], which point each is."""
+        segment = np.full(len(points), -1)
+        if self._reference is not None:
+            last = self._rows[-1]
+            going = np.flatnonzero(last >= 0)
+            _, mine, theirs = np.intersect1d(numbers, self._numbers[going], assume_unique=True, return_indices=True)
+            some = going[theirs]
+            fits = _keeps_shape(self._reference[some], points[mine])
+            mine, some = mine[fits], some[fits]
+            segment[mine] = some
+            still = rests(self._reference[some], points[mine]) & (self._rested[some] == len(self.frames))
+            self._rested[some] += still
+        new = np.flatnonzero(segment < 0)
+        begin = len(self._numbers)
+        segment[new] = np.arange(begin, begin + len(new))
+        self._numbers = np.concatenate([self._numbers, numbers[new]])
+        # What begins later never rests for the whole stretch.
+        self._rested = np.concatenate([self._rested, np.full(len(new), 0 if self.frames else 1)])
+        born = points[new]
+        self._reference = born if self._reference is None else Gaussians.concatenate([self._reference, born])
+        rows = np.full(len(self._numbers), -1)
+        rows[segment] = np.arange(len(points))
+        self._rows.append(rows)
+        self.frames.append(points)
+        self.opened.append(len(self._numbers))
+
+    def cut(self, most: int) -> int:
+        """How many of the frames, at most so many, make a group: halved until it has few segments for its points."""
+        length = min(most, len(self.frames))
+        while length > 1:
+            points = np.mean([len(frame) for frame in self.frames[:length]])
+            if self.opened[length - 1] <= MANY * points:
+                return length
+            length = (length + 1) // 2
+        return 1
+
+    def first(self, length: int) -> Segments:
+        """The segments of the first frames."""
+        count = self.opened[length - 1]
+        rows = np.full((length, count), -1)
+        for frame, some in enumerate(self._rows[:length]):
+            rows[frame, : min(len(some), count)] = some[:count]
+        rests = (self._rested[:count] >= length) & (length > 1)
+        return Segments(rows, self._numbers[:count], rests)
+
+
+def stretch(frames: Sequence[tuple[Gaussians, np.ndarray]]) -> SegmentBuilder:
+    """A builder that has taken frames, each with the numbers of its points."""
+    builder = SegmentBuilder()
+    for points, numbers in frames:
+        builder.add(points, numbers)
+    return builder
+
+
+def _keeps_shape(reference: Gaussians, points: Gaussians) -> np.ndarray:
+    """[N] bool: what a group stores once is the same, as far as one sees."""
+    scales = np.abs(_log(points.scales) - _log(reference.scales)).max(1) <= SCALE
+    rest = np.abs(points.sh[:, 1:] - reference.sh[:, 1:]).max((1, 2), initial=0.0)
+    return scales & (rest <= REST)
+
+
+def rests(reference: Gaussians, points: Gaussians) -> np.ndarray:
+    """[N] bool: neither moves, turns, nor changes its color or opacity, as far as one sees."""
+    size = np.exp(_log(reference.scales).mean(1))
+    place = np.linalg.norm(points.means - reference.means, axis=1) <= RESTING_PLACE * size
+    cosine = np.abs((points.quats * reference.quats).sum(1))
+    turn = 1 - np.minimum(cosine, 1) ** 2 <= RESTING_TURN**2
+    color = np.abs(points.sh[:, 0] - reference.sh[:, 0]).max(1, initial=0.0) <= RESTING_COLOR
+    return place & turn & color & (np.abs(points.opacities - reference.opacities) <= RESTING_COLOR)
+
+
+def _log(scales: np.ndarray) -> np.ndarray:
+    return np.log(np.maximum(scales, 1e-12))

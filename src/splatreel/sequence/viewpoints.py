@@ -1,0 +1,88 @@
+"""From where a film of Gaussians is looked at: the cameras that it was made from, or a ring around it."""
+
+from __future__ import annotations
+
+import json
+import math
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from splatreel.capture.opening import open_capture
+from splatreel.errors import CaptureError
+from splatreel.scene.camera import Camera
+from splatreel.scene.gaussians import Gaussians
+
+RING, WIDTH, HEIGHT = 12, 960, 540
+"""Cameras of a ring, and the pixels of each."""
+FIELD_OF_VIEW, ABOVE = 50.0, 15.0
+"""Degrees: what such a camera sees from side to side, and how far it looks down."""
+SHOWS = 0.1
+"""Opacity from which on a point tells where the scene is."""
+
+
+def read_cameras(path: str | Path) -> list[Camera]:
+    """The cameras of a `cameras.json` as 3DGS writes it, of a folder with one, or of a capture that `reconstruct` takes.
+
+    Raises `CaptureError` naming the file and what is wrong in it.
+    """
+    place = Path(path)
+    file = place / "cameras.json" if place.is_dir() else place
+    if not file.is_file():
+        capture = open_capture(place)
+        capture.close()
+        return capture.cameras
+    try:
+        document = json.loads(file.read_bytes())
+        cameras = [_camera(entry, index) for index, entry in enumerate(document)]
+    except (OSError, ValueError, TypeError, KeyError) as error:
+        raise CaptureError(
+            f"{file}: is not a cameras.json as 3DGS writes it ({type(error).__name__}: {error})."
+        ) from error
+    if not cameras:
+        raise CaptureError(f"{file}: holds no camera.")
+    return cameras
+
+
+def _camera(entry: dict[str, Any], index: int) -> Camera:
+    """position: the center; rotation: [3, 3], camera to world; fx, fy: pixels; the principal point is the middle."""
+    width, height = int(entry["width"]), int(entry["height"])
+    turn = np.array(entry["rotation"], np.float64).reshape(3, 3).T
+    viewmat = np.eye(4)
+    viewmat[:3, :3], viewmat[:3, 3] = turn, -turn @ np.array(entry["position"], np.float64).reshape(3)
+    K = np.array([[entry["fx"], 0, width / 2], [0, entry["fy"], height / 2], [0, 0, 1]], np.float64)
+    if min(width, height) < 1 or min(K[0, 0], K[1, 1]) <= 0:
+        raise ValueError(f"camera {index} has no size, or no focal length")
+    return Camera(str(entry.get("img_name", index)), viewmat, K, width, height)
+
+
+def ring(points: Gaussians, up: np.ndarray) -> list[Camera]:
+    """Cameras all around where the points are, which look at their middle from a little above. up: [3], unit.
+
+    The first one looks along the world's z axis, or its x axis if that is up.
+    """
+    shown = points.means[points.opacities >= SHOWS] if (points.opacities >= SHOWS).any() else points.means
+    middle = np.median(shown, axis=0).astype(np.float64)
+    radius = max(float(np.quantile(np.linalg.norm(shown - middle, axis=1), 0.9)), 1e-6)
+    distance = radius / math.sin(math.radians(FIELD_OF_VIEW / 2) * HEIGHT / WIDTH)
+    axis = np.array([0.0, 0.0, 1.0]) if abs(up[2]) < 0.9 else np.array([1.0, 0.0, 0.0])
+    ahead = axis - (axis @ up) * up
+    ahead /= np.linalg.norm(ahead)
+    aside = np.cross(ahead, up)
+    cameras = []
+    for k in range(RING):
+        turn, down = 2 * math.pi * k / RING, math.radians(ABOVE)
+        level = math.cos(turn) * ahead + math.sin(turn) * aside
+        cameras.append(_looking(f"view{k:02}", middle, math.cos(down) * level - math.sin(down) * up, up, distance))
+    return cameras
+
+
+def _looking(name: str, at: np.ndarray, forward: np.ndarray, up: np.ndarray, distance: float) -> Camera:
+    right = np.cross(forward, up)
+    right /= np.linalg.norm(right)
+    turn = np.stack([right, np.cross(forward, right), forward])
+    viewmat = np.eye(4)
+    viewmat[:3, :3], viewmat[:3, 3] = turn, -turn @ (at - distance * forward)
+    focal = WIDTH / 2 / math.tan(math.radians(FIELD_OF_VIEW / 2))
+    return Camera(name, viewmat, np.array([[focal, 0, WIDTH / 2], [0, focal, HEIGHT / 2], [0, 0, 1]]), WIDTH, HEIGHT)

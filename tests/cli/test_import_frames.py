@@ -1,0 +1,87 @@
+"""`splatreel import`: what it says, and that no reel is written over."""
+
+import json
+import re
+from pathlib import Path
+
+import pytest
+
+from splatreel.cli.main import main
+from splatreel.codec.reader import ReelReader
+from splatreel.codec.verify import verify_reel
+from splatreel.errors import ReelError
+from splatreel.sequence.reel import SequenceEncoder
+from tests.sequence.films import BALL, WALL, cameras, frame, write_film
+from tests.sequence.test_viewpoints import entry
+
+
+@pytest.fixture
+def film(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> str:
+    monkeypatch.chdir(tmp_path)
+    write_film(tmp_path / "film", [frame(number) for number in range(4)])
+    return "film"
+
+
+def test_a_reel_is_made_and_compared_with_the_files(film: str, capsys: pytest.CaptureFixture[str]) -> None:
+    file = Path("cameras.json")
+    file.write_text(json.dumps([entry(camera, index) for index, camera in enumerate(cameras())]))
+    assert main(["import", film, "--out", "reel", "--cameras", str(file), "--fps", "25", "--title", "A ball"]) == 0
+    manifest = ReelReader("reel").manifest
+    assert (manifest.fps, manifest.frames, len(manifest.cameras)) == (25, 4, 5)
+    assert (manifest.layers[0].points, manifest.groups[0].points) == (WALL, BALL)
+    assert (manifest.presentation.title, manifest.presentation.poster is not None) == ("A ball", True)
+    assert verify_reel("reel").strangers == []
+    said = capsys.readouterr().out
+    size = sum(entry.bytes for entry in manifest.files)
+    assert f"4 frames in {size / 1e6:.2f} MB" in said
+    found = re.search(r"by ([0-9.]+) dB PSNR \(mean of 4\)", said)
+    assert found is not None
+    assert float(found[1]) > 40
+    assert "splatreel serve reel" in said
+
+
+def test_lower_rates_are_smaller_and_farther_from_the_files(film: str, capsys: pytest.CaptureFixture[str]) -> None:
+    found = []
+    for rate in ("high", "medium", "low"):
+        assert main(["import", film, "--out", rate, "--rate", rate]) == 0
+        size = sum(entry.bytes for entry in ReelReader(rate).manifest.files)
+        decibels = re.search(r"by ([0-9.]+) dB", capsys.readouterr().out)
+        assert decibels is not None
+        found.append((size, float(decibels[1])))
+    assert found == sorted(found, reverse=True)
+    assert ReelReader("high").manifest.presentation.title == "film"
+
+
+def test_a_reel_is_not_written_over_and_what_was_cut_off_is_made_anew(
+    film: str, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def cut_off(self: SequenceEncoder, *_: object) -> None:
+        raise ReelError("The line is cut.")
+
+    with monkeypatch.context() as patched:
+        patched.setattr(SequenceEncoder, "write", cut_off)
+        assert main(["import", film, "--out", "reel"]) == 1
+    assert main(["import", film, "--out", "reel"]) == 0
+    before = Path("reel/manifest.json").read_bytes()
+    assert main(["import", film, "--out", "reel"]) == 2
+    assert "reel: holds a reel already" in capsys.readouterr().err
+    assert Path("reel/manifest.json").read_bytes() == before
+
+
+@pytest.mark.parametrize(
+    ("arguments", "said"),
+    [
+        (["film", "--fps", "0"], "--fps 0"),
+        (["film", "--fps", "nan"], "--fps nan"),
+        (["film", "--up", "w"], "--up w"),
+        (["missing"], "missing: is not a folder"),
+        (["film", "--cameras", "missing"], "missing"),
+        (["film", "--cameras", "film"], "film: holds none of these"),
+    ],
+)
+def test_what_cannot_be_done_is_told_and_leaves_nothing(
+    film: str, arguments: list[str], said: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(["import", *arguments, "--out", "reel"]) != 0
+    assert said in capsys.readouterr().err
+    assert not Path("reel").exists()

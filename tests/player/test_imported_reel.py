@@ -1,0 +1,51 @@
+"""The player shows reels of imported films, in a real Chromium, as Python does: no fades, points that come and go."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+import torch
+
+pytest.importorskip("playwright.sync_api", reason="the browser tests need the playwright package")
+from playwright.sync_api import Page
+
+from splatreel.codec.writer import ReelWriter
+from splatreel.config import EncodeConfig
+from splatreel.play.server import serve
+from splatreel.play.timeline import open_reel
+from splatreel.progress import Silent
+from splatreel.scene.gaussians import Gaussians
+from splatreel.sequence.frames import open_frames
+from splatreel.sequence.reel import header_of, write_reel
+from tests.player.pages import open_player
+from tests.player.test_browser import picture, psnr
+from tests.sequence.films import WALL, cameras, frame, write_film
+
+pytestmark = pytest.mark.browser
+
+FPS = 10
+
+
+def exchanged(number: int) -> Gaussians:
+    """The film's frame with its rows shuffled, so that all that moves is new."""
+    points = frame(number)
+    return points[np.random.default_rng(number).permutation(len(points))[number:]]
+
+
+def test_pictures_match_the_python_render(page: Page, tmp_path: Path) -> None:
+    film = open_frames(write_film(tmp_path / "film", [*map(frame, range(4)), *map(exchanged, range(4, 9))]))
+    header, limits = header_of(film.read(0), cameras(), None, FPS)
+    writer = ReelWriter(tmp_path / "reel", header, config=EncodeConfig(coarseness=0.3))
+    write_reel(film, writer, Silent(), torch.device("cpu"), limits)
+    reel = open_reel(tmp_path / "reel")
+    groups = reel.manifest.groups
+    assert reel.manifest.overlap == 0
+    assert len(groups) >= 2
+    assert any(group.points > len(film.read(8)) - WALL for group in groups), "some have points that come and go"
+    camera = reel.manifest.camera
+    with serve(tmp_path / "reel", port=0) as server:
+        open_player(page, server, "?autoplay=0&loop=0")
+        for seconds in (0, 0.15, *((group.first_frame + 0.5) / FPS for group in groups), 0.8):
+            want = np.clip(reel.render(reel.at(seconds), camera), 0, 1)
+            assert want.std() > 0.05
+            assert psnr(picture(page, seconds, camera), want) >= 45, seconds

@@ -1,0 +1,67 @@
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from splatreel.errors import GaussiansError
+from splatreel.scene.gaussians import C0
+from splatreel.sequence.frames import open_frames
+
+
+def arrays(frames: int = 3, count: int = 5) -> dict[str, Any]:
+    rng = np.random.default_rng(0)
+    return {
+        "means3D": rng.normal(size=(frames, count, 3)),
+        "rgb_colors": rng.uniform(size=(frames, count, 3)),
+        "unnorm_rotations": 3 * rng.normal(size=(frames, count, 4)),
+        "logit_opacities": rng.normal(size=(count, 1)),
+        "log_scales": rng.normal(size=(count, 3)),
+        "seg_colors": rng.uniform(size=(count, 3)),
+    }
+
+
+def test_its_points_are_those_that_are_drawn(tmp_path: Path) -> None:
+    held = arrays()
+    np.savez(tmp_path / "params.npz", **held)
+    frames = open_frames(tmp_path)
+    points = frames.read(1)
+    assert len(frames) == 3
+    assert frames.size == (tmp_path / "params.npz").stat().st_size
+    np.testing.assert_allclose(points.means, held["means3D"][1], rtol=1e-6)
+    np.testing.assert_allclose(0.5 + C0 * points.sh[:, 0], held["rgb_colors"][1], atol=1e-6)
+    np.testing.assert_allclose(np.linalg.norm(points.quats, axis=1), 1, rtol=1e-5)
+    np.testing.assert_allclose(np.log(points.scales), held["log_scales"], rtol=1e-5, atol=1e-6)
+    np.testing.assert_allclose(1 / points.opacities - 1, np.exp(-held["logit_opacities"][:, 0]), rtol=1e-4)
+
+
+@pytest.mark.parametrize(
+    ("changes", "said"),
+    [
+        ({"log_scales": None}, "has no log_scales"),
+        ({"log_scales": np.zeros((4, 3))}, "log_scales has shape"),
+        ({"means3D": np.zeros((3, 5))}, "means3D has shape"),
+        ({"means3D": np.zeros((0, 5, 3))}, "has shape"),
+    ],
+)
+def test_what_is_not_its_file_is_refused(tmp_path: Path, changes: dict[str, Any], said: str) -> None:
+    held = {name: value for name, value in (arrays() | changes).items() if value is not None}
+    np.savez(tmp_path / "params.npz", **held)
+    with pytest.raises(GaussiansError, match=said):
+        open_frames(tmp_path / "params.npz")
+
+
+def test_a_damaged_file_is_refused(tmp_path: Path) -> None:
+    (tmp_path / "params.npz").write_bytes(b"PK\x03\x04 and nothing more")
+    with pytest.raises(GaussiansError, match="cannot be read"):
+        open_frames(tmp_path)
+
+
+def test_a_frame_that_is_not_finite_is_named(tmp_path: Path) -> None:
+    held = arrays()
+    held["means3D"][2, 1] = np.nan
+    np.savez(tmp_path / "params.npz", **held)
+    frames = open_frames(tmp_path)
+    frames.read(1)
+    with pytest.raises(GaussiansError, match="frame 2: means"):
+        frames.read(2)

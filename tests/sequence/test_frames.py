@@ -1,0 +1,69 @@
+import re
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from splatreel.errors import GaussiansError
+from splatreel.scene.ply import write_ply
+from splatreel.sequence.frames import open_frames
+from tests.sequence.films import frame, scene, write_film
+
+
+def test_frames_come_in_the_order_of_their_numbers(tmp_path: Path) -> None:
+    for number in (10, 9, 100):
+        write_ply(tmp_path / f"time_{number}.ply", frame(number))
+    frames = open_frames(tmp_path)
+    assert len(frames) == 3
+    assert frames.size == sum(file.stat().st_size for file in tmp_path.iterdir())
+    for place, number in enumerate((9, 10, 100)):
+        np.testing.assert_allclose(frames.read(place).means, frame(number).means, atol=1e-6)
+
+
+def test_a_folder_a_frame_has_one_file_or_the_newest_iteration(tmp_path: Path) -> None:
+    for number in range(3):
+        for iteration in (150, 1000):
+            folder = tmp_path / f"frame{number:06}" / "point_cloud" / f"iteration_{iteration}"
+            folder.mkdir(parents=True)
+            write_ply(folder / "point_cloud.ply", frame(number + iteration))
+    frames = open_frames(tmp_path)
+    assert len(frames) == 3
+    np.testing.assert_allclose(frames.read(2).means, frame(1002).means, atol=1e-5)
+
+
+def test_one_file_needs_no_number(tmp_path: Path) -> None:
+    write_ply(tmp_path / "point_cloud.ply", scene())
+    assert len(open_frames(tmp_path)) == 1
+
+
+@pytest.mark.parametrize(
+    ("names", "said"),
+    [
+        ([], "holds none of these"),
+        (["a1.ply", "other.ply"], "other.ply has no number at its end"),
+        (["a1.ply", "a2.ply", "b3.ply"], "files called aN and files called bN"),
+        (["a1.ply", "a01.ply"], "frame 1 twice"),
+        (["f1/x.ply", "f1/y.ply"], "holds 2 PLY files"),
+        (["f1/x.txt"], "holds 0 PLY files"),
+    ],
+)
+def test_files_whose_order_cannot_be_told_are_refused(tmp_path: Path, names: list[str], said: str) -> None:
+    for name in names:
+        (tmp_path / name).parent.mkdir(exist_ok=True)
+        (tmp_path / name).write_bytes(b"")
+    with pytest.raises(GaussiansError, match=re.escape(said)) as caught:
+        open_frames(tmp_path)
+    assert str(tmp_path) in str(caught.value)
+
+
+def test_a_frame_that_is_damaged_is_named(tmp_path: Path) -> None:
+    folder = write_film(tmp_path, [frame(0), frame(1)])
+    file = folder / "frame0001.ply"
+    file.write_bytes(file.read_bytes()[:-10])
+    with pytest.raises(GaussiansError, match=r"frame0001\.ply: ends after"):
+        open_frames(folder).read(1)
+
+
+def test_what_is_no_folder_is_told(tmp_path: Path) -> None:
+    with pytest.raises(GaussiansError, match="is not a folder"):
+        open_frames(tmp_path / "missing")

@@ -1,0 +1,84 @@
+from pathlib import Path
+
+import numpy as np
+import pytest
+import torch
+
+from splatreel.codec.verify import verify_reel
+from splatreel.codec.writer import ReelWriter
+from splatreel.config import COARSENESS, EncodeConfig
+from splatreel.errors import GaussiansError
+from splatreel.play.timeline import open_reel
+from splatreel.progress import Silent
+from splatreel.scene.gaussians import Gaussians
+from splatreel.sequence import reel as module
+from splatreel.sequence.frames import open_frames
+from splatreel.sequence.reel import Comparison, header_of, write_reel
+from tests.sequence.films import BALL, WALL, cameras, frame, scene, write_film
+
+CPU = torch.device("cpu")
+
+
+def imported(folder: Path, reel: Path, frames: list[Gaussians]) -> Comparison:
+    film = open_frames(write_film(folder, frames))
+    header, limits = header_of(film.read(0), cameras(), None, 25)
+    writer = ReelWriter(reel, header, config=EncodeConfig(coarseness=COARSENESS["high"]))
+    return write_reel(film, writer, Silent(), CPU, limits)
+
+
+def test_a_film_of_the_same_points_becomes_a_layer_and_groups(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(module, "LENGTH", 6)
+    found = imported(tmp_path / "film", tmp_path / "reel", [frame(number) for number in range(16)])
+    timeline = open_reel(tmp_path / "reel")
+    manifest = timeline.manifest
+    assert verify_reel(tmp_path / "reel").groups == 3
+    assert not manifest.live
+    assert (manifest.frames, manifest.fps, len(manifest.layers)) == (16, 25, 1)
+    assert [group.points for group in manifest.groups] == 3 * [BALL]
+    assert manifest.layers[0].points == WALL
+    assert manifest.presentation.limits is not None
+    assert found.psnr > 40
+    for number in (0, 7, 15):
+        shown = np.sort(timeline.at(number / 25).means, axis=0)
+        np.testing.assert_allclose(shown, np.sort(frame(number).means, axis=0), atol=0.02)
+
+
+def test_a_film_of_other_points_in_each_frame_is_shown_frame_by_frame(tmp_path: Path) -> None:
+    frames = [scene(seed)[: 440 + seed] for seed in range(3)]
+    found = imported(tmp_path / "film", tmp_path / "reel", frames)
+    manifest = open_reel(tmp_path / "reel").manifest
+    assert [(group.points, group.frames) for group in manifest.groups] == [(440, 1), (441, 1), (442, 1)]
+    assert not manifest.layers
+    assert found == Comparison(found.psnr, 3)
+    assert found.psnr > 40
+
+
+def test_of_a_film_with_other_rows_in_each_frame_what_rests_is_stored_once(tmp_path: Path) -> None:
+    rng = np.random.default_rng(0)
+    frames = [frame(number)[rng.permutation(WALL + BALL)[: WALL + BALL - number]] for number in range(4)]
+    imported(tmp_path / "film", tmp_path / "reel", frames)
+    manifest = open_reel(tmp_path / "reel").manifest
+    assert sum(layer.points for layer in manifest.layers) > 0.9 * WALL
+
+
+def test_frames_that_do_not_fit_are_named(tmp_path: Path) -> None:
+    flat = scene()
+    with pytest.raises(GaussiansError, match="frame 1 has view-dependent color of degree 0"):
+        imported(
+            tmp_path / "a",
+            tmp_path / "x",
+            [flat, Gaussians(*(getattr(flat, n) for n in ("means", "quats", "scales", "opacities")), flat.sh[:, :1])],
+        )
+    with pytest.raises(GaussiansError, match="frame 1 holds no point"):
+        imported(tmp_path / "b", tmp_path / "y", [flat, flat[:0]])
+
+
+def test_without_cameras_there_is_a_ring_and_no_limit() -> None:
+    header, limits = header_of(scene(), None, None, 30)
+    assert limits is None
+    assert header.camera == header.cameras[0]
+    np.testing.assert_allclose(header.up, [0, -1, 0])
+    header, limits = header_of(scene(), cameras(), np.array([0.0, 0, 1]), 30)
+    assert limits is not None
+    np.testing.assert_allclose(header.up, [0, 0, 1])
+    assert header.near < 0.2

@@ -1,0 +1,66 @@
+from dataclasses import replace
+
+import numpy as np
+
+from splatreel.scene.gaussians import Gaussians
+from splatreel.sequence.identity import Identities
+from splatreel.sequence.segments import SegmentBuilder, stretch
+from tests.sequence.films import BALL, WALL, frame
+
+
+def built(frames: list[Gaussians]) -> SegmentBuilder:
+    identities = Identities()
+    return stretch([(points, identities.of(points)) for points in frames])
+
+
+def test_a_film_of_the_same_points_is_one_segment_a_point_and_the_wall_rests() -> None:
+    builder = built([frame(number) for number in range(8)])
+    assert builder.cut(30) == 8
+    segments = builder.first(8)
+    assert (segments.rows == np.arange(WALL + BALL)).all()
+    assert segments.rests.tolist() == WALL * [True] + BALL * [False]
+    assert segments.numbers.tolist() == list(range(WALL + BALL))
+
+
+def test_a_point_that_changes_its_shape_begins_another_segment() -> None:
+    frames = [frame(number) for number in range(6)]
+    for number in (3, 4, 5):
+        scales = frames[number].scales.copy()
+        scales[:5] *= 1.5
+        frames[number] = replace(frames[number], scales=scales)
+    segments = built(frames).first(6)
+    assert segments.rows.shape == (6, WALL + BALL + 5)
+    assert (segments.rows[:3, :5] >= 0).all()
+    assert (segments.rows[3:, :5] < 0).all()
+    assert segments.numbers[-5:].tolist() == list(range(5))
+    assert (segments.rows[3:, -5:] == np.arange(5)).all()
+    assert not segments.rests[:5].any()
+    assert not segments.rests[-5:].any()
+    assert segments.rests[5:WALL].all()
+
+
+def test_slow_changes_of_shape_add_up() -> None:
+    frames = [frame(number) for number in range(10)]
+    frames = [replace(points, scales=points.scales * 1.03**number) for number, points in enumerate(frames)]
+    rows = built(frames).first(10).rows
+    lengths = (rows >= 0).sum(0)
+    assert lengths.max() == 4  # 3 % a frame come to 10 % after three
+    assert rows.shape[1] == 3 * (WALL + BALL)
+
+
+def test_what_is_new_in_each_frame_makes_groups_of_one_frame() -> None:
+    rng = np.random.default_rng(0)
+    frames = [frame(number)[rng.permutation(WALL + BALL)[: 400 + number]] for number in range(6)]
+    frames = [replace(points, means=points.means + rng.normal(size=points.means.shape)) for points in frames]
+    builder = built(frames)
+    assert builder.cut(30) == 1
+    assert not builder.first(1).rests.any()
+
+
+def test_a_group_ends_where_the_points_are_exchanged() -> None:
+    frames = [frame(number) for number in range(8)]
+    frames[4:] = [replace(points[::-1][5:], means=points.means[::-1][5:] + 0.01) for points in frames[4:]]
+    builder = built(frames)
+    assert builder.opened == 4 * [WALL + BALL] + 4 * [2 * (WALL + BALL) - 5]
+    assert builder.cut(8) == 4
+    assert builder.first(4).rows.shape == (4, WALL + BALL)

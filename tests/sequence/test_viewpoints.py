@@ -1,0 +1,67 @@
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from splatreel.errors import CaptureError
+from splatreel.play.renderers import draw_on_cpu
+from splatreel.scene.camera import Camera
+from splatreel.sequence.viewpoints import RING, read_cameras, ring
+from tests.recon.captures import WallCapture
+from tests.sequence.films import cameras, scene
+
+
+def entry(camera: Camera, index: int) -> dict[str, Any]:
+    """As 3DGS writes it: the inverse of world to camera, by its rotation and its position."""
+    inverse = np.linalg.inv(camera.viewmat.astype(np.float64))
+    size = {"width": camera.width, "height": camera.height, "fx": float(camera.K[0, 0]), "fy": float(camera.K[1, 1])}
+    pose = {"position": inverse[:3, 3].tolist(), "rotation": inverse[:3, :3].tolist()}
+    return {"id": index, "img_name": camera.name} | size | pose
+
+
+def test_cameras_of_3dgs_stand_where_they_stood(tmp_path: Path) -> None:
+    truth = cameras()
+    file = tmp_path / "cameras.json"
+    file.write_text(json.dumps([entry(camera, index) for index, camera in enumerate(truth)]))
+    for place in (file, tmp_path):
+        for found, camera in zip(read_cameras(place), truth, strict=True):
+            assert (found.name, found.width, found.height) == (camera.name, camera.width, camera.height)
+            np.testing.assert_allclose(found.viewmat, camera.viewmat, atol=1e-5)
+            np.testing.assert_allclose(found.K, camera.K)
+
+
+def test_cameras_of_a_capture(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    capture = WallCapture(1)
+    monkeypatch.setattr("splatreel.sequence.viewpoints.open_capture", lambda path: capture)
+    assert read_cameras(tmp_path) == capture.cameras
+
+
+@pytest.mark.parametrize(
+    "text",
+    ["", "[]", "{}", "[1]", '[{"id": 0}]', json.dumps([entry(cameras()[0], 0) | {"width": 0}])],
+    ids=["nothing", "none", "no list", "a number", "no pose", "no size"],
+)
+def test_what_is_no_camera_is_refused(tmp_path: Path, text: str) -> None:
+    file = tmp_path / "cameras.json"
+    file.write_text(text)
+    with pytest.raises(CaptureError, match=r"cameras\.json"):
+        read_cameras(file)
+
+
+@pytest.mark.parametrize("up", [(0, -1, 0), (0, 1, 0), (0, 0, 1), (1, 0, 0)])
+def test_a_ring_sees_the_scene_upright_from_all_around(up: tuple[int, int, int]) -> None:
+    points, above = scene(), np.array(up, float)
+    views = ring(points, above)
+    assert len(views) == RING
+    middle = np.median(points.means, axis=0)
+    for camera in views:
+        turn = camera.viewmat[:3, :3]
+        np.testing.assert_allclose(turn @ turn.T, np.eye(3), atol=1e-6)
+        assert np.linalg.det(turn) == pytest.approx(1)
+        assert -turn[1] @ above > 0.9, "the picture's up is the world's"
+        x, y, depth = camera.K @ (turn @ middle + camera.viewmat[:3, 3])
+        assert (x / depth, y / depth) == pytest.approx((camera.width / 2, camera.height / 2), abs=1e-2)
+    image = draw_on_cpu(points, views[0].at_most(240), 0.01, False, (0.0, 0.0, 0.0))
+    assert 0.1 < (image.max(2) > 0.1).mean() < 0.9
