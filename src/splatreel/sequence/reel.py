@@ -87,14 +87,15 @@ class SequenceEncoder:
     def write(self, frames: Frames, progress: Progress) -> None:
         """All of them. Raises `GaussiansError` for a frame that cannot be read, or has another degree of view-dependent color."""
         progress.stage("writing the groups", len(frames))
-        identities, index, first = Identities(), 0, 0
+        identities, index, first, length = Identities(), 0, 0, LENGTH
         waiting: list[tuple[Gaussians, np.ndarray]] = []
         while first < len(frames):
-            for frame in range(first + len(waiting), min(first + LENGTH, len(frames))):
+            ahead = min(LENGTH, 2 * length)  # where groups are short, looking far ahead is wasted
+            for frame in range(first + len(waiting), min(first + ahead, len(frames))):
                 points = self._checked(frames, frame)
                 waiting.append((points, identities.of(points)))
-            builder = stretch(waiting)
-            length = builder.cut(LENGTH)
+            builder = stretch(waiting[:ahead])
+            length = builder.cut(ahead)
             self._write_group(index, first, builder, length)
             waiting, first, index = waiting[length:], first + length, index + 1
             progress.update(first)

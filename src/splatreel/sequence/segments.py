@@ -31,11 +31,6 @@ class Segments:
     numbers: np.ndarray
     rests: np.ndarray
 
-    @property
-    def first(self) -> np.ndarray:
-        """[S]: the first frame of each."""
-        return (self.rows >= 0).argmax(0)
-
 
 class SegmentBuilder:
     """Takes the frames of a stretch one by one."""
