@@ -9,6 +9,7 @@ from splatreel.scene.spans import group_spans
 
 TWO_THREADS = 0.64
 QUICK_PAPER = {"keyframe.first_iterations": 1000, "keyframe.refine_iterations": 250, "group.iterations_per_frame": 20}
+UNTRIED = {"check_coverage": False}
 MEASURED = {
     # megapixels, training cameras, share that moves, how far they look one way, frames, quality, settings, seconds of one thread
     "basketball 160x90": (0.0144, 27, 0.12, 0.35, 10, "standard", {}, 51.6),
@@ -23,7 +24,10 @@ MEASURED = {
     "hearth 336x252": (0.084672, 16, 0.134, 0.99, 45, "standard", {}, 390.2),  # de618e4
     "built-in 160x90, draft": (0.0144, 12, 0.204, 0.96, 30, "draft", {}, 60.1),
     "kitchen 1352x1014": (1.370928, 17, 0.034, 0.99, 10, "standard", {}, 388 / TWO_THREADS),
-    "flame_steak 1345x1008": (1.35576, 20, 0.0, 0.94, 1, "standard", {}, 264 / TWO_THREADS),
+    "kitchen 728x546, draft": (0.397488, 8, 0.034, 0.99, 6, "draft", UNTRIED, 173.4),  # ec91c6c
+    "kitchen 1352x1014, draft": (1.370928, 8, 0.034, 0.99, 6, "draft", UNTRIED, 396.9),  # d76ba1f
+    "kitchen 2576x1932, draft": (4.976832, 8, 0.034, 0.99, 6, "draft", UNTRIED, 662.5),  # 7914854
+    "flame_steak 1345x1008": (1.35576, 20, 0.0, 0.94, 1, "standard", {}, 669.6),
 }
 """Of `benchmarks/results.jsonl` at the revision named, or measured when this was written; processor time without compiling."""
 

@@ -22,6 +22,8 @@ MEASURED = {
     "flame_steak 672x504": (672, 504, 20, 1, 0.78e9),
     "flame_steak 1345x1008": (1345, 1008, 20, 1, 1.8e9),
     "kitchen 1352x1014": (1352, 1014, 17, 10, 3.4e9),
+    "kitchen 1352x1014, rich": (1352, 1014, 17, 60, 6.97e9),
+    "kitchen 2576x1932": (2576, 1932, 8, 6, 4.2e9),
 }
 """Peaks of `benchmarks/results.jsonl` and of its history, or measured when this was written."""
 

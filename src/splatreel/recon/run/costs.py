@@ -1,6 +1,6 @@
 """What the stages of a reconstruction cost in seconds, on one thread of the machine that they were measured on.
 
-The numbers are fitted to the timings of films 160 to 1352 pixels wide, most of them in `benchmarks/results.jsonl`. Totals come out
+The numbers are fitted to the timings of films 160 to 2576 pixels wide, most of them in `benchmarks/results.jsonl`. Totals come out
 within 30 % of nearly all; one film's own timings differ by as much from day to day.
 """
 
@@ -124,8 +124,8 @@ def _first_keyframe(shooting: Shooting, config: Config) -> float:
 
 def _step(shooting: Shooting, config: Config, pixels: float = 1.0) -> float:
     """An iteration of a keyframe of all points. pixels: over those of the whole picture."""
-    points = 0.0009 + 0.0006 * shooting.facing
-    return 0.152 * shooting.megapixels * pixels + points * shooting.drawn(config)
+    points = 0.0007 + 0.0005 * shooting.facing
+    return 0.3 * shooting.megapixels * pixels + points * shooting.drawn(config)
 
 
 def _later_keyframe(shooting: Shooting, config: Config) -> float:
