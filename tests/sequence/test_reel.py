@@ -82,3 +82,15 @@ def test_without_cameras_there_is_a_ring_and_no_limit() -> None:
     assert limits is not None
     np.testing.assert_allclose(header.up, [0, 0, 1])
     assert header.near < 0.2
+
+
+def test_points_that_come_and_go_leave_no_ghosts(tmp_path: Path) -> None:
+    rng = np.random.default_rng(0)
+    frames = [frame(number)[rng.permutation(WALL + BALL)[: WALL + BALL - number]] for number in range(4)]
+    imported(tmp_path / "film", tmp_path / "reel", frames)
+    timeline = open_reel(tmp_path / "reel")
+    for number, points in enumerate(frames):
+        shown = timeline.at(number / 25)
+        ghosts = shown.opacities[shown.opacities < 0.5]
+        assert len(shown) - len(ghosts) == len(points)
+        assert ghosts.max(initial=0.0) < 0.03

@@ -10,6 +10,7 @@ import numpy as np
 import torch
 
 from splatreel.codec.header import ReelHeader
+from splatreel.codec.predictive.precision import COLOR
 from splatreel.codec.presentation import Limits
 from splatreel.codec.writer import ReelWriter
 from splatreel.errors import GaussiansError
@@ -115,8 +116,10 @@ class SequenceEncoder:
         frames, segments = builder.frames[:length], builder.first(length)
         alive, born, moving = self.layers.split(frames[0], segments)
         points, numbers = frames[0][segments.rows[0, born]], segments.numbers[born]
-        group = group_of(index, first, frames, segments.rows[:, moving], alive)
+        rows = segments.rows[:, moving]
+        group = group_of(index, first, frames, rows, alive)
         weights = self._importance(group, Gaussians.concatenate([self.layers.points[alive], points]))
+        _spare_ghosts(weights[: len(moving)], (rows < 0).any(0))
         if len(born):
             _, order = self.writer.add_layer(index, first, points, weights[len(weights) - len(born) :])
             self.layers.add(points[order], numbers[order])
@@ -131,6 +134,17 @@ class SequenceEncoder:
         views = math.ceil(PICTURES / len(times))
         reel = self.writer.manifest
         return weigh(moments, list(reel.cameras), reel.near, self.device, reel.antialias, views)
+
+
+def _spare_ghosts(weights: np.ndarray, passing: np.ndarray) -> None:
+    """Raise the importance [M, 3] of points that are not there all the time (passing: [M] bool), in place.
+
+    How exactly an opacity is stored follows from how much the pictures change with the point's color, which is nothing while it is not
+    there. But then an error of its opacity shows it as a ghost. Color's class builds upon that of shape.
+    """
+    if passing.any():
+        most = np.quantile(weights[:, : COLOR + 1], 0.9, axis=0)
+        weights[passing, : COLOR + 1] = np.maximum(weights[passing, : COLOR + 1], most)
 
 
 def write_reel(
