@@ -119,7 +119,7 @@ class SequenceEncoder:
         rows = segments.rows[:, moving]
         group = group_of(index, first, frames, rows, alive)
         weights = self._importance(group, Gaussians.concatenate([self.layers.points[alive], points]))
-        _spare_ghosts(weights[: len(moving)], (rows < 0).any(0))
+        _spare_ghosts(weights[: len(moving)], rows.min(0) < 0)
         if len(born):
             _, order = self.writer.add_layer(index, first, points, weights[len(weights) - len(born) :])
             self.layers.add(points[order], numbers[order])
