@@ -34,7 +34,7 @@ def test_a_reel_is_made_and_compared_with_the_files(film: str, capsys: pytest.Ca
     said = capsys.readouterr().out
     size = sum(entry.bytes for entry in manifest.files)
     assert f"4 frames in {size / 1e6:.2f} MB" in said
-    found = re.search(r"by ([0-9.]+) dB PSNR \(mean of 4\)", said)
+    found = re.search(r"have ([0-9.]+) dB PSNR against those of the files \(mean of 4\)", said)
     assert found is not None
     assert float(found[1]) > 40
     assert "splatreel serve reel" in said
@@ -45,7 +45,7 @@ def test_lower_rates_are_smaller_and_farther_from_the_files(film: str, capsys: p
     for rate in ("high", "medium", "low"):
         assert main(["import", film, "--out", rate, "--rate", rate]) == 0
         size = sum(entry.bytes for entry in ReelReader(rate).manifest.files)
-        decibels = re.search(r"by ([0-9.]+) dB", capsys.readouterr().out)
+        decibels = re.search(r"have ([0-9.]+) dB", capsys.readouterr().out)
         assert decibels is not None
         found.append((size, float(decibels[1])))
     assert found == sorted(found, reverse=True)
@@ -66,6 +66,17 @@ def test_a_reel_is_not_written_over_and_what_was_cut_off_is_made_anew(
     assert main(["import", film, "--out", "reel"]) == 2
     assert "reel: holds a reel already" in capsys.readouterr().err
     assert Path("reel/manifest.json").read_bytes() == before
+
+
+def test_the_reel_of_a_run_is_not_written_over_while_it_is_made(film: str, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["import", film, "--out", "run/reel"]) == 0
+    Path("run/work").mkdir()
+    file = Path("run/reel/manifest.json")
+    file.write_text(json.dumps(json.loads(file.read_text()) | {"live": True}))
+    before = file.read_bytes()
+    assert main(["import", film, "--out", "run/reel"]) == 2
+    assert "run/reel: holds a reel already" in capsys.readouterr().err
+    assert file.read_bytes() == before
 
 
 @pytest.mark.parametrize(

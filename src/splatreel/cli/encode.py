@@ -8,7 +8,7 @@ from typing import Any, Literal
 from tyro.conf import Positional
 
 from splatreel.cli.info import describe
-from splatreel.cli.options import Set, parse_renditions, parse_set
+from splatreel.cli.options import Set, check_no_reel, parse_renditions, parse_set
 from splatreel.cli.output import say
 from splatreel.cli.reconstruct import Codec
 from splatreel.config import COARSENESS, EncodeConfig, Rate
@@ -133,11 +133,6 @@ def _check_rate(config: EncodeConfig, rate: Rate | None, mbps: float | None, pap
 
 
 def _check_folder(run: Path, out: Path) -> None:
-    """A reel that somebody has made is not written over; one that is still live is what an interrupted `encode` left."""
-    from splatreel.codec.reader import ReelReader
-
     if out.resolve() in (run.resolve(), (run / "reel").resolve(), (run / "work").resolve()):
         raise UsageError(f"--out {out}: belongs to the run itself. Choose another folder.")
-    of_a_run = out.name == "reel" and (out.parent / "work").is_dir()
-    if (out / "manifest.json").is_file() and (of_a_run or not ReelReader(out).manifest.live):
-        raise UsageError(f"--out {out}: holds a reel already. Choose another folder, or delete that reel.")
+    check_no_reel(out)

@@ -6,6 +6,7 @@ from pathlib import Path
 
 from tyro.conf import Positional
 
+from splatreel.cli.options import check_no_reel
 from splatreel.cli.output import playable, say
 from splatreel.config import COARSENESS, EncodeConfig, Rate
 from splatreel.errors import UsageError
@@ -63,11 +64,11 @@ def import_frames(
     views = None if cameras is None else read_cameras(cameras)
     header, limits = header_of(film.read(0), views, None if up is None else np.array(UP[up], float), fps, antialiased)
     words = {"title": title} if title else {}
-    _check_folder(out)
+    check_no_reel(out)
     progress = console()
     try:
         with hold(out):
-            _check_folder(out)  # somebody else may have finished it by now
+            check_no_reel(out)  # somebody else may have finished it by now
             writer = ReelWriter(out, header, config=EncodeConfig(coarseness=COARSENESS[rate]))
             found = write_reel(
                 film, writer, progress, pick_device("auto"), limits, PresentationWriter(words, {"title": frames.name})
@@ -77,14 +78,6 @@ def import_frames(
     size = sum(file.bytes for file in writer.manifest.files)
     say(
         f"{len(film)} frames in {size / 1e6:.2f} MB, {film.size / size:,.0f} times smaller than the {film.size / 1e6:,.0f} MB of "
-        f"{frames}. Pictures of the reel differ from those of the files by {found.psnr:.1f} dB PSNR (mean of {found.pictures})."
+        f"{frames}. Its pictures have {found.psnr:.1f} dB PSNR against those of the files (mean of {found.pictures})."
     )
     say(playable(out))
-
-
-def _check_folder(out: Path) -> None:
-    """A reel that somebody has made is not written over; one that is still live is what an interrupted `import` left."""
-    from splatreel.codec.reader import ReelReader
-
-    if (out / "manifest.json").is_file() and not ReelReader(out).manifest.live:
-        raise UsageError(f"--out {out}: holds a reel already. Choose another folder, or delete that reel.")

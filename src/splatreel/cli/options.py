@@ -111,3 +111,15 @@ def reel_folder(path: str | Path) -> str | Path:
     folder = Path(path)
     inside = folder / "reel"
     return inside if not (folder / "manifest.json").exists() and (inside / "manifest.json").exists() else folder
+
+
+def check_no_reel(out: Path) -> None:
+    """Raise `UsageError` where writing a reel into --out would destroy one that somebody has made, or is making.
+
+    One that is still live is what the same command left when it was interrupted, but for that of a run.
+    """
+    from splatreel.codec.reader import ReelReader
+
+    of_a_run = out.name == "reel" and (out.parent / "work").is_dir()
+    if (out / "manifest.json").is_file() and (of_a_run or not ReelReader(out).manifest.live):
+        raise UsageError(f"--out {out}: holds a reel already. Choose another folder, or delete that reel.")

@@ -53,19 +53,18 @@ def _look(points: Gaussians) -> np.ndarray:
 
 def unmoved(before: Gaussians, now: Gaussians) -> tuple[np.ndarray, np.ndarray]:
     """Rows of `now` whose center is that of a row of `before`, to the bit, and these rows; where a center is there once only."""
-    _, in_before, in_now = np.intersect1d(_once(before), _once(now), assume_unique=False, return_indices=True)
-    rows_before, rows_now = _rows_once(before), _rows_once(now)
+    rows_before, rows_now = _once(before), _once(now)
+    keys = _centers(before)[rows_before], _centers(now)[rows_now]
+    _, in_before, in_now = np.intersect1d(*keys, assume_unique=True, return_indices=True)
     return rows_now[in_now], rows_before[in_before]
 
 
-def _keys(points: Gaussians) -> np.ndarray:
-    return np.ascontiguousarray(points.means).view([("", np.float32)] * 3).ravel()
-
-
-def _rows_once(points: Gaussians) -> np.ndarray:
-    _, first, counts = np.unique(_keys(points), return_index=True, return_counts=True)
+def _once(points: Gaussians) -> np.ndarray:
+    """Rows of the points that have their center to themselves."""
+    _, first, counts = np.unique(_centers(points), return_index=True, return_counts=True)
     return first[counts == 1]
 
 
-def _once(points: Gaussians) -> np.ndarray:
-    return _keys(points)[_rows_once(points)]
+def _centers(points: Gaussians) -> np.ndarray:
+    """[N], each of three numbers."""
+    return np.ascontiguousarray(points.means).view([("x", "f4"), ("y", "f4"), ("z", "f4")]).ravel()
