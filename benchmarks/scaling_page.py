@@ -169,7 +169,7 @@ def plot(by_axis: dict[str, list[Row]]) -> str:
         panels = []
         for axis, some in by_axis.items():
             points = [(number_of(axis, row), row[name]) for row in some]
-            labels = [value_of(axis, row) + crowded(row) for row in some]
+            labels = [f"({value_of(axis, row)})" if crowded(row) else value_of(axis, row) for row in some]
             note = f"exponent {_exponent(exponent(points_of(axis, some, name)))}"
             panels.append(Panel(AXES[axis], points, labels, note))
         lines.append((title, panels))
