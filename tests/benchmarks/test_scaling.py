@@ -130,7 +130,7 @@ def test_more_threads_than_cores_are_shown_and_not_fitted(page: ModuleType, meas
     text = page.page(found)
     assert "| threads | 1, 2, 4 | 0.00 | 0.00 |" in text
     assert "| 4, on 2 cores | 48x36 |" in text
-    assert ">4, on 2 cores<" in page.plot(found)
+    assert ">(4)<" in page.plot(found)
 
 
 def test_the_plot_has_a_chart_of_time_and_of_memory_for_each_axis(
