@@ -18,10 +18,9 @@ from record import record
 from splatreel.capture.builtin import textures as tx
 from splatreel.capture.builtin import toyroom as toys
 from splatreel.capture.builtin.solids import BOX, ELLIPSOID, Shapes
-from splatreel.capture.builtin.synthetic import facing
 from splatreel.capture.builtin.toyroom import Builder, turn_y, turn_z
 from splatreel.config import Quality
-from splatreel.scene.camera import Camera
+from splatreel.scene.camera import Camera, facing
 
 LIGHT = np.array([0.8, 5.5, 1.2])
 CAMERAS, DOMINOES = 18, 14

@@ -16,10 +16,9 @@ from film import SKIN, Film
 from splatreel.capture.builtin import textures as tx
 from splatreel.capture.builtin import toyroom as toys
 from splatreel.capture.builtin.solids import BOX, CYLINDER, ELLIPSOID, TEXTURE, Shapes
-from splatreel.capture.builtin.synthetic import facing
 from splatreel.capture.builtin.toyroom import Builder, turn_z
 from splatreel.config import Quality
-from splatreel.scene.camera import Camera
+from splatreel.scene.camera import Camera, facing
 
 LIGHT = np.array([-1.0, 3.6, 2.2])
 ROWS, COLUMNS = 2, 9

@@ -18,10 +18,9 @@ from record import record
 from splatreel.capture.builtin import textures as tx
 from splatreel.capture.builtin import toyroom as toys
 from splatreel.capture.builtin.solids import BOX, CYLINDER, ELLIPSOID, Shapes
-from splatreel.capture.builtin.synthetic import facing
 from splatreel.capture.builtin.toyroom import Builder, turn_x, turn_y, turn_z
 from splatreel.config import Quality
-from splatreel.scene.camera import Camera
+from splatreel.scene.camera import Camera, facing
 
 LIGHT = np.array([1.5, 4.5, 3.0])
 CAMERAS, PANELS = 20, 9

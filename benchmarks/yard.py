@@ -17,10 +17,9 @@ from record import record
 from splatreel.capture.builtin import textures as tx
 from splatreel.capture.builtin import toyroom as toys
 from splatreel.capture.builtin.solids import BOX, CYLINDER, ELLIPSOID, Shapes
-from splatreel.capture.builtin.synthetic import facing
 from splatreel.capture.builtin.toyroom import Builder, turn_x, turn_y, turn_z
 from splatreel.config import Quality
-from splatreel.scene.camera import Camera
+from splatreel.scene.camera import Camera, facing
 
 LIGHT = np.array([4.0, 9.0, 6.0])
 CAMERAS, TREES = 12, 14

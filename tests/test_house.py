@@ -21,9 +21,10 @@ RUNGS = {
     **dict.fromkeys(("codec", "kernels", "capture"), 3),
     "motion": 4,
     **dict.fromkeys(("recon", "play"), 5),
-    **dict.fromkeys(("evaluation", "sequence"), 6),
-    "cli": 7,
-    "__main__": 8,
+    "evaluation": 6,
+    "sequence": 7,
+    "cli": 8,
+    "__main__": 9,
 }
 WITHOUT_TORCH = (
     "errors",

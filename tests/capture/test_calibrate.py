@@ -8,7 +8,7 @@ from scipy.spatial.transform import Rotation
 
 from splatreel.capture.builtin import toyroom
 from splatreel.capture.builtin.raytracer import trace_frame, trace_still
-from splatreel.capture.builtin.synthetic import TARGET, facing, make_capture
+from splatreel.capture.builtin.synthetic import TARGET, make_capture
 from splatreel.capture.calibrate import _Solver, calibrate
 from splatreel.capture.calibration_agreement import CalibratedCamera
 from splatreel.capture.connecting_photos import check_photos
@@ -16,6 +16,7 @@ from splatreel.capture.opening import open_capture
 from splatreel.capture.sidecar import Sidecar, read_sidecar, write_failure
 from splatreel.errors import CaptureError
 from splatreel.progress import Silent
+from splatreel.scene.camera import facing
 from tests.capture import folders
 
 

@@ -126,19 +126,9 @@ def rasterize_among(
     return torch.where(drawn[..., None], image, held.image), torch.where(drawn, alpha, held.alpha), tiles
 
 
-def among_or_all(
-    means2d: Tensor,
-    conics: Tensor,
-    colors: Tensor,
-    opacities: Tensor,
-    depths: Tensor,
-    radii: Tensor,
-    held: Frozen,
-    everything: bool,
-) -> Tensor:
+def among_or_all(splats: ProjectedSplats, held: Frozen, everything: bool) -> Tensor:
     """The image [H, W, 3] of splats among frozen ones, or of these alone, which are all there is (everything)."""
     height, width = held.alpha.shape
-    splats = means2d, conics, colors, opacities, depths, radii
     return rasterize(*splats, width, height)[0] if everything else rasterize_among(*splats, held)[0]
 
 

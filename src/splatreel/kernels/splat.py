@@ -314,7 +314,7 @@ def layered_loss(
     _check_finite(means2d=means2d, conics=conics, colors=colors, opacities=opacities)
     splats = means2d, conics, colors, opacities, depths, radii
     if means2d.is_cuda:
-        image = cuda.among_or_all(*splats, frozen.held, everything=where is not None)
+        image = cuda.among_or_all(splats, frozen.held, everything=where is not None)
         return twin.photometric_loss(image if background is None else image + background, target, lambda_dssim, gain)
     return cpu.LayeredLoss.apply(*splats, frozen.held, target, lambda_dssim, gain, background, where)  # pyright: ignore[reportReturnType]
 

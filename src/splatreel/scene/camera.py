@@ -75,6 +75,25 @@ def _short(array: np.ndarray) -> list[float]:
     return [float(str(value)) for value in array.ravel()]
 
 
+def facing(
+    name: str,
+    center: np.ndarray,
+    forward: np.ndarray,
+    focal: float,
+    width: int,
+    height: int,
+    up: tuple[float, float, float] | np.ndarray = (0.0, 1.0, 0.0),
+) -> Camera:
+    """An upright camera. center: [3] world; forward: [3], of length 1, where it looks; focal: pixels; up: [3], of the world."""
+    right = np.cross(forward, up)
+    right /= np.linalg.norm(right)
+    viewmat = np.eye(4)
+    viewmat[:3, :3] = np.stack([right, np.cross(forward, right), forward])
+    viewmat[:3, 3] = -viewmat[:3, :3] @ center
+    K = np.array([[focal, 0, width / 2], [0, focal, height / 2], [0, 0, 1]])
+    return Camera(name, viewmat, K, width, height)
+
+
 def focus_point(cameras: list[Camera]) -> np.ndarray:
     """The point closest, in the least squares sense, to all optical axes; [3] float64.
 

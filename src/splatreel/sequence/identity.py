@@ -48,7 +48,12 @@ def same_rows(before: Gaussians, now: Gaussians) -> bool:
 
 def _look(points: Gaussians) -> np.ndarray:
     """[N, 6]: c_base, and the logarithms of the scales."""
-    return np.concatenate([points.sh[:, 0], np.log(np.maximum(points.scales, 1e-12))], 1)
+    return np.concatenate([points.sh[:, 0], log_scales(points)], 1)
+
+
+def log_scales(points: Gaussians) -> np.ndarray:
+    """[N, 3], finite also where a scale is 0."""
+    return np.log(np.maximum(points.scales, 1e-12))
 
 
 def unmoved(before: Gaussians, now: Gaussians) -> tuple[np.ndarray, np.ndarray]:

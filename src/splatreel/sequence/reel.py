@@ -14,6 +14,7 @@ from splatreel.codec.predictive.precision import COLOR
 from splatreel.codec.presentation import Limits
 from splatreel.codec.writer import ReelWriter
 from splatreel.errors import GaussiansError
+from splatreel.evaluation.metrics import psnr
 from splatreel.play.timeline import open_reel
 from splatreel.progress import Progress
 from splatreel.recon.encode.importance import weigh
@@ -27,7 +28,7 @@ from splatreel.sequence.frames import Frames
 from splatreel.sequence.grouping import StaticLayers, group_of
 from splatreel.sequence.identity import Identities
 from splatreel.sequence.segments import SegmentBuilder, stretch
-from splatreel.sequence.viewpoints import SHOWS, ring
+from splatreel.sequence.viewpoints import ring, shown
 
 LENGTH = 30
 """Frames of a group, at most."""
@@ -58,8 +59,7 @@ def header_of(
     """
     fallback = np.array([0.0, -1.0, 0.0]) if up is None else up
     views = ring(first, fallback) if cameras is None else cameras
-    shown = first.means[first.opacities >= SHOWS].astype(np.float64)
-    points = shown if len(shown) else first.means.astype(np.float64)
+    points = shown(first)
     layout = measure(views, points, NEAR)
     if up is not None or cameras is None:
         layout = replace(layout, up=fallback.tolist())
@@ -117,14 +117,13 @@ class SequenceEncoder:
         alive, born, moving = self.layers.split(frames[0], segments)
         points, numbers = frames[0][segments.rows[0, born]], segments.numbers[born]
         rows = segments.rows[:, moving]
-        group = group_of(index, first, frames, rows, alive)
-        weights = self._importance(group, Gaussians.concatenate([self.layers.points[alive], points]))
+        static = Gaussians.concatenate([self.layers.points[alive], points])
+        group = group_of(index, first, frames, rows, np.concatenate([alive, np.ones(len(born), bool)]))
+        weights = self._importance(group, static)
         _spare_ghosts(weights[: len(moving)], rows.min(0) < 0)
         if len(born):
             _, order = self.writer.add_layer(index, first, points, weights[len(weights) - len(born) :])
             self.layers.add(points[order], numbers[order])
-            alive = np.concatenate([alive, np.ones(len(born), bool)])
-        group = Group(index, first, group.dynamic, group.dx, group.dq, alive, group.shade)
         self.writer.add_group(group, weights[: len(group.dynamic)])
 
     def _importance(self, group: Group, static: Gaussians) -> np.ndarray:
@@ -173,7 +172,6 @@ def compared(frames: Frames, reel: Path, progress: Progress) -> Comparison:
     for number, frame in enumerate(chosen):
         camera = cameras[number * len(cameras) // len(chosen)]
         pair = frames.read(int(frame)), timeline.at(frame / timeline.fps)
-        wanted, found = (np.clip(timeline.render(points, camera), 0, 1) for points in pair)
-        values.append(-10 * math.log10(max(float(np.mean((wanted - found) ** 2)), 1e-10)))
+        values.append(psnr(*(np.clip(timeline.render(points, camera), 0, 1) for points in pair)))
         progress.update(number + 1)
     return Comparison(float(np.mean(values)), len(values))

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from splatreel.scene.gaussians import Gaussians
+from splatreel.sequence.identity import log_scales
 
 SCALE = 0.1
 """By how much the logarithm of a scale may differ from that of a segment's first frame, and"""
@@ -62,8 +63,10 @@ class SegmentBuilder:
         self._numbers = np.concatenate([self._numbers, numbers[new]])
         # What begins later never rests for the whole stretch.
         self._rested = np.concatenate([self._rested, np.full(len(new), 0 if self.frames else 1)])
-        born = points[new]
-        self._reference = born if self._reference is None else Gaussians.concatenate([self._reference, born])
+        if self._reference is None:
+            self._reference = points
+        elif len(new):
+            self._reference = Gaussians.concatenate([self._reference, points[new]])
         rows = np.full(len(self._numbers), -1)
         rows[segment] = np.arange(len(points))
         self._rows.append(rows)
@@ -100,20 +103,16 @@ def stretch(frames: Sequence[tuple[Gaussians, np.ndarray]]) -> SegmentBuilder:
 
 def _keeps_shape(reference: Gaussians, points: Gaussians) -> np.ndarray:
     """[N] bool: what a group stores once is the same, as far as one sees."""
-    scales = np.abs(_log(points.scales) - _log(reference.scales)).max(1) <= SCALE
+    scales = np.abs(log_scales(points) - log_scales(reference)).max(1) <= SCALE
     rest = np.abs(points.sh[:, 1:] - reference.sh[:, 1:]).max((1, 2), initial=0.0)
     return scales & (rest <= REST)
 
 
 def rests(reference: Gaussians, points: Gaussians) -> np.ndarray:
     """[N] bool: neither moves, turns, nor changes its color or opacity, as far as one sees."""
-    size = np.exp(_log(reference.scales).mean(1))
+    size = np.exp(log_scales(reference).mean(1))
     place = np.linalg.norm(points.means - reference.means, axis=1) <= RESTING_PLACE * size
     cosine = np.abs((points.quats * reference.quats).sum(1))
     turn = 1 - np.minimum(cosine, 1) ** 2 <= RESTING_TURN**2
     color = np.abs(points.sh[:, 0] - reference.sh[:, 0]).max(1, initial=0.0) <= RESTING_COLOR
     return place & turn & color & (np.abs(points.opacities - reference.opacities) <= RESTING_COLOR)
-
-
-def _log(scales: np.ndarray) -> np.ndarray:
-    return np.log(np.maximum(scales, 1e-12))

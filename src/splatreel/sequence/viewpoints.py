@@ -11,7 +11,7 @@ import numpy as np
 
 from splatreel.capture.opening import open_capture
 from splatreel.errors import CaptureError
-from splatreel.scene.camera import Camera
+from splatreel.scene.camera import Camera, facing
 from splatreel.scene.gaussians import Gaussians
 
 RING, WIDTH, HEIGHT = 12, 960, 540
@@ -57,32 +57,30 @@ def _camera(entry: dict[str, Any], index: int) -> Camera:
     return Camera(str(entry.get("img_name", index)), viewmat, K, width, height)
 
 
+def shown(points: Gaussians) -> np.ndarray:
+    """[P, 3] float64: where the points are that are to be seen; where all are if none is."""
+    seen = points.opacities >= SHOWS
+    return (points.means[seen] if seen.any() else points.means).astype(np.float64)
+
+
 def ring(points: Gaussians, up: np.ndarray) -> list[Camera]:
     """Cameras all around where the points are, which look at their middle from a little above. up: [3], unit.
 
     The first one looks along the world's z axis, or its x axis if that is up.
     """
-    shown = points.means[points.opacities >= SHOWS] if (points.opacities >= SHOWS).any() else points.means
-    middle = np.median(shown, axis=0).astype(np.float64)
-    radius = max(float(np.quantile(np.linalg.norm(shown - middle, axis=1), 0.9)), 1e-6)
+    places = shown(points)
+    middle = np.median(places, axis=0)
+    radius = max(float(np.quantile(np.linalg.norm(places - middle, axis=1), 0.9)), 1e-6)
     distance = radius / math.sin(math.radians(FIELD_OF_VIEW / 2) * HEIGHT / WIDTH)
     axis = np.array([0.0, 0.0, 1.0]) if abs(up[2]) < 0.9 else np.array([1.0, 0.0, 0.0])
     ahead = axis - (axis @ up) * up
     ahead /= np.linalg.norm(ahead)
     aside = np.cross(ahead, up)
+    focal = WIDTH / 2 / math.tan(math.radians(FIELD_OF_VIEW / 2))
     cameras = []
     for k in range(RING):
         turn, down = 2 * math.pi * k / RING, math.radians(ABOVE)
         level = math.cos(turn) * ahead + math.sin(turn) * aside
-        cameras.append(_looking(f"view{k:02}", middle, math.cos(down) * level - math.sin(down) * up, up, distance))
+        forward = math.cos(down) * level - math.sin(down) * up
+        cameras.append(facing(f"view{k:02}", middle - distance * forward, forward, focal, WIDTH, HEIGHT, up))
     return cameras
-
-
-def _looking(name: str, at: np.ndarray, forward: np.ndarray, up: np.ndarray, distance: float) -> Camera:
-    right = np.cross(forward, up)
-    right /= np.linalg.norm(right)
-    turn = np.stack([right, np.cross(forward, right), forward])
-    viewmat = np.eye(4)
-    viewmat[:3, :3], viewmat[:3, 3] = turn, -turn @ (at - distance * forward)
-    focal = WIDTH / 2 / math.tan(math.radians(FIELD_OF_VIEW / 2))
-    return Camera(name, viewmat, np.array([[focal, 0, WIDTH / 2], [0, focal, HEIGHT / 2], [0, 0, 1]]), WIDTH, HEIGHT)

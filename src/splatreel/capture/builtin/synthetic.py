@@ -23,7 +23,7 @@ from splatreel.capture.sidecar import SIDECAR
 from splatreel.capture.sound import RATE
 from splatreel.errors import CaptureError, UsageError
 from splatreel.scene.atomic import scratch
-from splatreel.scene.camera import Camera
+from splatreel.scene.camera import Camera, facing
 
 VERSION = 3
 """Raised when the same arguments make another capture than before."""
@@ -50,17 +50,6 @@ def _camera(name: str, azimuth: float, elevation: float, width: int, height: int
     a, e = math.radians(azimuth), math.radians(elevation)
     center = TARGET + RADIUS * np.array([math.sin(a) * math.cos(e), math.sin(e), math.cos(a) * math.cos(e)])
     return facing(name, center, (TARGET - center) / RADIUS, 1.2 * max(width, height * 4 / 3), width, height)
-
-
-def facing(name: str, center: np.ndarray, forward: np.ndarray, focal: float, width: int, height: int) -> Camera:
-    """An upright camera. center: [3] world; forward: [3], of length 1, where it looks; focal: pixels."""
-    right = np.cross(forward, [0.0, 1.0, 0.0])
-    right /= np.linalg.norm(right)
-    viewmat = np.eye(4)
-    viewmat[:3, :3] = np.stack([right, np.cross(forward, right), forward])
-    viewmat[:3, 3] = -viewmat[:3, :3] @ center
-    K = np.array([[focal, 0, width / 2], [0, focal, height / 2], [0, 0, 1]])
-    return Camera(name, viewmat, K, width, height)
 
 
 def make_capture(
