@@ -38,6 +38,15 @@ def test_a_reel_is_made_and_compared_with_the_files(film: str, capsys: pytest.Ca
     assert found is not None
     assert float(found[1]) > 40
     assert "splatreel serve reel" in said
+    assert "a ring of cameras" not in said
+
+
+def test_without_cameras_it_says_which_way_is_up(film: str, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["import", film, "--out", "guessed"]) == 0
+    assert "with -y up. If that is wrong, name the cameras" in capsys.readouterr().out
+    assert main(["import", film, "--out", "told", "--up", "z"]) == 0
+    assert "with z up" in capsys.readouterr().out
+    assert [ReelReader(reel).manifest.up.tolist() for reel in ("guessed", "told")] == [[0, -1, 0], [0, 0, 1]]
 
 
 def test_lower_rates_are_smaller_and_farther_from_the_files(film: str, capsys: pytest.CaptureFixture[str]) -> None:

@@ -80,4 +80,9 @@ def import_frames(
         f"{len(film)} frames in {size / 1e6:.2f} MB, {film.size / size:,.0f} times smaller than the {film.size / 1e6:,.0f} MB of "
         f"{frames}. Its pictures have {found.psnr:.1f} dB PSNR against those of the files (mean of {found.pictures})."
     )
+    if views is None:
+        say(
+            f"It is seen from a ring of cameras, with {up or '-y'} up. If that is wrong, name the cameras that the film was made from "
+            "(--cameras), or another --up."
+        )
     say(playable(out))
