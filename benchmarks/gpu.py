@@ -19,8 +19,6 @@ from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
-os.environ.setdefault("GOMP_SPINCOUNT", "0")  # as the command line does; see its reason there
-
 import torch
 import tyro
 
@@ -271,7 +269,7 @@ def kernel_times(bench: Bench, found: Found, share: float) -> None:
         for device in ("cuda", "cpu"):
             row = kernels.measure(splat, points, width, height, bench.sizes.repeats, device)
             rows[f"{points} {width}x{height}, {device}"] = row
-    found["threads"] = torch.get_num_threads()
+    found["threads"] = threads.count()
 
 
 def drawing_rates(bench: Bench, found: Found, share: float) -> None:

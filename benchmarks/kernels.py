@@ -5,10 +5,6 @@ python benchmarks/kernels.py [--record] [--repeats 21] [--note TEXT]
 Splats are spread evenly over the view, with a log-normal radius of 4 pixels on average, as a trained capture has them.
 """
 
-import os
-
-os.environ.setdefault("GOMP_SPINCOUNT", "0")  # as the command line does; see its reason there
-
 from collections.abc import Callable
 from typing import Annotated
 
@@ -34,7 +30,7 @@ def main(repeats: int = 21, note: str = "", save: Annotated[bool, tyro.conf.arg(
     for name, row in scenes.items():
         print(f"{name:<22}" + "".join(f"{row[part]:>14.2f}" for part in parts))
     if save:
-        record("kernels", {"milliseconds": scenes, "threads": torch.get_num_threads()}, note)
+        record("kernels", {"milliseconds": scenes, "threads": threads.count()}, note)
 
 
 def measure(kernels, n: int, width: int, height: int, repeats: int, device: str = "cpu") -> dict[str, float]:

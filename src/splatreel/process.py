@@ -9,9 +9,9 @@ import sys
 
 
 def quiet_threads() -> None:
-    """Threads that wait sleep instead of spinning. Next to another busy process a spinning barrier costs 4 ms a kernel.
+    """Let torch's threads sleep while they wait, so that they do not keep the kernels' threads from the cores.
 
-    Read when the OpenMP runtimes load, so it must come before numba and torch.
+    Torch's OpenMP runtime reads these variables when it loads, so this must come before torch.
     """
     os.environ.setdefault("GOMP_SPINCOUNT", "0")
     os.environ.setdefault("KMP_BLOCKTIME", "0")

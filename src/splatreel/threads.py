@@ -1,9 +1,18 @@
-"""How many threads the program uses: one number for the kernels, torch, OpenCV and the decoders, which take turns."""
+"""The number of threads that the program uses, and the pool on which kernels run.
+
+Kernels, torch, OpenCV and the decoders take turns, so they share one number.
+"""
 
 from __future__ import annotations
 
+import itertools
 import os
 import sys
+import threading
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from queue import SimpleQueue
+from typing import Any
 
 from splatreel.errors import UsageError
 
@@ -11,19 +20,25 @@ _limit: int | None = None
 
 
 def available() -> int:
-    """Processor cores that this process may use."""
+    """Return the number of processor cores that this process may use."""
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
 def count() -> int:
-    """Threads to use: what `use` said, else all cores."""
+    """Return the number of threads to use: the limit that `use` set, else all cores."""
     return _limit or available()
 
 
 def use(threads: int | None) -> None:
-    """Use so many threads from now on; None leaves everything as it is. Raises `UsageError` for fewer than one or more than cores.
+    """Limit the program to a number of threads.
 
-    Libraries that are not loaded yet read it from their environment variables when they are.
+    Libraries that are loaded later read the limit from their environment variables.
+
+    Args:
+        threads: Number of threads, 1 to the number of cores. None leaves everything unchanged.
+
+    Raises:
+        UsageError: The number is out of range.
     """
     global _limit
     if threads is None:
@@ -35,9 +50,136 @@ def use(threads: int | None) -> None:
             "or leave it out to use all of them."
         )
     _limit = threads
-    for name in ("NUMBA_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS", "OPENCV_FOR_THREADS_NUM"):
-        if name != "NUMBA_NUM_THREADS" or "numba" not in sys.modules:  # numba refuses to compile where it changes later
-            os.environ[name] = str(threads)
-    for module, setter in (("numba", "set_num_threads"), ("torch", "set_num_threads"), ("cv2", "setNumThreads")):
+    for name in ("OMP_NUM_THREADS", "MKL_NUM_THREADS", "OPENCV_FOR_THREADS_NUM"):
+        os.environ[name] = str(threads)
+    for module, setter in (("torch", "set_num_threads"), ("cv2", "setNumThreads")):
         if module in sys.modules:
             getattr(sys.modules[module], setter)(threads)
+
+
+@contextmanager
+def limited(threads: int) -> Iterator[None]:
+    """Use so many threads inside a `with` block, for measurements."""
+    global _limit
+    before, torch = _limit, sys.modules.get("torch")
+    torch_threads = torch.get_num_threads() if torch else 0
+    _limit = threads
+    if torch:
+        torch.set_num_threads(threads)
+    try:
+        yield
+    finally:
+        _limit = before
+        if torch:
+            torch.set_num_threads(torch_threads)
+
+
+def run_ranges(
+    function: Callable[..., Any], items: int, arguments: tuple[Any, ...], grain: int = 1, chunks: int | None = None
+) -> None:
+    """Call `function(first, last, *arguments)` for consecutive ranges that cover 0..items, on all threads.
+
+    The calling thread works too and takes over the ranges of threads that the system does not schedule in time. The function must
+    release the GIL to run in parallel, and its ranges must be independent.
+
+    Args:
+        function: Called once for each range.
+        items: Number of items.
+        arguments: Passed on to every call.
+        grain: Fewest items in a range, except where there are fewer in all.
+        chunks: Number of ranges. None: one per thread.
+
+    Raises:
+        Exception: Whatever the function raised first.
+    """
+    workers = count()
+    ranges = max(1, min(chunks or workers, items // grain))
+    if workers == 1 or ranges == 1:
+        if items:
+            function(0, items, *arguments)
+        return
+    cuts = [items * k // ranges for k in range(ranges + 1)]
+    _pool.run(function, cuts, arguments, min(workers, ranges) - 1)
+
+
+class _Job:
+    """Ranges that threads claim one after the other."""
+
+    def __init__(self, function: Callable[..., Any], cuts: list[int], arguments: tuple[Any, ...]) -> None:
+        self.function, self.cuts, self.arguments = function, cuts, arguments
+        self.places = itertools.count()  # `next` is atomic under the GIL
+        self.done: SimpleQueue[BaseException | None] = SimpleQueue()
+
+    def work(self) -> int:
+        """Run ranges until none is left to claim. Returns how many."""
+        claimed = 0
+        while (place := next(self.places)) < len(self.cuts) - 1:
+            self.function(self.cuts[place], self.cuts[place + 1], *self.arguments)
+            claimed += 1
+        return claimed
+
+    def help(self) -> None:
+        """Do the same in a thread of the pool, which reports each range that it claimed."""
+        while (place := next(self.places)) < len(self.cuts) - 1:
+            error = None
+            try:
+                self.function(self.cuts[place], self.cuts[place + 1], *self.arguments)
+            except BaseException as raised:
+                error = raised
+            self.done.put(error)
+
+    def stop(self) -> None:
+        """Let no thread claim another range."""
+        self.places = itertools.repeat(len(self.cuts))
+
+
+class _Pool:
+    """Threads that sleep until there is a job."""
+
+    def __init__(self) -> None:
+        self.jobs: SimpleQueue[_Job] = SimpleQueue()
+        self.size = 0
+        self.growing = threading.Lock()
+
+    def run(self, function: Callable[..., Any], cuts: list[int], arguments: tuple[Any, ...], helpers: int) -> None:
+        """Run the ranges between cuts in this thread and up to `helpers` others."""
+        if self.size < helpers:
+            self._grow(helpers)
+        job = _Job(function, cuts, arguments)
+        for _ in range(helpers):
+            self.jobs.put(job)
+        try:
+            mine = job.work()
+            errors = [job.done.get() for _ in range(len(cuts) - 1 - mine)]
+        except BaseException:
+            job.stop()
+            raise
+        for error in errors:
+            if error is not None:
+                raise error
+
+    def _grow(self, size: int) -> None:
+        with self.growing:
+            for number in range(self.size, size):
+                threading.Thread(target=self._serve, name=f"splatreel-{number}", daemon=True).start()
+            self.size = max(self.size, size)
+
+    def _serve(self) -> None:
+        jobs = self.jobs
+        while True:
+            job = jobs.get()
+            job.help()
+            del job  # its arguments are not kept alive while the thread sleeps
+
+
+_pool = _Pool()
+
+
+def _renew() -> None:
+    """Replace the pool in a forked process, which has none of its threads."""
+    global _pool
+    _pool = _Pool()
+
+
+if hasattr(os, "register_at_fork"):
+    os.register_at_fork(after_in_child=_renew)

@@ -32,6 +32,7 @@ VERBS = [
     "view",
     "export",
     "evaluate",
+    "warmup",
     "bench",
 ]
 

@@ -1,22 +1,19 @@
-"""The rasteriser against the twin, known answers, and its own promises: determinism, vector code, independent calls."""
+"""The rasteriser against the twin, known answers, and its own promises: determinism and independent calls."""
 
 import os
-import re
 import subprocess
 import sys
-import warnings
 
-import llvmlite.binding as llvm
-import numba
 import numpy as np
 import pytest
 import torch
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from splatreel import threads
 from splatreel.errors import GaussiansError
 from splatreel.kernels import splat, twin
-from splatreel.kernels.cpu import binning, blending, rasterize
+from splatreel.kernels.cpu import binning
 from tests.kernels.compare import assert_parity, splats
 
 
@@ -121,14 +118,12 @@ def test_same_bits_for_any_number_of_threads():
         (image.square().sum() + alpha.sum()).backward()
         return [image, alpha, *(leaf.grad for leaf in leaves)]
 
-    threads = numba.get_num_threads()
-    try:
-        many = run()
-        numba.set_num_threads(1)
-        one = run()
-    finally:
-        numba.set_num_threads(threads)
-    assert all(torch.equal(a, b) for a, b in zip(many, one, strict=True))
+    found = []
+    for number in (1, 2, 4, 16):
+        with threads.limited(number):
+            found.append(run())
+    for others in found[1:]:
+        assert all(torch.equal(a, b) for a, b in zip(found[0], others, strict=True))
 
 
 def test_two_renders_at_once_do_not_disturb_each_other():
@@ -183,44 +178,16 @@ def test_a_splat_is_in_the_tiles_and_rows_that_its_ellipse_reaches():
     assert (rows & ~expected).sum() < 0.15 * expected.sum()
 
 
-needs_avx2 = pytest.mark.skipif(not llvm.get_host_cpu_features().get("avx2"), reason="this CPU has no AVX2")
-
-
-def vector_share(kernel, *arguments):
-    """Share of float32 arithmetic instructions on 256 or 512 bits in freshly compiled machine code."""
-    options = {key: kernel.targetoptions[key] for key in ("fastmath", "error_model", "parallel")}
-    fresh = numba.njit(**options)(kernel.py_func)
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", numba.NumbaPerformanceWarning)
-        fresh(*arguments)
-    (code,) = fresh.inspect_asm().values()
-    arithmetic = re.findall(r"\tv(?:mul|add|sub|min|max|fn?m(?:add|sub)\d+)[ps]s\t.*", code)
-    return sum("ymm" in line or "zmm" in line for line in arithmetic) / len(arithmetic)
-
-
-@needs_avx2
-def test_hot_loops_are_vector_code():
-    means2d, conics, colors, opacities, depths, radii = (t.numpy() for t in splats(30, 3, 40, 30))
-    bins = binning.bin_splats(means2d, conics, opacities, depths, radii, 40, 30)
-    held = rasterize.Frozen(bins, colors, *rasterize.forward(bins, colors))
-    image, alpha = held.image, held.alpha
-    drawn, scratch = rasterize._drawn(bins, colors), rasterize._scratch()
-    rest = (drawn, True, rasterize._balanced(bins, held), image, alpha)
-    assert vector_share(blending.forward_3, drawn, *rest, scratch) > 0.4
-    pairs = np.empty((len(bins.ids), 9), np.float32)
-    assert vector_share(blending.backward_3, drawn, bins.slots, *rest, image, alpha, pairs, scratch) > 0.4
-
-
 def test_a_second_process_starts_quickly():
     """The compiled kernels come from the cache on disk: a process that renders must not compile again."""
     program = (
         "import time, numpy as np; start = time.perf_counter()\n"
-        "from splatreel.kernels.cpu import binning, blending, rasterize\n"
+        "from splatreel.kernels.cpu import binning\n"
         "f = np.float32; m = np.full((3, 2), 8, f); c = np.tile(np.array([.2, 0, .2], f), (3, 1)); o = np.ones(3, f)\n"
         "bins = binning.bin_splats(m, c, o, o, np.ones(3, np.int32), 16, 16); colors = np.ones((3, 3), f)\n"
         "image, alpha = rasterize.forward(bins, colors)\n"
         "rasterize.backward(bins, colors, image, image, alpha, alpha)\n"
-        "hits = sum(sum(k.stats.cache_misses.values()) for k in (blending.forward_3, blending.backward_3))\n"
+        "hits = sum(sum(k.stats.cache_misses.values()) for k in (blending.forward.dispatcher, blending.backward.dispatcher))\n"
         "print(hits, time.perf_counter() - start)"
     )
     for _ in range(2):

@@ -52,6 +52,7 @@ def demo(
     from splatreel.capture.opening import open_capture
     from splatreel.evaluation.evaluate import evaluate
     from splatreel.evaluation.uncompressed import uncompressed_frames
+    from splatreel.kernels.warmup import background_warmup
     from splatreel.play.presentation_writer import PresentationWriter
     from splatreel.progress import console
     from splatreel.recon import pipeline
@@ -59,34 +60,35 @@ def demo(
 
     progress = console()
     try:
-        start = time.monotonic()
-        progress.stage("filming the built-in scene", 100)
-        folder = make_capture(
-            out / "capture",
-            width=width,
-            height=height,
-            frames=frames,
-            fps=30,
-            seed=seed,
-            progress=lambda share: progress.update(round(100 * share)),
-        )
-        progress.update(100)
-        filming = round(time.monotonic() - start, 3)
-        capture = open_capture(folder)
-        result = pipeline.reconstruct(
-            capture, out, config, device=device, progress=progress, present=PresentationWriter(otherwise=WORDS)
-        )
-        known = Store(result.work).coverage()
-        report = evaluate(
-            result.reel,
-            capture,
-            out=out,
-            undecoded=uncompressed_frames(result.work, result.reel),
-            seconds={"capture": filming, **result.seconds},
-            device=result.device,
-            progress=progress,
-            coverage=known.sentences() if known else (),
-        )
+        with background_warmup(progress):
+            start = time.monotonic()
+            progress.stage("filming the built-in scene", 100)
+            folder = make_capture(
+                out / "capture",
+                width=width,
+                height=height,
+                frames=frames,
+                fps=30,
+                seed=seed,
+                progress=lambda share: progress.update(round(100 * share)),
+            )
+            progress.update(100)
+            filming = round(time.monotonic() - start, 3)
+            capture = open_capture(folder)
+            result = pipeline.reconstruct(
+                capture, out, config, device=device, progress=progress, present=PresentationWriter(otherwise=WORDS)
+            )
+            known = Store(result.work).coverage()
+            report = evaluate(
+                result.reel,
+                capture,
+                out=out,
+                undecoded=uncompressed_frames(result.work, result.reel),
+                seconds={"capture": filming, **result.seconds},
+                device=result.device,
+                progress=progress,
+                coverage=known.sentences() if known else (),
+            )
     finally:
         progress.close()
     capture.close()

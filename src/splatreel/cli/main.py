@@ -23,6 +23,7 @@ from splatreel.cli.publish import publish
 from splatreel.cli.reconstruct import reconstruct
 from splatreel.cli.serve import serve, view
 from splatreel.cli.verify import verify
+from splatreel.cli.warmup import warmup
 from splatreel.process import keep_freed_memory, quiet_threads
 from splatreel.progress import printable
 
@@ -41,7 +42,7 @@ def build() -> SubcommandApp:
     for verb in (reconstruct, config, encode):
         app.command(verb)
     app.command(name="import")(import_frames)
-    for verb in (edit, info, verify, serve, view, publish, export, evaluate):
+    for verb in (edit, info, verify, serve, view, publish, export, evaluate, warmup):
         app.command(verb)
     app.command(bench.build(), name="bench")
     return app

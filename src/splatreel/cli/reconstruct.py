@@ -81,6 +81,7 @@ def reconstruct(
     machines.check(out, follow=following.follow, estimate=estimate)
     from splatreel.capture.opening import open_capture
     from splatreel.evaluation.profile import profiled
+    from splatreel.kernels.warmup import background_warmup
     from splatreel.play.presentation_writer import PresentationWriter
     from splatreel.progress import console
 
@@ -92,6 +93,7 @@ def reconstruct(
         with machines.folder(out) as folder:
             url = machines.published(out, publish)
             with (
+                background_warmup(progress),
                 profiled(folder / "profile.md" if profile else None),
                 publishing(folder / "reel", url, publish_keep, progress, presents) as present,
             ):

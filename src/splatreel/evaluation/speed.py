@@ -6,10 +6,10 @@ import dataclasses
 from collections.abc import Callable
 from pathlib import Path
 
-import numba
 import numpy as np
 import torch
 
+from splatreel import threads
 from splatreel.capture.base import Capture
 from splatreel.capture.looped import LoopedCapture
 from splatreel.config import Config
@@ -132,9 +132,9 @@ def iteration_row(trainer: GroupTrainer, repeats: int) -> Timing:
     layered()  # until every view has drawn its static points
     for camera in range(len(trainer.pictures.views)):
         trainer.static.view(camera)
-    works, threads = [layered, whole], numba.get_num_threads()
+    works = [layered, whole]
     if trainer.pictures.images.device.type == "cpu":
-        works.append(lambda: on_one_thread(layered, threads))
+        works.append(lambda: on_one_thread(layered))
     times = medians_ms(works, repeats)
     row: Timing = {
         "what": "group iteration",
@@ -144,7 +144,7 @@ def iteration_row(trainer: GroupTrainer, repeats: int) -> Timing:
         "undivided": ratio(times[1], times[0]),
         "tiles": round(_tiles(trainer), 3),
     }
-    return row if len(times) < 3 else {**row, "threads": threads, "one_thread": ratio(times[2], times[0])}
+    return row if len(times) < 3 else {**row, "threads": threads.count(), "one_thread": ratio(times[2], times[0])}
 
 
 def _batch(trainer: GroupTrainer, iteration: int) -> Callable[[], None]:

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
-import numba
 import numpy as np
 import torch
 
+from splatreel import threads
 from splatreel.evaluation.timing import Timing, medians_ms, ratio
 from splatreel.recon.run.machine_speed import on_one_thread
 from splatreel.recon.train.points import TrainablePoints, default_rates
@@ -31,14 +31,13 @@ def step_rows(gaussians: Gaussians, camera: Camera, repeats: int) -> list[Timing
     quarter = len(gaussians) // 4
     still = StaticCache(gaussians[leftmost[quarter:]], [view], NEAR, torch.device("cpu"))
     keyframe, group = _step(gaussians, view), _step(gaussians[leftmost[:quarter]], view, still)
-    threads = numba.get_num_threads()
-    many, one = medians_ms([keyframe, lambda: on_one_thread(keyframe, threads)], repeats)
+    many, one = medians_ms([keyframe, lambda: on_one_thread(keyframe)], repeats)
     layered, whole = medians_ms([group, lambda: group(layered=False)], repeats)
     return [
         {
             "what": "keyframe step",
             "points": len(gaussians),
-            "threads": threads,
+            "threads": threads.count(),
             "ms": many,
             "one_thread": ratio(one, many),
         },

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from splatreel.kernels.cpu import carve as kernel
-from splatreel.kernels.cpu.jit import F, finite
+from splatreel.kernels.cpu.scalars import F, finite
 
 
 def disagreement(
@@ -28,5 +28,6 @@ def disagreement(
     """
     out = np.full(places.shape[:2], np.inf, np.float32)
     places, own, viewmats, Ks = (np.ascontiguousarray(array, np.float32) for array in (places, own, viewmats, Ks))
-    kernel.disagreement(places, own, viewmats, Ks, images, wrong, finite(depths), F(near), F(least), F(share), out)
+    limits = F(near), F(least), F(share)
+    kernel.disagreement.over(len(out), places, own, viewmats, Ks, images, wrong, finite(depths), *limits, out, grain=16)
     return out

@@ -7,20 +7,8 @@ from typing import NamedTuple
 import numpy as np
 
 from splatreel.kernels.cpu import rigid as kernel
-from splatreel.kernels.cpu.jit import F, finite
-
-
-class Views(NamedTuple):
-    """All cameras' pictures of one moment. viewmats: [C, 4, 4]; Ks: [C, 3, 3]; pictures: [C, H, W, 3] uint8; near: near plane.
-
-    depths: [C, ceil(H / 2), ceil(W / 2)] float32 and finite, of what may hide points; `make_views` makes them so.
-    """
-
-    viewmats: np.ndarray
-    Ks: np.ndarray
-    pictures: np.ndarray
-    depths: np.ndarray
-    near: np.float32
+from splatreel.kernels.cpu.rigid import Views
+from splatreel.kernels.cpu.scalars import F, finite
 
 
 class Template(NamedTuple):
@@ -43,14 +31,14 @@ def sample_colors(points: np.ndarray, views: Views) -> tuple[np.ndarray, np.ndar
     """
     shape = len(points), len(views.Ks)
     seen, colors = np.zeros(shape, np.bool_), np.zeros((*shape, 3), np.float32)
-    kernel.sample_colors(points, views, seen, colors)
+    kernel.sample_colors.over(len(points), points, views, seen, colors)
     return seen, colors
 
 
 def color_differences(places: np.ndarray, patches: np.ndarray, template: Template) -> np.ndarray:
     """[Q] mean color difference, 0..1, of patches [Q, K] of points at places [N, 3]; 0 for those that hardly any view sees there."""
     out = np.empty(len(patches), np.float32)
-    kernel.color_differences(places, patches, *template, out)
+    kernel.color_differences.over(len(patches), places, patches, *template, out)
     return out
 
 
@@ -62,7 +50,7 @@ def initial_moves(
     last: [N, 3] where the points were before. A judged patch moves in the best of three ways: not at all, as it did, or to there.
     """
     moves, costs = np.empty((len(patches), 3, 4), np.float32), np.zeros(len(patches), np.float32)
-    kernel.initial_moves(here, last, there, patches, judged, *template, moves, costs)
+    kernel.initial_moves.over(len(patches), here, last, there, patches, judged, *template, moves, costs)
     return moves, costs
 
 
@@ -80,4 +68,5 @@ def refine_moves(
 
     chosen: [B] int64. moves, costs: as `initial_moves` returns them, changed in place. share: of the first steps.
     """
-    kernel.refine_moves(here, patches, chosen, around, moves.copy(), F(share), *template, moves, costs)
+    given = here, patches, chosen, around, moves.copy(), F(share)
+    kernel.refine_moves.over(len(chosen), *given, *template, moves, costs)

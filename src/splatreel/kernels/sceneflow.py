@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from splatreel.kernels.cpu import sceneflow as kernel
-from splatreel.kernels.cpu.jit import finite
+from splatreel.kernels.cpu.scalars import finite
 
 FLOATS = np.arange(1 << 16, dtype=np.uint16).view(np.float16).astype(np.float32)
 """The value of every half-precision number, which numba cannot read."""
@@ -26,7 +26,8 @@ def solve(
     where each view's pixels go. depths: [C, ceil(H / 2), ceil(W / 2)] what each view sees, infinite for nothing.
     """
     motion, certainty = np.empty_like(last), np.empty(len(last), np.float32)
-    kernel.solve(means, last, viewmats, Ks, flows.view(np.uint16), FLOATS, finite(depths), near, motion, certainty)
+    inputs = means, last, viewmats, Ks, flows.view(np.uint16), FLOATS, finite(depths), near
+    kernel.solve.over(len(means), *inputs, motion, certainty, grain=64)
     return motion, certainty
 
 
@@ -35,5 +36,5 @@ def pixels_needed(
 ) -> np.ndarray:
     """The pixels [C, height, width] bool of `flows` that `solve` reads; the arguments are those of `solve`."""
     marks = np.zeros((len(viewmats), height, width), np.bool_)
-    kernel.mark_pixels(means, viewmats, Ks, finite(depths), near, marks)
+    kernel.mark_pixels.over(len(marks), means, viewmats, Ks, finite(depths), near, marks)
     return marks

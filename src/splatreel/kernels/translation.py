@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from splatreel.kernels.cpu import translation as kernel
-from splatreel.kernels.cpu.jit import F, finite
+from splatreel.kernels.cpu.scalars import F, finite
 
 
 def color_differences(
@@ -27,5 +27,6 @@ def color_differences(
         np.ascontiguousarray(array, np.float32) for array in (points, motions, viewmats, Ks)
     )
     out = np.ones(len(motions), np.float32)
-    kernel.color_differences(points, motions, viewmats, Ks, here, there, finite(depths), F(near), out)
+    inputs = points, motions, viewmats, Ks, here, there, finite(depths), F(near)
+    kernel.color_differences.over(len(motions), *inputs, out)
     return out

@@ -10,7 +10,7 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
-from splatreel.codec.jit import EXACT
+from splatreel.jit import EXACT
 from splatreel.scene import rotations
 
 NUMBERS = 6

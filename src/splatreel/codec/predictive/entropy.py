@@ -11,8 +11,8 @@ import struct
 import numpy as np
 from numba import njit
 
-from splatreel.codec.jit import EXACT
 from splatreel.errors import ReelError
+from splatreel.jit import EXACT
 
 MAX_VALUE = (1 << 52) - 1
 TOKENS = 128

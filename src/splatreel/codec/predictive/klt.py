@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
-from splatreel.codec.jit import EXACT
 from splatreel.codec.predictive.entropy import Stream, encode, unzigzag, zigzag
 from splatreel.codec.quantize import Parameters, integer
 from splatreel.errors import ReelError
+from splatreel.jit import EXACT
 
 _MAX_SHIFT = 20
 MOST_NUMBERS = 1 << 20

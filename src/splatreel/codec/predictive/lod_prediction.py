@@ -12,9 +12,9 @@ from dataclasses import dataclass
 import numpy as np
 from numba import njit
 
-from splatreel.codec.jit import EXACT
 from splatreel.codec.predictive.entropy import Stream, encode, take, zigzag
 from splatreel.errors import ReelError
+from splatreel.jit import EXACT
 
 FIRST_LEVEL = 64
 """The coarsest level has between this many points and twice as many, and is predicted to be zero."""

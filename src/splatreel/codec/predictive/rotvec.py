@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
-from splatreel.codec.jit import EXACT
+from splatreel.jit import EXACT
 
 
 def of_quats(quats: np.ndarray) -> np.ndarray:

@@ -8,11 +8,13 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit, prange
+from numba import njit
 
-from splatreel.kernels.cpu.jit import ONE, PARALLEL, U
+from splatreel.jit import F1, FLOAT, INT, range_kernel
+from splatreel.kernels.cpu.scalars import ONE, F, U
 
-CHUNK = 4096  # floats a task takes
+CHUNK = 4096  # floats of a task
+GRAIN = 4  # tasks that are worth a thread
 
 
 class Flat(NamedTuple):
@@ -28,11 +30,12 @@ class Flat(NamedTuple):
 
 
 def step(flats: Sequence[Flat]) -> None:
-    """Changes parameter, mean and square of all in place."""
-    parameters, means, squares, gradients, factors, starts, moments = zip(*flats, strict=True)
-    tasks = np.cumsum([0, *[-(-len(parameter) // CHUNK) for parameter in parameters]])
-    constants = np.array([_constants(*moment) for moment in moments], np.float32)
-    _step(parameters, means, squares, gradients, factors, np.array(starts), tasks, constants)
+    """Change parameter, mean and square of all in place."""
+    for flat in flats:
+        chunks = -(-len(flat.parameter) // CHUNK)
+        constants = tuple(F(value) for value in _constants(*flat.moment))
+        arrays = flat.parameter, flat.mean, flat.square, flat.gradient, flat.factors
+        _step.over(chunks, *arrays, flat.start, *constants, grain=GRAIN)
 
 
 def _constants(rate: float, decay: float, square_decay: float, eps: float, number: int) -> tuple[float, ...]:
@@ -40,42 +43,31 @@ def _constants(rate: float, decay: float, square_decay: float, eps: float, numbe
 
 
 @njit(inline="always")
-def _rest(p, m, s, constants):
-    """Values without a gradient go on by their momentum."""
-    rate, decay, square_decay, correction, eps = constants
-    for j in range(U(p.shape[0])):
+def _rest(p, m, s, first, last, rate, decay, square_decay, correction, eps):
+    """Let values without a gradient go on by their momentum."""
+    for j in range(U(first), U(last)):
         m[j] *= decay
         s[j] *= square_decay
         p[j] -= rate * m[j] / (np.sqrt(s[j]) * correction + eps)
 
 
-@njit(inline="always")
-def _follow(p, m, s, g, factor, constants):
-    rate, decay, square_decay, correction, eps = constants
-    for j in range(U(p.shape[0])):
-        slope = factor * g[j]
-        m[j] += (slope - m[j]) * (ONE - decay)
-        s[j] = s[j] * square_decay + slope * slope * (ONE - square_decay)
-        p[j] -= rate * m[j] / (np.sqrt(s[j]) * correction + eps)
-
-
-@njit(**PARALLEL)
-def _step(parameters, means, squares, gradients, factors, starts, tasks, constants):
-    for task in prange(tasks[-1]):
-        k = 0
-        while tasks[k + 1] <= task:
-            k += 1
-        p, m, s, g, start = parameters[k], means[k], squares[k], gradients[k], starts[k]
-        c = constants[k, 0], constants[k, 1], constants[k, 2], constants[k, 3], constants[k, 4]
-        first = (task - tasks[k]) * CHUNK
+@range_kernel(F1, F1, F1, F1, F1, INT, FLOAT, FLOAT, FLOAT, FLOAT, FLOAT)
+def _step(first_chunk, last_chunk, p, m, s, g, factors, start, rate, decay, square_decay, correction, eps):
+    """Update chunks of one tensor. The gradient g, by a factor each, belongs to blocks of its size from start on."""
+    for chunk in range(first_chunk, last_chunk):
+        first = chunk * CHUNK
         end = min(first + CHUNK, p.shape[0])
         low = min(max(start, first), end)
-        high = max(min(start + factors[k].shape[0] * g.shape[0], end), low)
-        _rest(p[first:low], m[first:low], s[first:low], c)
-        _rest(p[high:end], m[high:end], s[high:end], c)
+        high = max(min(start + factors.shape[0] * g.shape[0], end), low)
+        _rest(p, m, s, first, low, rate, decay, square_decay, correction, eps)
+        _rest(p, m, s, high, end, rate, decay, square_decay, correction, eps)
         while low < high:
             block = (low - start) // g.shape[0]
             origin = start + block * g.shape[0]
-            stop = min(origin + g.shape[0], high)
-            _follow(p[low:stop], m[low:stop], s[low:stop], g[low - origin : stop - origin], factors[k][block], c)
+            stop, factor = min(origin + g.shape[0], high), factors[block]
+            for j in range(U(low), U(stop)):
+                slope = factor * g[j - U(origin)]
+                m[j] += (slope - m[j]) * (ONE - decay)
+                s[j] = s[j] * square_decay + slope * slope * (ONE - square_decay)
+                p[j] -= rate * m[j] / (np.sqrt(s[j]) * correction + eps)
             low = stop

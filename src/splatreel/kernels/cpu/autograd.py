@@ -19,7 +19,7 @@ from torch.autograd.function import once_differentiable
 
 from splatreel.kernels.cpu import binning, deform, harmonics, hashgrid, layered, motion, project, rasterize, similarity
 
-CHUNK = 3  # channels the rasterizer blends at once; other counts but 1 are padded and take several passes
+CHUNK = 3  # channels the rasterizer blends at once; other counts are padded, and take several passes
 
 
 def _arrays(*tensors: Tensor) -> list[np.ndarray]:
@@ -203,9 +203,9 @@ def _bins(means2d, conics, opacities, depths, radii, width: int, height: int) ->
 
 
 def _split(values: np.ndarray) -> list[np.ndarray]:
-    """values [..., C] in parts the rasterizer takes: C 1 as it is, else threes, the last padded with zeros."""
+    """Divide values [..., C] into parts of three channels, the last one padded with zeros."""
     channels = values.shape[-1]
-    if channels in (1, CHUNK):
+    if channels == CHUNK:
         return [values]
     padded = np.pad(values, [(0, 0)] * (values.ndim - 1) + [(0, -channels % CHUNK)])
     return [np.ascontiguousarray(padded[..., k : k + CHUNK]) for k in range(0, channels, CHUNK)]
@@ -213,7 +213,7 @@ def _split(values: np.ndarray) -> list[np.ndarray]:
 
 def _join(parts: list[np.ndarray], channels: int) -> np.ndarray:
     """Undoes `_split`."""
-    return parts[0] if parts[0].shape[-1] == channels else np.concatenate(parts, -1)[..., :channels]
+    return parts[0] if channels == CHUNK else np.ascontiguousarray(np.concatenate(parts, -1)[..., :channels])
 
 
 class PhotometricLoss(Function):

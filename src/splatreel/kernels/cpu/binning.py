@@ -11,11 +11,13 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from numba import njit, prange
+from numba import njit
 
-from splatreel.kernels.cpu.jit import HALF, ONE, PARALLEL, SERIAL, TWO, ZERO, F
+from splatreel.jit import B1, F1, F2, I1, I2, INT, U1, kernel, range_kernel
+from splatreel.kernels.cpu.scalars import HALF, ONE, TWO, ZERO, F
 
 TILE = 16
+GRAIN = 1024  # splats that are worth a thread
 MIN_ALPHA = F(1 / 255)
 LOG2_E = F(math.log2(math.e))
 LOG2_255 = F(math.log2(255))
@@ -64,10 +66,11 @@ def bin_splats(
     tiles_x, tiles_y = -(-width // TILE), -(-height // TILE)
     splats, boxes = np.empty((n, 8), np.float32), np.empty((n, 4), np.int32)
     first, offsets = np.zeros(n + 1, np.int32), np.zeros(tiles_x * tiles_y + 1, np.int32)
-    _prepare(means2d, conics, opacities, depths, radii, width, height, splats, boxes, first[1:])
+    inputs = means2d, conics, opacities, depths, radii
+    _prepare.over(n, *inputs, width, height, splats, boxes, first[1:], grain=GRAIN)
     np.cumsum(first, out=first)
     tiles, reaches = np.empty(first[-1], np.int32), np.empty(first[-1], np.uint8)
-    _cut(splats, boxes, first, tiles_x, tiles, reaches)
+    _cut.over(n, splats, boxes, first, tiles_x, tiles, reaches, grain=GRAIN)
     order = _depth_order(depths, first)
     ids, slots, rows = np.empty(first[-1], np.int32), np.empty(first[-1], np.int32), np.empty(first[-1], np.uint8)
     _fill(order, first, tiles, reaches, offsets, ids, slots, rows)
@@ -77,13 +80,13 @@ def bin_splats(
 def tiles_of(bins: Bins, chosen: np.ndarray) -> np.ndarray:
     """[tiles] bool: those that one of the chosen splats, [N] bool, touches."""
     found = np.zeros(len(bins.offsets) - 1, np.bool_)
-    _mark(bins.offsets, bins.ids, chosen, found)
+    _mark.over(len(found), bins.offsets, bins.ids, chosen, found)
     return found
 
 
-@njit(**PARALLEL)
-def _mark(offsets, ids, chosen, found):
-    for tile in prange(found.shape[0]):
+@range_kernel(I1, I1, B1, B1)
+def _mark(first_tile, last_tile, offsets, ids, chosen, found):
+    for tile in range(first_tile, last_tile):
         for pair in range(offsets[tile], offsets[tile + 1]):
             if chosen[ids[pair]]:
                 found[tile] = True
@@ -107,10 +110,10 @@ def _reach(splat):
     return splat[5] + LOG2_255, F(4.0 * a * c - b * b)
 
 
-@njit(**PARALLEL)
-def _prepare(means2d, conics, opacities, depths, radii, width, height, splats, boxes, counts):
+@range_kernel(F2, F2, F1, F1, I1, INT, INT, F2, I2, I1)
+def _prepare(begin, end, means2d, conics, opacities, depths, radii, width, height, splats, boxes, counts):
     """Fills splats, boxes (first and last column, first and last row of pixels; last < first if none) and pairs of each splat."""
-    for i in prange(means2d.shape[0]):
+    for i in range(begin, end):
         x, y, opacity = means2d[i, 0], means2d[i, 1], opacities[i]
         a, b, c = HALF * LOG2_E * conics[i, 0], LOG2_E * conics[i, 1], HALF * LOG2_E * conics[i, 2]
         splats[i, 0], splats[i, 1], splats[i, 2], splats[i, 3], splats[i, 4] = x, y, a, b, c
@@ -153,10 +156,10 @@ def _strip(splat, box, column):
     return first, last
 
 
-@njit(**PARALLEL)
-def _cut(splats, boxes, first, tiles_x, tiles, rows):
+@range_kernel(F2, I2, I1, INT, I1, U1)
+def _cut(begin, end, splats, boxes, first, tiles_x, tiles, rows):
     """The tile of every (splat, tile) pair, and the rows the splat reaches in it; the pairs of splat i stand from first[i] on."""
-    for i in prange(splats.shape[0]):
+    for i in range(begin, end):
         pair = first[i]
         if boxes[i, 1] < boxes[i, 0]:
             continue
@@ -168,7 +171,7 @@ def _cut(splats, boxes, first, tiles_x, tiles, rows):
                 pair += 1
 
 
-@njit(**SERIAL)
+@kernel(F1, I1)
 def _depth_order(depths, first):
     """Indices of the splats that touch the image, nearest first: a radix sort of the float bits, 11 at a time, stable.
 
@@ -207,7 +210,7 @@ def _depth_order(depths, first):
     return ids[:m]
 
 
-@njit(**SERIAL)
+@kernel(I1, I1, I1, U1, I1, I1, I1, U1)
 def _fill(order, first, tiles, reaches, offsets, ids, slots, rows):
     """Sorts the pairs into tiles, front to back; fills offsets (zeros before), ids, slots and rows."""
     for pair in range(tiles.shape[0]):

@@ -1,74 +1,178 @@
-"""The kernels of the rasterizer: front-to-back alpha blending of one tile after the other, and its gradient.
+"""Front-to-back alpha blending of one 16 x 16 tile after the other, and its gradient.
 
-One task renders one 16 x 16 tile in a small scratch that stays in the first-level cache: planes of 256 floats, one a
-quantity, at constant offsets, so that LLVM can prove the planes independent and turn the loop over a splat's rows of
-pixels into vector code. That is worth a factor of ten, and easily lost: keep the index unsigned (`U`), the offsets
-constant, one flat loop, and no reduction but sums. A test looks for the vector registers in the machine code.
+A tile's pixels are kept in a small buffer that stays in the first-level cache: for each row of pixels, a row of floats per quantity.
+`rows` turns the arithmetic on such rows into vector code.
 
-Transmittance is kept per pixel; its sign says whether the pixel still takes light: it turns negative once the next
-splat would leave 1e-4 or less, as in gsplat.
+Transmittance is kept per pixel. Its sign says whether the pixel still takes light: it turns negative once the next splat would leave
+1e-4 or less, as in gsplat.
 """
 
 from __future__ import annotations
 
-from numba import get_thread_id, njit, prange  # pyright: ignore[reportPrivateImportUsage]
+from collections.abc import Sequence
+from typing import Any
 
+from llvmlite import ir
+from numba import njit, types
+from numba.core import cgutils
+
+from splatreel.jit import BOOL, F2, F3, I1, L1, U1, range_kernel
 from splatreel.kernels.cpu.binning import DEPTH, MIN_ALPHA, TILE
-from splatreel.kernels.cpu.jit import HALF, ONE, PARALLEL, ZERO, F, U
+from splatreel.kernels.cpu.rows import Memory, Row, Sums, counted, prefetch, row_loop, spread, stack_floats
+from splatreel.kernels.cpu.scalars import HALF, ONE, ZERO, F, U
 
 MAX_ALPHA = F(0.999)
 MIN_TRANSMITTANCE = F(1e-4)
-PIXELS = TILE * TILE
+CHANNELS = 3
+PARTS = 6 + CHANNELS  # floats of a (splat, tile) pair: moments, and gradients to the color
 CHECK = 16  # splats between two looks at whether all pixels of the tile are full
+AHEAD = 6  # splats that are fetched ahead of their use: they lie in depth order, all over memory
 
-# 2^(e/8) for e in -8..0 as a polynomial; its eighth power is 2^e to 1.5e-6. Numba's wheels bring no vector exp.
-P1, P2, P3, P4, P5, P6 = (
-    F(0.08664337545633316),
-    F(0.0037534991279244423),
-    F(0.00010837755689863116),
-    F(2.338086460440536e-06),
-    F(3.884498056550001e-08),
-    F(4.1371553405333827e-10),
+# 2^(e/8) for e in -8..0 as a polynomial; its eighth power is 2^e to 1.5e-6. LLVM has no vector exp without a library.
+POWERS = (
+    4.1371553405333827e-10,
+    3.884498056550001e-08,
+    2.338086460440536e-06,
+    0.00010837755689863116,
+    0.0037534991279244423,
+    0.08664337545633316,
+    1.0,
 )
-MIN_EXPONENT = F(-8)  # below 1/255, so such alphas are dropped anyway
+MIN_EXPONENT = -8.0  # below 1/255, so such alphas are dropped anyway
 
-
-# Scratch planes. Both passes: transmittance, pixel center x and y. Forward: then the color accumulated.
-X, Y, RGB = PIXELS, 2 * PIXELS, 3 * PIXELS
+# Rows of floats for each row of pixels. Both passes begin with the transmittance. Forward: then the blended color.
+TRANSMITTANCE, RGB, FORWARD_ROWS = 0, 1, 4
 # Backward: then the remainder (what splats behind contribute to the loss), gradient to alpha, gradient to color.
-REST, D_ALPHA, D_RGB = 3 * PIXELS, 4 * PIXELS, 5 * PIXELS
+REST, D_ALPHA, D_RGB, BACKWARD_ROWS = 1, 2, 3, 6
+
+FORWARD_FLOATS, BACKWARD_FLOATS = FORWARD_ROWS * TILE * TILE, BACKWARD_ROWS * TILE * TILE
+
+DRAWN = types.Tuple((F2, F2, I1, I1, U1))
+"""Type of `rasterize.Drawn`."""
 
 
-@njit(inline="always")
-def _exp2(e):
-    e = max(e, MIN_EXPONENT)
-    p = P6 * e + P5
-    p = p * e + P4
-    p = p * e + P3
-    p = p * e + P2
-    p = p * e + P1
-    p = p * e + ONE
-    p = p * p
-    p = p * p
-    return p * p
+def _alpha(builder: Any, dx: Row, dy: Any, splat: Sequence[Any]) -> Row:
+    """Build the opacity of a splat in a row of pixels. dx: pixels from its center. dy: LLVM float, pixels from its center."""
+    a, b, c, log_opacity = splat
+    fast = {"flags": ("fast",)}
+    base = builder.fsub(log_opacity, builder.fmul(builder.fmul(c, dy, **fast), dy, **fast), **fast)
+    tilt = builder.fmul(b, dy, **fast)
+    exponent = (spread(builder, base, dx.width) - dx * (dx * a + tilt)).at_least(MIN_EXPONENT)
+    power = exponent * POWERS[0] + POWERS[1]
+    for coefficient in POWERS[2:]:
+        power = power * exponent + coefficient
+    power = power * power
+    power = power * power
+    return power * power
 
 
-@njit(inline="always")
-def _blend(alpha, transmittance):
-    """Weight of a splat in a pixel, and the transmittance behind it (negative once the pixel is full)."""
-    live = ONE if transmittance > ZERO else ZERO
-    weight = (alpha * live if alpha >= MIN_ALPHA else ZERO) * transmittance
+def _weigh(opacity: Row, transmittance: Row) -> tuple[Row, Row, Row]:
+    """Build a splat's clamped alpha, its weight, and the transmittance behind it, which is negative once the pixel is full.
+
+    The transmittance of a full pixel is negative before, so that it stays so.
+    """
+    clamped = opacity.at_most(float(MAX_ALPHA))
+    weight = (clamped >= float(MIN_ALPHA)).where(clamped, 0.0) * transmittance
     behind = transmittance - weight
-    weight *= ONE if behind > MIN_TRANSMITTANCE else ZERO
-    return weight, behind if behind > MIN_TRANSMITTANCE else -abs(transmittance)
+    is_open = behind > float(MIN_TRANSMITTANCE)
+    return clamped, is_open.where(weight, 0.0), is_open.where(behind, transmittance.negative())
 
 
-@njit(inline="always")
-def _is_full(buffer):
-    open_pixels = ZERO
-    for p in range(U(0), U(PIXELS)):
-        open_pixels += ONE if buffer[p] > ZERO else ZERO
-    return open_pixels == ZERO
+class _Rows:
+    """The loop over a splat's rows of pixels, as it is built. splat: LLVM floats x, y, a, b, c, log opacity."""
+
+    def __init__(self, builder: Any, memory: Memory, planes: int, splat: Sequence[Any]) -> None:
+        self.builder, self.memory, self.planes = builder, memory, planes
+        self.x, self.y, *self.shape = splat
+
+    def each(self, first: Any, last: Any, work: Any) -> None:
+        """Build `work(start, transmittance, dx, dy, opacity)` for each row from first to last, in parts that fill a register.
+
+        Parts without an open pixel are skipped.
+        """
+        builder, one = self.builder, ir.Constant(first.type, 1)
+        columns = range(0, TILE, self.memory.width)
+        across = [counted(builder, column, self.memory.width) - self.x for column in columns]
+        with cgutils.for_range_slice(builder, first, builder.add(last, one), one) as (row, _):
+            dy = builder.fsub(builder.sitofp(row, ir.FloatType()), self.y, flags=("fast",))
+            row_start = builder.mul(row, ir.Constant(row.type, self.planes * TILE))
+            for column, dx in zip(columns, across, strict=True):
+                start = builder.add(row_start, ir.Constant(row.type, column))
+                transmittance = self.memory.load(start, TRANSMITTANCE * TILE)
+                with builder.if_then((transmittance > 0.0).any()):
+                    work(start, transmittance, dx, dy, _alpha(builder, dx, dy, self.shape))
+
+
+@row_loop(integers=2, floats=9)
+def _blend(builder: Any, memory: Memory, first: Any, last: Any, *values: Any) -> None:
+    """Blend a splat into rows first..last of a tile. values: x, y, conic, log opacity and color."""
+
+    def work(start: Any, transmittance: Row, dx: Row, dy: Any, opacity: Row) -> None:
+        _, weight, behind = _weigh(opacity, transmittance)
+        memory.store(start, TRANSMITTANCE * TILE, behind)
+        for channel, value in enumerate(values[6:]):
+            memory.store(start, (RGB + channel) * TILE, memory.load(start, (RGB + channel) * TILE) + weight * value)
+
+    _Rows(builder, memory, FORWARD_ROWS, values[:6]).each(first, last, work)
+
+
+def _value(memory: Memory, start: Any, color: Sequence[Any]) -> Row:
+    """Build how the loss changes with the weight of a splat in a row of pixels."""
+    value = memory.load(start, D_ALPHA * TILE)
+    for channel, part in enumerate(color):
+        value = value + memory.load(start, (D_RGB + channel) * TILE) * part
+    return value
+
+
+@row_loop(integers=2, floats=9)
+def _shade(builder: Any, memory: Memory, first: Any, last: Any, *values: Any) -> None:
+    """Take the light of a frozen splat away from what is behind it, in the backward pass. Arguments as for `_blend`."""
+
+    def work(start: Any, transmittance: Row, dx: Row, dy: Any, opacity: Row) -> None:
+        _, weight, behind = _weigh(opacity, transmittance)
+        memory.store(start, TRANSMITTANCE * TILE, behind)
+        memory.store(start, REST * TILE, memory.load(start, REST * TILE) - weight * _value(memory, start, values[6:]))
+
+    _Rows(builder, memory, BACKWARD_ROWS, values[:6]).each(first, last, work)
+
+
+@row_loop(integers=2, floats=9, results=PARTS)
+def _gradient(builder: Any, memory: Memory, first: Any, last: Any, *values: Any) -> list[Any]:
+    """Return six moments of d(log alpha) over the pixels of a splat, and the gradient to its color.
+
+    The moments are of 1, dx, dy, dx^2, dx dy and dy^2: all that the gradients to mean, conic and opacity need. Arguments: see `_blend`.
+    """
+    sums = Sums(builder, PARTS, memory.width)
+
+    def work(start: Any, transmittance: Row, dx: Row, dy: Any, opacity: Row) -> None:
+        clamped, weight, behind = _weigh(opacity, transmittance)
+        memory.store(start, TRANSMITTANCE * TILE, behind)
+        value = _value(memory, start, values[6:])
+        rest = memory.load(start, REST * TILE) - weight * value
+        memory.store(start, REST * TILE, rest)
+        d_clamped = transmittance * value - rest / (clamped * -1.0 + 1.0)
+        is_drawn = (opacity <= float(MAX_ALPHA)) & (weight > 0.0)  # no gradient through the clamp
+        moment = is_drawn.where(opacity * d_clamped, 0.0)
+        across, down = moment * dx, moment * dy
+        colors = [weight * memory.load(start, (D_RGB + channel) * TILE) for channel in range(CHANNELS)]
+        sums.add([moment, across, down, across * dx, down * dx, down * dy, *colors])
+
+    _Rows(builder, memory, BACKWARD_ROWS, values[:6]).each(first, last, work)
+    return sums.totals()
+
+
+@row_loop(integers=1, results=1)
+def _open(builder: Any, memory: Memory, stride: Any) -> list[Any]:
+    """Return 1 if a pixel of a tile still takes light, else 0. stride: floats from one row of pixels to the next."""
+    zero, one, rows = (ir.Constant(stride.type, number) for number in (0, 1, TILE))
+    found = cgutils.alloca_once_value(builder, ir.Constant(ir.FloatType(), 0.0))
+    builder.store(ir.Constant(ir.FloatType(), 0.0), found)
+    with cgutils.for_range_slice(builder, zero, rows, one) as (row, _):
+        for column in range(0, TILE, memory.width):
+            transmittance = memory.load(builder.mul(row, stride), TRANSMITTANCE * TILE + column)
+            with builder.if_then((transmittance > 0.0).any()):
+                builder.store(ir.Constant(ir.FloatType(), 1.0), found)
+    return [builder.load(found)]
 
 
 @njit(inline="always")
@@ -83,179 +187,124 @@ def _extent(rows, start, end, some):
 
 
 @njit(inline="always")
-def _start(buffer, top, left, first, last, shape):
-    """Fills a tile's pixel centers and transmittance; pixels outside the image or the rows first..last are full."""
+def _start(buffer, planes, top, left, first, last, shape):
+    """Fill a tile's transmittance: pixels outside the image or the rows first..last are full."""
     for r in range(TILE):
-        for x in range(TILE):
-            p = r * TILE + x
-            inside = first <= r <= last and top + r < shape[0] and left + x < shape[1]
-            buffer[p] = ONE if inside else -ONE
-            buffer[X + p], buffer[Y + p] = F(left + x) + HALF, F(top + r) + HALF
+        columns = min(TILE, shape[1] - left) if first <= r <= last and top + r < shape[0] else 0
+        row = buffer[r * planes * TILE : r * planes * TILE + TILE]
+        row[:] = -ONE
+        row[:columns] = ONE
 
 
 @njit(inline="always")
 def _start_gradient(buffer, top, left, image, alpha, d_image, d_alpha):
-    """Fills a tile's planes of gradients; pixels outside the image have none."""
+    """Fill a tile's rows of gradients; pixels outside the image have none."""
     for r in range(TILE):
+        start = r * BACKWARD_ROWS * TILE
         for x in range(TILE):
-            p = r * TILE + x
             inside = top + r < alpha.shape[0] and left + x < alpha.shape[1]
             gradient = d_alpha[top + r, left + x] if inside else ZERO
             rest = gradient * alpha[top + r, left + x] if inside else ZERO
-            buffer[D_ALPHA + p] = gradient
-            for channel in range(d_image.shape[2]):
+            buffer[start + D_ALPHA * TILE + x] = gradient
+            for channel in range(CHANNELS):
                 gradient = d_image[top + r, left + x, channel] if inside else ZERO
                 rest += gradient * image[top + r, left + x, channel] if inside else ZERO
-                buffer[D_RGB + channel * PIXELS + p] = gradient
-            buffer[REST + p] = rest
-
-
-def _make_forward(channels: int):
-    """The forward kernel for 1 or 3 channels; `rgb` is a constant to the compiler, so unused channels cost nothing.
-
-    Two lists of splats are merged by depth as they are drawn, those whose names begin with h (held) are frozen ones.
-    """
-    rgb = channels == 3
-
-    @njit(**PARALLEL)
-    def forward_kernel(moving, held, some, tiles, image, alpha, scratch):
-        splats, colors, offsets, ids, rows = moving
-        h_splats, h_colors, h_offsets, h_ids, h_rows = held
-        tiles_x = (alpha.shape[1] + TILE - 1) // TILE
-        for task in prange(tiles.shape[0]):
-            buffer = scratch[get_thread_id()]
-            tile = tiles[task]
-            top, left = tile // tiles_x * TILE, tile % tiles_x * TILE
-            k, end, h, h_end = offsets[tile], offsets[tile + 1], h_offsets[tile], h_offsets[tile + 1]
-            highest, lowest = _extent(rows, k, end, some)
-            _start(buffer, top, left, highest, lowest, alpha.shape)
-            for p in range(U(RGB), U(RGB + channels * PIXELS)):
-                buffer[p] = ZERO
-            while k < end or h < h_end:
-                if h < h_end and (k == end or h_splats[h_ids[h], DEPTH] < splats[ids[k], DEPTH]):
-                    i, reach = h_ids[h], h_rows[h]
-                    x, y, a, b, c, log_opacity, _, _ = h_splats[i]
-                    red = h_colors[i, 0]
-                    green, blue = h_colors[i, 1] if rgb else ZERO, h_colors[i, 2] if rgb else ZERO
-                    h += 1
-                else:
-                    i, reach = ids[k], rows[k]
-                    x, y, a, b, c, log_opacity, _, _ = splats[i]
-                    red = colors[i, 0]
-                    green, blue = colors[i, 1] if rgb else ZERO, colors[i, 2] if rgb else ZERO
-                    k += 1
-                first, last = max(reach // TILE, highest), min(reach % TILE, lowest)
-                for p in range(U(first * TILE), U(max(last + 1, first) * TILE)):
-                    dx, dy = buffer[U(X) + p] - x, buffer[U(Y) + p] - y
-                    opacity = _exp2(log_opacity - a * dx * dx - dy * (b * dx + c * dy))
-                    weight, behind = _blend(min(opacity, MAX_ALPHA), buffer[p])
-                    buffer[p] = behind
-                    buffer[U(RGB) + p] += weight * red
-                    if rgb:
-                        buffer[U(RGB + PIXELS) + p] += weight * green
-                        buffer[U(RGB + 2 * PIXELS) + p] += weight * blue
-                if (k + h) % CHECK == 0 and _is_full(buffer):
-                    break
-            for r in range(highest, min(lowest + 1, alpha.shape[0] - top)):
-                for x in range(min(TILE, alpha.shape[1] - left)):
-                    p = r * TILE + x
-                    alpha[top + r, left + x] = ONE - abs(buffer[p])
-                    for channel in range(channels):
-                        image[top + r, left + x, channel] = buffer[RGB + channel * PIXELS + p]
-
-    return forward_kernel
+                buffer[start + (D_RGB + channel) * TILE + x] = gradient
+            buffer[start + REST * TILE + x] = rest
 
 
 @njit(inline="always")
-def _shade(buffer, first, last, x, y, a, b, c, log_opacity, red, green, blue, rgb):
-    """A frozen splat of the backward pass: only takes light away from what is behind it."""
-    for p in range(U(first * TILE), U(max(last + 1, first) * TILE)):
-        dx, dy = buffer[U(X) + p] - x, buffer[U(Y) + p] - y
-        opacity = _exp2(log_opacity - a * dx * dx - dy * (b * dx + c * dy))
-        weight, behind = _blend(min(opacity, MAX_ALPHA), buffer[p])
-        buffer[p] = behind
-        value = buffer[U(D_ALPHA) + p] + red * buffer[U(D_RGB) + p]
-        if rgb:
-            value += green * buffer[U(D_RGB + PIXELS) + p] + blue * buffer[U(D_RGB + 2 * PIXELS) + p]
-        buffer[U(REST) + p] -= weight * value
+def _read(splats, colors, i, across, down):
+    """Center within the tile, conic, log opacity and color of a splat."""
+    x, y = splats[i, 0] - across, splats[i, 1] - down
+    a, b, c, log_opacity = splats[i, 2], splats[i, 3], splats[i, 4], splats[i, 5]
+    return x, y, a, b, c, log_opacity, colors[i, 0], colors[i, 1], colors[i, 2]
 
 
-def _make_backward(channels: int):
-    """The backward kernel for 1 or 3 channels, front to back as the forward one.
+@njit(inline="always")
+def _fetch(splats, colors, ids, k, end):
+    """Prefetch the splat that is blended AHEAD places after k."""
+    if k + AHEAD < end:
+        prefetch(splats, ids[k + AHEAD])
+        prefetch(colors, ids[k + AHEAD])
 
-    `rest` starts as the gradient-weighted color and alpha of the pixel and loses each splat's share in turn, so that
-    what remains belongs to the splats behind: no transmittance need be stored or divided back. Six moments of
-    d(log alpha) over the pixels are all that mean, conic and opacity gradients need.
-    """
-    rgb = channels == 3
 
-    @njit(**PARALLEL)
-    def backward_kernel(moving, slots, held, some, tiles, image, alpha, d_image, d_alpha, pairs, scratch):
-        splats, colors, offsets, ids, rows = moving
-        h_splats, h_colors, h_offsets, h_ids, h_rows = held
-        tiles_x = (alpha.shape[1] + TILE - 1) // TILE
-        for task in prange(tiles.shape[0]):
-            buffer = scratch[get_thread_id()]
-            tile = tiles[task]
-            top, left = tile // tiles_x * TILE, tile % tiles_x * TILE
-            k, end, h, h_end = offsets[tile], offsets[tile + 1], h_offsets[tile], h_offsets[tile + 1]
-            highest, lowest = _extent(rows, k, end, some)
-            _start(buffer, top, left, highest, lowest, alpha.shape)
-            _start_gradient(buffer, top, left, image, alpha, d_image, d_alpha)
-            while k < end:
-                if (k + h) % CHECK == 0 and _is_full(buffer):
-                    break
-                if h < h_end and h_splats[h_ids[h], DEPTH] < splats[ids[k], DEPTH]:
-                    i, reach = h_ids[h], h_rows[h]
-                    h += 1
-                    x, y, a, b, c, log_opacity, _, _ = h_splats[i]
-                    red = h_colors[i, 0]
-                    green, blue = h_colors[i, 1] if rgb else ZERO, h_colors[i, 2] if rgb else ZERO
-                    first, last = max(reach // TILE, highest), min(reach % TILE, lowest)
-                    _shade(buffer, first, last, x, y, a, b, c, log_opacity, red, green, blue, rgb)
-                    continue
-                i, first, last = ids[k], rows[k] // TILE, rows[k] % TILE
-                x, y, a, b, c, log_opacity, _, _ = splats[i]
-                red = colors[i, 0]
-                green, blue = colors[i, 1] if rgb else ZERO, colors[i, 2] if rgb else ZERO
-                m0 = mx = my = mxx = mxy = myy = d_red = d_green = d_blue = ZERO
-                for p in range(U(first * TILE), U(last * TILE + TILE)):
-                    dx, dy = buffer[U(X) + p] - x, buffer[U(Y) + p] - y
-                    opacity = _exp2(log_opacity - a * dx * dx - dy * (b * dx + c * dy))
-                    clamped = min(opacity, MAX_ALPHA)
-                    in_front = buffer[p]
-                    weight, behind = _blend(clamped, in_front)
-                    buffer[p] = behind
-                    value = buffer[U(D_ALPHA) + p] + red * buffer[U(D_RGB) + p]
-                    d_red += weight * buffer[U(D_RGB) + p]
-                    if rgb:
-                        value += green * buffer[U(D_RGB + PIXELS) + p] + blue * buffer[U(D_RGB + 2 * PIXELS) + p]
-                        d_green += weight * buffer[U(D_RGB + PIXELS) + p]
-                        d_blue += weight * buffer[U(D_RGB + 2 * PIXELS) + p]
-                    rest = buffer[U(REST) + p] - weight * value
-                    buffer[U(REST) + p] = rest
-                    d_clamped = in_front * value - rest / (ONE - clamped)
-                    drawn = opacity if opacity <= MAX_ALPHA else ZERO  # no gradient through the clamp
-                    moment = (drawn if weight > ZERO else ZERO) * d_clamped
-                    moment_x, moment_y = moment * dx, moment * dy
-                    m0 += moment
-                    mx += moment_x
-                    my += moment_y
-                    mxx += moment_x * dx
-                    mxy += moment_x * dy
-                    myy += moment_y * dy
-                slot = slots[k]
-                pairs[slot, 0], pairs[slot, 1], pairs[slot, 2], pairs[slot, 3] = m0, mx, my, mxx
-                pairs[slot, 4], pairs[slot, 5], pairs[slot, 6] = mxy, myy, d_red
-                if rgb:
-                    pairs[slot, 7], pairs[slot, 8] = d_green, d_blue
+@range_kernel(L1, DRAWN, DRAWN, BOOL, F3, F2)
+def forward(first_task, last_task, tiles, moving, held, some, image, alpha):
+    """Blend the splats of tiles, merging two lists by depth; names of the frozen ones begin with h (held)."""
+    splats, colors, offsets, ids, rows = moving
+    h_splats, h_colors, h_offsets, h_ids, h_rows = held
+    tiles_x = (alpha.shape[1] + TILE - 1) // TILE
+    buffer = stack_floats(FORWARD_FLOATS)
+    for task in range(first_task, last_task):
+        tile = tiles[task]
+        top, left = tile // tiles_x * TILE, tile % tiles_x * TILE
+        across, down = F(left) + HALF, F(top) + HALF
+        k, end, h, h_end = offsets[tile], offsets[tile + 1], h_offsets[tile], h_offsets[tile + 1]
+        highest, lowest = _extent(rows, k, end, some)
+        buffer[:] = ZERO
+        _start(buffer, FORWARD_ROWS, top, left, highest, lowest, alpha.shape)
+        while k < end or h < h_end:
+            if h < h_end and (k == end or h_splats[U(h_ids[h]), DEPTH] < splats[U(ids[k]), DEPTH]):
+                _fetch(h_splats, h_colors, h_ids, h, h_end)
+                i, reach = U(h_ids[h]), h_rows[h]
+                x, y, a, b, c, log_opacity, red, green, blue = _read(h_splats, h_colors, i, across, down)
+                h += 1
+            else:
+                _fetch(splats, colors, ids, k, end)
+                i, reach = U(ids[k]), rows[k]
+                x, y, a, b, c, log_opacity, red, green, blue = _read(splats, colors, i, across, down)
                 k += 1
-            for hidden in range(k, end):
-                for j in range(6 + channels):
-                    pairs[slots[hidden], j] = ZERO
+            first, last = max(reach // TILE, highest), min(reach % TILE, lowest)
+            _blend(buffer, first, last, x, y, a, b, c, log_opacity, red, green, blue)
+            if (k + h) % CHECK == 0 and _open(buffer, FORWARD_ROWS * TILE)[0] == ZERO:
+                break
+        for r in range(highest, min(lowest + 1, alpha.shape[0] - top)):
+            start = r * FORWARD_ROWS * TILE
+            for x in range(min(TILE, alpha.shape[1] - left)):
+                alpha[top + r, left + x] = ONE - abs(buffer[start + x])
+                for channel in range(CHANNELS):
+                    image[top + r, left + x, channel] = buffer[start + (RGB + channel) * TILE + x]
 
-    return backward_kernel
 
+@range_kernel(L1, DRAWN, I1, DRAWN, BOOL, F3, F2, F3, F2, F2)
+def backward(first_task, last_task, tiles, moving, slots, held, some, image, alpha, d_image, d_alpha, pairs):
+    """Write the moments and color gradients of each (splat, tile) pair into its slot of pairs [M, 9], front to back as `forward`.
 
-forward_1, forward_3 = _make_forward(1), _make_forward(3)
-backward_1, backward_3 = _make_backward(1), _make_backward(3)
+    The remainder starts as the gradient-weighted color and alpha of the pixel. Each splat's share is subtracted in turn, so that the
+    remainder belongs to the splats behind: no transmittance needs to be stored or divided back.
+    """
+    splats, colors, offsets, ids, rows = moving
+    h_splats, h_colors, h_offsets, h_ids, h_rows = held
+    tiles_x = (alpha.shape[1] + TILE - 1) // TILE
+    buffer = stack_floats(BACKWARD_FLOATS)
+    for task in range(first_task, last_task):
+        tile = tiles[task]
+        top, left = tile // tiles_x * TILE, tile % tiles_x * TILE
+        across, down = F(left) + HALF, F(top) + HALF
+        k, end, h, h_end = offsets[tile], offsets[tile + 1], h_offsets[tile], h_offsets[tile + 1]
+        highest, lowest = _extent(rows, k, end, some)
+        _start(buffer, BACKWARD_ROWS, top, left, highest, lowest, alpha.shape)
+        _start_gradient(buffer, top, left, image, alpha, d_image, d_alpha)
+        while k < end:
+            if (k + h) % CHECK == 0 and _open(buffer, BACKWARD_ROWS * TILE)[0] == ZERO:
+                break
+            if h < h_end and h_splats[U(h_ids[h]), DEPTH] < splats[U(ids[k]), DEPTH]:
+                _fetch(h_splats, h_colors, h_ids, h, h_end)
+                i, reach = U(h_ids[h]), h_rows[h]
+                x, y, a, b, c, log_opacity, red, green, blue = _read(h_splats, h_colors, i, across, down)
+                first, last = max(reach // TILE, highest), min(reach % TILE, lowest)
+                _shade(buffer, first, last, x, y, a, b, c, log_opacity, red, green, blue)
+                h += 1
+                continue
+            _fetch(splats, colors, ids, k, end)
+            i, first, last = U(ids[k]), rows[k] // TILE, rows[k] % TILE
+            x, y, a, b, c, log_opacity, red, green, blue = _read(splats, colors, i, across, down)
+            found = _gradient(buffer, first, last, x, y, a, b, c, log_opacity, red, green, blue)
+            slot = slots[k]
+            for part in range(PARTS):
+                pairs[slot, part] = found[part]
+            k += 1
+        for hidden in range(k, end):
+            for part in range(PARTS):
+                pairs[slots[hidden], part] = ZERO

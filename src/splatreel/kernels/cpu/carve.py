@@ -2,18 +2,17 @@
 
 from __future__ import annotations
 
-from numba import njit, prange
-
-from splatreel.kernels.cpu.jit import ONE, PARALLEL, ZERO, F
+from splatreel.jit import B3, F2, F3, FLOAT, U4, range_kernel
+from splatreel.kernels.cpu.scalars import ONE, ZERO, F
 
 HIDDEN = F(1.05)
 """A place farther than this many times what a view shows there is hidden from it."""
 
 
-@njit(**PARALLEL)
-def disagreement(places, own, viewmats, Ks, images, wrong, depths, near, least, share, out):
+@range_kernel(F3, F2, F3, F3, U4, B3, F3, FLOAT, FLOAT, FLOAT, F2)
+def disagreement(first, last, places, own, viewmats, Ks, images, wrong, depths, near, least, share, out):
     height, width = wrong.shape[1:]
-    for ray in prange(places.shape[0]):
+    for ray in range(first, last):
         for d in range(places.shape[1]):
             x, y, z = places[ray, d, 0], places[ray, d, 1], places[ray, d, 2]
             inside = agree = difference = ZERO

@@ -9,12 +9,14 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit, prange
+from numba import njit, types
 
+from splatreel.jit import BOOL, F1, F2, F3, I1, range_kernel
 from splatreel.kernels.cpu.harmonics import color_one, color_one_backward
-from splatreel.kernels.cpu.jit import HALF, ONE, PARALLEL, TWO, ZERO, F
 from splatreel.kernels.cpu.motion import turn_one, turn_one_backward
-from splatreel.kernels.cpu.project import FINE_BLUR, Pinhole, project_one, project_one_backward
+from splatreel.kernels.cpu.project import FINE_BLUR, GRAIN, LIMITS, Pinhole, project_one, project_one_backward
+from splatreel.kernels.cpu.rows import stack_floats
+from splatreel.kernels.cpu.scalars import HALF, ONE, TWO, ZERO, F
 
 FINE = F(FINE_BLUR)
 LEAST_AREA = F(1e-6)
@@ -65,7 +67,7 @@ def forward(moment: DeformedPoints, center: np.ndarray, view: Pinhole) -> tuple[
     opaque = 1 / (1 + np.exp(np.minimum(-logits, F(80))))
     seen = ProjectedPoints(means2d, conics, colors, depths, radii, means, quats, np.exp(moment.log_scales), opaque)
     pinhole = view.viewmat, view.lens, view.limits, center
-    _deform(moment, seen, view.blur == FINE_BLUR, *pinhole, opacities)
+    _deform.over(n, tuple(moment), tuple(seen), view.blur == FINE_BLUR, *pinhole, opacities, grain=GRAIN)
     return opacities, seen
 
 
@@ -83,7 +85,8 @@ def backward(
     d_moment = _like(*moment[:6], moment.dq, moment.shade)
     room = _like(d_conics, moment.quats)
     d_seen = d_means2d, d_conics, d_colors, d_opacities
-    _deform_backward(moment, seen, view.blur == FINE_BLUR, view.viewmat, view.lens, center, d_seen, room, d_moment)
+    inputs = tuple(moment), tuple(seen), view.blur == FINE_BLUR, view.viewmat, view.lens, center
+    _deform_backward.over(len(moment.means), *inputs, d_seen, room, d_moment, grain=GRAIN)
     return d_moment
 
 
@@ -98,36 +101,47 @@ def _kept_area(conics, i):
     return max(ONE - FINE * (a + c) + FINE * FINE * (a * c - b * b), LEAST_AREA)
 
 
-@njit(**PARALLEL)
-def _deform(moment, seen, antialias, V, lens, limits, center, opacities):
+MOMENT = types.Tuple((F2, F2, F2, F1, F3, F3, F2, F2, F2))
+SEEN = types.Tuple((F2, F2, F2, F1, I1, F2, F2, F2, F1))
+
+
+@range_kernel(MOMENT, SEEN, BOOL, F2, F1, LIMITS, F1, F1)
+def _deform(first, last, moment, seen, antialias, V, lens, limits, center, opacities):
     canonical, turns, _, _, base, rest, dx, dq, shade = moment
     means2d, conics, colors, depths, radii, means, quats, scales, opaque = seen
     moved, shaded = dx.shape[0] > 0, shade.shape[0] > 0
-    for i in prange(canonical.shape[0]):
-        basis, shown = np.empty(16, np.float32), np.empty(3, np.float32)
+    for i in range(first, last):
+        basis = stack_floats(16)
         for c in range(3):
             means[i, c] = canonical[i, c] + (dx[i, c] if moved else ZERO)
-            shown[c] = base[i, 0, c] + (shade[i, c] if shaded else ZERO)
+        red, green, blue = base[i, 0, 0], base[i, 0, 1], base[i, 0, 2]
+        if shaded:
+            red, green, blue = red + shade[i, 0], green + shade[i, 1], blue + shade[i, 2]
         if moved:
             turn_one(i, turns, dq, quats)
         else:
             for c in range(4):
                 quats[i, c] = turns[i, c]
         project_one(i, means, quats, scales, V, lens, limits, means2d, conics, depths, radii)
-        color_one(i, means, center, shown, rest, basis, colors)
+        color_one(i, means, center, red, green, blue, rest, basis, colors)
         opacities[i] = opaque[i] * (math.sqrt(_kept_area(conics, i)) if antialias else ONE)
 
 
-@njit(**PARALLEL)
-def _deform_backward(moment, seen, antialias, V, lens, center, d_seen, room, d_moment):
+D_SEEN = types.Tuple((F2, F2, F2, F1))
+ROOM = types.UniTuple(F2, 2)
+D_MOMENT = types.Tuple((F2, F2, F2, F1, F3, F3, F2, F2))
+
+
+@range_kernel(MOMENT, SEEN, BOOL, F2, F1, F1, D_SEEN, ROOM, D_MOMENT)
+def _deform_backward(first, last, moment, seen, antialias, V, lens, center, d_seen, room, d_moment):
     _, turns, _, _, _, _, _, dq, shade = moment
     _, conics, colors, _, radii, means, quats, scales, opaque = seen
     d_means2d, d_conics, d_colors, d_opacities = d_seen
     d_blurred, d_product = room
     d_means, d_quats, d_log_scales, d_logits, d_base, d_rest, d_dq, d_shade = d_moment
     moved, shaded = dq.shape[0] > 0, shade.shape[0] > 0
-    for i in prange(means.shape[0]):
-        basis, d_opaque = np.empty(16, np.float32), d_opacities[i]
+    for i in range(first, last):
+        basis, d_opaque = stack_floats(16), d_opacities[i]
         for c in range(3):
             d_blurred[i, c] = d_conics[i, c]
         if antialias:

@@ -5,9 +5,14 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import njit, prange
+from numba import njit
 
-from splatreel.kernels.cpu.jit import HALF, ONE, PARALLEL, ZERO, F
+from splatreel.jit import BOOL, F1, F2, F3, INT, range_kernel
+from splatreel.kernels.cpu.rows import stack_floats
+from splatreel.kernels.cpu.scalars import HALF, ONE, ZERO, F
+
+GRAIN = 512
+"""Points that are worth a thread."""
 
 C0 = F(0.28209479177387814)
 C1 = F(0.4886025119029199)
@@ -32,7 +37,7 @@ C3 = (
 def forward(degree: int, directions: np.ndarray, coefficients: np.ndarray) -> np.ndarray:
     """Sum of the bands up to degree; directions [N, 3] of any length, coefficients [N, K, 3] -> [N, 3]."""
     colors = np.empty((len(directions), 3), np.float32)
-    _forward((degree + 1) ** 2, directions, coefficients, colors)
+    _forward.over(len(colors), (degree + 1) ** 2, directions, coefficients, colors, grain=GRAIN)
     return colors
 
 
@@ -42,14 +47,15 @@ def backward(
     """Gradients to directions, None unless asked for, and to coefficients."""
     d_directions, d_coefficients = np.zeros_like(directions), np.empty_like(coefficients)
     bands = (degree + 1) ** 2
-    _backward(bands, directions, coefficients, d_colors, to_directions and bands > 1, d_directions, d_coefficients)
+    inputs = bands, directions, coefficients, d_colors, to_directions and bands > 1
+    _backward.over(len(directions), *inputs, d_directions, d_coefficients, grain=GRAIN)
     return d_directions if to_directions else None, d_coefficients
 
 
 def colors(means: np.ndarray, center: np.ndarray, base: np.ndarray, rest: np.ndarray) -> np.ndarray:
     """[N, 3] colors of points seen from center [3]: 0.5 and the harmonics, at least 0. base: [N, 1, 3], rest: [N, K - 1, 3]."""
     out = np.empty((len(means), 3), np.float32)
-    _colors(means, center, base, rest, out)
+    _colors.over(len(means), means, center, base, rest, out, grain=GRAIN)
     return out
 
 
@@ -58,7 +64,7 @@ def colors_backward(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Gradients to base and rest. seen: what `colors` returned."""
     d_base, d_rest = np.empty((len(means), 1, 3), np.float32), np.empty_like(rest)
-    _colors_backward(means, center, seen, d_colors, d_base, d_rest)
+    _colors_backward.over(len(means), means, center, seen, d_colors, d_base, d_rest, grain=GRAIN)
     return d_base, d_rest
 
 
@@ -106,12 +112,12 @@ def _direction_gradient(bands, x, y, z, g):
     return dx, dy, dz
 
 
-@njit(**PARALLEL)
-def _forward(bands, directions, coefficients, colors):
-    for i in prange(directions.shape[0]):
+@range_kernel(INT, F2, F3, F2)
+def _forward(first, last, bands, directions, coefficients, colors):
+    for i in range(first, last):
         x, y, z = directions[i, 0], directions[i, 1], directions[i, 2]
         inverse = ONE / max(math.sqrt(x * x + y * y + z * z), F(1e-12))
-        basis = np.empty(16, np.float32)
+        basis = stack_floats(16)
         _basis(bands, x * inverse, y * inverse, z * inverse, basis)
         r = g = b = ZERO
         for k in range(bands):
@@ -121,13 +127,13 @@ def _forward(bands, directions, coefficients, colors):
         colors[i, 0], colors[i, 1], colors[i, 2] = r, g, b
 
 
-@njit(**PARALLEL)
-def _backward(bands, directions, coefficients, d_colors, to_directions, d_directions, d_coefficients):
-    for i in prange(directions.shape[0]):
+@range_kernel(INT, F2, F3, F2, BOOL, F2, F3)
+def _backward(first, last, bands, directions, coefficients, d_colors, to_directions, d_directions, d_coefficients):
+    for i in range(first, last):
         x, y, z = directions[i, 0], directions[i, 1], directions[i, 2]
         inverse = ONE / max(math.sqrt(x * x + y * y + z * z), F(1e-12))
         x, y, z = x * inverse, y * inverse, z * inverse
-        basis = np.empty(16, np.float32)
+        basis = stack_floats(16)
         _basis(bands, x, y, z, basis)
         r, g, b = d_colors[i, 0], d_colors[i, 1], d_colors[i, 2]
         for k in range(coefficients.shape[1]):
@@ -156,15 +162,16 @@ def _toward(means, center, i):
 
 
 @njit(inline="always")
-def color_one(i, means, center, base, rest, basis, colors):
-    """Point i of `colors`; base: its own, [3]. basis: room for [16]."""
+def color_one(i, means, center, red, green, blue, rest, basis, colors):
+    """Point i of `colors`, of base color red, green, blue. basis: room for [16]."""
     x, y, z = _toward(means, center, i)
     _basis(rest.shape[1] + 1, x, y, z, basis)
-    for c in range(3):
-        value = HALF + C0 * base[c]
-        for k in range(rest.shape[1]):
-            value += basis[k + 1] * rest[i, k, c]
-        colors[i, c] = max(value, ZERO)
+    red, green, blue = HALF + C0 * red, HALF + C0 * green, HALF + C0 * blue
+    for k in range(rest.shape[1]):
+        red += basis[k + 1] * rest[i, k, 0]
+        green += basis[k + 1] * rest[i, k, 1]
+        blue += basis[k + 1] * rest[i, k, 2]
+    colors[i, 0], colors[i, 1], colors[i, 2] = max(red, ZERO), max(green, ZERO), max(blue, ZERO)
 
 
 @njit(inline="always")
@@ -181,15 +188,15 @@ def color_one_backward(i, means, center, colors, d_colors, basis, d_base, d_rest
         d_rest[i, k, 0], d_rest[i, k, 1], d_rest[i, k, 2] = weight * r, weight * g, weight * b
 
 
-@njit(**PARALLEL)
-def _colors(means, center, base, rest, colors):
-    for i in prange(means.shape[0]):
-        basis = np.empty(16, np.float32)
-        color_one(i, means, center, base[i, 0], rest, basis, colors)
+@range_kernel(F2, F1, F3, F3, F2)
+def _colors(first, last, means, center, base, rest, colors):
+    for i in range(first, last):
+        basis = stack_floats(16)
+        color_one(i, means, center, base[i, 0, 0], base[i, 0, 1], base[i, 0, 2], rest, basis, colors)
 
 
-@njit(**PARALLEL)
-def _colors_backward(means, center, colors, d_colors, d_base, d_rest):
-    for i in prange(means.shape[0]):
-        basis = np.empty(16, np.float32)
+@range_kernel(F2, F1, F2, F2, F3, F3)
+def _colors_backward(first, last, means, center, colors, d_colors, d_base, d_rest):
+    for i in range(first, last):
+        basis = stack_floats(16)
         color_one_backward(i, means, center, colors, d_colors, basis, d_base, d_rest)

@@ -5,9 +5,14 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import njit, prange
+from numba import njit
 
-from splatreel.kernels.cpu.jit import ONE, PARALLEL, ZERO, F
+from splatreel.jit import B1, F2, F3, array, range_kernel
+from splatreel.kernels.cpu.scalars import ONE, ZERO, F
+
+GRIDS = array(np.uint32, 2)
+GRAIN = 512
+"""Points that are worth a thread."""
 
 PRIME_Y, PRIME_Z = np.uint32(2654435761), np.uint32(805459861)
 
@@ -16,13 +21,14 @@ def forward(coords: np.ndarray, table: np.ndarray, resolutions: np.ndarray) -> n
     """coords [N, 3] in 0..1 (clamped), table [L, T, F], resolutions [L, 3] cells an axis -> features [N, L * F]."""
     levels, size, features = table.shape
     out = np.empty((len(coords), levels * features), np.float32)
-    _forward(coords, table, resolutions.astype(np.uint32), is_dense(resolutions, size), out)
+    _forward.over(levels, coords, table, resolutions.astype(np.uint32), is_dense(resolutions, size), out)
     return out
 
 
 def table_gradient(coords: np.ndarray, table: np.ndarray, d_out: np.ndarray, resolutions: np.ndarray) -> np.ndarray:
     d_table = np.zeros_like(table)
-    _table_gradient(coords, resolutions.astype(np.uint32), is_dense(resolutions, table.shape[1]), d_out, d_table)
+    dense = is_dense(resolutions, table.shape[1])
+    _table_gradient.over(len(table), coords, resolutions.astype(np.uint32), dense, d_out, d_table)
     return d_table
 
 
@@ -30,7 +36,8 @@ def coords_gradient(coords: np.ndarray, table: np.ndarray, d_out: np.ndarray, re
     """Zero along an axis on which the point was clamped."""
     d_coords = np.empty_like(coords)
     dense = is_dense(resolutions, table.shape[1])
-    _coords_gradient(coords, table, resolutions.astype(np.uint32), dense, d_out, d_coords)
+    inputs = coords, table, resolutions.astype(np.uint32), dense, d_out
+    _coords_gradient.over(len(coords), *inputs, d_coords, grain=GRAIN)
     return d_coords
 
 
@@ -67,10 +74,10 @@ def _corners(coords, i, resolution, dense, size, rows, weights):
         weights[corner] = (fx if bx else ONE - fx) * (fy if by else ONE - fy) * (fz if bz else ONE - fz)
 
 
-@njit(**PARALLEL)
-def _forward(coords, table, resolutions, dense, out):
-    levels, size, features = table.shape
-    for level in prange(levels):
+@range_kernel(F2, F3, GRIDS, B1, F2, allocates=True)
+def _forward(first, last, coords, table, resolutions, dense, out):
+    _, size, features = table.shape
+    for level in range(first, last):
         values, resolution, is_dense = table[level], resolutions[level], dense[level]
         rows, weights = np.empty(8, np.uint32), np.empty(8, np.float32)
         for i in range(coords.shape[0]):
@@ -82,10 +89,10 @@ def _forward(coords, table, resolutions, dense, out):
                 out[i, level * features + f] = total
 
 
-@njit(**PARALLEL)
-def _table_gradient(coords, resolutions, dense, d_out, d_table):
-    levels, size, features = d_table.shape
-    for level in prange(levels):
+@range_kernel(F2, GRIDS, B1, F2, F3, allocates=True)
+def _table_gradient(first, last, coords, resolutions, dense, d_out, d_table):
+    _, size, features = d_table.shape
+    for level in range(first, last):
         d_values, resolution, is_dense = d_table[level], resolutions[level], dense[level]
         rows, weights = np.empty(8, np.uint32), np.empty(8, np.float32)
         for i in range(coords.shape[0]):
@@ -96,11 +103,11 @@ def _table_gradient(coords, resolutions, dense, d_out, d_table):
                     d_values[rows[corner], f] += weights[corner] * gradient
 
 
-@njit(**PARALLEL)
-def _coords_gradient(coords, table, resolutions, dense, d_out, d_coords):
+@range_kernel(F2, F3, GRIDS, B1, F2, F2, allocates=True)
+def _coords_gradient(first, last, coords, table, resolutions, dense, d_out, d_coords):
     """One task a point: its levels are summed in order."""
     levels, size, features = table.shape
-    for i in prange(coords.shape[0]):
+    for i in range(first, last):
         gx = gy = gz = ZERO
         for level in range(levels):
             resolution, is_dense = resolutions[level], dense[level]

@@ -10,11 +10,13 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 
 import numpy as np
-from numba import njit, prange
 
+from splatreel.jit import F2, F3, F4, L1, range_kernel
 from splatreel.kernels.cpu import rasterize, similarity
 from splatreel.kernels.cpu.binning import TILE, Bins, tiles_of
-from splatreel.kernels.cpu.jit import PARALLEL
+
+GRAIN = 64
+"""Tiles that are worth a thread."""
 
 
 @dataclass(frozen=True)
@@ -63,17 +65,17 @@ def loss_and_gradient(
 def _put_back(frozen: rasterize.Frozen, tiles: np.ndarray) -> Iterator[None]:
     """What is drawn into tiles [K] of the picture meanwhile is gone afterwards."""
     held = np.empty((len(tiles), TILE, TILE, 4), np.float32)
-    _keep(frozen.image, frozen.alpha, tiles, held)
+    _keep.over(len(tiles), frozen.image, frozen.alpha, tiles, held, grain=GRAIN)
     try:
         yield
     finally:
-        _restore(frozen.image, frozen.alpha, tiles, held)
+        _restore.over(len(tiles), frozen.image, frozen.alpha, tiles, held, grain=GRAIN)
 
 
-@njit(**PARALLEL)
-def _keep(image, alpha, tiles, held):
+@range_kernel(F3, F2, L1, F4)
+def _keep(first, last, image, alpha, tiles, held):
     across = (alpha.shape[1] + TILE - 1) // TILE
-    for k in prange(tiles.shape[0]):
+    for k in range(first, last):
         top, left = tiles[k] // across * TILE, tiles[k] % across * TILE
         for r in range(min(TILE, alpha.shape[0] - top)):
             for c in range(min(TILE, alpha.shape[1] - left)):
@@ -82,10 +84,10 @@ def _keep(image, alpha, tiles, held):
                 held[k, r, c, 3] = alpha[top + r, left + c]
 
 
-@njit(**PARALLEL)
-def _restore(image, alpha, tiles, held):
+@range_kernel(F3, F2, L1, F4)
+def _restore(first, last, image, alpha, tiles, held):
     across = (alpha.shape[1] + TILE - 1) // TILE
-    for k in prange(tiles.shape[0]):
+    for k in range(first, last):
         top, left = tiles[k] // across * TILE, tiles[k] % across * TILE
         for r in range(min(TILE, alpha.shape[0] - top)):
             for c in range(min(TILE, alpha.shape[1] - left)):

@@ -9,14 +9,17 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import njit, prange
+from numba import njit
 
-from splatreel.kernels.cpu.jit import HALF, ONE, PARALLEL, SERIAL, TWO, ZERO, F
+from splatreel.jit import F1, F2, F3, FLOAT, L1, L2, kernel, range_kernel
+from splatreel.kernels.cpu.scalars import HALF, ONE, TWO, ZERO, F
 
 Skin = tuple[np.ndarray, np.ndarray]
 """index [N, K] int64 and share [N, K]: the nodes of every point and their weights."""
 
 
+GRAIN = 1024
+"""Points that are worth a thread."""
 BANDS = 16
 """Parts of the points that sum up their nodes' gradients on their own, however many threads there are."""
 
@@ -24,7 +27,7 @@ BANDS = 16
 def spline(controls: np.ndarray, weights: np.ndarray) -> np.ndarray:
     """Controls [4, R, D] of the knots that count, and their weights -> [R, D]."""
     out = np.empty(controls.shape[1:], np.float32)
-    _spline(controls, weights, out)
+    _spline.over(len(out), controls, weights, out, grain=GRAIN)
     return out
 
 
@@ -34,7 +37,7 @@ def offsets(
     """Controls [4, M, 7] and [4, N, 7] -> dx [N, 3] and dq [N, 4]."""
     n = points.shape[1]
     dx, dq = np.empty((n, 3), np.float32), np.empty((n, 4), np.float32)
-    _offsets(spline(nodes, weights), points, weights, *skin, F(unit), dx, dq)
+    _offsets.over(n, spline(nodes, weights), points, weights, *skin, F(unit), dx, dq, grain=GRAIN)
     return dx, dq
 
 
@@ -43,7 +46,7 @@ def offsets_gradient(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Gradients [M, 7] and [N, 7] to the values of the nodes' and the points' splines."""
     d_points, sums = np.empty((len(d_dx), 7), np.float32), np.zeros((BANDS, nodes, 7), np.float32)
-    _offsets_gradient(d_dx, d_dq, *skin, F(unit), sums, d_points)
+    _offsets_gradient.over(BANDS, d_dx, d_dq, *skin, F(unit), sums, d_points)
     return sums.sum(0), d_points
 
 
@@ -55,10 +58,11 @@ def arap(
     losses, units = np.empty(n, np.float32), np.empty((n, 5), np.float32)
     here, there = np.empty((n, 7), np.float32), np.empty((n, 7), np.float32)
     d_dx, d_dq = np.empty_like(dx), np.empty_like(dq)
-    _normalize(dq, units)
-    _pairs(means, dx, units, neighbor, weights, F(1 / unit), F(1 / max(n, 1)), losses, here, there)
+    _normalize.over(n, dq, units, grain=GRAIN)
+    scales = F(1 / unit), F(1 / max(n, 1))
+    _pairs.over(n, means, dx, units, neighbor, weights, *scales, losses, here, there, grain=GRAIN)
     _scatter(neighbor, there, here)
-    _split_gradient(units, here, d_dx, d_dq)
+    _split_gradient.over(n, units, here, d_dx, d_dq, grain=GRAIN)
     return float(losses.sum(dtype=np.float64)), d_dx, d_dq
 
 
@@ -68,16 +72,16 @@ def _value(controls, weights, i, d):
     return early + weights[2] * controls[2, i, d] + weights[3] * controls[3, i, d]
 
 
-@njit(**PARALLEL)
-def _spline(controls, weights, out):
-    for i in prange(out.shape[0]):
+@range_kernel(F3, F1, F2)
+def _spline(first, last, controls, weights, out):
+    for i in range(first, last):
         for d in range(out.shape[1]):
             out[i, d] = _value(controls, weights, i, d)
 
 
-@njit(**PARALLEL)
-def _offsets(nodes, points, weights, index, share, unit, dx, dq):
-    for i in prange(dx.shape[0]):
+@range_kernel(F2, F3, F1, L2, F2, FLOAT, F2, F2)
+def _offsets(first, last, nodes, points, weights, index, share, unit, dx, dq):
+    for i in range(first, last):
         for d in range(7):
             value = _value(points, weights, i, d)
             for k in range(index.shape[1]):
@@ -88,10 +92,10 @@ def _offsets(nodes, points, weights, index, share, unit, dx, dq):
                 dq[i, d - 3] = value + (ONE if d == 3 else ZERO)
 
 
-@njit(**PARALLEL)
-def _offsets_gradient(d_dx, d_dq, index, share, unit, sums, d_points):
+@range_kernel(F2, F2, L2, F2, FLOAT, F3, F2)
+def _offsets_gradient(first, last, d_dx, d_dq, index, share, unit, sums, d_points):
     n = d_dx.shape[0]
-    for band in prange(BANDS):
+    for band in range(first, last):
         for i in range(band * n // BANDS, (band + 1) * n // BANDS):
             for d in range(7):
                 slope = unit * d_dx[i, d] if d < 3 else d_dq[i, d - 3]
@@ -149,9 +153,9 @@ def turn_one_backward(i, quats, dq, d_product, d_quats, d_dq):
     d_dq[i, 0], d_dq[i, 1], d_dq[i, 2], d_dq[i, 3] = _before_unit(w, x, y, z, inverse, nw, nx, ny, nz)
 
 
-@njit(**PARALLEL)
-def _normalize(dq, units):
-    for i in prange(dq.shape[0]):
+@range_kernel(F2, F2)
+def _normalize(first, last, dq, units):
+    for i in range(first, last):
         units[i, 0], units[i, 1], units[i, 2], units[i, 3], units[i, 4] = _unit(dq, i)
 
 
@@ -189,10 +193,10 @@ def _sign(value):
     return ONE if value > ZERO else (-ONE if value < ZERO else ZERO)
 
 
-@njit(**PARALLEL)
-def _pairs(means, dx, units, neighbor, weights, per_unit, share, losses, here, there):
+@range_kernel(F2, F2, F2, L1, F1, FLOAT, FLOAT, F1, F2, F2)
+def _pairs(first, last, means, dx, units, neighbor, weights, per_unit, share, losses, here, there):
     """Each pair's part of the mean, and its gradients to (dx, unit quaternion) of the point and of its neighbor."""
-    for i in prange(means.shape[0]):
+    for i in range(first, last):
         j, weight = neighbor[i], weights[i] * share
         scale = weight * per_unit
         hx, hy, hz = (
@@ -223,17 +227,17 @@ def _pairs(means, dx, units, neighbor, weights, per_unit, share, losses, here, t
             there[i, 3 + c] -= sign
 
 
-@njit(**SERIAL)
+@kernel(L1, F2, F2)
 def _scatter(index, rows, totals):
     for i in range(rows.shape[0]):
         for d in range(rows.shape[1]):
             totals[index[i], d] += rows[i, d]
 
 
-@njit(**PARALLEL)
-def _split_gradient(units, gradient, d_dx, d_dq):
-    for i in prange(units.shape[0]):
-        w, x, y, z, inverse = units[i]
-        g = gradient[i]
-        d_dx[i, 0], d_dx[i, 1], d_dx[i, 2] = g[0], g[1], g[2]
-        d_dq[i, 0], d_dq[i, 1], d_dq[i, 2], d_dq[i, 3] = _before_unit(w, x, y, z, inverse, g[3], g[4], g[5], g[6])
+@range_kernel(F2, F2, F2, F2)
+def _split_gradient(first, last, units, gradient, d_dx, d_dq):
+    for i in range(first, last):
+        w, x, y, z, inverse = units[i, 0], units[i, 1], units[i, 2], units[i, 3], units[i, 4]
+        d_dx[i, 0], d_dx[i, 1], d_dx[i, 2] = gradient[i, 0], gradient[i, 1], gradient[i, 2]
+        gw, gx, gy, gz = gradient[i, 3], gradient[i, 4], gradient[i, 5], gradient[i, 6]
+        d_dq[i, 0], d_dq[i, 1], d_dq[i, 2], d_dq[i, 3] = _before_unit(w, x, y, z, inverse, gw, gx, gy, gz)

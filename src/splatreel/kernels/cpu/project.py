@@ -7,9 +7,14 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from numba import njit, prange
+from numba import njit, types
 
-from splatreel.kernels.cpu.jit import HALF, ONE, PARALLEL, TWO, ZERO, F
+from splatreel.jit import F1, F2, FLOAT, I1, range_kernel
+from splatreel.kernels.cpu.scalars import HALF, ONE, TWO, ZERO, F
+
+LIMITS = types.UniTuple(FLOAT, 4)
+GRAIN = 512
+"""Points that are worth a thread."""
 
 BLUR = 0.3  # added to the 2D covariance diagonal: no splat is thinner than about a pixel
 FINE_BLUR = 0.1  # the same of antialiased pictures: about a pixel's own area (Mip-Splatting, section 4.2)
@@ -57,7 +62,8 @@ def forward(
     n = len(means)
     means2d, conics = np.empty((n, 2), np.float32), np.empty((n, 3), np.float32)
     depths, radii = np.empty(n, np.float32), np.empty(n, np.int32)
-    _forward(means, quats, scales, view.viewmat, view.lens, view.limits, means2d, conics, depths, radii)
+    inputs = means, quats, scales, view.viewmat, view.lens, view.limits
+    _forward.over(n, *inputs, means2d, conics, depths, radii, grain=GRAIN)
     return means2d, conics, depths, radii
 
 
@@ -75,7 +81,7 @@ def backward(
     """Gradients to means, quats and scales; conics and radii are what `forward` returned."""
     d_means, d_quats, d_scales = np.empty_like(means), np.empty_like(quats), np.empty_like(scales)
     inputs = (means, quats, scales, view.viewmat, view.lens, conics, radii)
-    _backward(*inputs, d_means2d, d_conics, d_depths, d_means, d_quats, d_scales)
+    _backward.over(len(means), *inputs, d_means2d, d_conics, d_depths, d_means, d_quats, d_scales, grain=GRAIN)
     return d_means, d_quats, d_scales
 
 
@@ -129,7 +135,8 @@ def _jacobian_rows(V, gx, gy, u, v):
 @njit(inline="always")
 def project_one(i, means, quats, scales, V, lens, limits, means2d, conics, depths, radii):
     """Point i of `forward`. limits: width, height, near, blur."""
-    fx, fy, cx, cy, low_x, high_x, low_y, high_y = lens
+    fx, fy, cx, cy = lens[0], lens[1], lens[2], lens[3]
+    low_x, high_x, low_y, high_y = lens[4], lens[5], lens[6], lens[7]
     width, height, near, blur = limits
     X, Y, Z = _to_camera(V, means, i)
     means2d[i, 0] = means2d[i, 1] = conics[i, 0] = conics[i, 1] = conics[i, 2] = depths[i] = ZERO
@@ -169,9 +176,9 @@ def project_one(i, means, quats, scales, V, lens, limits, means2d, conics, depth
     radii[i] = np.int32(min(max(rx, ry), F(1e9)))
 
 
-@njit(**PARALLEL)
-def _forward(means, quats, scales, V, lens, limits, means2d, conics, depths, radii):
-    for i in prange(means.shape[0]):
+@range_kernel(F2, F2, F2, F2, F1, LIMITS, F2, F2, F1, I1)
+def _forward(first, last, means, quats, scales, V, lens, limits, means2d, conics, depths, radii):
+    for i in range(first, last):
         project_one(i, means, quats, scales, V, lens, limits, means2d, conics, depths, radii)
 
 
@@ -206,7 +213,7 @@ def project_one_backward(
     i, means, quats, scales, V, lens, conics, radii, d_means2d, d_conics, d_depth, d_means, d_quats, d_scales
 ):
     """Point i of `backward`. d_depth: of this point."""
-    fx, fy, _, _, low_x, high_x, low_y, high_y = lens
+    fx, fy, low_x, high_x, low_y, high_y = lens[0], lens[1], lens[4], lens[5], lens[6], lens[7]
     if radii[i] <= 0:
         for c in range(3):
             d_means[i, c] = d_scales[i, c] = ZERO
@@ -257,9 +264,11 @@ def project_one_backward(
     )
 
 
-@njit(**PARALLEL)
-def _backward(means, quats, scales, V, lens, conics, radii, d_means2d, d_conics, d_depths, d_means, d_quats, d_scales):
-    for i in prange(means.shape[0]):
+@range_kernel(F2, F2, F2, F2, F1, F2, I1, F2, F2, F1, F2, F2, F2)
+def _backward(
+    first, last, means, quats, scales, V, lens, conics, radii, d_means2d, d_conics, d_depths, d_means, d_quats, d_scales
+):
+    for i in range(first, last):
         d_depth = d_depths[i]
         project_one_backward(
             i, means, quats, scales, V, lens, conics, radii, d_means2d, d_conics, d_depth, d_means, d_quats, d_scales

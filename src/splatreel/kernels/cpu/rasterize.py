@@ -5,22 +5,26 @@ from __future__ import annotations
 from dataclasses import dataclass
 from functools import lru_cache
 
-import numba
 import numpy as np
-from numba import njit, prange
 
+from splatreel import threads
+from splatreel.jit import F1, F2, I1, INT, L1, kernel, range_kernel
 from splatreel.kernels.cpu import blending
 from splatreel.kernels.cpu.binning import LOG2_E, LOG_OPACITY, Bins, tiles_of
-from splatreel.kernels.cpu.blending import PIXELS
-from splatreel.kernels.cpu.jit import HALF, PARALLEL, SERIAL, TWO, ZERO, F
+from splatreel.kernels.cpu.blending import CHANNELS, PARTS
+from splatreel.kernels.cpu.scalars import HALF, TWO, ZERO, F
 
+SHARES = 4
+"""Parts of the tiles for each thread: threads that are done early take over from those that other programs hold up."""
+GRAIN = 1024
+"""Splats that are worth a thread."""
 NOTHING = F(-100)
 """log2 of the opacity of what is not drawn."""
 
 
 @dataclass(frozen=True)
 class Frozen:
-    """Splats that never change, as one view sees them. colors: [N, C]; image: [H, W, C] and alpha: [H, W], their picture."""
+    """Splats that never change, as one view sees them. colors: [N, 3]; image: [H, W, 3] and alpha: [H, W], their picture."""
 
     bins: Bins
     colors: np.ndarray
@@ -33,7 +37,7 @@ Drawn = tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray]
 
 
 def forward(bins: Bins, colors: np.ndarray, frozen: Frozen | None = None) -> tuple[np.ndarray, np.ndarray]:
-    """Blends colors [N, C], C 1 or 3, over black. Returns the image [H, W, C] and alpha [H, W].
+    """Blends colors [N, 3] over black. Returns the image [H, W, 3] and alpha [H, W].
 
     frozen: draw in front of and behind these, whose picture stays wherever none of the others is.
     """
@@ -42,9 +46,7 @@ def forward(bins: Bins, colors: np.ndarray, frozen: Frozen | None = None) -> tup
         alpha = np.empty((bins.height, bins.width), np.float32)
     else:
         image, alpha = frozen.image.copy(), frozen.alpha.copy()
-    kernel = blending.forward_1 if colors.shape[1] == 1 else blending.forward_3
-    held = _held(bins, colors, frozen)
-    kernel(_drawn(bins, colors), held, frozen is not None, _balanced(bins, frozen), image, alpha, _scratch())
+    _blend(bins, colors, frozen, _balanced(bins, frozen), image, alpha)
     return image, alpha
 
 
@@ -54,9 +56,7 @@ def remove(frozen: Frozen, gone: np.ndarray) -> None:
     without = np.zeros(len(frozen.bins.splats), np.bool_)
     without[gone] = True
     tiles = _balanced(frozen.bins, None, tiles_of(frozen.bins, without))
-    drawn, held = _drawn(frozen.bins, frozen.colors), _held(frozen.bins, frozen.colors, None)
-    kernel = blending.forward_1 if frozen.colors.shape[1] == 1 else blending.forward_3
-    kernel(drawn, held, False, tiles, frozen.image, frozen.alpha, _scratch())
+    _blend(frozen.bins, frozen.colors, None, tiles, frozen.image, frozen.alpha)
 
 
 def draw_over(bins: Bins, colors: np.ndarray, frozen: Frozen, among: Frozen | None, near: np.ndarray) -> None:
@@ -64,8 +64,15 @@ def draw_over(bins: Bins, colors: np.ndarray, frozen: Frozen, among: Frozen | No
 
     among: the frozen splats, or None to draw in their place.
     """
-    drawn, held, tiles = _drawn(bins, colors), _held(bins, colors, among), _balanced(bins, among, near)
-    blending.forward_3(drawn, held, among is not None, tiles, frozen.image, frozen.alpha, _scratch())
+    _blend(bins, colors, among, _balanced(bins, among, near), frozen.image, frozen.alpha)
+
+
+def _blend(
+    bins: Bins, colors: np.ndarray, among: Frozen | None, tiles: np.ndarray, image: np.ndarray, alpha: np.ndarray
+) -> None:
+    """Blend into these tiles of a picture."""
+    splats = tiles, _drawn(bins, colors), _held(bins, colors, among), among is not None
+    blending.forward.over(len(tiles), *splats, image, alpha, chunks=_chunks())
 
 
 def backward(
@@ -78,20 +85,21 @@ def backward(
     frozen: Frozen | None = None,
     wanted: np.ndarray | None = None,
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """Gradients to means2d [N, 2], conics [N, 3], opacities [N] and colors [N, C].
+    """Gradients to means2d [N, 2], conics [N, 3], opacities [N] and colors [N, 3].
 
     image and alpha are what `forward` returned. wanted: [tiles] bool, the only tiles whose pixels have a gradient; None: all. Every
     (splat, tile) pair has its own slot, summed in a fixed order: no atomics, and the same bits for any number of threads. Frozen splats
     only take light away; what lies behind the last splat that is not frozen matters to no gradient and is left out.
     """
-    n, channels = colors.shape
-    pairs = (np.empty if wanted is None else np.zeros)((bins.first[-1], 6 + channels), np.float32)
-    kernel = blending.backward_1 if channels == 1 else blending.backward_3
-    splats = _drawn(bins, colors), bins.slots, _held(bins, colors, frozen), frozen is not None
-    kernel(*splats, _balanced(bins, frozen, wanted), image, alpha, d_image, d_alpha, pairs, _scratch())
+    n = len(colors)
+    pairs = (np.empty if wanted is None else np.zeros)((bins.first[-1], PARTS), np.float32)
+    tiles = _balanced(bins, frozen, wanted)
+    splats = tiles, _drawn(bins, colors), bins.slots, _held(bins, colors, frozen), frozen is not None
+    blending.backward.over(len(tiles), *splats, image, alpha, d_image, d_alpha, pairs, chunks=_chunks())
     d_means2d, d_conics = np.empty((n, 2), np.float32), np.empty((n, 3), np.float32)
-    d_opacities, d_colors = np.empty(n, np.float32), np.empty((n, channels), np.float32)
-    _gather(bins.first, pairs, bins.splats, d_means2d, d_conics, d_opacities, d_colors)
+    d_opacities, d_colors = np.empty(n, np.float32), np.empty((n, CHANNELS), np.float32)
+    found = d_means2d, d_conics, d_opacities, d_colors
+    _gather.over(n, bins.first, pairs, bins.splats, *found, grain=GRAIN)
     return d_means2d, d_conics, d_opacities, d_colors
 
 
@@ -113,7 +121,7 @@ def _held(bins: Bins, colors: np.ndarray, frozen: Frozen | None) -> Drawn:
 
 
 def _balanced(bins: Bins, frozen: Frozen | None, wanted: np.ndarray | None = None) -> np.ndarray:
-    """The tiles to draw, fullest first, dealt out so that the contiguous share each thread takes holds about equal work.
+    """The tiles to draw, fullest first, dealt out so that contiguous parts hold about equal work.
 
     Before frozen splats these are the tiles that others touch. wanted: [tiles] bool, no others.
     """
@@ -121,11 +129,17 @@ def _balanced(bins: Bins, frozen: Frozen | None, wanted: np.ndarray | None = Non
     if wanted is not None:
         chosen &= wanted
     held = np.zeros_like(bins.offsets) if frozen is None else frozen.bins.offsets
-    return _deal(bins.offsets, held, np.flatnonzero(chosen), numba.get_num_threads())
+    return _deal(bins.offsets, held, np.flatnonzero(chosen), _chunks())
 
 
-@njit(**SERIAL)
-def _deal(offsets, held, tiles, threads):
+def _chunks() -> int:
+    """Return the number of parts that the tiles are divided into."""
+    workers = threads.count()
+    return workers * SHARES if workers > 1 else 1
+
+
+@kernel(I1, I1, L1, INT)
+def _deal(offsets, held, tiles, hands):
     size = tiles.shape[0]
     counts = np.empty(size, np.int64)
     for k in range(size):
@@ -133,25 +147,17 @@ def _deal(offsets, held, tiles, threads):
         counts[k] = -(offsets[tile + 1] - offsets[tile] + held[tile + 1] - held[tile])
     fullest_first = np.argsort(counts, kind="mergesort")
     dealt, position = np.empty(size, np.int64), 0
-    for thread in range(threads):
-        for k in range(thread, size, threads):
+    for hand in range(hands):
+        for k in range(hand, size, hands):
             dealt[position] = tiles[fullest_first[k]]
             position += 1
     return dealt
 
 
-def _scratch() -> np.ndarray:
-    """One row of planes a thread, aligned to 64 bytes: a full vector register."""
-    planes, threads = 8, numba.get_num_threads()
-    raw = np.empty(threads * planes * PIXELS + 16, np.float32)
-    start = (-raw.ctypes.data % 64) // 4
-    return raw[start : start + threads * planes * PIXELS].reshape(threads, planes * PIXELS)
-
-
-@njit(**PARALLEL)
-def _gather(first, pairs, splats, d_means2d, d_conics, d_opacities, d_colors):
+@range_kernel(I1, F2, F2, F2, F2, F1, F2)
+def _gather(begin, end, first, pairs, splats, d_means2d, d_conics, d_opacities, d_colors):
     """Sums each splat's slots and turns the moments of d(log alpha) into gradients."""
-    for i in prange(splats.shape[0]):
+    for i in range(begin, end):
         m0 = mx = my = mxx = mxy = myy = ZERO
         for channel in range(d_colors.shape[1]):
             d_colors[i, channel] = ZERO

@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
-import numpy as np
-from numba import njit, prange
+from typing import NamedTuple
 
+import numpy as np
+from numba import njit, types
+
+from splatreel.jit import B1, B2, F1, F2, F3, FAST, FLOAT, L1, L2, U4, range_kernel
 from splatreel.kernels.cpu import sceneflow
-from splatreel.kernels.cpu.jit import HALF, ONE, PARALLEL, SERIAL, ZERO, F
+from splatreel.kernels.cpu.scalars import HALF, ONE, ZERO, F
 
 HIDDEN = F(sceneflow.HIDDEN)  # in single precision, as all of this
 PAIRS = 128
@@ -17,6 +20,23 @@ STEP, LEAN = F(0.5), F(0.15)
 """First steps of the search: a share of the patch's size, and radians."""
 ROUNDS, TRIES = 3, 2
 """Of halved steps, and of moves with each."""
+
+
+class Views(NamedTuple):
+    """All cameras' pictures of one moment, as `splatreel.kernels.rigid.make_views` makes them.
+
+    viewmats: [C, 4, 4]. Ks: [C, 3, 3]. pictures: [C, H, W, 3] uint8. near: near plane. depths: [C, ceil(H / 2), ceil(W / 2)] float32,
+    finite, of what may hide points.
+    """
+
+    viewmats: np.ndarray
+    Ks: np.ndarray
+    pictures: np.ndarray
+    depths: np.ndarray
+    near: np.float32
+
+
+VIEWS = types.NamedTuple((F3, F3, U4, F3, FLOAT), Views)
 
 
 @njit(inline="always")
@@ -35,9 +55,9 @@ def _pixel(x, y, z, views, c):
     return row, column
 
 
-@njit(**PARALLEL)
-def sample_colors(points, views, seen, colors):
-    for i in prange(points.shape[0]):
+@range_kernel(F2, VIEWS, B2, F3, allocates=True)
+def sample_colors(first, last, points, views, seen, colors):
+    for i in range(first, last):
         mean, count = np.zeros(3, np.float32), ZERO
         for c in range(seen.shape[1]):
             row, column = _pixel(points[i, 0], points[i, 1], points[i, 2], views, c)
@@ -53,7 +73,7 @@ def sample_colors(points, views, seen, colors):
                     colors[i, c, k] = mean[k] / max(count, ONE)
 
 
-@njit(**SERIAL)
+@njit(**FAST)
 def _pairs(patch, seen):
     """[P, 2] points of a patch and views that see them, an even choice of at most PAIRS."""
     total = 0
@@ -72,7 +92,7 @@ def _pairs(patch, seen):
     return pairs[:count]
 
 
-@njit(**SERIAL)
+@njit(**FAST)
 def _difference(places, move, pairs, colors, views, unseen=CAP):
     """Mean difference of the pairs' colors after a move; `unseen` if fewer than half of them still see it: a few prove little."""
     total, count = ZERO, 0
@@ -92,7 +112,7 @@ def _difference(places, move, pairs, colors, views, unseen=CAP):
     return total / F(count) if 2 * count > pairs.shape[0] else unseen
 
 
-@njit(**SERIAL)
+@njit(**FAST)
 def _stay():
     move = np.zeros((3, 4), np.float32)
     for k in range(3):
@@ -100,13 +120,13 @@ def _stay():
     return move
 
 
-@njit(**PARALLEL)
-def color_differences(places, patches, seen, colors, views, out):
-    for t in prange(patches.shape[0]):
+@range_kernel(F2, L2, B2, F3, VIEWS, F1, allocates=True)
+def color_differences(first, last, places, patches, seen, colors, views, out):
+    for t in range(first, last):
         out[t] = _difference(places, _stay(), _pairs(patches[t], seen), colors, views, ZERO)
 
 
-@njit(**SERIAL)
+@njit(**FAST)
 def _rigid(a, b, patch):
     """The rotation and shift that takes a patch from a to b, in the least squares sense (Kabsch 1976)."""
     n = len(patch)
@@ -132,9 +152,9 @@ def _rigid(a, b, patch):
     return move
 
 
-@njit(**PARALLEL)
-def initial_moves(here, last, there, patches, judged, seen, colors, views, moves, costs):
-    for t in prange(patches.shape[0]):
+@range_kernel(F2, F2, F2, L2, B1, B2, F3, VIEWS, F3, F1, allocates=True)
+def initial_moves(begin, end, here, last, there, patches, judged, seen, colors, views, moves, costs):
+    for t in range(begin, end):
         moves[t] = _rigid(here, there, patches[t])
         if judged[t]:
             pairs = _pairs(patches[t], seen)
@@ -146,7 +166,7 @@ def initial_moves(here, last, there, patches, judged, seen, colors, views, moves
                     moves[t] = move
 
 
-@njit(**SERIAL)
+@njit(**FAST)
 def _changed(move, center, axis, amount):
     """A move, then a shift along (axis 0..2) or a turn about (3..5) an axis through where it takes the center."""
     out = move.copy()
@@ -164,7 +184,7 @@ def _changed(move, center, axis, amount):
     return out
 
 
-@njit(**SERIAL)
+@njit(**FAST)
 def _extent(places, patch):
     """Center [3] of a patch and the mean distance of its points from it."""
     center, size = np.zeros(3, np.float32), ZERO
@@ -177,9 +197,9 @@ def _extent(places, patch):
     return center, size
 
 
-@njit(**PARALLEL)
-def refine_moves(here, patches, chosen, around, given, share, seen, colors, views, moves, costs):
-    for n in prange(chosen.shape[0]):
+@range_kernel(F2, L2, L1, L2, F3, FLOAT, B2, F3, VIEWS, F3, F1, allocates=True)
+def refine_moves(first, last, here, patches, chosen, around, given, share, seen, colors, views, moves, costs):
+    for n in range(first, last):
         t = chosen[n]
         pairs = _pairs(patches[t], seen)
         best, cost = given[t].copy(), costs[t]

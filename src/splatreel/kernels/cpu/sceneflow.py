@@ -5,9 +5,11 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import njit, prange
+from numba import njit
 
-from splatreel.kernels.cpu.jit import PARALLEL
+from splatreel.jit import B3, DOUBLE, F1, F2, F3, array, range_kernel
+
+HALVES = array(np.uint16, 4)
 
 ROUNDS = 3
 TOLERANCE = 1.0
@@ -32,9 +34,9 @@ def _project(means, i, V, K, height, width, depth, near):
     return p, q, X, Y, Z
 
 
-@njit(**PARALLEL)
-def mark_pixels(means, viewmats, Ks, depths, near, marks):
-    for c in prange(marks.shape[0]):
+@range_kernel(F2, F3, F3, F3, DOUBLE, B3)
+def mark_pixels(first, last, means, viewmats, Ks, depths, near, marks):
+    for c in range(first, last):
         for i in range(means.shape[0]):
             p, q, _, _, _ = _project(means, i, viewmats[c], Ks[c], marks.shape[1], marks.shape[2], depths[c], near)
             if p >= 0:
@@ -69,9 +71,9 @@ def _cholesky(A, b):
     return (y0 - l10 * y - l20 * z) / l00, y, z
 
 
-@njit(**PARALLEL)
-def solve(means, last, viewmats, Ks, fields, floats, depths, near, motion, certainty):
-    for i in prange(means.shape[0]):
+@range_kernel(F2, F2, F3, F3, HALVES, F1, F3, DOUBLE, F2, F1, allocates=True)
+def solve(begin, end, means, last, viewmats, Ks, fields, floats, depths, near, motion, certainty):
+    for i in range(begin, end):
         rows, count = np.empty((viewmats.shape[0], 8)), 0
         for c in range(viewmats.shape[0]):
             if _observe(means, i, viewmats[c], Ks[c], fields[c], floats, depths[c], near, rows[count]):

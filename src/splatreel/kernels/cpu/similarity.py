@@ -8,12 +8,14 @@ vector code (unsigned indices, see `rasterize`).
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-from numba import njit, prange
+from numba import njit, types
 
-from splatreel.kernels.cpu.jit import ONE, PARALLEL, SERIAL, TWO, ZERO, F, U
+from splatreel.jit import B1, B2, F1, F2, F3, FLOAT, L1, U2, Kernel, kernel, range_kernel
+from splatreel.kernels.cpu.scalars import ONE, TWO, ZERO, F, U
 
 RADIUS = 5
 _window = np.exp(-0.5 * (np.arange(2 * RADIUS + 1) - RADIUS) ** 2 / 1.5**2)
@@ -67,18 +69,20 @@ def loss_and_gradient(
     d_image = np.zeros(lines, np.float32) if zeros and tiles is not None else np.empty(lines, np.float32)
     similarity, differences = np.empty(len(compared), np.float32), np.empty(len(changed), np.float32)
     products = np.zeros((len(changed), COLUMNS), np.float32)
-    _ssim_maps(x, y, behind, gains, scale, compared, maps, similarity)
+    ssim_maps, gradient = (_ssim_maps_u8, _gradient_u8) if y.dtype == np.uint8 else (_ssim_maps_f32, _gradient_f32)
+    seen = (x, y, behind, gains, np.ones_like(gains), np.zeros_like(gains), scale)
+    ssim_maps.over(len(compared), *seen, compared, maps, similarity)
     l1_weight, ssim_weight = (1 - lambda_dssim) / image.size, lambda_dssim / image.size
     weights = F(l1_weight), F(ssim_weight)
-    seen = (x, y, behind, gains, scale)
-    _gradient(*seen, changed, drawn.reshape(-1), maps, *weights, d_image, differences, products)
+    found = d_image, differences, products
+    gradient.over(len(changed), *seen, changed, drawn.reshape(-1), maps, *weights, *found)
     l1, ssim = differences.sum(dtype=np.float64), similarity.sum(dtype=np.float64)
     loss = float(l1_weight * l1 + lambda_dssim - ssim_weight * ssim)
     d_gain = products.reshape(-1, 3).sum(0, dtype=np.float64).astype(np.float32)
     return Gradient(loss, d_image.reshape(image.shape), d_gain)
 
 
-@njit(**SERIAL)
+@kernel(B2)
 def _blocks(tiles):
     """Blocks that hold some of these tiles, and blocks that hold one of them or around them: the window reaches five pixels over the
     border."""
@@ -152,14 +156,12 @@ def _ssim_row(blurs, start, columns):
     return total
 
 
-@njit(**PARALLEL)
-def _ssim_maps(x, y, behind, gains, scale, blocks, maps, similarity):
-    ones, none = np.ones_like(gains), np.zeros_like(gains)
-    for task in prange(blocks.shape[0]):
+def _ssim_maps(begin, end, x, y, behind, gains, ones, none, scale, blocks, maps, similarity):
+    plane_x, plane_y = np.empty(PADDED, np.float32), np.empty(PADDED, np.float32)
+    mixed, down = np.empty(PADDED, np.float32), np.empty(AREA, np.float32)
+    blurs = np.empty(4 * AREA, np.float32)
+    for task in range(begin, end):
         top, left, rows, columns = _block(blocks[task], x.shape)
-        plane_x, plane_y = np.empty(PADDED, np.float32), np.empty(PADDED, np.float32)
-        mixed, down = np.empty(PADDED, np.float32), np.empty(AREA, np.float32)
-        blurs = np.empty(4 * AREA, np.float32)
         _load(x, top, left, behind, gains, ONE, plane_x)
         _load(y, top, left, none, ones, scale, plane_y)
         _blur(plane_x, down, blurs[:AREA])
@@ -179,13 +181,29 @@ def _ssim_maps(x, y, behind, gains, scale, blocks, maps, similarity):
         similarity[task] = total
 
 
-@njit(**PARALLEL)
-def _gradient(x, y, behind, gains, scale, blocks, drawn, maps, l1_weight, ssim_weight, d_image, differences, products):
-    ones, none = np.ones_like(gains), np.zeros_like(gains)
-    for task in prange(blocks.shape[0]):
+def _gradient(
+    begin,
+    end,
+    x,
+    y,
+    behind,
+    gains,
+    ones,
+    none,
+    scale,
+    blocks,
+    drawn,
+    maps,
+    l1_weight,
+    ssim_weight,
+    d_image,
+    differences,
+    products,
+):
+    plane, down = np.empty(PADDED, np.float32), np.empty(AREA, np.float32)
+    blurs = np.empty(3 * AREA, np.float32)
+    for task in range(begin, end):
         top, left, rows, columns = _block(blocks[task], x.shape)
-        plane, down = np.empty(PADDED, np.float32), np.empty(AREA, np.float32)
-        blurs = np.empty(3 * AREA, np.float32)
         for m in range(3):
             _load(maps[m], top, left, none, ones, ONE, plane)
             _blur(plane, down, blurs[m * AREA : (m + 1) * AREA])
@@ -208,3 +226,13 @@ def _gradient(x, y, behind, gains, scale, blocks, drawn, maps, l1_weight, ssim_w
         for tile in range(TILES):
             if not drawn[blocks[task] * TILES + tile]:
                 d_image[top : top + rows, left + 3 * ROWS * tile : left + 3 * ROWS * (tile + 1)] = ZERO
+
+
+def _kernel(function: Callable[..., None], target: types.Type, *rest: types.Type) -> Kernel:
+    """Return a kernel for one type of target."""
+    name = f"{function.__name__.strip('_')}_{target.dtype}"
+    return range_kernel(F2, target, F1, F1, F1, F1, FLOAT, *rest, allocates=True, name=name)(function)
+
+
+_ssim_maps_u8, _ssim_maps_f32 = (_kernel(_ssim_maps, target, L1, F3, F1) for target in (U2, F2))
+_gradient_u8, _gradient_f32 = (_kernel(_gradient, target, L1, B1, F3, FLOAT, FLOAT, F2, F1, F2) for target in (U2, F2))

@@ -2,16 +2,15 @@
 
 from __future__ import annotations
 
-from numba import njit, prange
-
+from splatreel.jit import F1, F2, F3, FLOAT, U4, range_kernel
 from splatreel.kernels.cpu.carve import HIDDEN
-from splatreel.kernels.cpu.jit import ONE, PARALLEL, ZERO, F
+from splatreel.kernels.cpu.scalars import ONE, ZERO, F
 
 
-@njit(**PARALLEL)
-def color_differences(points, motions, viewmats, Ks, here, there, depths, near, out):
+@range_kernel(F2, F2, F3, F3, U4, U4, F3, FLOAT, F1)
+def color_differences(first, last, points, motions, viewmats, Ks, here, there, depths, near, out):
     height, width = depths.shape[1:]
-    for m in prange(motions.shape[0]):
+    for m in range(first, last):
         count = difference = ZERO
         for p in range(points.shape[0]):
             for c in range(viewmats.shape[0]):

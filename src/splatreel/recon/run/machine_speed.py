@@ -6,10 +6,10 @@ import time
 from collections.abc import Callable
 from dataclasses import dataclass
 
-import numba
 import numpy as np
 import torch
 
+from splatreel import threads
 from splatreel.kernels import splat
 from splatreel.recon.train.points import TrainablePoints, default_rates
 from splatreel.recon.train.render import View, deformed, draw
@@ -39,15 +39,10 @@ def measure_speed(device: torch.device) -> MachineSpeed:
     return MachineSpeed(other if device.type == "cpu" else _seconds(device) / REFERENCE, other)
 
 
-def on_one_thread(work: Callable[[], None], threads: int) -> None:
-    """Do it on one thread, and use `threads` again afterwards."""
-    numba.set_num_threads(1)
-    torch.set_num_threads(1)
-    try:
+def on_one_thread(work: Callable[[], None]) -> None:
+    """Run work on one thread."""
+    with threads.limited(1):
         work()
-    finally:
-        numba.set_num_threads(threads)
-        torch.set_num_threads(threads)
 
 
 def _seconds(device: torch.device) -> float:
@@ -62,7 +57,7 @@ def _seconds(device: torch.device) -> float:
             step()
             found.append(clock() - start)
 
-    on_one_thread(work, numba.get_num_threads())
+    on_one_thread(work)
     return min(found)
 
 

@@ -1,0 +1,140 @@
+"""Kernels: functions that numba compiles for one signature, cached on disk, and that run over ranges on all threads."""
+
+from __future__ import annotations
+
+import os
+import threading
+from collections.abc import Callable, Sequence
+from typing import Any, Protocol
+
+import numba
+import numpy as np
+from numba import types
+
+from splatreel import threads
+
+FAST: dict[str, Any] = {"fastmath": True, "cache": True, "error_model": "numpy", "nogil": True}
+"""Options for training and rendering kernels."""
+EXACT: dict[str, Any] = {"cache": True, "error_model": "numpy", "nogil": True}
+"""Options for the codec: without `fastmath`, because the format specifies the order of floating-point sums."""
+
+BOOL, INT, FLOAT, DOUBLE = types.boolean, types.int64, types.float32, types.float64
+"""Scalar types of kernel arguments."""
+
+
+class Warmup(Protocol):
+    """Compiles kernels ahead of time in other processes."""
+
+    def wait_for(self, kernel: str) -> None:
+        """Return when the kernel is in the cache, or will not be compiled by this warmup."""
+
+
+_warmup: Warmup | None = None
+
+
+def use_warmup(warmup: Warmup | None) -> None:
+    """Make kernels wait for this warmup before they compile themselves. None: no warmup is running."""
+    global _warmup
+    _warmup = warmup
+
+
+def array(dtype: Any, dimensions: int) -> types.Array:
+    """Return the type of a C-contiguous array argument."""
+    return types.Array(numba.from_dtype(np.dtype(dtype)), dimensions, "C")
+
+
+F1, F2, F3, F4 = (array(np.float32, dimensions) for dimensions in (1, 2, 3, 4))
+I1, I2 = array(np.int32, 1), array(np.int32, 2)
+L1, L2 = array(np.int64, 1), array(np.int64, 2)
+B1, B2, B3 = (array(np.bool_, dimensions) for dimensions in (1, 2, 3))
+U1, U2, U4 = (array(np.uint8, dimensions) for dimensions in (1, 2, 4))
+
+
+class Kernel:
+    """A function that numba compiles on the first call, for exactly one signature.
+
+    Other argument types raise `TypeError` instead of compiling a second version.
+    """
+
+    def __init__(
+        self, function: Callable[..., Any], signature: Sequence[types.Type], options: dict[str, Any], name: str = ""
+    ) -> None:
+        self.module = function.__module__
+        self.name = f"{self.module.removeprefix('splatreel.')}.{name or function.__name__.strip('_')}"
+        self.signature = tuple(signature)
+        self.dispatcher: Any = numba.njit(**options)(function)
+        self._lock = threading.Lock()
+        self._call: Callable[..., Any] = self._compile_and_call
+
+    def __call__(self, *arguments: Any) -> Any:
+        """Run the kernel in this thread."""
+        return self._call(*arguments)
+
+    def over(self, count: int, *arguments: Any, grain: int = 1, chunks: int | None = None) -> None:
+        """Run the kernel over 0..count on all threads: `kernel(first, last, *arguments)` for consecutive ranges.
+
+        Args:
+            count: Number of items.
+            *arguments: The kernel's arguments after `first` and `last`.
+            grain: Fewest items that are worth a thread of their own.
+            chunks: Number of ranges. None: one per thread.
+        """
+        if self._call != self.dispatcher:
+            self.compile()
+        threads.run_ranges(self.dispatcher, count, arguments, grain, chunks)
+
+    def is_cached(self) -> bool:
+        """Return whether numba's cache on disk seems to have the kernel, judged by the names and dates of files."""
+        code = self.dispatcher.py_func.__code__
+        index = f"{self.module.rsplit('.', 1)[-1]}.{self.dispatcher.py_func.__qualname__}-{code.co_firstlineno}."
+        try:
+            changed = os.stat(code.co_filename).st_mtime
+            with os.scandir(self.dispatcher.stats.cache_path) as files:
+                return any(
+                    file.name.startswith(index) and file.name.endswith(".nbi") and file.stat().st_mtime >= changed
+                    for file in files
+                )
+        except OSError:
+            return False
+
+    def compile(self) -> None:
+        """Compile the kernel, or load it from the cache."""
+        with self._lock:
+            if not self.dispatcher.signatures:
+                if _warmup is not None:
+                    _warmup.wait_for(self.name)
+                self.dispatcher.compile(self.signature)
+                self.dispatcher.disable_compile()
+            self._call = self.dispatcher
+
+    def _compile_and_call(self, *arguments: Any) -> Any:
+        self.compile()
+        return self.dispatcher(*arguments)
+
+
+def kernel(
+    *signature: types.Type, options: dict[str, Any] | None = None, name: str = ""
+) -> Callable[[Callable[..., Any]], Kernel]:
+    """Decorate a function that is called as a whole.
+
+    Args:
+        *signature: Types of all arguments.
+        options: Options of `numba.njit`. None: `FAST`.
+        name: Name of the kernel in its module, if it is not the function's.
+    """
+    return lambda function: Kernel(function, signature, FAST if options is None else options, name)
+
+
+def range_kernel(
+    *signature: types.Type, allocates: bool = False, name: str = ""
+) -> Callable[[Callable[..., Any]], Kernel]:
+    """Decorate a function of independent items, `function(first, last, *arguments)`, for `Kernel.over`.
+
+    Items must not write what other items read or write, so that results do not depend on the number of threads.
+
+    Args:
+        *signature: Types of the arguments after `first` and `last`.
+        allocates: The function makes arrays. Other functions are compiled without counting references to arrays, which is slow.
+        name: Name of the kernel in its module, if it is not the function's.
+    """
+    return kernel(INT, INT, *signature, options=FAST if allocates else FAST | {"_nrt": False}, name=name)
