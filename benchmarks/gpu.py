@@ -27,6 +27,7 @@ import kitchen
 from curve import reconstruct_until
 from parity import differences, drawing
 from record import RESULTS, ROOT, record
+from splatreel import threads
 from splatreel.capture.opening import open_capture
 from splatreel.config import Quality, preset
 from splatreel.config.settings import changed

@@ -14,6 +14,7 @@ import tyro
 from torch import Tensor
 
 from record import record
+from splatreel import threads
 from splatreel.evaluation.timing import median_ms
 from splatreel.kernels import splat, twin
 

@@ -86,8 +86,9 @@ def reconstruct(
     from splatreel.progress import console
 
     request: dict[str, Any] = {"width": width, "scale": scale, "frames": span, "held_out": held_out}
+    opening = partial(open_capture, capture, **request)
     if estimate:
-        return say(machines.estimated(partial(open_capture, capture, **request), config, sound, device))
+        return say(machines.estimated(opening, config, sound, device))
     progress, presents = console(), PresentationWriter(given)
     try:
         with machines.folder(out) as folder:
@@ -97,11 +98,11 @@ def reconstruct(
                 profiled(folder / "profile.md" if profile else None),
                 publishing(folder / "reel", url, publish_keep, progress, presents) as present,
             ):
-                output: dict[str, Any] = {"sound": sound, "device": device, "progress": progress, "present": present}
+                output = {"sound": sound, "device": device, "progress": progress, "present": present}
                 if following.follow:
                     done = following.reconstruct(capture, folder, config, request, output)
                 else:
-                    done = machines.reconstruct(partial(open_capture, capture, **request), folder, config, out, output)
+                    done = machines.reconstruct(opening, folder, config, out, output)
     finally:
         progress.close()
     say(done)
