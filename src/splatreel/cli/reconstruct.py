@@ -76,7 +76,6 @@ def reconstruct(
     span, held_out = parse_frames(frames), parse_held_out(hold_out)
     config = with_set(configure(quality, codec, deformation, seed), settings)
     config = with_renditions(config, parse_renditions(renditions))
-    given = words.given()
     following.check()
     machines.check(out, follow=following.follow, estimate=estimate)
     from splatreel.capture.opening import open_capture
@@ -86,10 +85,9 @@ def reconstruct(
     from splatreel.progress import console
 
     request: dict[str, Any] = {"width": width, "scale": scale, "frames": span, "held_out": held_out}
-    opening = partial(open_capture, capture, **request)
     if estimate:
-        return say(machines.estimated(opening, config, sound, device))
-    progress, presents = console(), PresentationWriter(given)
+        return say(machines.estimated(partial(open_capture, capture, **request), config, sound, device))
+    progress, presents = console(), PresentationWriter(words.given())
     try:
         with machines.folder(out) as folder:
             url = machines.published(out, publish)
@@ -102,7 +100,7 @@ def reconstruct(
                 if following.follow:
                     done = following.reconstruct(capture, folder, config, request, output)
                 else:
-                    done = machines.reconstruct(opening, folder, config, out, output)
+                    done = machines.reconstruct(partial(open_capture, capture, **request), folder, config, out, output)
     finally:
         progress.close()
     say(done)
