@@ -1,15 +1,17 @@
-# The few things one does here. Everything runs in .venv, which the first target that needs it creates.
+# The few things one does here. Everything runs in .venv, which the first target that needs it creates. The demo needs a third of the
+# packages that the tests need, so there are two stamp files: what reconstruction needs, and all.
 PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
-SETUP := $(VENV)/.installed
+RECON := $(VENV)/.recon
+SETUP := $(VENV)/.dev
 NPM := $(shell command -v npm 2>/dev/null)
 
 MINUTES ?= 8
 
 .PHONY: demo test check bench gpu player golden screens setup clean
 
-demo: $(SETUP)  ## capture, reconstruct, compress, evaluate and play the built-in scene
+demo: $(RECON)  ## capture, reconstruct, compress, evaluate and play the built-in scene
 	$(BIN)/splatreel demo --out out/demo
 
 test: $(SETUP) $(if $(NPM),player/node_modules/.package-lock.json)
@@ -29,7 +31,7 @@ else
 	npm --prefix player run check
 endif
 
-bench: $(SETUP)  ## append to benchmarks/results.jsonl
+bench: $(RECON)  ## append to benchmarks/results.jsonl
 	$(BIN)/python benchmarks/demo.py
 	$(BIN)/splatreel bench kernels
 	$(BIN)/splatreel bench codec
@@ -48,11 +50,17 @@ screens: $(SETUP)  ## take the player's golden screenshots anew
 
 setup: $(SETUP)
 
-$(SETUP): pyproject.toml constraints.txt
+INSTALL := $(BIN)/python -m pip install --quiet --constraint constraints.txt
+
+$(RECON): pyproject.toml constraints.txt
 	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11) and "Splatreel needs Python 3.11 or newer; run: make PYTHON=python3.12")'
 	test -x $(BIN)/python || $(PYTHON) -m venv $(VENV)
-	$(BIN)/python -c 'import editables, hatchling' 2>/dev/null || $(BIN)/python -m pip install --quiet --constraint constraints.txt editables hatchling
-	$(BIN)/python -m pip install --quiet --constraint constraints.txt --no-build-isolation --editable '.[dev]'
+	$(BIN)/python -c 'import editables, hatchling' 2>/dev/null || $(INSTALL) editables hatchling
+	$(INSTALL) --no-build-isolation --editable '.[recon]'
+	touch $@
+
+$(SETUP): $(RECON)
+	$(INSTALL) --no-build-isolation --editable '.[dev]'
 	touch $@
 
 player/node_modules/.package-lock.json: player/package-lock.json

@@ -1,5 +1,6 @@
 """The main job, whole, on a capture so small that it is quick: film, reconstruct, encode, evaluate, continue."""
 
+import dataclasses
 import json
 from pathlib import Path
 
@@ -7,6 +8,8 @@ import pytest
 
 from splatreel.cli import demo
 from splatreel.cli.main import main
+from splatreel.cli.options import with_set
+from splatreel.config import preset
 from tests.recon.small import small
 
 
@@ -15,6 +18,13 @@ def tiny(monkeypatch: pytest.MonkeyPatch) -> None:
     few = {"keyframe.first_iterations": 150, "keyframe.refine_iterations": 20, "keyframe.max_points": 3000}
     config = small({**few, "keyframe.sh_degree": 3, "group.length": 4, "group.iterations_per_frame": 5})
     monkeypatch.setattr(demo, "configure", lambda *_: config)
+
+
+def test_it_tries_no_new_views_unless_asked_to() -> None:
+    config = demo.demo_config("standard", 3)
+    assert (config.seed, config.check_coverage) == (3, False)
+    assert dataclasses.replace(config, check_coverage=True) == dataclasses.replace(preset("standard"), seed=3)
+    assert with_set(config, ("check_coverage=true",)).check_coverage
 
 
 @pytest.mark.slow
