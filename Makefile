@@ -9,13 +9,28 @@ NPM := $(shell command -v npm 2>/dev/null)
 
 MINUTES ?= 8
 
-.PHONY: demo test check bench gpu player golden screens setup clean
+.PHONY: demo test test-all check bench gpu player golden screens setup clean
 
 demo: $(RECON)  ## capture, reconstruct, compress, evaluate and play the built-in scene
 	$(BIN)/splatreel demo --out out/demo
 
-test: $(SETUP) $(if $(NPM),player/node_modules/.package-lock.json)
-	GOMP_SPINCOUNT=0 $(BIN)/python -m pytest --coverage --durations=15
+# The tests of `make test` answer in minutes. The others take long, kill processes, start a cluster, or build and install the wheel.
+LONG := slow or kill or cluster or wheel
+WORKERS ?= auto
+COVERAGE ?=
+PYTEST = GOMP_SPINCOUNT=0 $(BIN)/python -m $(if $(COVERAGE),coverage run -m )pytest -n $(WORKERS) --durations=15
+
+test: $(SETUP) $(if $(NPM),player/node_modules/.package-lock.json)  ## the tests that answer in minutes, on all cores
+	$(if $(COVERAGE),$(BIN)/coverage erase)
+	$(PYTEST) -m 'not ($(LONG))'
+
+test-all: COVERAGE = 1
+test-all: test  ## those, then all others, and how much of the code they ran
+	$(PYTEST) -m '$(LONG)'
+	$(BIN)/coverage combine --quiet
+	$(BIN)/coverage json --quiet -o out/coverage.json
+	@echo "Python coverage: $$($(BIN)/coverage report --format=total) % of the statements; out/coverage.json lists the others."
+	@$(if $(NPM),node -p 'JSON.parse(require("fs").readFileSync("player/out/tests.json")).coverage.line')
 
 check: $(SETUP)  ## style, types, the import ladder and the sizes; that the committed player is the one its source builds
 	$(BIN)/ruff check .

@@ -38,6 +38,7 @@ def wheel(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return made
 
 
+@pytest.mark.wheel
 def test_the_wheel_holds_the_player_and_the_licence_and_no_tests(wheel: Path) -> None:
     names = zipfile.ZipFile(wheel).namelist()
     static = [p for p in (ROOT / "src" / "splatreel" / "play" / "static").rglob("*") if p.is_file()]
@@ -78,7 +79,7 @@ def install(wheel: Path, folder: Path) -> Path:
     return binaries
 
 
-@pytest.mark.slow
+@pytest.mark.wheel
 def test_a_clean_environment_plays_a_reel_without_torch(wheel: Path, tmp_path: Path) -> None:
     binaries = install(wheel, tmp_path / "env")
     environment = {k: v for k, v in os.environ.items() if k != "PYTHONPATH"}

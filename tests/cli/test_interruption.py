@@ -48,6 +48,8 @@ def start(capture: Path, out: Path, title: str) -> subprocess.Popen[str]:
     return subprocess.Popen(command, stderr=subprocess.PIPE, stdout=subprocess.PIPE, text=True, env=environment)
 
 
+@pytest.mark.slow
+@pytest.mark.kill
 @pytest.mark.skipif(sys.platform == "win32", reason="POSIX signals")
 def test_signals_stop_the_command_and_the_same_command_goes_on(capture: Path, tmp_path: Path) -> None:
     out = tmp_path / "out"

@@ -12,6 +12,7 @@ KILLS = {"sequence": 3, "chapters": 2}
 """Of the others one each."""
 
 
+@pytest.mark.kill
 @pytest.mark.skipif(not hasattr(os, "fork"), reason="processes are forked")
 def test_killed_at_random_moments_or_on_a_full_disk_every_verb_goes_on_to_the_bytes_of_an_undisturbed_run() -> None:
     counts = [f"{name}={KILLS.get(name, 1)}" for name in NAMES]

@@ -198,6 +198,7 @@ def vector_share(kernel, *arguments):
     return sum("ymm" in line or "zmm" in line for line in arithmetic) / len(arithmetic)
 
 
+@pytest.mark.slow
 @needs_avx2
 def test_hot_loops_are_vector_code():
     means2d, conics, colors, opacities, depths, radii = (t.numpy() for t in splats(30, 3, 40, 30))
