@@ -14,19 +14,19 @@ MINUTES ?= 8
 demo: $(RECON)  ## capture, reconstruct, compress, evaluate and play the built-in scene
 	$(BIN)/splatreel demo --out out/demo
 
-# The tests of `make test` answer in minutes. The others take long, kill processes, start a cluster, or build and install the wheel.
-LONG := slow or kill or cluster or wheel
+# The tests of `make test` answer in minutes. The others take long, kill processes, start a cluster or a browser, or build the wheel.
+LONG := slow or kill or cluster or wheel or browser
 WORKERS ?= auto
 COVERAGE ?=
 PYTEST = GOMP_SPINCOUNT=0 $(BIN)/python -m $(if $(COVERAGE),coverage run -m )pytest -n $(WORKERS) --durations=15
 
 test: $(SETUP) $(if $(NPM),player/node_modules/.package-lock.json)  ## the tests that answer in minutes, on all cores
 	$(if $(COVERAGE),$(BIN)/coverage erase)
-	$(PYTEST) -m 'not ($(LONG))'
+	$(PYTEST) -m 'smoke or not ($(LONG))'
 
 test-all: COVERAGE = 1
 test-all: test  ## those, then all others, and how much of the code they ran
-	$(PYTEST) -m '$(LONG)'
+	$(PYTEST) -m '($(LONG)) and not smoke'
 	$(BIN)/coverage combine --quiet
 	$(BIN)/coverage json --quiet -o out/coverage.json
 	@echo "Python coverage: $$($(BIN)/coverage report --format=total) % of the statements; out/coverage.json lists the others."
@@ -38,11 +38,10 @@ check: $(SETUP)  ## style, types, the import ladder and the sizes; that the comm
 	$(BIN)/pyright --pythonpath $(BIN)/python
 	$(BIN)/python -m pytest -q tests/test_house.py
 ifeq ($(NPM),)
-	@echo "check: npm is not installed, so the web player was NOT tested and its bundle NOT compared with its source."
+	@echo "check: npm is not installed, so the types of the web player were NOT checked and its bundle NOT compared with its source."
 else
 	$(MAKE) player/node_modules/.package-lock.json
 	npm --prefix player run typecheck
-	npm --prefix player test
 	npm --prefix player run check
 endif
 

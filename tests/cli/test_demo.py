@@ -27,6 +27,8 @@ def test_it_tries_no_new_views_unless_asked_to() -> None:
     assert with_set(config, ("check_coverage=true",)).check_coverage
 
 
+@pytest.mark.slow
+@pytest.mark.smoke
 def test_the_demo_makes_a_reel_and_a_report_and_is_continued(
     tiny: None, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -52,6 +52,8 @@ def runs(pid: int) -> bool:
         return False
 
 
+@pytest.mark.slow
+@pytest.mark.kill
 @pytest.mark.skipif(not sys.platform.startswith("linux"), reason="looks at /proc")
 def test_no_worker_is_left_and_the_run_goes_on(out: Path, expected: dict[str, str]) -> None:
     for number, code in ((signal.SIGKILL, -signal.SIGKILL), (signal.SIGINT, 130)):
