@@ -1,19 +1,36 @@
-# The few things one does here. Everything runs in .venv, which the first target that needs it creates.
+# The few things one does here. Everything runs in .venv, which the first target that needs it creates. The demo needs a third of the
+# packages that the tests need, so there are two stamp files: what reconstruction needs, and all.
 PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
-SETUP := $(VENV)/.installed
+RECON := $(VENV)/.recon
+SETUP := $(VENV)/.dev
 NPM := $(shell command -v npm 2>/dev/null)
 
 MINUTES ?= 8
 
-.PHONY: demo test check bench gpu player golden screens setup clean
+.PHONY: demo test test-all check bench gpu player golden screens setup clean
 
-demo: $(SETUP)  ## capture, reconstruct, compress, evaluate and play the built-in scene
+demo: $(RECON)  ## capture, reconstruct, compress, evaluate and play the built-in scene
 	$(BIN)/splatreel demo --out out/demo
 
-test: $(SETUP) $(if $(NPM),player/node_modules/.package-lock.json)
-	GOMP_SPINCOUNT=0 $(BIN)/python -m pytest --coverage --durations=15
+# The tests of `make test` answer in minutes. The others take long, kill processes, start a cluster or a browser, or build the wheel.
+LONG := slow or kill or cluster or wheel or browser
+WORKERS ?= auto
+COVERAGE ?=
+PYTEST = $(BIN)/python -m $(if $(COVERAGE),coverage run -m )pytest -n $(WORKERS) --durations=15
+
+test: $(SETUP) $(if $(NPM),player/node_modules/.package-lock.json)  ## the tests that answer in minutes, on all cores
+	$(if $(COVERAGE),$(BIN)/coverage erase)
+	$(PYTEST) -m 'smoke or not ($(LONG))'
+
+test-all: COVERAGE = 1
+test-all: test  ## those, then all others, and how much of the code they ran
+	$(PYTEST) -m '($(LONG)) and not smoke'
+	$(BIN)/coverage combine --quiet
+	$(BIN)/coverage json --quiet -o out/coverage.json
+	@echo "Python coverage: $$($(BIN)/coverage report --format=total) % of the statements; out/coverage.json lists the others."
+	@$(if $(NPM),node -p 'JSON.parse(require("fs").readFileSync("player/out/tests.json")).coverage.line')
 
 check: $(SETUP)  ## style, types, the import ladder and the sizes; that the committed player is the one its source builds
 	$(BIN)/ruff check .
@@ -21,15 +38,14 @@ check: $(SETUP)  ## style, types, the import ladder and the sizes; that the comm
 	$(BIN)/pyright --pythonpath $(BIN)/python
 	$(BIN)/python -m pytest -q tests/test_house.py
 ifeq ($(NPM),)
-	@echo "check: npm is not installed, so the web player was NOT tested and its bundle NOT compared with its source."
+	@echo "check: npm is not installed, so the types of the web player were NOT checked and its bundle NOT compared with its source."
 else
 	$(MAKE) player/node_modules/.package-lock.json
 	npm --prefix player run typecheck
-	npm --prefix player test
 	npm --prefix player run check
 endif
 
-bench: $(SETUP)  ## append to benchmarks/results.jsonl
+bench: $(RECON)  ## append to benchmarks/results.jsonl
 	$(BIN)/python benchmarks/demo.py
 	$(BIN)/splatreel bench kernels
 	$(BIN)/splatreel bench codec
@@ -48,11 +64,17 @@ screens: $(SETUP)  ## take the player's golden screenshots anew
 
 setup: $(SETUP)
 
-$(SETUP): pyproject.toml constraints.txt
+INSTALL := $(BIN)/python -m pip install --quiet --constraint constraints.txt
+
+$(RECON): pyproject.toml constraints.txt
 	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11) and "Splatreel needs Python 3.11 or newer; run: make PYTHON=python3.12")'
 	test -x $(BIN)/python || $(PYTHON) -m venv $(VENV)
-	$(BIN)/python -c 'import editables, hatchling' 2>/dev/null || $(BIN)/python -m pip install --quiet --constraint constraints.txt editables hatchling
-	$(BIN)/python -m pip install --quiet --constraint constraints.txt --no-build-isolation --editable '.[dev]'
+	$(BIN)/python -c 'import editables, hatchling' 2>/dev/null || $(INSTALL) editables hatchling
+	$(INSTALL) --no-build-isolation --editable '.[recon]'
+	touch $@
+
+$(SETUP): $(RECON)
+	$(INSTALL) --no-build-isolation --editable '.[dev]'
 	touch $@
 
 player/node_modules/.package-lock.json: player/package-lock.json

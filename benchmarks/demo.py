@@ -12,8 +12,9 @@ import tyro
 from run import run
 from splatreel.capture.builtin.synthetic import make_capture
 from splatreel.capture.opening import open_capture
+from splatreel.cli.demo import demo_config
 from splatreel.cli.reconstruct import Deformation
-from splatreel.config import Quality, preset
+from splatreel.config import Quality
 
 
 def main(
@@ -29,7 +30,7 @@ def main(
     started = time.monotonic()
     capture = open_capture(make_capture(out / "capture", frames=frames, seed=seed))
     filming = time.monotonic() - started
-    config = dataclasses.replace(preset(quality), seed=seed)
+    config = demo_config(quality, seed)
     config = dataclasses.replace(config, group=dataclasses.replace(config.group, deformation=deformation))
     run(f"demo {deformation}", capture, out, config, None, note, filming)
 

@@ -7,6 +7,8 @@ import subprocess
 from datetime import UTC, datetime
 from pathlib import Path
 
+from splatreel.recon.run.processor import processor_name
+
 ROOT = Path(__file__).resolve().parent.parent
 RESULTS = ROOT / "benchmarks" / "results.jsonl"
 
@@ -36,10 +38,13 @@ def revision() -> str:
 
 
 def machine() -> str:
-    """Such as `2 cores of x86_64, Linux, load 0.4`; a load near or above the cores means that times are not to be trusted."""
+    """Return such as `2 cores of AMD EPYC 7763 64-Core Processor, Linux, load 0.4`.
+
+    A load near or above the cores means that times are not to be trusted.
+    """
     cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count()
     load = f", load {os.getloadavg()[0]:.1f}" if hasattr(os, "getloadavg") else ""
-    return f"{cores} cores of {platform.machine()}, {platform.system()}{load}"
+    return f"{cores} cores of {processor_name()}, {platform.system()}{load}"
 
 
 def summary(report: dict) -> dict:

@@ -1,5 +1,5 @@
-// Runs tests/**/*.test.ts under node's own test runner: node test.mjs [part of a file's name ...].
-// Writes out/tests.json: each file's tests, what failed and why, and the lines of src that the tests ran.
+// Runs tests/**/*.test.ts under node's own test runner: node test.mjs [--coverage] [part of a file's name ...].
+// Writes out/tests.json: each file's tests, what failed and why, and with --coverage the lines of src that the tests ran.
 import { build } from "esbuild";
 import { mkdirSync, mkdtempSync, readdirSync, rmSync, writeFileSync } from "node:fs";
 import { tmpdir } from "node:os";
@@ -12,7 +12,8 @@ import { coverageOf } from "./coverage.mjs";
 
 const here = dirname(fileURLToPath(import.meta.url));
 const out = mkdtempSync(join(tmpdir(), "splatreel-tests-"));
-const parts = process.argv.slice(2);
+const covers = process.argv.includes("--coverage");
+const parts = process.argv.slice(2).filter((part) => !part.startsWith("--"));
 const names = readdirSync(join(here, "tests"), { recursive: true })
   .filter((name) => name.endsWith(".test.ts") && (parts.length === 0 || parts.some((part) => name.includes(part))))
   .sort();
@@ -21,17 +22,17 @@ try {
   const [bundles, traces] = [join(out, "bundles"), join(out, "coverage")];
   await build({ ...options, entryPoints: names.map((name) => join("tests", name)), outbase: "tests", outdir: bundles, outExtension: { ".js": ".mjs" }, sourcemap: "linked" });
   const results = await tested(names, bundles, traces);
-  const coverage = await coverageOf(join(here, "src"), bundles, traces, options);
+  const coverage = covers ? await coverageOf(join(here, "src"), bundles, traces, options) : null;
   mkdirSync(join(here, "out"), { recursive: true });
   writeFileSync(join(here, "out/tests.json"), JSON.stringify({ files: results, coverage }, null, 1));
-  if (parts.length === 0) console.log(coverage.line);
+  if (coverage && parts.length === 0) console.log(coverage.line);
 } finally {
   rmSync(out, { recursive: true });
 }
 
 /** Run the bundles, each in a process of its own; by file, how many tests passed and what failed. */
 async function tested(names, bundles, traces) {
-  process.env.NODE_V8_COVERAGE = traces;
+  if (covers) process.env.NODE_V8_COVERAGE = traces;
   process.env.NODE_OPTIONS = `${process.env.NODE_OPTIONS ?? ""} --enable-source-maps`;
   process.chdir(here);
   const results = Object.fromEntries(names.map((name) => [name, { passed: 0, failed: [] }]));

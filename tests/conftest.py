@@ -1,49 +1,64 @@
-"""Settings that must be in place before numba and torch load their OpenMP runtimes; what is said when all tests are done."""
+"""Settings that must be in place before torch loads its OpenMP runtime; how tests are shared among processes."""
 
 import itertools
-import json
 import os
 import signal
-import sys
 from collections.abc import Iterator
-from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import pytest
-
-from tests import coverage
 
 if TYPE_CHECKING:
     from tests.buckets import Bucket
 
-# With another process on a core, spinning at barriers makes every parallel region wait for a whole scheduler tick.
+# Torch's threads sleep while they wait, as in the command line: spinning, they would keep the kernels' threads from the cores.
 os.environ.setdefault("GOMP_SPINCOUNT", "0")
+
+# Each of several test processes has its share of the cores.
+if WORKERS := int(os.environ.get("PYTEST_XDIST_WORKER_COUNT", "0")):
+    os.environ.setdefault("OMP_NUM_THREADS", str(max((os.cpu_count() or 1) // WORKERS, 1)))
 
 # A shell starts what runs in its background deaf to Ctrl-C, and the commands under test would inherit that.
 if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
     signal.signal(signal.SIGINT, signal.default_int_handler)
 
-COVERAGE = coverage.start() if "--coverage" in sys.argv else None  # before the conftest of a folder imports the package
-LAST_LINES = pytest.StashKey[list[str]]()
-MISSED = Path(__file__).parent.parent / "out" / "coverage.json"
+TOGETHER = (
+    "tests/recon/machines/test_batch.py",
+    "tests/recon/machines/test_driver_ends.py",
+    "tests/recon/machines/test_here.py",
+)
+TOGETHER += ("tests/recon/machines/test_ray_cluster.py",)
+"""Files whose tests share what is expensive to make once a process: the run and the reel of `recon/machines/conftest.py`."""
+FIRST = ("tests/cli/test_kills.py", TOGETHER[0], "tests/player/test_source.py", "tests/recon/test_jobs.py")
+FIRST += ("tests/recon/live/test_following.py", "tests/benchmarks/test_gpu.py", "tests/player/test_follow.py")
+FIRST += ("tests/recon/cameras/test_poses.py", "tests/cli/test_demo.py", "tests/capture/test_calibrate.py")
+FIRST += ("tests/benchmarks/test_curve.py", "tests/cli/test_interruption.py", "tests/kernels/test_rasterize.py")
+"""Files that take longest: begun last, one process would be busy with them while the others are done."""
 
 
-def pytest_addoption(parser: pytest.Parser) -> None:
-    parser.addoption(
-        "--coverage",
-        action="store_true",
-        help="say how much of the package the tests ran; out/coverage.json lists what did not",
-    )
+def group_of(nodeid: str) -> str:
+    """Return the name that is common to all tests that one process runs: their file's, mostly."""
+    path = nodeid.partition("::")[0]
+    return TOGETHER[0] if path in TOGETHER else path
 
 
-def pytest_configure(config: pytest.Config) -> None:
-    config.stash[LAST_LINES] = []
+@pytest.hookimpl(optionalhook=True)
+def pytest_xdist_make_scheduler(config: pytest.Config, log: Any) -> Any:
+    from xdist.scheduler import LoadScopeScheduling
+
+    class GroupScheduling(LoadScopeScheduling):
+        def _split_scope(self, nodeid: str) -> str:
+            return group_of(nodeid)
+
+    config.option.loadscopereorder = False  # in the order of the collection, not by the number of tests
+    return GroupScheduling(config, log)
 
 
-@pytest.fixture(scope="session")
-def last_lines(pytestconfig: pytest.Config) -> list[str]:
-    """Lines to be printed below the results of all tests: append to them."""
-    return pytestconfig.stash[LAST_LINES]
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """Put first what takes longest, where the tests are shared among processes."""
+    if WORKERS:
+        rank = {path: number for number, path in enumerate(FIRST)}
+        items.sort(key=lambda item: rank.get(group_of(item.nodeid), len(FIRST)))
 
 
 @pytest.fixture(scope="session")
@@ -71,12 +86,3 @@ def bucket(s3_server: str, monkeypatch: pytest.MonkeyPatch) -> "Bucket":
     name = f"bucket-{next(_NUMBERS)}"
     client.create_bucket(Bucket=name)
     return Bucket(name, s3_server, client)
-
-
-def pytest_unconfigure(config: pytest.Config) -> None:
-    if COVERAGE is not None:
-        MISSED.parent.mkdir(exist_ok=True)
-        MISSED.write_text(json.dumps(COVERAGE.missed(), indent=1))
-        print(COVERAGE.summary())
-    for line in config.stash[LAST_LINES]:
-        print(line)

@@ -129,7 +129,7 @@ def test_nobody_has_to_ask_for_it() -> None:
     stream = io.StringIO()
     lines = Lines(stream, interval=0.02)
     lines.stage("finding surfaces", 1)
-    for _ in range(500):
+    for _ in range(6000):
         if "still working" in stream.getvalue():
             break
         time.sleep(0.01)

@@ -33,11 +33,12 @@ print(len(gaussians), "Gaussians")
 def wheel(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("wheel")
     command = [sys.executable, "-m", "build", "--wheel", "--no-isolation", "--outdir", str(folder), str(ROOT)]
-    subprocess.run(command, check=True, capture_output=True, timeout=120)
+    subprocess.run(command, check=True, capture_output=True, timeout=6000)
     (made,) = folder.glob("*.whl")
     return made
 
 
+@pytest.mark.wheel
 def test_the_wheel_holds_the_player_and_the_licence_and_no_tests(wheel: Path) -> None:
     names = zipfile.ZipFile(wheel).namelist()
     static = [p for p in (ROOT / "src" / "splatreel" / "play" / "static").rglob("*") if p.is_file()]
@@ -73,18 +74,18 @@ def install(wheel: Path, folder: Path) -> Path:
         for part in {file.parts[0] for file in distribution.files or []} - {"..", "__pycache__"}:
             (packages / part).symlink_to(str(distribution.locate_file(part)))
     pip = [sys.executable, "-m", "pip", "--python", str(binaries / "python")]
-    subprocess.run([*pip, "install", "--quiet", "--no-deps", "--no-index", str(wheel)], check=True, timeout=120)
-    subprocess.run([*pip, "check"], check=True, timeout=120)
+    subprocess.run([*pip, "install", "--quiet", "--no-deps", "--no-index", str(wheel)], check=True, timeout=6000)
+    subprocess.run([*pip, "check"], check=True, timeout=6000)
     return binaries
 
 
-@pytest.mark.slow
+@pytest.mark.wheel
 def test_a_clean_environment_plays_a_reel_without_torch(wheel: Path, tmp_path: Path) -> None:
     binaries = install(wheel, tmp_path / "env")
     environment = {k: v for k, v in os.environ.items() if k != "PYTHONPATH"}
 
     def run(*command: str) -> str:
-        result = subprocess.run(command, cwd=tmp_path, env=environment, capture_output=True, text=True, timeout=300)
+        result = subprocess.run(command, cwd=tmp_path, env=environment, capture_output=True, text=True, timeout=6000)
         assert result.returncode == 0, result.stderr
         return result.stdout
 
@@ -103,7 +104,7 @@ def test_a_clean_environment_plays_a_reel_without_torch(wheel: Path, tmp_path: P
         env=environment,
         capture_output=True,
         text=True,
-        timeout=60,
+        timeout=600,
     )
     assert failed.returncode == 1
     assert "pip install 'splatreel[recon]'" in failed.stderr

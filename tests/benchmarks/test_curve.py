@@ -39,6 +39,7 @@ def reconstructed(curve: ModuleType, tmp_path: Path) -> Callable[[Progress], dic
     return run
 
 
+@pytest.mark.slow
 def test_a_run_that_is_let_finish_has_points_of_every_group(
     reconstructed: Callable[[Progress], dict[str, Any]],
 ) -> None:

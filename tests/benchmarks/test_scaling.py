@@ -161,10 +161,10 @@ def test_the_page_shows_the_recorded_results(page: ModuleType) -> None:
 def test_memory_is_that_of_the_time_between_ends(benchmarks: Path) -> None:
     resident = importlib.import_module("resident")
     with resident.Resident() as watch:
-        time.sleep(0.15)
+        time.sleep(0.5)
         before = time.time()
         held = np.ones(8_000_000)
-        time.sleep(0.15)
+        time.sleep(0.5)
         after = time.time()
     first, second = watch.peaks([before, after])
     assert held.nbytes * 0.9 < second - first < held.nbytes * 1.5

@@ -26,6 +26,7 @@ def room(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return make_capture(tmp_path_factory.mktemp("film") / "room", frames=2)
 
 
+@pytest.mark.slow
 def test_cameras_stand_where_they_stood(room: Path, tmp_path: Path) -> None:
     pytest.importorskip("pycolmap")
     known = open_capture(room)
@@ -71,6 +72,7 @@ def test_videos_that_show_nothing_are_refused(tmp_path: Path) -> None:
         open_capture(tmp_path)
 
 
+@pytest.mark.slow
 def test_photographs_connect_cameras_that_are_far_apart(room: Path, tmp_path: Path) -> None:
     """By what COLMAP draws at random the focal lengths come out 2 to 6 % too long, and 3 to 11 % if all photographs are equally far
     away (twelve seeds each)."""

@@ -87,12 +87,12 @@ def test_a_camera_that_stops_is_named_and_the_others_wait_for_it(
 def test_a_capture_has_ended_when_nothing_new_comes(tmp_path: Path) -> None:
     recorder = Recorder(tmp_path / "show", "pictures")
     recorder.write(3)
-    with following(recorder.folder, timeout=0.4) as (follower, told):
+    with following(recorder.folder, timeout=1.5) as (follower, told):
         recorder.write(1)
         begun = time.monotonic()
         assert not follower.wait(5)
         assert time.monotonic() - begun > 0.3
-    assert told == ["Nothing new was written for 0.4 s (--follow-timeout). The capture has 4 frames."]
+    assert told == ["Nothing new was written for 1.5 s (--follow-timeout). The capture has 4 frames."]
 
 
 def test_it_is_known_how_long_ago_a_frame_was_written(tmp_path: Path) -> None:
@@ -100,12 +100,13 @@ def test_it_is_known_how_long_ago_a_frame_was_written(tmp_path: Path) -> None:
     recorder.write(2)
     with following(recorder.folder) as (follower, _):
         assert follower.seconds_since(1) is None  # before
+        before = time.monotonic()
         recorder.write(1)
         assert follower.wait(3)
         time.sleep(0.2)
         since = follower.seconds_since(2)
         assert since is not None
-        assert 0.2 <= since < 2
+        assert 0.2 <= since <= time.monotonic() - before + 0.1
         assert follower.seconds_since(3) is None  # yet to come
 
 
@@ -220,14 +221,13 @@ def test_pictures_count_from_the_same_number_on(tmp_path: Path) -> None:
 def test_who_stops_does_not_wait(tmp_path: Path) -> None:
     recorder = Recorder(tmp_path / "show", "mkv")
     recorder.write(BEGUN)
-    begun = time.monotonic()
-    with following(recorder.folder) as (follower, _):
+    with following(recorder.folder, timeout=1000) as (follower, told):
         follower.stop()
         assert not follower.wait(BEGUN + 9)
-    assert time.monotonic() - begun < 5
+    assert told == []
 
 
-def until(true: Callable[[], object], seconds: float = 20) -> None:
+def until(true: Callable[[], object], seconds: float = 120) -> None:
     """Wait for what is about to happen."""
     end = time.monotonic() + seconds
     while not true():

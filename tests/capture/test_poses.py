@@ -81,3 +81,14 @@ def test_without_points_there_are_doubts_and_no_refusal() -> None:
     (other_way,) = check_poses(inverted(ring(9, width=48, height=32)), None, "poses.txt")
     assert "look past each other" in other_way
     assert "they may be camera to world" in other_way
+
+
+@pytest.mark.parametrize("nudge", [0.0, *(10.0**-power for power in range(4, 10))])
+def test_rounding_decides_nothing_where_inverted_cameras_stand_at_one_place(nudge: float) -> None:
+    """Cameras at one distance from the origin, which they look at: inverted, their centers are equal but for rounding."""
+    rng = np.random.default_rng(0)
+    for cameras in (inverted(ring(count, width=48, height=32)) for count in range(4, 12)):
+        moved = [replace(c, viewmat=c.viewmat @ translation(nudge * rng.normal(size=3))) for c in cameras]
+        (doubt,) = check_poses(moved, None, "poses.txt")
+        assert "they may be camera to world" in doubt
+        assert check_poses(inverted(moved), None, "poses.txt") == []

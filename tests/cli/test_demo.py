@@ -1,5 +1,6 @@
 """The main job, whole, on a capture so small that it is quick: film, reconstruct, encode, evaluate, continue."""
 
+import dataclasses
 import json
 from pathlib import Path
 
@@ -7,6 +8,8 @@ import pytest
 
 from splatreel.cli import demo
 from splatreel.cli.main import main
+from splatreel.cli.options import with_set
+from splatreel.config import preset
 from tests.recon.small import small
 
 
@@ -17,7 +20,15 @@ def tiny(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(demo, "configure", lambda *_: config)
 
 
+def test_it_tries_no_new_views_unless_asked_to() -> None:
+    config = demo.demo_config("standard", 3)
+    assert (config.seed, config.check_coverage) == (3, False)
+    assert dataclasses.replace(config, check_coverage=True) == dataclasses.replace(preset("standard"), seed=3)
+    assert with_set(config, ("check_coverage=true",)).check_coverage
+
+
 @pytest.mark.slow
+@pytest.mark.smoke
 def test_the_demo_makes_a_reel_and_a_report_and_is_continued(
     tiny: None, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -8,6 +8,7 @@ import pytest
 
 from splatreel.cli.main import main
 from splatreel.recon.run import machine_speed, memory
+from splatreel.recon.run.processor import describe_processor
 from tests.capture import folders
 from tests.recon.captures import WallCapture
 
@@ -21,7 +22,7 @@ def scene(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
         folders.write_video(folder / f"{camera.name}.mp4", list(source.read(0, 3, [camera.name])[:, 0]))
     np.save(folder / "poses_bounds.npy", folders.llff(source.cameras))
     monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr(machine_speed, "_seconds", lambda _: machine_speed.REFERENCE)
+    monkeypatch.setattr(machine_speed, "_seconds", lambda probe, _: probe.seconds)
     return folder
 
 
@@ -31,13 +32,14 @@ def estimate(*options: str) -> int:
 
 def test_time_and_memory_are_said_and_nothing_is_written(scene: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert estimate("--threads", "1") == 0
-    first, *stages, last = capsys.readouterr().out.splitlines()
+    first, *stages, processor, last = capsys.readouterr().out.splitlines()
     said = r"scene: 3 frames of 3 cameras, 48x32, take about (\d+) s from the beginning \(1 thread\), if nothing else runs:"
     found = re.fullmatch(said, first)
     assert found is not None
     parts = [float(line.split()[-2]) for line in stages]
     assert sum(parts) == pytest.approx(float(found[1]), abs=1 + 0.5 * len(parts))
     assert "learning how it moves" in "".join(stages)
+    assert processor == f"Processor: {describe_processor()}."
     assert re.fullmatch(r"Memory: about 0\.\d GB at most; [\d.]+ GB are free\.", last)
     assert [path.name for path in scene.parent.iterdir()] == ["scene"]
 

@@ -12,12 +12,13 @@ KILLS = {"sequence": 3, "chapters": 2}
 """Of the others one each."""
 
 
+@pytest.mark.kill
 @pytest.mark.skipif(not hasattr(os, "fork"), reason="processes are forked")
 def test_killed_at_random_moments_or_on_a_full_disk_every_verb_goes_on_to_the_bytes_of_an_undisturbed_run() -> None:
     counts = [f"{name}={KILLS.get(name, 1)}" for name in NAMES]
     environment = os.environ | {"PYTHONPATH": os.pathsep.join(sys.path)}
     command = [sys.executable, "-m", "tests.kills", *counts]
-    ended = subprocess.run(command, capture_output=True, text=True, env=environment, timeout=600)
+    ended = subprocess.run(command, capture_output=True, text=True, env=environment, timeout=1700)
     assert ended.returncode == 0, ended.stdout + ended.stderr
     lines = [line for line in ended.stdout.splitlines() if not line.startswith(" ")]
     assert [line.split(": ")[0] for line in lines] == list(NAMES)

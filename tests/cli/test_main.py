@@ -7,7 +7,6 @@ import os
 import re
 import subprocess
 import sys
-import time
 import tomllib
 from pathlib import Path
 
@@ -39,7 +38,13 @@ VERBS = [
 
 def run(*arguments: str, cwd: Path | None = None) -> subprocess.CompletedProcess[str]:
     command = [sys.executable, "-m", "splatreel", *arguments]
-    return subprocess.run(command, capture_output=True, text=True, cwd=cwd, timeout=120)
+    return subprocess.run(command, capture_output=True, text=True, cwd=cwd, timeout=600)
+
+
+def processor_seconds() -> float:
+    """Return what the processes took that this one has started and waited for."""
+    times = os.times()
+    return times.children_user + times.children_system
 
 
 def error_of(capsys: pytest.CaptureFixture[str], *arguments: str) -> tuple[int, str]:
@@ -50,12 +55,12 @@ def error_of(capsys: pytest.CaptureFixture[str], *arguments: str) -> tuple[int, 
 
 
 def test_help_is_quick_and_names_every_verb() -> None:
-    start = time.monotonic()
+    before = processor_seconds()
     result = run("--help")
     assert result.returncode == 0
     for verb in VERBS:
         assert f"• {verb} " in result.stdout, verb
-    assert time.monotonic() - start < 5  # 0.4 s on an idle machine
+    assert processor_seconds() - before < 5  # 0.4 s on a fast machine
 
 
 def test_the_command_line_loads_nothing_heavy() -> None:

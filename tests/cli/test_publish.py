@@ -170,7 +170,7 @@ def watch_groups(monkeypatch: pytest.MonkeyPatch, url: str) -> list[int]:
     def changed_and_there(self) -> None:
         changed(self)
         if len(seen) < 2:
-            end = time.monotonic() + 30
+            end = time.monotonic() + 120
             while groups() <= len(seen) and time.monotonic() < end:
                 time.sleep(0.02)
             seen.append(groups())

@@ -23,12 +23,12 @@ def test_serve_answers_until_ctrl_c() -> None:
         line = process.stdout.readline()
         found = re.search(r"http://\S+", line)
         assert found, line
-        with urllib.request.urlopen(found[0], timeout=10) as answer:
+        with urllib.request.urlopen(found[0], timeout=60) as answer:
             assert b"<html" in answer.read().lower()
-        with urllib.request.urlopen(f"{found[0]}reel/manifest.json", timeout=10) as answer:
+        with urllib.request.urlopen(f"{found[0]}reel/manifest.json", timeout=60) as answer:
             assert json.load(answer)["format"] == "splatreel"
         process.send_signal(signal.SIGINT)
-        _, errors = process.communicate(timeout=20)
+        _, errors = process.communicate(timeout=120)
     assert process.returncode == 0
     assert errors == ""
 
@@ -45,10 +45,10 @@ def test_view_without_a_browser_prints_the_address() -> None:
         assert process.stdout is not None
         found = re.search(r"http://127.0.0.1:\d+/", process.stdout.readline())
         assert found
-        with urllib.request.urlopen(found[0], timeout=10) as answer:
+        with urllib.request.urlopen(found[0], timeout=60) as answer:
             assert b"player.js" in answer.read()
         process.send_signal(signal.SIGINT)
-        process.communicate(timeout=20)
+        process.communicate(timeout=120)
     assert process.returncode == 0
 
 

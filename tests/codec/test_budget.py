@@ -52,6 +52,7 @@ def still(frames: int, points: Gaussians) -> Group:
     return Group(0, 0, points, np.zeros((frames, len(points), 3), np.float32), turns, np.ones(4, bool))
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(sys.platform != "linux", reason="measures the memory of a process by /proc")
 def test_a_file_at_the_bound_takes_no_more_memory_than_that(tmp_path) -> None:
     """Equal points, so that it is their number alone that counts; padded, all of them are as small as they may be."""

@@ -24,6 +24,7 @@ def config(iterations: int) -> Config:
     return replace(draft, keyframe=keyframe, group=group)
 
 
+@pytest.mark.slow
 def test_what_is_measured(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     def medians(works: list[Callable[[], None]], repeats: int) -> list[float]:
         """Of a batch in layers, of whole pictures, and on one thread."""

@@ -31,7 +31,7 @@ class Served(NamedTuple):
     def ask(self) -> float:
         """Seconds for one request on a connection of its own."""
         begun = time.monotonic()
-        asking = http.client.HTTPConnection(*self.address, timeout=20)
+        asking = http.client.HTTPConnection(*self.address, timeout=120)
         asking.request("GET", "/reel/manifest.json")
         assert asking.getresponse().read() == (GOLDEN / "manifest.json").read_bytes()
         asking.close()

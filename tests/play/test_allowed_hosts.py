@@ -56,7 +56,7 @@ def test_another_name_is_refused_with_the_remedy():
 
 
 def ask(url: str, host: str) -> tuple[int, str]:
-    connection = http.client.HTTPConnection(urlsplit(url).netloc, timeout=5)
+    connection = http.client.HTTPConnection(urlsplit(url).netloc, timeout=60)
     try:
         connection.request("GET", "/reel/manifest.json", headers={"Host": host})
         answer = connection.getresponse()

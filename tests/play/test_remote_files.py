@@ -17,7 +17,7 @@ from tests.codec.reels import add_chapter_group, new_writer, write_chapters, wri
 
 def get(url: str, **headers: str) -> tuple[int, bytes, str]:
     try:
-        with urllib.request.urlopen(urllib.request.Request(url, headers=headers), timeout=10) as answer:
+        with urllib.request.urlopen(urllib.request.Request(url, headers=headers), timeout=60) as answer:
             return answer.status, answer.read(), answer.headers.get("ETag", "")
     except urllib.error.HTTPError as error:
         return error.code, error.read(), ""

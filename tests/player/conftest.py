@@ -1,8 +1,9 @@
 """A headless Chromium with WebGL 2 by software, shared by the browser tests; a page that must not complain; a server."""
 
 import shutil
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from functools import partial
+from typing import Any
 
 import pytest
 
@@ -13,6 +14,8 @@ playwright = pytest.importorskip("playwright.sync_api", reason="the browser test
 
 FLAGS = ["--no-sandbox", "--disable-quic", "--no-first-run", "--disable-background-networking"]
 FLAGS += ["--disable-component-update", "--disable-sync", "--disable-gpu"]
+PATIENCE = 120_000
+"""Milliseconds."""
 
 
 @pytest.fixture(scope="session")
@@ -23,11 +26,20 @@ def browser() -> Iterator[playwright.Browser]:
         pytest.skip("the browser tests need Chromium (apt-get install chromium)")
     with playwright.sync_playwright() as driver:
         running = driver.chromium.launch(executable_path=path, args=FLAGS)
-        # The page's policy forbids the `eval` by which tests wait; test_origins.py lets it hold.
-        running.new_page = partial(running.new_page, bypass_csp=True)
-        running.new_context = partial(running.new_context, bypass_csp=True)
+        running.new_page = partial(_patient, running.new_page)
+        running.new_context = partial(_patient, running.new_context)
         yield running
         running.close()
+
+
+def _patient(make: Callable[..., Any], **options: Any) -> Any:
+    """Make a page or a context in which what tests wait for may take long: a busy machine draws a few pictures a second.
+
+    The page's policy forbids the `eval` by which tests wait; test_origins.py lets it hold.
+    """
+    made = make(**{"bypass_csp": True} | options)
+    made.set_default_timeout(PATIENCE)
+    return made
 
 
 @pytest.fixture(scope="session")

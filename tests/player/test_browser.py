@@ -71,6 +71,7 @@ def psnr(a: np.ndarray, b: np.ndarray) -> float:
     return float(-10 * np.log10(np.mean((a - b) ** 2)))
 
 
+@pytest.mark.smoke
 def test_decodes_the_golden_reel_to_the_expected_numbers(page: Page, server: Server):
     page.goto(server.url + "?autoplay=0")
     manifest = json.loads((GOLDEN / "manifest.json").read_text())

@@ -41,7 +41,7 @@ def test_a_reel_in_a_bucket_plays_while_it_grows(page: Page, server: Server, buc
     publication.update()
     page.wait_for_function(f"!{PLAYER}.live && {PLAYER}.duration > 0.6")
     page.evaluate("document.querySelector('splat-reel').currentTime = 0.55")
-    page.wait_for_function(f"{PLAYER}.canPlay && {PLAYER}.stats.points > 0")
+    page.wait_for_function(f"!{PLAYER}.seeking && !{PLAYER}.waiting && {PLAYER}.stream.held.includes(2)")
     files = [(name, status) for name, status in asked if name.startswith("show/groups/")]
     assert {status for _, status in files} <= {200, 206}
     assert len({name for name, _ in files}) == 3

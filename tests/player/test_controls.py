@@ -14,6 +14,7 @@ pytestmark = pytest.mark.browser
 REEL = "document.querySelector('splat-reel')"
 
 
+@pytest.mark.smoke
 def test_keys_move_time_and_play(page: Page, server: Server):
     open_player(page, server)
     page.locator("splat-reel canvas").focus()

@@ -49,7 +49,7 @@ def center(page: Page) -> np.ndarray:
 
 
 def wait_for_color(page: Page, color: tuple[int, int, int]) -> None:
-    for _ in range(60):
+    for _ in range(1200):
         if np.abs(center(page) - color).max() < 12:
             return
         page.wait_for_timeout(50)

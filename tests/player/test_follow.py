@@ -7,6 +7,7 @@ from contextlib import closing
 from pathlib import Path
 
 import numpy as np
+import pytest
 from playwright.sync_api import Page
 
 from splatreel.capture.follower import Follower, open_growing
@@ -46,6 +47,8 @@ def follow(folder: Path, out: Path) -> None:
         reconstruct_following(follower, out, config, Live("draft", keep=20), progress=Silent())
 
 
+@pytest.mark.slow
+@pytest.mark.browser
 def test_a_live_reel_is_followed_while_it_is_filmed_and_stands_still_no_longer_than_a_group(
     page: Page, tmp_path: Path
 ) -> None:

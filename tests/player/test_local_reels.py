@@ -74,7 +74,7 @@ def test_a_damaged_file_of_a_reel_on_this_machine_is_an_error_at_once(page: Page
     file.write_bytes(data)
     open_player(page, server)
     page.locator("splat-reel input.folder").set_input_files(folder)
-    page.wait_for_function(f"{PLAYER}.error !== null", timeout=4000)
+    page.wait_for_function(f"{PLAYER}.error !== null")
     assert "its checksum is not the manifest's" in page.evaluate(f"{PLAYER}.error.message")
 
 

@@ -78,9 +78,7 @@ def test_of_twenty_in_a_column_only_those_near_hold_anything(page: Page, site: s
 
 def test_twenty_on_the_screen_all_show_their_picture(page: Page, site: str):
     page.goto(site + "grid")
-    page.wait_for_function(
-        "reels().every((r) => r.readyState === 4 || r.shadowRoot.querySelector('.still'))", timeout=60_000
-    )
+    page.wait_for_function("reels().every((r) => r.readyState === 4 || r.shadowRoot.querySelector('.still'))")
     assert page.evaluate("devices()") <= 12
     assert page.evaluate("reels().every((r) => r.error === null)")
     elements = page.locator("splat-reel")

@@ -103,21 +103,21 @@ def open_reel_at(page: Page, server: Server, line: Line, query: str) -> None:
 
 def test_goes_down_on_a_line_that_becomes_slow_and_comes_back(page: Page, server: Server, line: Line):
     open_reel_at(page, server, line, "loop=1")
-    page.wait_for_function("taken.length >= 12 && taken.slice(-6).every(([, name]) => name === 'high')", timeout=20_000)
+    page.wait_for_function("taken.length >= 12 && taken.slice(-6).every(([, name]) => name === 'high')")
     line.rate = 0.25e6
-    page.wait_for_function("taken.slice(-2).every(([, name]) => name === 'low')", timeout=30_000)
+    page.wait_for_function("taken.slice(-2).every(([, name]) => name === 'low')")
     low = page.evaluate(f"{PLAYER}.pause(), taken.slice(-2).map(([index]) => index)")
     line.rate = 20e6
     # What does not show yet is got anew, and what follows in the best at once.
     high = "(low) => [...low, Math.max(...low) + 1].every((group) => {stream}.renditionOf(group) === 'high')"
-    page.wait_for_function(high.replace("{stream}", f"{PLAYER}.stream"), arg=low, timeout=30_000)
+    page.wait_for_function(high.replace("{stream}", f"{PLAYER}.stream"), arg=low)
     assert page.evaluate(f"{PLAYER}.error") is None
 
 
 def test_a_rendition_can_be_chosen(page: Page, server: Server, line: Line):
     open_reel_at(page, server, line, "autoplay=0")
     reel = page.locator("splat-reel")
-    page.wait_for_function(f"{PLAYER}.stream.renditionOf(3) === 'high'", timeout=20_000)
+    page.wait_for_function(f"{PLAYER}.stream.renditionOf(3) === 'high'")
     shown = page.evaluate(f"{PLAYER}.shownRendition")
     reel.get_by_role("button", name="Settings").click()
     quality = reel.get_by_label("Quality")

@@ -44,7 +44,7 @@ def untouched(page: Page, url: str, event: str, script: str) -> str:
           reel.addEventListener('{event}', async () => console.info(`outcome: ${{{script}}}`), {{ once: true }});
         }})))"""
     )
-    with page.expect_console_message(lambda message: message.text.startswith("outcome"), timeout=20_000) as told:
+    with page.expect_console_message(lambda message: message.text.startswith("outcome")) as told:
         page.goto(url)
     return told.value.text
 
@@ -60,11 +60,11 @@ def test_pictures_follow_the_sound_over_a_loop_a_seek_and_another_rate(page: Pag
     play(page)
     assert page.evaluate(f"{AUDIO}.preservesPitch") is True
     listen(page)
-    page.wait_for_function("window.heard.length >= 3", timeout=20_000)
+    page.wait_for_function("window.heard.length >= 3")
     page.evaluate(f"{PLAYER}.currentTime = 3.5")  # a click, and over the end
-    page.wait_for_function("window.heard.length >= 5", timeout=20_000)
+    page.wait_for_function("window.heard.length >= 5")
     page.evaluate(f"{PLAYER}.playbackRate = 1.5")
-    page.wait_for_function("window.heard.length >= 8", timeout=20_000)
+    page.wait_for_function("window.heard.length >= 8")
     page.wait_for_timeout(150)
     found = measured(page, CLICKS)
     assert len(found.clock) >= 5, found
@@ -186,7 +186,7 @@ def test_sound_ends_with_the_pictures(page: Page, server: Server):
     open_player(page, server, "?autoplay=0&loop=0")
     play(page)
     page.evaluate(f"{PLAYER}.currentTime = 3.5")
-    page.wait_for_function(f"{PLAYER}.ended && {PLAYER}.paused && {AUDIO}.paused", timeout=10_000)
+    page.wait_for_function(f"{PLAYER}.ended && {PLAYER}.paused && {AUDIO}.paused")
     assert page.evaluate(f"{AUDIO}.currentTime") == pytest.approx(4, abs=0.15)
     page.locator("splat-reel canvas").press("k")
     page.wait_for_function(f"{PLAYER}.currentTime > 0.1 && {PLAYER}.currentTime < 2 && {HEARD} && {APART} < 0.1")
@@ -243,4 +243,4 @@ def test_the_sound_of_a_live_reel_grows(page: Page, server: Server):
     page.locator("splat-reel .play").click()
     page.wait_for_function(f"{HEARD} > 1")  # at its edge
     page.unroute("**/manifest.json")
-    page.wait_for_function(f"{HEARD} > 2.3 && {APART} < 0.1", timeout=10_000)
+    page.wait_for_function(f"{HEARD} > 2.3 && {APART} < 0.1")

@@ -56,6 +56,7 @@ def quality(result: Result, capture: WallCapture) -> float:
     return float(-10 * np.log10(np.mean(errors)))
 
 
+@pytest.mark.slow
 def test_a_run_on_a_gpu_is_as_one_on_the_cpu(tmp_path: Path, waits: dict[str, list[Counter[str]]]) -> None:
     capture = WallCapture(FRAMES)
     on_cpu = reconstruct(capture, tmp_path / "cpu", CONFIG, device="cpu")
@@ -87,6 +88,7 @@ def test_a_gpu_without_gsplat_is_left_alone(tmp_path: Path, device: str) -> None
     assert verify_reel(result.reel).groups == verify_reel(tmp_path / "again").groups == 2
 
 
+@pytest.mark.slow
 def test_the_hash_grid_learns_the_same_on_a_gpu() -> None:
     generator = torch.Generator().manual_seed(0)
     means, wanted = torch.rand(40, 3, generator=generator), torch.rand(40, 3, generator=generator) / 10

@@ -74,6 +74,7 @@ def test_a_group_shows_only_the_layers_that_live_at_it(whole: Result) -> None:
         assert len(timeline.at(frame / reel.fps)) > 0
 
 
+@pytest.mark.slow
 def test_chapters_are_made_in_any_order_by_jobs_that_can_be_repeated(whole: Result, tmp_path: Path) -> None:
     scene_job(planned(tmp_path), Silent())
     for index in (2, 0, 2, 1):
@@ -106,6 +107,7 @@ def test_a_chapter_belongs_to_one_process_at_a_time(tmp_path: Path) -> None:
     chapter_job(planned(tmp_path), 1, Second())
 
 
+@pytest.mark.slow
 def test_interrupted_anywhere_the_run_ends_as_if_it_had_not_been(whole: Result, tmp_path: Path) -> None:
     seen: set[object] = set()
     met = finish_despite(
@@ -117,6 +119,7 @@ def test_interrupted_anywhere_the_run_ends_as_if_it_had_not_been(whole: Result, 
     assert content(tmp_path / "reel") == content(whole.reel)
 
 
+@pytest.mark.slow
 def test_progress_knows_the_whole_job(tmp_path: Path) -> None:
     trace = Trace()
     reconstruct(WallCapture(FRAMES), tmp_path, CONFIG, progress=trace)
@@ -132,6 +135,7 @@ def test_a_run_of_chapters_is_encoded_again_from_its_checkpoints(whole: Result, 
     assert content(reel) == content(whole.reel)
 
 
+@pytest.mark.slow
 def test_without_shared_points_a_chapter_begins_from_nothing(tmp_path: Path) -> None:
     """Where every picture changes all the time, no plate is known."""
     capture = WallCapture(FRAMES, dims=True)
@@ -159,6 +163,7 @@ def dusk(frame: int) -> float:
     return 1 - 0.006 * frame
 
 
+@pytest.mark.slow
 def test_light_that_changes_too_slowly_to_be_seen_within_a_group_is_found(tmp_path: Path) -> None:
     frames, config = 24, small({"chapter_frames": 12})
     reel = ReelReader(reconstruct(DuskCapture(frames, speed=0.1), tmp_path, config).reel)

@@ -137,6 +137,7 @@ def finish_despite(attempt: Callable[[], object], trouble: type[BaseException], 
         assert len(met) < 100
 
 
+@pytest.mark.slow
 def test_interrupted_anywhere_the_run_ends_as_if_it_had_not_been(whole: Result, tmp_path: Path) -> None:
     seen: set[object] = set()
     met = finish_despite(
@@ -148,6 +149,8 @@ def test_interrupted_anywhere_the_run_ends_as_if_it_had_not_been(whole: Result, 
     assert content(tmp_path / "reel") == content(whole.reel)
 
 
+@pytest.mark.slow
+@pytest.mark.kill
 @pytest.mark.parametrize("when", ["before", "after"])
 def test_killed_at_any_write_the_run_ends_as_if_it_had_not_been(
     whole: Result, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, when: str
@@ -187,6 +190,7 @@ def test_files_of_the_reel_that_were_damaged_are_written_again(whole: Result, co
     assert content(copy / "reel") == content(whole.reel)
 
 
+@pytest.mark.slow
 def test_a_full_disk_names_the_file_and_costs_nothing(
     whole: Result, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -53,6 +53,7 @@ class Thief(Silent):
             self.folder.rename(self.folder.with_name("elsewhere"))
 
 
+@pytest.mark.slow
 def test_a_capture_that_is_removed_in_mid_run_is_named_and_costs_nothing(pictures: Path, tmp_path: Path) -> None:
     whole = reconstruct(open_capture(pictures, held_out=[]), tmp_path / "whole", CONFIG)
     folder, out = pictures / "ims", tmp_path / "out"

@@ -7,6 +7,8 @@ there are any, must lie before the cameras; without them only doubts can be had,
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 
 from splatreel.errors import CaptureError
@@ -17,8 +19,10 @@ UNIT = 1e-2
 """How far products of a rotation's axes may be off those of unit axes at right angles."""
 PARALLEL = 2.0
 """Degrees that axes must be apart, as a root mean square, for them to meet somewhere."""
-MEET, MISS = 0.25, 0.5
-"""Shares of the distance to where axes meet that most of them pass it by: at most, if they do; at least, if they do not."""
+MEET, MISS = 0.25, 0.45
+"""Sines of the median angle between a camera's axis and the way to where the axes meet: at most, if they do; at least, if not."""
+NO_WAY = 1e-3
+"""A camera stands where the axes meet if it is closer than this share of the larger distance, of the poses as given and inverted."""
 MOST = 0.8
 """Share of the cameras that must agree before a doubt is uttered, and of the points that must be behind them for a refusal."""
 HARDLY = 0.02
@@ -96,17 +100,18 @@ def _with(camera: Camera, viewmat: np.ndarray) -> Camera:
 
 
 def _doubts(cameras: list[Camera], origin: str) -> list[str]:
-    """By where the axes meet, if they do."""
-    before, off = _meeting(cameras)
-    if len(cameras) < ENOUGH_CAMERAS or before is None:
+    """Return what the place where the cameras' axes meet, if they do, makes doubtful."""
+    given, other = _meeting(cameras), _meeting(inverted(cameras))
+    if len(cameras) < ENOUGH_CAMERAS or given is None:
         return []
-    there, there_off = _meeting(inverted(cameras))
-    if off > MISS and there is not None and there > MOST and there_off < MEET:
+    shortest = NO_WAY * max(given.distance, other.distance if other else 0.0)
+    miss = given.miss(shortest)
+    if miss > MISS and other is not None and other.before > MOST and other.miss(shortest) < MEET:
         return [
             f"{origin}: the cameras look past each other as their poses are said to be, and at one place where each is inverted: they "
             f"may be camera to world. {NEEDED}."
         ]
-    if before < 1 - MOST and off < MEET:
+    if given.before < 1 - MOST and miss < MEET:
         return [
             f"{origin}: the cameras look away from each other. That is right where they film outwards; else their poses are inverted, "
             f"or of other axes. {NEEDED}."
@@ -114,18 +119,45 @@ def _doubts(cameras: list[Camera], origin: str) -> list[str]:
     return []
 
 
-def _meeting(cameras: list[Camera]) -> tuple[float | None, float]:
-    """Share of the cameras before which the axes meet, and the share of its distance that most axes pass it by; None if parallel."""
+@dataclass(frozen=True)
+class _Meeting:
+    """Where the cameras' axes come closest to each other, as each camera [C] sees that place."""
+
+    depths: np.ndarray
+    """Its coordinate along the axis."""
+    past: np.ndarray
+    """How far the axis passes it by."""
+
+    @property
+    def before(self) -> float:
+        """Share of the cameras that have it before them."""
+        return float((self.depths > 0).mean())
+
+    @property
+    def distance(self) -> float:
+        """From the cameras, in the median."""
+        return float(np.median(np.hypot(self.depths, self.past)))
+
+    def miss(self, shortest: float) -> float:
+        """Return the sine of the median angle between an axis and the way to the place.
+
+        A camera closer to it than `shortest` counts as if its axis were at right angles to that way, whose direction is only rounding.
+        """
+        floor = max(shortest, 1e-12)
+        return float(np.median(np.hypot(self.past, floor) / np.hypot(np.hypot(self.depths, self.past), floor)))
+
+
+def _meeting(cameras: list[Camera]) -> _Meeting | None:
+    """Return where the axes meet, by least squares, or None if they are parallel."""
     centers = np.stack([camera.center for camera in cameras]).astype(np.float64)
     forwards = np.stack([camera.forward for camera in cameras]).astype(np.float64)
     projectors = np.eye(3) - forwards[:, :, None] * forwards[:, None, :]
     mean = projectors.mean(0)
     if np.linalg.eigvalsh(mean)[0] < np.sin(np.radians(PARALLEL)) ** 2:
-        return None, 0.0
+        return None
     place = np.linalg.solve(mean, np.einsum("nij,nj->i", projectors, centers) / len(cameras))
     depths = ((place - centers) * forwards).sum(1)
-    past = np.linalg.norm(np.einsum("nij,nj->ni", projectors, place - centers), axis=1)
-    return float((depths > 0).mean()), float(np.median(past) / max(np.median(np.abs(depths)), 1e-12))
+    return _Meeting(depths, np.linalg.norm(np.einsum("nij,nj->ni", projectors, place - centers), axis=1))
 
 
 def _depths(cameras: list[Camera], points: np.ndarray) -> np.ndarray:

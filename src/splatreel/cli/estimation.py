@@ -29,10 +29,12 @@ def estimated(spec: RunSpec, workers: int | None) -> str:
     from splatreel.recon.machines.estimate import estimate
     from splatreel.recon.machines.here import division_of
     from splatreel.recon.run.machine_speed import measure_speed
+    from splatreel.recon.run.processor import describe_processor
 
     with spec.opened() as run:
         found = estimate(run, division_of(run, workers), measure_speed(run.device))
-        return "\n".join([_time(run, found), *_stages(found), *_memory(run, found), *_notes(run)])
+        processor = f"Processor: {describe_processor()}."
+        return "\n".join([_time(run, found), *_stages(found), processor, *_memory(run, found), *_notes(run)])
 
 
 def _time(run: ChapteredRun, found: Estimate) -> str:

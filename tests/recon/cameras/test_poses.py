@@ -46,6 +46,7 @@ def test_less_than_a_pixel_is_left_alone() -> None:
     assert check_poses([turned(CAMERAS[0], 0.05), *CAMERAS[1:]], moments()) == ALL_RIGHT
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("degrees", [0.6, 1.0])
 def test_cameras_that_were_touched_are_put_right(degrees: float) -> None:
     wrong = [turned(camera, degrees) if number in (2, 6) else camera for number, camera in enumerate(CAMERAS)]
@@ -75,6 +76,7 @@ def beside(camera: Camera, degrees: float) -> Camera:
     return replace(camera, viewmat=about @ motion @ np.linalg.inv(about) @ camera.viewmat)
 
 
+@pytest.mark.slow
 def test_a_camera_that_stands_alone_is_kept_and_said_to_be_unchecked() -> None:
     """It shows the other side, on which there is nothing that its neighbors show: no evidence that it is anywhere else."""
     images = TRUTH.copy()

@@ -108,6 +108,7 @@ def test_a_camera_that_was_touched_is_put_right_and_a_stranger_left_out(tmp_path
     assert restored_rig(again, store, 3).names == rig.names  # the first group, continued: they are left out already
 
 
+@pytest.mark.slow
 def test_a_camera_that_is_touched_later_is_put_right_from_the_next_group_on(tmp_path: Path) -> None:
     rig, notes, store = Rig.of([*CORNER[:4], turned(CORNER[4], 1.0), *CORNER[5:]]), Notes(), GroupStore(tmp_path)
     store.save_poses(poses := check_poses_again(rig, PICTURES, notes))

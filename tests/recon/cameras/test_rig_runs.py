@@ -16,6 +16,7 @@ from tests.recon.captures import WallCapture
 from tests.recon.test_pipeline import CONFIG, FRAMES, Stop, content, finish_despite
 
 
+@pytest.mark.slow
 def test_exposures_and_delays_are_followed_from_group_to_group_and_over_interruptions(tmp_path: Path) -> None:
     capture = WallCapture(FRAMES, drift=0.08)
     undisturbed = reconstruct(capture, tmp_path / "undisturbed", CONFIG)
@@ -36,6 +37,7 @@ def test_exposures_and_delays_are_followed_from_group_to_group_and_over_interrup
     assert content(disturbed / "reel") == content(undisturbed.reel)
 
 
+@pytest.mark.slow
 def test_cameras_that_do_not_fit_are_mended_or_left_out_over_interruptions(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

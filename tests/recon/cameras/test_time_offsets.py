@@ -68,6 +68,7 @@ def test_delays_are_found_and_pictures_gain_by_it() -> None:
     assert trainer.psnr() > unaware.psnr() + 1
 
 
+@pytest.mark.slow
 def test_the_hash_grid_learns_them_too() -> None:
     _, delays = trained(LATE, deformation="hashgrid")
     assert np.abs(delays.values - LATE).max() < 0.2

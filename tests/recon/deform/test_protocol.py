@@ -30,6 +30,7 @@ def fit(model, means, frames, iterations):
         model.step(i / iterations)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("model", "tolerance"), [(Trajectory, 0.01), (HashGrid, 0.025)])
 def test_offsets_start_near_zero_and_learn_a_motion(model, tolerance):
     means, frames = cloud(), 12

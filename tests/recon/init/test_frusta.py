@@ -40,6 +40,7 @@ def relief(camera: Camera) -> tuple[np.ndarray, np.ndarray]:
     return np.uint8(cv2.remap(texture(3), u, v, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REFLECT)), depth
 
 
+@pytest.mark.slow
 def test_planes_follow_the_subject() -> None:
     cameras = telephoto()
     images, truths = zip(*map(relief, cameras), strict=True)
@@ -79,6 +80,7 @@ def test_views_that_meet_nowhere_keep_their_range() -> None:
     assert np.array_equal(shared_depths(ahead, [aside], depths), depths)
 
 
+@pytest.mark.slow
 def test_initial_points_of_long_lenses_lie_on_the_subject() -> None:
     cameras = telephoto()
     points = initial_points(cameras, np.stack([relief(camera)[0] for camera in cameras])).points

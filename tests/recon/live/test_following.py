@@ -190,6 +190,7 @@ def test_what_is_left_out_stands_still_and_the_next_group_is_at_the_edge(tmp_pat
     assert np.abs(before.dx).max() > 1e-3
 
 
+@pytest.mark.slow
 def test_a_reel_that_keeps_its_last_seconds_stays_small_and_goes_on_after_a_kill(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -222,6 +223,7 @@ def test_a_reel_that_keeps_its_last_seconds_stays_small_and_goes_on_after_a_kill
     assert groups(follow(source, out, Director(), keep=keep)) == groups(undisturbed)
 
 
+@pytest.mark.slow
 def test_the_sound_grows_with_the_reel_and_goes_on_after_a_kill(tmp_path: Path) -> None:
     source, out = recorder(tmp_path / "show", "ts", clicks), tmp_path / "out"
     source.write(BEGUN)

@@ -29,6 +29,7 @@ def task(out: Path, index: int) -> None:
     job(spec(out), "chapter", Share(index, 2))
 
 
+@pytest.mark.slow
 def test_two_tasks_at_once_make_the_reel_that_one_process_makes(out: Path, expected: dict[str, str]) -> None:
     context = multiprocessing.get_context("spawn")
     tasks = [context.Process(target=task, args=(out, index)) for index in range(2)]

@@ -35,7 +35,22 @@ def test_threads_and_slow_machines() -> None:
     one = seconds(a_run(60))
     assert seconds(a_run(60), threads=2) == pytest.approx(0.64 * one)
     assert 0.4 * one < seconds(a_run(60), threads=4) < 0.5 * one
-    assert seconds(a_run(60), speed=MachineSpeed(3.0, 3.0)) == pytest.approx(3 * one)
+    assert seconds(a_run(60), speed=MachineSpeed(3.0, 3.0, 3.0)) == pytest.approx(3 * one)
+
+
+def test_pictures_are_trained_at_the_pace_of_their_size(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Of pictures of more than `Config.training_megapixels`, mostly smaller copies are trained on."""
+    speed, found = MachineSpeed(2.0, 4.0, 1.0), []
+    for megapixels in (0.01, 0.23, 0.7, 4.0):
+        for side in ("width", "height"):
+            monkeypatch.setattr(WallCapture, side, round(1000 * megapixels**0.5))
+        known, slower = (estimate(a_run(60), Division(1, 1), some, 0.1).seconds for some in (MachineSpeed(), speed))
+        assert slower["encode"] == known["encode"]
+        assert slower["group"] / known["group"] == pytest.approx(slower["keyframe"] / known["keyframe"])
+        found.append(slower["group"] / known["group"])
+    assert found[0] == pytest.approx(2.0)
+    assert 2.0 < found[1] < found[2] < 4.0
+    assert found[3] == pytest.approx(found[2], rel=1e-3)
 
 
 def test_workers_and_what_they_take() -> None:
@@ -51,7 +66,7 @@ def test_workers_and_what_they_take() -> None:
 
 
 def test_a_gpu_trains_at_its_own_pace_whatever_the_threads() -> None:
-    speed, run = MachineSpeed(0.1, 1.0), a_run(60, "cuda")
+    speed, run = MachineSpeed(0.1, 0.1, 1.0), a_run(60, "cuda")
     cpu = estimate(a_run(60), Division(1, 1), MachineSpeed(), 0.1).seconds
     for threads in (1, 4):
         found = estimate(run, Division(1, threads), speed, 0.1).seconds

@@ -48,6 +48,7 @@ def two_cores(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(threads, "count", lambda: 2)
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("two_cores")
 def test_two_workers_make_the_reel_that_one_makes(out: Path, expected: dict[str, str]) -> None:
     display = Display()
@@ -68,6 +69,8 @@ def test_two_workers_make_the_reel_that_one_makes(out: Path, expected: dict[str,
     assert again.stages == []
 
 
+@pytest.mark.slow
+@pytest.mark.kill
 @pytest.mark.usefixtures("two_cores")
 def test_a_worker_that_is_killed_is_replaced_once(out: Path, expected: dict[str, str]) -> None:
     killed = []
@@ -84,6 +87,7 @@ def test_a_worker_that_is_killed_is_replaced_once(out: Path, expected: dict[str,
     assert note.endswith("it is tried again, with 1 at a time in case it was for want of memory")
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("two_cores")
 def test_a_chapter_that_fails_leaves_the_others_and_is_tried_again_by_the_same_command(
     out: Path, expected: dict[str, str], tmp_path: Path

@@ -46,6 +46,7 @@ def cluster(s3_server: str) -> Iterator[Any]:
         made.shutdown()
 
 
+@pytest.mark.cluster
 def test_a_node_that_is_lost_changes_nothing(cluster: Any, out: Path, expected: dict[str, str]) -> None:
     """All nodes see OUT. The node is lost once chapters are being made on both."""
     lost = []
@@ -79,6 +80,7 @@ def made_in(bucket: Bucket, cluster: Any, display: Display) -> dict[str, str]:
         return content(folder / "reel")
 
 
+@pytest.mark.cluster
 def test_without_a_common_disk_checkpoints_are_exchanged(
     cluster: Any, bucket: Bucket, scene: Path, expected: dict[str, str]
 ) -> None:

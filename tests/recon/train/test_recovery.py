@@ -70,6 +70,7 @@ def test_a_keyframe_goes_back_to_its_last_good_state(monkeypatch: pytest.MonkeyP
     assert quality > usual - 1.5
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("deformation", "iterations"), [("trajectory", 48), ("hashgrid", 28)])
 def test_a_group_goes_back_to_its_last_good_state(
     monkeypatch: pytest.MonkeyPatch, deformation: str, iterations: int

@@ -55,7 +55,8 @@ def estimate(run: ChapteredRun, division: Division, speed: MachineSpeed, moving:
     moving = moving_share(capture, run.groups[0].count) if moving is None else moving
     cameras = capture.training_cameras
     shooting = Shooting(capture.width * capture.height / 1e6, len(cameras), moving, facing(cameras))
-    pace = _Pace(speed, trains_on_gpu=run.device.type == "cuda")
+    trained = min(shooting.megapixels, config.training_megapixels or shooting.megapixels)
+    pace = _Pace(speed.training(trained), speed.other, trains_on_gpu=run.device.type == "cuda")
     need = needed_memory(capture, config)
     if len(run.chapters) == 1:
         seconds = pace.job(sequence_seconds(shooting, run.groups, config), SERIAL_CHAPTER, division.threads)
@@ -88,7 +89,8 @@ def facing(cameras: list[Camera]) -> float:
 class _Pace:
     """From the seconds of one thread, where costs were measured, to those of this machine."""
 
-    speed: MachineSpeed
+    training: float
+    other: float
     trains_on_gpu: bool
 
     def job(self, seconds: Seconds, serial: float, threads: int) -> Seconds:
@@ -106,8 +108,8 @@ class _Pace:
 
     def _of(self, stage: str, seconds: float, serial: float, threads: int) -> float:
         if self._on_gpu(stage):
-            return seconds * self.speed.training
-        pace = self.speed.training if stage in TRAINING else self.speed.other
+            return seconds * self.training
+        pace = self.training if stage in TRAINING else self.other
         return job_time(seconds * pace, serial, threads)
 
     def _on_gpu(self, stage: str) -> bool:
