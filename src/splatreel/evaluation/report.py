@@ -8,9 +8,8 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from splatreel.errors import UsageError
+from splatreel.recon.coverage.rating import SCALE
 from splatreel.scene.atomic import replacing
-
-SCALE = "PSNR tells how close pictures are to the camera's: 20 dB is poor, 30 dB good, 40 dB hardly to be told apart."
 
 
 @dataclass(frozen=True)
