@@ -56,6 +56,7 @@ def import_frames(
     from splatreel.progress import console
     from splatreel.recon.run.device import pick_device
     from splatreel.recon.run.run_lock import hold
+    from splatreel.sequence.comparison import CLOSE, check_seen
     from splatreel.sequence.frames import open_frames
     from splatreel.sequence.reel import header_of, write_reel
     from splatreel.sequence.viewpoints import read_cameras
@@ -63,6 +64,9 @@ def import_frames(
     film = open_frames(frames)
     views = None if cameras is None else read_cameras(cameras)
     header, limits = header_of(film.read(0), views, None if up is None else np.array(UP[up], float), fps, antialiased)
+    check_seen(
+        film, list(header.cameras), header.near, antialiased, f"the cameras of {cameras}" if cameras else "the cameras"
+    )
     words = {"title": title} if title else {}
     check_no_reel(out)
     progress = console()
@@ -80,6 +84,11 @@ def import_frames(
         f"{len(film)} frames in {size / 1e6:.2f} MB, {film.size / size:,.0f} times smaller than the {film.size / 1e6:,.0f} MB of "
         f"{frames}. Its pictures have {found.psnr:.1f} dB PSNR against those of the files (mean of {found.pictures})."
     )
+    if found.blind:
+        say(f"Cameras that see nothing of the film: {', '.join(found.blind)}.")
+    if found.psnr < CLOSE:
+        rated = f"the rate is {rate}, and --rate high loses less." if rate != "high" else "it was lost in encoding."
+        say(f"Warning: below {CLOSE:.0f} dB the reel can be told from the film. The cause: {found.cause or rated}")
     if views is None:
         say(
             f"It is seen from a ring of cameras, with {up or '-y'} up. If that is wrong, name the cameras that the film was made from "

@@ -7,6 +7,8 @@ from collections import Counter
 from pathlib import Path
 from typing import Protocol
 
+import numpy as np
+
 from splatreel.errors import GaussiansError
 from splatreel.scene.gaussians import Gaussians
 from splatreel.scene.ply import read_ply
@@ -28,8 +30,11 @@ class Frames(Protocol):
         """How many frames there are."""
         ...
 
-    def read(self, frame: int) -> Gaussians:
-        """Those of a frame, counted from 0. Raises `GaussiansError` naming the file where that cannot be read."""
+    def read(self, frame: int, origin: np.ndarray | None = None) -> Gaussians:
+        """Those of a frame, counted from 0. Raises `GaussiansError` naming the file where that cannot be read.
+
+        origin: [3] float64, subtracted from all positions before these are rounded to float32; nothing by default.
+        """
         ...
 
 
@@ -43,8 +48,8 @@ class PlyFrames:
     def __len__(self) -> int:
         return len(self.files)
 
-    def read(self, frame: int) -> Gaussians:
-        return read_ply(self.files[frame])
+    def read(self, frame: int, origin: np.ndarray | None = None) -> Gaussians:
+        return read_ply(self.files[frame], origin)
 
 
 def open_frames(path: str | Path) -> Frames:
