@@ -12,8 +12,8 @@ from splatreel.play.timeline import open_reel
 from splatreel.progress import Silent
 from splatreel.scene.gaussians import Gaussians
 from splatreel.sequence import reel as module
-from splatreel.sequence.frames import open_frames
 from splatreel.sequence.comparison import Comparison
+from splatreel.sequence.frames import open_frames
 from splatreel.sequence.reel import header_of, write_reel
 from tests.sequence.films import BALL, WALL, cameras, frame, scene, write_film
 
