@@ -11,12 +11,13 @@ from tyro.extras import SubcommandApp
 from splatreel.cli import bench
 from splatreel.cli.capture import capture_calibrate, capture_check, capture_sync
 from splatreel.cli.config import config
+from splatreel.cli.deadline import deadline
 from splatreel.cli.demo import demo
 from splatreel.cli.edit import edit
 from splatreel.cli.encode import encode
 from splatreel.cli.evaluate import evaluate
 from splatreel.cli.export import export
-from splatreel.cli.failure import explain, termination
+from splatreel.cli.failure import explain, interruption, termination
 from splatreel.cli.import_frames import import_frames
 from splatreel.cli.info import info
 from splatreel.cli.publish import publish
@@ -49,6 +50,7 @@ def build() -> SubcommandApp:
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run one command line; returns the exit code: 0 for success only, 2 for wrong use, 130 after Ctrl-C, 143 after SIGTERM."""
+    alone = arguments is None
     arguments = sys.argv[1:] if arguments is None else list(arguments)
     if arguments == ["--version"]:
         from splatreel import __version__
@@ -58,7 +60,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     quiet_threads()
     keep_freed_memory()
     try:
-        with termination():
+        with termination(), deadline(lambda number: interruption(number, arguments), lasting=alone):
             build().cli(prog="splatreel", description=DESCRIPTION, args=arguments)
     except BrokenPipeError:
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())  # the reader left; say nothing at exit either
