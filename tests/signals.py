@@ -98,6 +98,7 @@ def interrupt(command: Command, folder: Path, tries: int, rng: np.random.Generat
 def run(tries: int, names: list[str], limit: float = LIMIT) -> int:
     """Interrupt each of these commands so often. Returns how many took longer than the limit."""
     late = 0
+    import splatreel.cli.main
     import splatreel.evaluation.evaluate
     import splatreel.play.film
     import splatreel.recon.pipeline
@@ -126,7 +127,9 @@ def run(tries: int, names: list[str], limit: float = LIMIT) -> int:
             taken = interrupt(command, folder, tries, rng, whole)
             late += sum(seconds > limit for seconds in taken)
             slowest = max(taken, default=0.0)
-            print(f"{command.name}: {len(taken)} signals in {whole:.1f} s, ended in {slowest:.2f} s at most", flush=True)
+            print(
+                f"{command.name}: {len(taken)} signals in {whole:.1f} s, ended in {slowest:.2f} s at most", flush=True
+            )
     return late
 
 

@@ -11,6 +11,21 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 
 
+def open_standard_streams() -> None:
+    """Connect those of stdin, stdout and stderr that the caller has closed to nothing.
+
+    Otherwise the next file that is opened takes the place of stdout, and what a library prints lands in it.
+    """
+    if None not in (sys.stdin, sys.stdout, sys.stderr):
+        return
+    while (handle := os.open(os.devnull, os.O_RDWR)) <= 2:
+        os.set_inheritable(handle, True)
+    os.close(handle)
+    sys.stdin = sys.stdin or os.fdopen(0, encoding="utf-8", closefd=False)
+    sys.stdout = sys.stdout or os.fdopen(1, "w", encoding="utf-8", closefd=False)
+    sys.stderr = sys.stderr or os.fdopen(2, "w", encoding="utf-8", closefd=False)
+
+
 def quiet_threads() -> None:
     """Threads that wait sleep instead of spinning. Next to another busy process a spinning barrier costs 4 ms a kernel.
 

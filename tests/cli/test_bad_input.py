@@ -108,7 +108,7 @@ SPOILED: dict[str, tuple[Callable[[Path], object], list[str]]] = {
     "poses that are no array": (lambda s: cut(s / "poses_bounds.npy", 0.01), ["scene/poses_bounds.npy", "Copy it"]),
     "objects in place of poses": (
         lambda s: np.save(s / "poses_bounds.npy", np.array([{}, None], object), allow_pickle=True),
-        ["scene/poses_bounds.npy: is not a NumPy array file, or damaged. Copy it again"],
+        ["scene/poses_bounds.npy: is of object, expected an array of plain numbers"],
     ),
     "a pipe": (
         lambda s: os.mkfifo(s / "cam09.mp4"),

@@ -11,6 +11,7 @@ from splatreel.errors import GaussiansError
 from splatreel.scene import rotations
 from splatreel.scene.atomic import write_bytes
 from splatreel.scene.gaussians import Gaussians
+from splatreel.scene.untrusted import open_regular
 
 _MAX_HEADER = 1 << 16
 _TYPES = {
@@ -56,7 +57,7 @@ def read_ply(path: str | Path, origin: np.ndarray | None = None) -> Gaussians:
     """
     path = Path(path)
     try:
-        with open(path, "rb") as file:
+        with open_regular(path, GaussiansError) as file:
             head = file.read(_MAX_HEADER)
             count, dtype, start = _parse_header(head, path)
             size, held = count * dtype.itemsize, os.fstat(file.fileno()).st_size - start

@@ -85,7 +85,8 @@ def compare(frames: Frames, reel: Path, progress: Progress) -> Comparison:
     cause = None
     if mean < CLOSE:
         worst = int(np.argmin(values))
-        cause = _cause(frames, timeline, *pairs[worst][:3], values[worst])
+        frame, camera, truth, _ = pairs[worst]
+        cause = _cause(frames, timeline, frame, camera, truth, values[worst])
     return Comparison(mean, len(pairs), tuple(blind), cause)
 
 
@@ -114,7 +115,7 @@ def _centered(frames: Frames, frame: int, camera: Camera) -> tuple[Gaussians, Ca
 
 def _is_blank(points: Gaussians, camera: Camera, near: float, antialias: bool) -> bool:
     drawn = draw_on_cpu(points, camera, near, antialias, MAGENTA)
-    return bool(np.abs(drawn - np.float32(MAGENTA)).max() < GRAY_LEVEL)
+    return bool(np.abs(drawn - np.array(MAGENTA, np.float32)).max() < GRAY_LEVEL)
 
 
 def _cause(

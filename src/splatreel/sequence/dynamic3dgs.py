@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import zipfile
 from pathlib import Path
 
 import numpy as np
@@ -10,6 +9,7 @@ import numpy as np
 from splatreel.errors import GaussiansError
 from splatreel.scene import rotations
 from splatreel.scene.gaussians import C0, Gaussians
+from splatreel.scene.untrusted import read_arrays
 
 SHAPES = {
     "means3D": ("T", "N", 3),
@@ -25,14 +25,9 @@ class Dynamic3DGS:
     """path: of the file. Colors are the same from everywhere. Raises `GaussiansError` where it is not such a file."""
 
     def __init__(self, path: Path) -> None:
+        arrays = read_arrays(path, SHAPES, GaussiansError)
         self.path, self.size = path, path.stat().st_size
-        try:
-            with np.load(path, allow_pickle=False) as archive:
-                if missing := [name for name in SHAPES if name not in archive]:
-                    raise GaussiansError(f"{path}: is not of Dynamic 3D Gaussians: it has no {missing[0]}.")
-                self._arrays = {name: _as_float(archive[name], name == "means3D") for name in SHAPES}
-        except (OSError, ValueError, EOFError, zipfile.BadZipFile) as error:
-            raise GaussiansError(f"{path}: cannot be read ({error}).") from error
+        self._arrays = {name: _as_float(array, name == "means3D") for name, array in arrays.items()}
         self._check()
 
     def __len__(self) -> int:

@@ -45,6 +45,8 @@ def header_of(
 
     first: the first frame. cameras: that the film was made from; None: a ring. up: [3], unit; None: as cameras stand, or -y.
     """
+    if not len(first):
+        raise GaussiansError("The film's first frame holds no point. Take it away, or export it again.")
     fallback = np.array([0.0, -1.0, 0.0]) if up is None else up
     views = ring(first, fallback) if cameras is None else cameras
     points = shown(first)

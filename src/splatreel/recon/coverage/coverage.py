@@ -15,6 +15,7 @@ from splatreel.recon.init.layout import clearance_of
 from splatreel.recon.init.limits import LEAST_DEGREES
 from splatreel.recon.init.triangulate import Tracks, triangulate
 from splatreel.scene.camera import Camera, angles_apart, focus_point
+from splatreel.scene.untrusted import is_number, numbers
 
 WIDTH = 480
 """Pixels across the pictures that points in common are looked for in, at most."""
@@ -91,9 +92,18 @@ class Coverage:
 
     @staticmethod
     def from_dict(value: dict[str, Any]) -> Coverage:
-        """Raises TypeError for what is none."""
+        """Raises AttributeError, KeyError, TypeError or ValueError for what is none."""
         plain = dict(value)
         trial = plain.pop("trial", None)
+        names = plain["names"]
+        if not isinstance(names, list) or not all(isinstance(name, str) for name in names):
+            raise TypeError("names are no list of texts")
+        for field_name in ("angles", "shared"):
+            numbers(plain[field_name], len(names))
+        if not all(isinstance(name, str) for pair in plain.get("twins", []) for name in pair):
+            raise TypeError("twins are no names")
+        if trial is not None and not all(is_number(trial[name]) for name in ("angle", "psnr", "flat", "nearest")):
+            raise TypeError("a number of the trial is none")
         return Coverage(**plain, trial=None if trial is None else Trial(**trial))
 
 
