@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Literal
 
 from tyro.conf import Positional
 
@@ -25,6 +26,7 @@ def import_frames(
     rate: Rate = "high",
     title: str | None = None,
     antialiased: bool = False,
+    gaps: Literal["refuse", "hold"] = "refuse",
     threads: int | None = None,
 ) -> None:
     """Make a reel of Gaussians that another program trained: numbered PLY files, or the params.npz of Dynamic 3D Gaussians.
@@ -42,6 +44,8 @@ def import_frames(
         rate: high loses hardly anything; medium and low are smaller.
         title: What the player says the reel is.
         antialiased: The points were trained to be drawn as Mip-Splatting does, blurred by 0.1 square pixels and fainter for it.
+        gaps: What to do where the numbers of the files leave some out. refuse: nothing is made; hold: the frame before is shown for
+            as long.
         threads: How many threads to use; as many as there are cores by default.
     """
     if not 0 < fps <= 1000:
@@ -61,7 +65,7 @@ def import_frames(
     from splatreel.sequence.reel import header_of, write_reel
     from splatreel.sequence.viewpoints import read_cameras
 
-    film = open_frames(frames)
+    film = open_frames(frames, gaps)
     views = None if cameras is None else read_cameras(cameras)
     header, limits = header_of(film.read(0), views, None if up is None else np.array(UP[up], float), fps, antialiased)
     check_seen(
