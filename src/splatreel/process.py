@@ -5,7 +5,25 @@ from __future__ import annotations
 import ctypes
 import functools
 import os
+import signal
 import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
+
+
+def open_standard_streams() -> None:
+    """Connect those of stdin, stdout and stderr that the caller has closed to nothing.
+
+    Otherwise the next file that is opened takes the place of stdout, and what a library prints lands in it.
+    """
+    if None not in (sys.stdin, sys.stdout, sys.stderr):
+        return
+    while (handle := os.open(os.devnull, os.O_RDWR)) <= 2:
+        os.set_inheritable(handle, True)
+    os.close(handle)
+    sys.stdin = sys.stdin or os.fdopen(0, encoding="utf-8", closefd=False)
+    sys.stdout = sys.stdout or os.fdopen(1, "w", encoding="utf-8", closefd=False)
+    sys.stderr = sys.stderr or os.fdopen(2, "w", encoding="utf-8", closefd=False)
 
 
 def quiet_threads() -> None:
@@ -52,3 +70,16 @@ def peak_memory_bytes() -> int | None:
         return None
     peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
     return peak if sys.platform == "darwin" else peak * 1024
+
+
+@contextmanager
+def interrupts_held() -> Iterator[None]:
+    """Hold Ctrl-C back. It goes to all processes of a terminal: those that are started meanwhile never get it, this one does later."""
+    if not hasattr(signal, "pthread_sigmask"):
+        yield
+        return
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+    try:
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)

@@ -107,6 +107,49 @@ def test_sigterm_ends_like_ctrl_c(monkeypatch: pytest.MonkeyPatch, capsys: pytes
     assert signal.getsignal(signal.SIGTERM) is before
 
 
+STUCK = """
+import sys, threading, time
+from splatreel.cli import main as cli
+
+class Stuck:
+    def cli(self, **_):
+        {stuck}
+
+cli.build = Stuck
+sys.exit(cli.main())
+"""
+DEAF = """
+        try:
+            print("ready", flush=True)
+            time.sleep(600)
+        finally:
+            time.sleep(600)
+"""
+"""Closing what is open takes too long, as it would while a library computes."""
+BUSY = """
+        threading.Thread(target=time.sleep, args=(600,)).start()
+        print("ready", flush=True)
+        time.sleep(600)
+"""
+"""A thread works on, which Python waits for."""
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="POSIX signals")
+@pytest.mark.parametrize(("number", "code"), [(signal.SIGTERM, 143), (signal.SIGINT, 130)])
+@pytest.mark.parametrize("stuck", [DEAF, BUSY])
+def test_a_command_that_cannot_end_by_itself_ends_all_the_same(stuck: str, number: int, code: int) -> None:
+    command = [sys.executable, "-c", STUCK.format(stuck=stuck), "encode", "run"]
+    environment = os.environ | {"PYTHONPATH": os.pathsep.join(sys.path)}
+    process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, env=environment)
+    assert process.stdout is not None
+    assert process.stdout.readline() == "ready\n"
+    process.send_signal(number)
+    errors = process.communicate(timeout=60)[1]
+    assert process.returncode == code
+    assert errors.endswith("continue with the same command:\n  splatreel encode run\n")
+    assert errors.count("Interrupted") == (1 if stuck == DEAF else 2)
+
+
 def test_commands_run_outside_of_the_main_thread() -> None:
     """Where signals cannot be handled, they are not."""
     codes: list[int] = []

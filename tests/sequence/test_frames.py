@@ -1,3 +1,4 @@
+import os
 import re
 from pathlib import Path
 
@@ -11,12 +12,12 @@ from tests.sequence.films import frame, scene, write_film
 
 
 def test_frames_come_in_the_order_of_their_numbers(tmp_path: Path) -> None:
-    for number in (10, 9, 100):
+    for number in (10, 9, 11):
         write_ply(tmp_path / f"time_{number}.ply", frame(number))
     frames = open_frames(tmp_path)
     assert len(frames) == 3
     assert frames.size == sum(file.stat().st_size for file in tmp_path.iterdir())
-    for place, number in enumerate((9, 10, 100)):
+    for place, number in enumerate((9, 10, 11)):
         np.testing.assert_allclose(frames.read(place).means, frame(number).means, atol=1e-6)
 
 
@@ -29,6 +30,67 @@ def test_a_folder_a_frame_has_one_file_or_the_newest_iteration(tmp_path: Path) -
     frames = open_frames(tmp_path)
     assert len(frames) == 3
     np.testing.assert_allclose(frames.read(2).means, frame(1002).means, atol=1e-5)
+
+
+def touch(folder: Path, names: list[str]) -> None:
+    for name in names:
+        (folder / name).write_bytes(b"")
+
+
+@pytest.mark.parametrize(
+    ("numbers", "said"),
+    [
+        ([0, 1, 2, 4, 5], "1 frames are missing, the first of them after f2.ply: the next one is f4.ply"),
+        ([0, 1, 5, 6, 9], "5 frames are missing, the first of them after f1.ply"),
+        ([0, 2, 4, 8], "1 frames are missing, the first of them after f4.ply"),
+    ],
+)
+def test_frames_that_are_missing_are_named(tmp_path: Path, numbers: list[int], said: str) -> None:
+    touch(tmp_path, [f"f{number}.ply" for number in numbers])
+    with pytest.raises(GaussiansError, match=re.escape(said)):
+        open_frames(tmp_path)
+
+
+def test_gaps_are_held_if_asked(tmp_path: Path) -> None:
+    for number in (0, 2, 4, 8):
+        write_ply(tmp_path / f"f{number}.ply", frame(number))
+    frames = open_frames(tmp_path, "hold")
+    assert len(frames) == 5
+    assert frames.size == sum(file.stat().st_size for file in tmp_path.iterdir())
+    for place, number in enumerate((0, 2, 4, 4, 8)):
+        np.testing.assert_allclose(frames.read(place).means, frame(number).means, atol=1e-6)
+
+
+def test_a_gap_of_a_billion_frames_is_not_held(tmp_path: Path) -> None:
+    touch(tmp_path, ["f0.ply", "f1.ply", "f1000000000.ply"])
+    with pytest.raises(GaussiansError, match="more than 1,000,000"):
+        open_frames(tmp_path, "hold")
+
+
+def test_numbers_that_always_grow_by_the_same_leave_nothing_out(tmp_path: Path) -> None:
+    touch(tmp_path, ["f10.ply", "f15.ply", "f20.ply"])
+    assert len(open_frames(tmp_path)) == 3
+
+
+@pytest.mark.skipif(os.name != "posix", reason="links and pipes")
+@pytest.mark.parametrize("kind", ["link", "pipe", "folder"])
+@pytest.mark.parametrize("layout", ["f{}.ply", "f{}"])
+def test_what_is_no_file_is_named(tmp_path: Path, kind: str, layout: str) -> None:
+    odd = tmp_path / layout.format(1)
+    if layout == "f{}.ply":
+        touch(tmp_path, ["f0.ply", "f2.ply"])
+    else:
+        for number in (0, 2):
+            (tmp_path / f"f{number}").mkdir()
+            (tmp_path / f"f{number}" / "a.ply").write_bytes(b"")
+    if kind == "link":
+        odd.symlink_to(tmp_path / "nowhere")
+    elif kind == "pipe":
+        os.mkfifo(odd)
+    else:
+        odd.mkdir()
+    with pytest.raises(GaussiansError, match=re.escape(str(odd))):
+        open_frames(tmp_path)
 
 
 def test_one_file_needs_no_number(tmp_path: Path) -> None:

@@ -12,8 +12,9 @@ from splatreel.play.timeline import open_reel
 from splatreel.progress import Silent
 from splatreel.scene.gaussians import Gaussians
 from splatreel.sequence import reel as module
+from splatreel.sequence.comparison import Comparison
 from splatreel.sequence.frames import open_frames
-from splatreel.sequence.reel import Comparison, header_of, write_reel
+from splatreel.sequence.reel import header_of, write_reel
 from tests.sequence.films import BALL, WALL, cameras, frame, scene, write_film
 
 CPU = torch.device("cpu")

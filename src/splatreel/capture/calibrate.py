@@ -23,8 +23,9 @@ from splatreel.capture.readers.colmap import import_pycolmap, is_colmap, video_f
 from splatreel.capture.readers.neu3dv import POSES
 from splatreel.capture.sidecar import read_sidecar, write_failure
 from splatreel.capture.videos import Videos
+from splatreel.child_process import ChildEndedError, Send, run_in_child
 from splatreel.errors import CaptureError
-from splatreel.progress import Progress
+from splatreel.progress import Progress, Span
 from splatreel.scene.atomic import scratch
 
 MODEL = Path("sparse/0")
@@ -64,26 +65,65 @@ def calibrate(path: Path, progress: Progress, also: Path | None = None) -> Calib
         found = ", ".join(file.name for file in files.values()) or "none"
         raise CaptureError(f"{path}: {len(files)} videos ({found}), at least {MIN_CAMERAS} are needed. Add the others.")
     photos = check_photos(also) if also is not None else []
-    colmap = import_pycolmap()
-    colmap.logging.minloglevel = colmap.logging.Level.FATAL.value
+    import_pycolmap()
     with scratch(path, "calibrate") as folder:
-        videos = Videos(path, files, read_sidecar(path), Request(frames=(0, 1)))
         try:
-            models = _Solver(colmap, folder, photos, progress).solve(videos, list(files))
-        finally:
-            videos.close()
-        rigs = [_rig(model) for model in models]
-        best, kept = trusted(rigs, FEW) if rigs else (0, set[str]())
-        sure = [name for name in kept if rigs[best][name].points >= FEW]
-        if len(sure) < MIN_CAMERAS or 2 * len(kept) < len(rigs[best]):
-            why = _why(list(files), rigs, kept, len(sure))
-            write_failure(path, why)
-            raise CaptureError(f"{path}: the calibration failed, and nothing was kept of it: {why}")
-        model = _only(models[best], kept)
-        _put(model, folder / "model", path / MODEL)
+            found = run_in_child(_place, path, files, photos, folder, hear=lambda message: _show(progress, *message))
+        except ChildEndedError as error:
+            raise CaptureError(
+                f"{path}: COLMAP's process was ended {error.how}. If memory ran out (SIGKILL), close other programs; then try again."
+            ) from error
+        if isinstance(found, str):
+            write_failure(path, found)
+            raise CaptureError(f"{path}: the calibration failed, and nothing was kept of it: {found}")
+        _put(folder / "model", path / MODEL)
     write_failure(path, None)
+    return found
+
+
+def _place(send: Send, path: Path, files: dict[str, Path], photos: list[Path], folder: Path) -> Calibration | str:
+    """Place the cameras, in a process of its own: COLMAP computes for minutes without looking at signals.
+
+    send: takes what `_show` is called with. The model is left in folder / "model". Returns why if there is none that can be trusted.
+    """
+    colmap, progress = import_pycolmap(), _Sent(send)
+    colmap.logging.minloglevel = colmap.logging.Level.FATAL.value
+    videos = Videos(path, files, read_sidecar(path), Request(frames=(0, 1)))
+    try:
+        models = _Solver(colmap, folder, photos, progress).solve(videos, list(files))
+    finally:
+        videos.close()
+    rigs = [_rig(model) for model in models]
+    best, kept = trusted(rigs, FEW) if rigs else (0, set[str]())
+    sure = [name for name in kept if rigs[best][name].points >= FEW]
+    if len(sure) < MIN_CAMERAS or 2 * len(kept) < len(rigs[best]):
+        return _why(list(files), rigs, kept, len(sure))
+    model = _only(models[best], kept)
+    (folder / "model").mkdir()
+    model.write_binary(str(folder / "model"))
     placed = {name: rigs[best][name].points for name in sorted(kept)}
     return Calibration(placed, sorted(set(files) - kept), float(model.compute_mean_reprojection_error()), len(models))
+
+
+class _Sent:
+    """Progress that is sent to the parent process."""
+
+    def __init__(self, send: Send) -> None:
+        self._send = send
+
+    def stage(self, name: str, total: int, span: Span | None = None) -> None:
+        self._send(("stage", (name, total, span), {}))
+
+    def update(self, done: int, **numbers: float) -> None:
+        self._send(("update", (done,), numbers))
+
+    def note(self, text: str) -> None:
+        self._send(("note", (text,), {}))
+
+
+def _show(progress: Progress, method: str, arguments: tuple[Any, ...], numbers: dict[str, float]) -> None:
+    """Call a method of progress that `_Sent` was called with in the child process."""
+    getattr(progress, method)(*arguments, **numbers)
 
 
 class _Solver:
@@ -201,10 +241,8 @@ def _only(model: Any, kept: set[str]) -> Any:
     return model
 
 
-def _put(model: Any, made: Path, place: Path) -> None:
-    """Whole or not at all."""
-    made.mkdir()
-    model.write_binary(str(made))
+def _put(made: Path, place: Path) -> None:
+    """Move a model into place, whole or not at all."""
     place.parent.mkdir(exist_ok=True)
     shutil.rmtree(place, ignore_errors=True)
     os.replace(made, place)

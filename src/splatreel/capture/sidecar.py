@@ -7,12 +7,14 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, TypeGuard
+from typing import Any
 
 from splatreel.errors import CaptureError
 from splatreel.scene.atomic import write_bytes
+from splatreel.scene.untrusted import is_number, read_json
 
 SIDECAR = "splatreel.json"
+SIDECAR_BYTES = 1 << 20
 
 
 @dataclass(frozen=True)
@@ -34,9 +36,9 @@ def read_sidecar(folder: Path) -> Sidecar:
         held_out, fps, starts = content.get("held_out"), content.get("fps"), content.get("starts", {})
         if "held_out" in content and not (isinstance(held_out, list) and all(isinstance(n, str) for n in held_out)):
             raise ValueError(f"held_out is {held_out!r:.100}, expected a list of camera names")
-        if "fps" in content and not (_is_number(fps) and fps > 0):
+        if "fps" in content and not (is_number(fps) and fps > 0):
             raise ValueError(f"fps is {fps!r:.100}, expected a positive number")
-        if not isinstance(starts, dict) or not all(_is_number(s) and s >= 0 for s in starts.values()):
+        if not isinstance(starts, dict) or not all(is_number(s) and s >= 0 for s in starts.values()):
             raise ValueError(f"starts is {starts!r:.100}, expected seconds of 0 or more by camera")
         failure = content.get("calibration_failed")
         if failure is not None and not isinstance(failure, str):
@@ -84,13 +86,7 @@ def _naming(file: Path) -> Iterator[None]:
 def _content(file: Path) -> dict[str, Any]:
     if not file.is_file():
         return {}
-    content = json.loads(file.read_text(encoding="utf-8"))
+    content = read_json(file, CaptureError, SIDECAR_BYTES)
     if not isinstance(content, dict):
         raise ValueError("is not a JSON object")
     return content
-
-
-def _is_number(value: object) -> TypeGuard[float]:
-    return (
-        isinstance(value, int | float) and not isinstance(value, bool) and -1e300 < value < 1e300
-    )  # an int may be any

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import importlib.util
 import shlex
+from collections.abc import Sequence
 from contextlib import closing
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -12,11 +13,14 @@ from tyro.conf import Positional
 
 from splatreel.cli.options import parse_frames, parse_held_out
 from splatreel.cli.output import say
+from splatreel.errors import ReconstructionError
 
 if TYPE_CHECKING:
     import numpy as np
 
     from splatreel.capture.base import Capture
+    from splatreel.recon.coverage.coverage import Coverage
+    from splatreel.recon.coverage.verdict import Verdict
     from splatreel.scene.camera import Camera
 
 CHUNK = 8
@@ -32,6 +36,8 @@ def capture_check(
     quick: bool = False,
 ) -> None:
     """Read a capture through and say what it holds and whether it can be reconstructed, before hours are spent on it.
+
+    Fails if the evidence speaks against it: poses that do not fit each other or the pictures, or two cameras with the same pose.
 
     Args:
         capture: Folder of the videos or images and their cameras.
@@ -70,15 +76,23 @@ def capture_check(
     say(f"  {len(names)} cameras and {points}; kept for evaluation, not trained on: {held_out}")
     say(f"  {source.frames} frames at {source.fps:g} a second, {source.width} x {source.height} pixels")
     say(f"  sound: {sound or 'none'}")
-    _check(source, names, np.concatenate(moments), quick)
+    verdict = _check(source, names, np.concatenate(moments), quick)
     given = {"--width": width, "--frames": frames, "--hold-out": hold_out}
     options = [part for option, value in given.items() if value is not None for part in (option, str(value))]
     command = shlex.join(["splatreel", "reconstruct", str(capture), "--out", "OUT", *options])
-    say(f"It can be reconstructed, with\n  {command}")
+    if verdict is None:
+        say(f"It can be read; nothing was tried. Run\n  {command}")
+        return
+    if verdict.faults:
+        raise ReconstructionError(f"{capture}: {verdict.text(command)}")
+    say(verdict.text(command))
 
 
-def _check(source: Capture, names: list[str], frames: np.ndarray, quick: bool) -> None:
-    """What reconstruction asks of a capture, and what it will say of the cameras. frames: two moments of the named cameras."""
+def _check(source: Capture, names: list[str], frames: np.ndarray, quick: bool) -> Verdict | None:
+    """Say what is doubtful about a capture, and judge it; None where the packages for that are not installed.
+
+    Raises what reconstruction would raise. frames: two moments of the named cameras.
+    """
     from splatreel.config import Config
     from splatreel.recon.run.memory import check_memory
     from splatreel.recon.run.requirements import check_capture, check_pictures
@@ -86,28 +100,32 @@ def _check(source: Capture, names: list[str], frames: np.ndarray, quick: bool) -
     check_capture(source)
     check_memory(source, Config())
     check_pictures(source, names, frames)
-    said = list(source.doubts)
-    if importlib.util.find_spec("cv2") is None:
-        said.append("poses are not compared with the pictures: that needs pip install 'splatreel[recon]'")
-    else:
-        from splatreel.recon.cameras.poses import check_poses
+    _say_each(source.doubts)
+    if any(importlib.util.find_spec(name) is None for name in ("cv2", "torch")):
+        _say_each(["poses are not compared with the pictures: that needs pip install 'splatreel[recon]'"])
+        return None
+    from splatreel.recon.cameras.poses import check_poses
+    from splatreel.recon.coverage.verdict import judge
 
-        training = [camera.name for camera in source.training_cameras]
-        shown = frames[:, [names.index(name) for name in training]]
-        found = check_poses(source.training_cameras, shown)
-        found.refuse(str(source.origin))
-        said += [*found.repairs(training), *found.doubts(training)]
-        kept = [number for number in range(len(training)) if number not in found.strangers]
-        cameras = [found.mended[n].camera if n in found.mended else source.training_cameras[n] for n in kept]
-        said += _cover(source, cameras, shown[0, kept], quick)
-    for sentence in said:
+    training = [camera.name for camera in source.training_cameras]
+    shown = frames[:, [names.index(name) for name in training]]
+    found = check_poses(source.training_cameras, shown)
+    found.refuse(str(source.origin))
+    _say_each([*found.repairs(training), *found.doubts(training)])
+    kept = [number for number in range(len(training)) if number not in found.strangers]
+    cameras = [found.mended[n].camera if n in found.mended else source.training_cameras[n] for n in kept]
+    coverage = _cover(source, cameras, shown[0, kept], quick)
+    _say_each(coverage.sentences())
+    return judge(coverage, [training[number] for number in found.doubtful])
+
+
+def _say_each(sentences: Sequence[str]) -> None:
+    for sentence in sentences:
         say(f"  {sentence}")
 
 
-def _cover(source: Capture, cameras: list[Camera], images: np.ndarray, quick: bool) -> list[str]:
-    """What to expect of new views. images: [C, H, W, 3] uint8, the first frame of the cameras."""
-    if importlib.util.find_spec("torch") is None:
-        return ["new views are not tried: that needs pip install 'splatreel[recon]'"]
+def _cover(source: Capture, cameras: list[Camera], images: np.ndarray, quick: bool) -> Coverage:
+    """Measure how cameras cover the scene. images: [C, H, W, 3] uint8, the first frame of the cameras. quick: without a trial."""
     from splatreel.progress import console
     from splatreel.recon.coverage.coverage import cover
     from splatreel.recon.run.device import pick_device
@@ -115,7 +133,7 @@ def _cover(source: Capture, cameras: list[Camera], images: np.ndarray, quick: bo
     device = None if quick else pick_device("auto")
     with closing(console()) as progress:
         known = {"points": source.points, "point_colors": source.point_colors, "near": source.near}
-        return cover(cameras, images, **known, device=device, progress=progress).sentences()
+        return cover(cameras, images, **known, device=device, progress=progress)
 
 
 def capture_calibrate(capture: Positional[Path], /, also: Path | None = None) -> None:

@@ -61,8 +61,7 @@ def explain(error: BaseException, arguments: Sequence[str]) -> tuple[str, int] |
     if isinstance(error, SplatreelError):
         return f"Error: {error}", error.exit_code
     if isinstance(error, KeyboardInterrupt):
-        code = TERMINATED if isinstance(error, Terminated) else INTERRUPTED
-        return f"Interrupted. What is finished is kept; continue with the same command:\n  {command}", code
+        return interruption(signal.SIGTERM if isinstance(error, Terminated) else signal.SIGINT, arguments)
     if _is_disk_full(error):
         where = getattr(error, "filename", None)
         place = f" while writing {where}" if where else ""
@@ -85,6 +84,13 @@ def explain(error: BaseException, arguments: Sequence[str]) -> tuple[str, int] |
     if isinstance(error, OSError) and error.filename is not None:
         return f"Error: {error.filename}: {error.strerror}.", 1
     return None
+
+
+def interruption(number: int, arguments: Sequence[str]) -> tuple[str, int]:
+    """Return what to say after a signal, and the exit code."""
+    command = shlex.join(["splatreel", *arguments])
+    code = TERMINATED if number == signal.SIGTERM else INTERRUPTED
+    return f"Interrupted. What is finished is kept; continue with the same command:\n  {command}", code
 
 
 def _lighter(arguments: Sequence[str], gpu: bool) -> str:

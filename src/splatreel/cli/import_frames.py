@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Literal
 
 from tyro.conf import Positional
 
@@ -25,6 +26,7 @@ def import_frames(
     rate: Rate = "high",
     title: str | None = None,
     antialiased: bool = False,
+    gaps: Literal["refuse", "hold"] = "refuse",
     threads: int | None = None,
 ) -> None:
     """Make a reel of Gaussians that another program trained: numbered PLY files, or the params.npz of Dynamic 3D Gaussians.
@@ -42,6 +44,8 @@ def import_frames(
         rate: high loses hardly anything; medium and low are smaller.
         title: What the player says the reel is.
         antialiased: The points were trained to be drawn as Mip-Splatting does, blurred by 0.1 square pixels and fainter for it.
+        gaps: What to do where the numbers of the files leave some out. refuse: nothing is made; hold: the frame before is shown for
+            as long.
         threads: How many threads to use; as many as there are cores by default.
     """
     if not 0 < fps <= 1000:
@@ -56,13 +60,17 @@ def import_frames(
     from splatreel.progress import console
     from splatreel.recon.run.device import pick_device
     from splatreel.recon.run.run_lock import hold
+    from splatreel.sequence.comparison import CLOSE, check_seen
     from splatreel.sequence.frames import open_frames
     from splatreel.sequence.reel import header_of, write_reel
     from splatreel.sequence.viewpoints import read_cameras
 
-    film = open_frames(frames)
+    film = open_frames(frames, gaps)
     views = None if cameras is None else read_cameras(cameras)
     header, limits = header_of(film.read(0), views, None if up is None else np.array(UP[up], float), fps, antialiased)
+    check_seen(
+        film, list(header.cameras), header.near, antialiased, f"the cameras of {cameras}" if cameras else "the cameras"
+    )
     words = {"title": title} if title else {}
     check_no_reel(out)
     progress = console()
@@ -80,6 +88,11 @@ def import_frames(
         f"{len(film)} frames in {size / 1e6:.2f} MB, {film.size / size:,.0f} times smaller than the {film.size / 1e6:,.0f} MB of "
         f"{frames}. Its pictures have {found.psnr:.1f} dB PSNR against those of the files (mean of {found.pictures})."
     )
+    if found.blind:
+        say(f"Cameras that see nothing of the film: {', '.join(found.blind)}.")
+    if found.psnr < CLOSE:
+        rated = f"the rate is {rate}, and --rate high loses less." if rate != "high" else "it was lost in encoding."
+        say(f"Warning: below {CLOSE:.0f} dB the reel can be told from the film. The cause: {found.cause or rated}")
     if views is None:
         say(
             f"It is seen from a ring of cameras, with {up or '-y'} up. If that is wrong, name the cameras that the film was made from "

@@ -8,23 +8,26 @@ from collections.abc import Sequence
 
 from tyro.extras import SubcommandApp
 
+from splatreel import __version__
 from splatreel.cli import bench
 from splatreel.cli.capture import capture_calibrate, capture_check, capture_sync
 from splatreel.cli.config import config
+from splatreel.cli.deadline import deadline
 from splatreel.cli.demo import demo
 from splatreel.cli.edit import edit
 from splatreel.cli.encode import encode
 from splatreel.cli.evaluate import evaluate
 from splatreel.cli.export import export
-from splatreel.cli.failure import explain, termination
+from splatreel.cli.failure import explain, interruption, termination
 from splatreel.cli.import_frames import import_frames
 from splatreel.cli.info import info
+from splatreel.cli.output import say
 from splatreel.cli.publish import publish
 from splatreel.cli.reconstruct import reconstruct
 from splatreel.cli.serve import serve, view
 from splatreel.cli.verify import verify
 from splatreel.cli.warmup import warmup
-from splatreel.process import keep_freed_memory, quiet_threads
+from splatreel.process import keep_freed_memory, open_standard_streams, quiet_threads
 from splatreel.progress import printable
 
 DESCRIPTION = "Volumetric video from many static cameras: reconstruct, compress, stream and play groups of Gaussians."
@@ -50,16 +53,19 @@ def build() -> SubcommandApp:
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run one command line; returns the exit code: 0 for success only, 2 for wrong use, 130 after Ctrl-C, 143 after SIGTERM."""
+    open_standard_streams()
+    alone = arguments is None
     arguments = sys.argv[1:] if arguments is None else list(arguments)
-    if arguments == ["--version"]:
-        from splatreel import __version__
-
-        print(f"splatreel {__version__}")
-        return 0
+    if any("\0" in argument for argument in arguments):
+        print("Error: an argument holds a character NUL, which no name of a file can. Leave it out.", file=sys.stderr)
+        return 2
     quiet_threads()
     keep_freed_memory()
     try:
-        with termination():
+        with termination(), deadline(lambda number: interruption(number, arguments), lasting=alone):
+            if arguments == ["--version"]:
+                say(f"splatreel {__version__}", flush=True)
+                return 0
             build().cli(prog="splatreel", description=DESCRIPTION, args=arguments)
     except BrokenPipeError:
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())  # the reader left; say nothing at exit either

@@ -10,6 +10,7 @@ import numpy as np
 
 from splatreel.scene.camera import Camera
 from splatreel.scene.clearance import NONE, Clearance
+from splatreel.scene.untrusted import is_number, numbers
 
 BLACK = (0.0, 0.0, 0.0)
 
@@ -64,8 +65,13 @@ class ReelHeader:
 
     @staticmethod
     def from_dict(value: dict[str, Any]) -> ReelHeader:
-        """Of a file that is trusted. Raises KeyError, TypeError or ValueError for what is none."""
+        """Of a checkpoint. Raises KeyError, TypeError, ValueError or `CaptureError` for what is none."""
         red, green, blue = value.get("background", BLACK)
+        single = [value[name] for name in ("fps", "group_length", "overlap", "sh_degree")]
+        if not all(is_number(number) for number in [*single, value.get("near", 0), red, green, blue]):
+            raise TypeError("a number is none")
+        numbers(value["bounds"], 2, 3)
+        numbers(value["up"], 3)
         return ReelHeader(
             fps=value["fps"],
             group_length=value["group_length"],

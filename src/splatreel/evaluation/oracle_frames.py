@@ -41,7 +41,7 @@ class OracleFrames:
         found = checkpoint.load_json(self.path)
         theirs: dict[str, Any] = found if isinstance(found, dict) else {}
         settings = updated(theirs.get("config"))
-        theirs = theirs | {"config": {name: settings[name] for name in DECIDING}}
+        theirs = theirs | {"config": {name: settings.get(name) for name in DECIDING}}
         others = differences({name: theirs.get(name) for name in self.record}, self.record)
         if others:
             raise UsageError(
@@ -50,7 +50,7 @@ class OracleFrames:
             )
         try:
             return {frame["frame"]: SingleFrame.from_dict(frame) for frame in theirs["frames"]}
-        except (KeyError, TypeError) as error:
+        except (KeyError, TypeError, AttributeError) as error:
             raise UsageError(f"{self.path}: is damaged ({error!r}). Delete it to start over.") from error
 
     def add(self, frame: SingleFrame) -> None:

@@ -26,6 +26,7 @@ from splatreel.progress import Progress, Silent
 from splatreel.recon.encode.reencode import reencode
 from splatreel.recon.run.device import pick_device
 from splatreel.scene.gaussians import Gaussians
+from splatreel.scene.untrusted import JSON_BYTES, parse_json, read_file
 
 PAPER = EncodeConfig(codec="h265").with_h265(weighted_codebook=False)
 """The paper's codec with logarithms of scales and folded bytes, which cost nothing; `PRINTED` is without them."""
@@ -110,9 +111,10 @@ class Sweep:
         if self.record is None or not self.record.exists():
             return {}
         try:
-            lines = [json.loads(line) for line in self.record.read_text(encoding="utf-8").splitlines()]
+            data = read_file(self.record, JSON_BYTES, UsageError)
+            lines = [parse_json(line, UsageError, f"{self.record}: a line") for line in data.splitlines()]
             return {line["name"]: line["row"] for line in lines if line["of"] == self._key}
-        except (ValueError, KeyError, TypeError) as error:
+        except (KeyError, TypeError) as error:
             raise UsageError(f"{self.record}: is damaged ({error!r}). Delete it to start over.") from error
 
     def _cached(self, name: str, work: Callable[[], dict]) -> dict:

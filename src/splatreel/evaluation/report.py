@@ -8,9 +8,9 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from splatreel.errors import UsageError
+from splatreel.recon.coverage.rating import SCALE
 from splatreel.scene.atomic import replacing
-
-SCALE = "PSNR tells how close pictures are to the camera's: 20 dB is poor, 30 dB good, 40 dB hardly to be told apart."
+from splatreel.scene.untrusted import is_number, read_json
 
 
 @dataclass(frozen=True)
@@ -129,9 +129,11 @@ class Report:
     def read(path: Path) -> Report:
         """Read a report.json. Raises `UsageError` if it is none of ours."""
         try:
-            values = json.loads(path.read_text(encoding="utf-8"))
-            return Report(**values)
-        except (ValueError, TypeError) as error:
+            report = Report(**read_json(path, lambda text: UsageError(f"{text} It is not a report of this version.")))
+            if not all(is_number(value) for value in (report.psnr, report.ssim, report.reel_bytes, report.frames)):
+                raise TypeError("a number is none")
+            return report
+        except TypeError as error:
             raise UsageError(
                 f"{path}: not a report of this version ({error}). Run `splatreel evaluate` again."
             ) from error

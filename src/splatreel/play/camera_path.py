@@ -17,6 +17,7 @@ from scipy.spatial.transform import Rotation
 
 from splatreel.errors import UsageError
 from splatreel.scene.camera import Camera
+from splatreel.scene.untrusted import read_json
 
 FORMAT = "splatreel-path"
 VERSION = 1
@@ -93,16 +94,9 @@ def in_order(start: Camera, cameras: Sequence[Camera]) -> list[Camera]:
 
 def read_path(file: Path) -> CameraPath:
     """The path in a JSON file, as the player saves it. Raises `UsageError` that names the file, the value and the remedy."""
+    document = read_json(file, lambda text: UsageError(f"{text} Give a camera path that the player saved."), MAX_BYTES)
     try:
-        if file.stat().st_size > MAX_BYTES:
-            raise UsageError(f"{file} is larger than the {MAX_BYTES} bytes that a camera path may have.")
-        return _parse(json.loads(file.read_text("utf-8")))
-    except OSError as error:
-        raise UsageError(
-            f"{file} cannot be read ({error.strerror}). Give a camera path that the player saved."
-        ) from error
-    except RecursionError as error:
-        raise UsageError(f"{file} is not a camera path: it is nested too deeply.") from error
+        return _parse(document)
     except ValueError as error:
         raise UsageError(f"{file} is not a camera path: {error}") from error
 

@@ -6,10 +6,12 @@ from collections.abc import Callable, Sequence
 from dataclasses import replace
 from fractions import Fraction
 from pathlib import Path
+from typing import overload
 
 import av
 import numpy as np
 
+from splatreel.errors import UsageError
 from splatreel.play.camera_path import CameraPath, Keyframe, in_order
 from splatreel.play.sound import FilmSound
 from splatreel.play.timeline import Timeline
@@ -18,19 +20,49 @@ from splatreel.scene.camera import Camera
 
 Shot = tuple[float, Camera]
 """A picture of a film: seconds of the reel, and the camera that takes it."""
+MOST_SHOTS = 1_000_000
+"""Pictures of a film along a path: nine hours at 30 a second."""
 
 
-def film_of(path: CameraPath, lens: Camera, fps: float) -> list[Shot]:
+class Shots(Sequence[Shot]):
+    """The pictures of a film, each made when it is asked for. count: how many there are; make: makes the one of a number."""
+
+    def __init__(self, count: int, make: Callable[[int], Shot]) -> None:
+        self._count, self._make = count, make
+
+    def __len__(self) -> int:
+        return self._count
+
+    @overload
+    def __getitem__(self, index: int) -> Shot: ...
+    @overload
+    def __getitem__(self, index: slice) -> list[Shot]: ...
+    def __getitem__(self, index: int | slice) -> Shot | list[Shot]:
+        numbers = range(self._count)[index]
+        return self._make(numbers) if isinstance(numbers, int) else [self._make(i) for i in numbers]
+
+
+def film_of(path: CameraPath, lens: Camera, fps: float) -> Sequence[Shot]:
     """The pictures of a film along a path, as many as its seconds have at this rate, and at least one; all through this lens.
 
-    Of a path that loops the last picture is the one before the first, so that the film loops as well.
+    Of a path that loops the last picture is the one before the first, so that the film loops as well. Raises `UsageError` for a path
+    that takes too long.
     """
     count = max(round(path.seconds * fps) + (0 if path.loop else 1), 1)
-    moments = [path.at(i / fps) for i in range(count)]
-    return [(time, replace(lens, viewmat=viewmat)) for viewmat, time in moments]
+    if count > MOST_SHOTS:
+        raise UsageError(
+            f"The camera path takes {path.seconds:,.0f} seconds, {count:,} pictures; a film has {MOST_SHOTS:,} at most. Give its "
+            f"keyframes earlier seconds."
+        )
+
+    def shot(i: int) -> Shot:
+        viewmat, time = path.at(i / fps)
+        return time, replace(lens, viewmat=viewmat)
+
+    return Shots(count, shot)
 
 
-def film_through(start: Camera, cameras: Sequence[Camera], frames: int, fps: float, first: int = 0) -> list[Shot]:
+def film_through(start: Camera, cameras: Sequence[Camera], frames: int, fps: float, first: int = 0) -> Sequence[Shot]:
     """So many frames of a reel from `first` on, on a path from `start` through the cameras, the nearest next, with its lens.
 
     A start that stands where one of the cameras does passes it once. Without another camera it stays.
@@ -43,7 +75,7 @@ def film_through(start: Camera, cameras: Sequence[Camera], frames: int, fps: flo
         Keyframe(i * leg, first / fps + i * leg, stop.viewmat.astype(np.float64)) for i, stop in enumerate(stops)
     ]
     path = CameraPath(keyframes)
-    return [((first + i) / fps, replace(start, viewmat=path.at(i / fps)[0])) for i in range(frames)]
+    return Shots(frames, lambda i: ((first + i) / fps, replace(start, viewmat=path.at(i / fps)[0])))
 
 
 def starts_in_step(shots: Sequence[Shot], fps: float) -> float | None:

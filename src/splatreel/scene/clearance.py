@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from splatreel.scene.camera import Camera
+from splatreel.scene.untrusted import is_number, numbers
 
 
 @dataclass(frozen=True)
@@ -27,10 +28,12 @@ class Clearance:
 
     @staticmethod
     def from_dict(value: dict[str, Any] | None) -> Clearance:
-        """From the manifest's JSON. None: everything is drawn."""
+        """From JSON. None: everything is drawn. Raises KeyError, TypeError or ValueError for what is none."""
         if value is None:
             return NONE
-        x, y, z = value["focus"]
+        x, y, z = numbers(value["focus"], 3).tolist()
+        if not is_number(value["share"]):
+            raise TypeError("share is no number")
         return Clearance((x, y, z), value["share"])
 
     def depth(self, camera: Camera) -> float:

@@ -11,6 +11,7 @@ from splatreel.errors import GaussiansError
 from splatreel.scene import rotations
 from splatreel.scene.atomic import write_bytes
 from splatreel.scene.gaussians import Gaussians
+from splatreel.scene.untrusted import open_regular
 
 _MAX_HEADER = 1 << 16
 _TYPES = {
@@ -49,11 +50,14 @@ def write_ply(path: str | Path, gaussians: Gaussians) -> None:
     write_bytes(path, data)
 
 
-def read_ply(path: str | Path) -> Gaussians:
-    """Read a binary 3DGS PLY of SH degree 0 to 3. Raises `GaussiansError` if the file is anything else."""
+def read_ply(path: str | Path, origin: np.ndarray | None = None) -> Gaussians:
+    """Read a binary 3DGS PLY of SH degree 0 to 3. Raises `GaussiansError` if the file is anything else.
+
+    origin: [3] float64, subtracted from all positions before these are rounded to float32; nothing by default.
+    """
     path = Path(path)
     try:
-        with open(path, "rb") as file:
+        with open_regular(path, GaussiansError) as file:
             head = file.read(_MAX_HEADER)
             count, dtype, start = _parse_header(head, path)
             size, held = count * dtype.itemsize, os.fstat(file.fileno()).st_size - start
@@ -64,7 +68,7 @@ def read_ply(path: str | Path) -> Gaussians:
     except OSError as error:
         raise GaussiansError(f"{path}: cannot be read ({error.strerror}).") from error
     table = np.frombuffer(data, dtype, count)
-    gaussians = _from_table(table, path)
+    gaussians = _from_table(table, path, origin)
     gaussians.check_finite(str(path))
     return gaussians
 
@@ -104,7 +108,7 @@ def _count(word: str, path: Path) -> int:
     return int(word)
 
 
-def _from_table(table: np.ndarray, path: Path) -> Gaussians:
+def _from_table(table: np.ndarray, path: Path, origin: np.ndarray | None) -> Gaussians:
     names = table.dtype.names or ()
     rest = sum(name.startswith("f_rest_") for name in names)
     missing = [name for name in _property_names(rest) if name not in names and name not in ("nx", "ny", "nz")]
@@ -121,7 +125,7 @@ def _from_table(table: np.ndarray, path: Path) -> Gaussians:
         higher = columns(*(f"f_rest_{i}" for i in range(rest))).reshape(len(table), 3, rest // 3)
         sh = np.concatenate([sh, higher.transpose(0, 2, 1)], 1)
     return Gaussians(
-        means=columns("x", "y", "z"),
+        means=columns("x", "y", "z") - (0.0 if origin is None else origin),
         quats=rotations.normalize(columns("rot_0", "rot_1", "rot_2", "rot_3")),
         scales=np.exp(np.minimum(columns("scale_0", "scale_1", "scale_2"), 80)),
         opacities=1 / (1 + np.exp(-np.clip(table["opacity"].astype(np.float64), -80, 80))),

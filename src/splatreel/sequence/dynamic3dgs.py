@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import zipfile
 from pathlib import Path
 
 import numpy as np
@@ -10,6 +9,7 @@ import numpy as np
 from splatreel.errors import GaussiansError
 from splatreel.scene import rotations
 from splatreel.scene.gaussians import C0, Gaussians
+from splatreel.scene.untrusted import read_arrays
 
 SHAPES = {
     "means3D": ("T", "N", 3),
@@ -25,23 +25,18 @@ class Dynamic3DGS:
     """path: of the file. Colors are the same from everywhere. Raises `GaussiansError` where it is not such a file."""
 
     def __init__(self, path: Path) -> None:
+        arrays = read_arrays(path, SHAPES, GaussiansError)
         self.path, self.size = path, path.stat().st_size
-        try:
-            with np.load(path, allow_pickle=False) as archive:
-                if missing := [name for name in SHAPES if name not in archive]:
-                    raise GaussiansError(f"{path}: is not of Dynamic 3D Gaussians: it has no {missing[0]}.")
-                self._arrays = {name: archive[name].astype(np.float32) for name in SHAPES}
-        except (OSError, ValueError, EOFError, zipfile.BadZipFile) as error:
-            raise GaussiansError(f"{path}: cannot be read ({error}).") from error
+        self._arrays = {name: _as_float(array, name == "means3D") for name, array in arrays.items()}
         self._check()
 
     def __len__(self) -> int:
         return len(self._arrays["means3D"])
 
-    def read(self, frame: int) -> Gaussians:
+    def read(self, frame: int, origin: np.ndarray | None = None) -> Gaussians:
         arrays = self._arrays
         found = Gaussians(
-            means=arrays["means3D"][frame],
+            means=arrays["means3D"][frame] - (0.0 if origin is None else origin),
             quats=rotations.normalize(arrays["unnorm_rotations"][frame]),
             scales=np.exp(np.minimum(arrays["log_scales"], 80)),
             opacities=1 / (1 + np.exp(-np.clip(arrays["logit_opacities"][:, 0], -80, 80))),
@@ -57,3 +52,8 @@ class Dynamic3DGS:
             wanted = tuple(sizes.get(size, -1) if isinstance(size, str) else size for size in shape)
             if self._arrays[name].shape != wanted or not all(wanted):
                 raise GaussiansError(f"{self.path}: {name} has shape {self._arrays[name].shape}, expected {shape}.")
+
+
+def _as_float(array: np.ndarray, exact: bool) -> np.ndarray:
+    """Return an array as float32; positions keep the float64 that they may have (exact)."""
+    return array if exact and array.dtype == np.float64 else array.astype(np.float32)

@@ -2,10 +2,14 @@
 
 from __future__ import annotations
 
+import math
 import re
 from collections import Counter
+from itertools import pairwise
 from pathlib import Path
-from typing import Protocol
+from typing import Literal, Protocol
+
+import numpy as np
 
 from splatreel.errors import GaussiansError
 from splatreel.scene.gaussians import Gaussians
@@ -15,6 +19,10 @@ from splatreel.sequence.dynamic3dgs import Dynamic3DGS
 LOOKED_FOR = """\
   PLY files:            frame0000.ply, frame0001.ply, ..., each as 3DGS writes it; or a numbered folder a frame with one PLY file in it
   Dynamic 3D Gaussians: params.npz"""
+Gaps = Literal["refuse", "hold"]
+"""What to do where numbers are missing: refuse the film, or hold the frame before for as long."""
+MOST_FRAMES = 1_000_000
+"""Frames of a film, with those that are held."""
 _LAST_NUMBER = re.compile(r"^(.*?)([0-9]+)$")
 
 
@@ -28,29 +36,32 @@ class Frames(Protocol):
         """How many frames there are."""
         ...
 
-    def read(self, frame: int) -> Gaussians:
-        """Those of a frame, counted from 0. Raises `GaussiansError` naming the file where that cannot be read."""
+    def read(self, frame: int, origin: np.ndarray | None = None) -> Gaussians:
+        """Those of a frame, counted from 0. Raises `GaussiansError` naming the file where that cannot be read.
+
+        origin: [3] float64, subtracted from all positions before these are rounded to float32; nothing by default.
+        """
         ...
 
 
 class PlyFrames:
-    """files: one a frame, in order."""
+    """files: one a frame, in order; the same one again where a frame is held."""
 
     def __init__(self, path: Path, files: list[Path]) -> None:
         self.path, self.files = path, files
-        self.size = sum(file.stat().st_size for file in files)
+        self.size = sum(file.stat().st_size for file in dict.fromkeys(files))
 
     def __len__(self) -> int:
         return len(self.files)
 
-    def read(self, frame: int) -> Gaussians:
-        return read_ply(self.files[frame])
+    def read(self, frame: int, origin: np.ndarray | None = None) -> Gaussians:
+        return read_ply(self.files[frame], origin)
 
 
-def open_frames(path: str | Path) -> Frames:
+def open_frames(path: str | Path, gaps: Gaps = "refuse") -> Frames:
     """Open a folder of numbered PLY files, or a `params.npz` of Dynamic 3D Gaussians or a folder with one.
 
-    Raises `GaussiansError` for anything else, and for files whose order cannot be told.
+    Raises `GaussiansError` for anything else, for files whose order cannot be told, and for frames that are missing or are no files.
     """
     place = Path(path)
     archive = place / "params.npz" if place.is_dir() else place
@@ -58,13 +69,49 @@ def open_frames(path: str | Path) -> Frames:
         return Dynamic3DGS(archive)
     if not place.is_dir():
         raise GaussiansError(f"{place}: is not a folder; one of these was looked for:\n{LOOKED_FOR}")
-    files = sorted(file for file in place.iterdir() if file.suffix.lower() == ".ply" and file.is_file())
+    files = sorted(file for file in place.iterdir() if file.suffix.lower() == ".ply" and not file.name.startswith("."))
+    if odd := next((file for file in files if not file.is_file()), None):
+        raise _no_file(odd)
     if not files:
-        files = [_only_ply(folder) for folder in sorted(place.iterdir()) if folder.is_dir() and _number(folder)]
+        folders = [folder for folder in sorted(place.iterdir()) if _number(folder) and not folder.is_file()]
+        if any(folder.is_dir() for folder in folders) and (odd := next((f for f in folders if not f.is_dir()), None)):
+            raise _no_file(odd)
+        files = [_only_ply(folder) for folder in folders]
     if not files:
         raise GaussiansError(f"{place}: holds none of these:\n{LOOKED_FOR}")
     named = {file if file.parent == place else place / file.relative_to(place).parts[0]: file for file in files}
-    return PlyFrames(place, [named[name] for name in _in_order(list(named), place)])
+    order = _in_order(list(named), place)
+    held = _without_gaps(order, place, gaps)
+    return PlyFrames(place, [named[name] for name in held])
+
+
+def _no_file(path: Path) -> GaussiansError:
+    what = "a link to nothing" if path.is_symlink() and not path.exists() else "no file"
+    return GaussiansError(f"{path}: is {what}, so that a frame is missing. Put the file there, or take the entry away.")
+
+
+def _without_gaps(names: list[Path], place: Path, gaps: Gaps) -> list[Path]:
+    """Names in order, the one before a gap again for each that is missing. Numbers that always grow by the same are no gaps.
+
+    Raises `GaussiansError` for gaps that are not to be held.
+    """
+    numbers = [number[1] for name in names if (number := _number(name))]
+    steps = [after - before for before, after in pairwise(numbers)]
+    if len(set(steps)) <= 1:
+        return names
+    step = math.gcd(*steps)
+    first = next(i for i, gap in enumerate(steps) if gap > step)
+    missing = sum(gap // step - 1 for gap in steps)
+    if gaps != "hold":
+        raise GaussiansError(
+            f"{place}: {missing:,} frames are missing, the first of them after {names[first].name}: the next one is "
+            f"{names[first + 1].name}. Put them there; or import with --gaps hold, which shows the frame before for as long."
+        )
+    if len(names) + missing > MOST_FRAMES:
+        raise GaussiansError(
+            f"{place}: with {missing:,} frames held it would have more than {MOST_FRAMES:,}. Number its files anew."
+        )
+    return [name for name, gap in zip(names, [*steps, step], strict=True) for _ in range(gap // step)]
 
 
 def _in_order(names: list[Path], place: Path) -> list[Path]:

@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
-from pathlib import Path
+from dataclasses import replace
 
 import numpy as np
 import torch
@@ -14,8 +13,6 @@ from splatreel.codec.predictive.precision import COLOR
 from splatreel.codec.presentation import Limits
 from splatreel.codec.writer import ReelWriter
 from splatreel.errors import GaussiansError
-from splatreel.evaluation.metrics import psnr
-from splatreel.play.timeline import open_reel
 from splatreel.progress import Progress
 from splatreel.recon.encode.importance import weigh
 from splatreel.recon.encode.publisher import Present, nothing_more
@@ -24,6 +21,7 @@ from splatreel.recon.init.limits import limits
 from splatreel.scene.camera import Camera, middle_camera
 from splatreel.scene.gaussians import Gaussians
 from splatreel.scene.group import Group
+from splatreel.sequence.comparison import Comparison, compare
 from splatreel.sequence.frames import Frames
 from splatreel.sequence.grouping import StaticLayers, group_of
 from splatreel.sequence.identity import Identities
@@ -38,16 +36,6 @@ NEAR_SHARE = 0.02
 """at most of the distance at which cameras typically look."""
 MOMENTS, PICTURES = 16, 48
 """Times of a group at which it is looked at to see what shows, and pictures in all."""
-COMPARED, SIDE = 12, 768
-"""Pictures that are compared at the end, and their longer side, at most."""
-
-
-@dataclass(frozen=True)
-class Comparison:
-    """psnr: dB, mean over pictures, of the reel as it is decoded, against the film. pictures: how many were compared."""
-
-    psnr: float
-    pictures: int
 
 
 def header_of(
@@ -57,6 +45,8 @@ def header_of(
 
     first: the first frame. cameras: that the film was made from; None: a ring. up: [3], unit; None: as cameras stand, or -y.
     """
+    if not len(first):
+        raise GaussiansError("The film's first frame holds no point. Take it away, or export it again.")
     fallback = np.array([0.0, -1.0, 0.0]) if up is None else up
     views = ring(first, fallback) if cameras is None else cameras
     points = shown(first)
@@ -159,19 +149,4 @@ def write_reel(
     SequenceEncoder(writer, device).write(frames, progress)
     present(writer, None)
     writer.finish()
-    return compared(frames, writer.path, progress)
-
-
-def compared(frames: Frames, reel: Path, progress: Progress) -> Comparison:
-    """How much of the film was lost: pictures of some frames, of the files and of the reel, from one camera after the other."""
-    timeline = open_reel(reel)
-    cameras = [camera.at_most(SIDE) for camera in timeline.manifest.cameras]
-    chosen = np.unique(np.linspace(0, len(frames) - 1, COMPARED).round().astype(int))
-    progress.stage("comparing pictures", len(chosen))
-    values = []
-    for number, frame in enumerate(chosen):
-        camera = cameras[number * len(cameras) // len(chosen)]
-        pair = frames.read(int(frame)), timeline.at(frame / timeline.fps)
-        values.append(psnr(*(np.clip(timeline.render(points, camera), 0, 1) for points in pair)))
-        progress.update(number + 1)
-    return Comparison(float(np.mean(values)), len(values))
+    return compare(frames, writer.path, progress)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import math
 from pathlib import Path
 from typing import Any
@@ -10,12 +9,16 @@ from typing import Any
 import numpy as np
 
 from splatreel.capture.opening import open_capture
+from splatreel.capture.poses import check_camera
 from splatreel.errors import CaptureError
 from splatreel.scene.camera import Camera, facing
 from splatreel.scene.gaussians import Gaussians
+from splatreel.scene.untrusted import is_number, numbers, read_json
 
 RING, WIDTH, HEIGHT = 12, 960, 540
 """Cameras of a ring, and the pixels of each."""
+MOST_CAMERAS, MOST_PIXELS = 10_000, 1 << 20
+"""Cameras of a file, and pixels across the pictures of one."""
 FIELD_OF_VIEW, ABOVE = 50.0, 15.0
 """Degrees: what such a camera sees from side to side, and how far it looks down."""
 SHOWS = 0.1
@@ -33,10 +36,12 @@ def read_cameras(path: str | Path) -> list[Camera]:
         capture = open_capture(place)
         capture.close()
         return capture.cameras
+    document = read_json(file, CaptureError)
     try:
-        document = json.loads(file.read_bytes())
-        cameras = [_camera(entry, index) for index, entry in enumerate(document)]
-    except (OSError, ValueError, TypeError, KeyError) as error:
+        if not isinstance(document, list) or len(document) > MOST_CAMERAS:
+            raise ValueError(f"expected a list of up to {MOST_CAMERAS} cameras")
+        cameras = [_camera(entry, index, file) for index, entry in enumerate(document)]
+    except (ValueError, TypeError, KeyError) as error:
         raise CaptureError(
             f"{file}: is not a cameras.json as 3DGS writes it ({type(error).__name__}: {error})."
         ) from error
@@ -45,16 +50,21 @@ def read_cameras(path: str | Path) -> list[Camera]:
     return cameras
 
 
-def _camera(entry: dict[str, Any], index: int) -> Camera:
+def _camera(entry: dict[str, Any], index: int, file: Path) -> Camera:
     """position: the center; rotation: [3, 3], camera to world; fx, fy: pixels; the principal point is the middle."""
+    if not all(is_number(entry[name]) for name in ("width", "height", "fx", "fy")):
+        raise ValueError(f"width, height, fx or fy of camera {index} is no number")
     width, height = int(entry["width"]), int(entry["height"])
-    turn = np.array(entry["rotation"], np.float64).reshape(3, 3).T
+    turn = numbers(entry["rotation"], 3, 3).T
     viewmat = np.eye(4)
-    viewmat[:3, :3], viewmat[:3, 3] = turn, -turn @ np.array(entry["position"], np.float64).reshape(3)
+    viewmat[:3, :3], viewmat[:3, 3] = turn, -turn @ numbers(entry["position"], 3)
     K = np.array([[entry["fx"], 0, width / 2], [0, entry["fy"], height / 2], [0, 0, 1]], np.float64)
-    if min(width, height) < 1 or min(K[0, 0], K[1, 1]) <= 0:
-        raise ValueError(f"camera {index} has no size, or no focal length")
-    return Camera(str(entry.get("img_name", index)), viewmat, K, width, height)
+    if not (min(width, height) >= 1 and max(width, height) <= MOST_PIXELS) or min(K[0, 0], K[1, 1]) <= 0:
+        raise ValueError(f"camera {index} has no size, more than {MOST_PIXELS} pixels across, or no focal length")
+    name = entry.get("img_name", index)
+    camera = Camera(name if isinstance(name, str) else str(index), viewmat, K, width, height)
+    check_camera(camera, str(file))
+    return camera
 
 
 def shown(points: Gaussians) -> np.ndarray:

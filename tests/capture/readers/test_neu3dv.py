@@ -122,13 +122,15 @@ def test_poses_that_are_no_numbers_name_the_camera(scene: Path, value: float) ->
 )
 def test_poses_of_the_wrong_shape_say_which(scene: Path, poses: np.ndarray) -> None:
     np.save(scene / "poses_bounds.npy", poses)
-    with pytest.raises(CaptureError, match=r"poses_bounds\.npy: has shape .* expected \[cameras, 17\]"):
+    with pytest.raises(
+        CaptureError, match=r"poses_bounds\.npy: (has shape .* expected \[cameras, 17\]|is of .* numbers)"
+    ):
         open_capture(scene)
 
 
 def test_poses_that_are_no_array_file_are_named(scene: Path) -> None:
     np.save(scene / "poses_bounds.npy", np.array([{"a": 1}], dtype=object), allow_pickle=True)
-    with pytest.raises(CaptureError, match=r"poses_bounds\.npy: is not a NumPy array"):
+    with pytest.raises(CaptureError, match=r"poses_bounds\.npy: is of object, expected an array of plain numbers"):
         open_capture(scene)
 
 

@@ -70,7 +70,7 @@ def test_a_bad_description_says_what_is_wrong(scene: Path, change: Callable[[dic
 
 def test_a_description_that_is_no_json_is_named(scene: Path) -> None:
     (scene / "test_meta.json").write_text("{")
-    with pytest.raises(CaptureError, match=r"test_meta\.json: is not a Panoptic"):
+    with pytest.raises(CaptureError, match=r"test_meta\.json: .* should be a Panoptic"):
         open_capture(scene)
 
 

@@ -42,8 +42,8 @@ def test_cameras_that_cover_a_scene_are_said_to() -> None:
     assert found.points > 100
     assert min(found.shared) > 20
     said = found.sentences()
-    assert "new views between the cameras will hold" in said[-1]
-    assert not any("hardly" in sentence for sentence in said)
+    assert f"{found.trial.psnr:.0f} dB: 20 dB is poor, 30 dB good" in said[-1]
+    assert not any("hardly any" in sentence for sentence in said)
 
 
 def test_cameras_that_have_nothing_in_common_are_told_that_new_views_will_be_unusable() -> None:
@@ -74,6 +74,15 @@ def test_angles_are_seen_from_what_cameras_look_at() -> None:
     assert "10 to 90 degrees from the nearest other one" in found.sentences()[0]
     assert "(cam115 is the farthest)" in found.sentences()[0]
     assert (found.points, found.shared) == (0, [0, 0, 0, 0])
+    assert found.twins == []
+
+
+def test_cameras_with_the_same_pose_are_named() -> None:
+    cameras = [turned(degrees) for degrees in (0, 10, 25)]
+    cameras.append(replace(cameras[1], name="copy"))
+    found = cover(cameras, np.zeros((4, 32, 48, 3), np.uint8), device=None, progress=Silent())
+    assert found.twins == [["cam10", "copy"]]
+    assert "cam10 and copy have the same pose" in found.sentences()[-1]
 
 
 def turned(degrees: float) -> Camera:
@@ -84,7 +93,7 @@ def turned(degrees: float) -> Camera:
 def test_what_was_found_is_kept_whole(tmp_path: Path) -> None:
     store = Store(tmp_path)
     assert store.coverage() is None
-    found = Coverage(["a", "b", "c"], [1.0, 2.0, 1.0], [3, 4, 5], 6, Trial("b", 30.0, 11.2, 13.0, 9.5))
+    found = Coverage(["a", "b", "c"], [1.0, 2.0, 1.0], [3, 4, 5], 6, Trial("b", 30.0, 11.2, 13.0, 9.5), [["a", "b"]])
     store.save_coverage(found)
     assert store.coverage() == found
     assert found.angle == 10

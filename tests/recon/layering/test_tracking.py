@@ -8,7 +8,7 @@ from splatreel.kernels.image import render_image
 from splatreel.progress import Silent
 from splatreel.recon.layering import tracking
 from splatreel.recon.layering.relighting import RelitPoints
-from splatreel.recon.layering.tracking import GroupStart, track
+from splatreel.recon.layering.tracking import ChangeDetector, GroupStart, track
 from splatreel.scene.gaussians import Gaussians
 from splatreel.scene.static_points import StaticPoints
 from tests.recon.captures import blots
@@ -104,6 +104,26 @@ def test_more_new_points_than_there_is_room_for_are_noise(arrival: np.ndarray, m
     start = started(arrival, THING[:3], Gaussians.concatenate([WALL, THING[3:]]))
     assert len(start.dynamic) == 3
     assert start.tracks.shape == (FRAMES, 3, 3)
+
+
+def test_a_burst_that_is_rejected_leaves_room_for_what_comes_later(
+    arrival: np.ndarray, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Noise at the first look is too much to take; a ball that is there at the second one is still taken."""
+    frames = np.concatenate([arrival, arrival[-1:].repeat(3, 0)])
+    looks, find = [], ChangeDetector.appeared
+
+    def appeared(self: ChangeDetector, tracks: list, frame: int, masks: object) -> tuple[Gaussians, np.ndarray]:
+        looks.append(frame)
+        if len(looks) > 1:
+            return find(self, tracks, frame, masks)
+        noise = blots(tracking.MAX_NEW_POINTS + 1, [-1, -1, 0], [1, 1, 0.5], 0.02, 3)
+        return noise, np.zeros((len(noise), 3))
+
+    monkeypatch.setattr(ChangeDetector, "appeared", appeared)
+    start = started(frames)
+    assert looks == [4, 8]
+    assert 20 < len(start.dynamic) - len(THING) <= tracking.MAX_NEW_POINTS
 
 
 def test_a_group_without_dynamic_points_takes_new_points(arrival: np.ndarray) -> None:

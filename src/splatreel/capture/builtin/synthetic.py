@@ -19,11 +19,12 @@ from splatreel import threads
 from splatreel.capture.builtin import toyroom
 from splatreel.capture.builtin.raytracer import trace_frame, trace_still
 from splatreel.capture.builtin.toysound import heard
-from splatreel.capture.sidecar import SIDECAR
+from splatreel.capture.sidecar import SIDECAR, SIDECAR_BYTES
 from splatreel.capture.sound import RATE
 from splatreel.errors import CaptureError, UsageError
 from splatreel.scene.atomic import scratch
 from splatreel.scene.camera import Camera, facing
+from splatreel.scene.untrusted import read_json
 
 VERSION = 3
 """Raised when the same arguments make another capture than before."""
@@ -94,8 +95,8 @@ def make_capture(
 
 def _is_made_by(path: Path, recipe: dict) -> bool:
     try:
-        return json.loads((path / SIDECAR).read_text(encoding="utf-8")).get("made_by") == recipe
-    except (OSError, ValueError, AttributeError):
+        return read_json(path / SIDECAR, CaptureError, SIDECAR_BYTES).get("made_by") == recipe
+    except (CaptureError, AttributeError):
         return False
 
 

@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import re
 from pathlib import Path
-from zipfile import BadZipFile
 
 import numpy as np
 
@@ -21,8 +20,10 @@ from splatreel.capture.sidecar import failed, read_sidecar
 from splatreel.capture.sources import Video, video_source
 from splatreel.errors import CaptureError
 from splatreel.scene.camera import Camera
+from splatreel.scene.untrusted import read_array
 
 POSES = "poses_bounds.npy"
+EXPECTED = "3x5 pose, near and far in a row"
 HELD_OUT = re.compile("cam_?0+")
 """The camera numbered 0: `cam00`, in MeetRoom `cam_0`."""
 
@@ -76,19 +77,11 @@ def _read_poses(file: Path) -> np.ndarray:
             f"{file}: is missing. A Neu3DV folder needs it beside its videos; LLFF's imgs2poses makes one, and so, as a COLMAP "
             f"model, does `splatreel capture calibrate {file.parent}`."
         )
-    try:
-        poses = np.load(file, allow_pickle=False)
-        if not isinstance(poses, np.ndarray):
-            raise ValueError("an archive of several arrays")
-    except (OSError, ValueError, EOFError, SyntaxError, MemoryError, BadZipFile) as error:
-        why = "" if "pickle" in str(error) else f" ({error})"  # numpy advises to run whatever a file says
-        raise CaptureError(
-            f"{file}: is not a NumPy array file, or damaged{why}. Copy it again; LLFF's imgs2poses makes one."
-        ) from error
+    poses = read_array(file, lambda text: CaptureError(f"{text} LLFF's imgs2poses makes one: {EXPECTED}."))
     if poses.ndim != 2 or poses.shape[1] != 17 or poses.dtype.kind not in "fiu":
         raise CaptureError(
             f"{file}: has shape {poses.shape} of {poses.dtype}, expected [cameras, 17] numbers (LLFF). Make it again with LLFF's "
-            f"imgs2poses: 3x5 pose, near and far in a row."
+            f"imgs2poses: {EXPECTED}."
         )
     bad = ~np.isfinite(poses).all(1)
     if bad.any():

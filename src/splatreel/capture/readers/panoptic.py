@@ -5,7 +5,6 @@
 
 from __future__ import annotations
 
-import json
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -18,8 +17,11 @@ from splatreel.capture.poses import check_rotation
 from splatreel.capture.sidecar import Sidecar
 from splatreel.errors import CaptureError
 from splatreel.scene.camera import Camera
+from splatreel.scene.untrusted import is_number, read_json
 
 META = ("train_meta.json", "test_meta.json")
+META_BYTES, META_VALUES = 256 << 20, 10_000_000
+"""Of such a file: each camera has a pose and a lens in every frame."""
 
 
 def is_panoptic(path: Path) -> bool:
@@ -60,14 +62,21 @@ class PanopticCapture(FileCapture):
         )
 
 
+def _not_panoptic(text: str) -> CaptureError:
+    return CaptureError(f"{text} It should be a Panoptic Sports description: copy it again.")
+
+
 def _read_meta(file: Path) -> list[_View]:
     """The cameras of one meta file. Cameras are static: a pose that changes over time is an error."""
+    meta = read_json(file, _not_panoptic, META_BYTES, META_VALUES)
     try:
-        meta = json.loads(file.read_text(encoding="utf-8"))
         names = [str(int(i)) for i in meta["cam_id"][0]]
         K, w2c = np.asarray(meta["k"], np.float64), np.asarray(meta["w2c"], np.float64)
-        width, height, paths = int(meta["w"]), int(meta["h"]), meta["fn"]
-    except (OSError, ValueError, KeyError, TypeError, IndexError) as error:
+        width, height, paths = meta["w"], meta["h"], meta["fn"]
+        if not (is_number(width) and is_number(height)):
+            raise TypeError("w or h is no number")
+        width, height = int(width), int(height)
+    except (ValueError, KeyError, TypeError, IndexError, OverflowError) as error:
         raise CaptureError(f"{file}: is not a Panoptic Sports description ({error!r}).") from error
     frames = len(paths)
     for key, value, shape in (("k", K, (3, 3)), ("w2c", w2c, (4, 4))):

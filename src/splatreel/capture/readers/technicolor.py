@@ -19,7 +19,9 @@ from splatreel.capture.image_sequences import ImageSequences, image_files
 from splatreel.capture.sidecar import read_sidecar
 from splatreel.errors import CaptureError
 from splatreel.scene.camera import Camera
+from splatreel.scene.untrusted import read_file
 
+PARAMETER_BYTES = 1 << 20
 PARAMETERS = "cameras_parameters.txt"
 HELD_OUT = "10"
 """In the middle of the rig; what the field's tables are of (paper, appendix B)."""
@@ -81,13 +83,10 @@ def _pictures(path: Path) -> dict[str, list[Path]]:
 
 def _read_parameters(file: Path) -> np.ndarray:
     """[cameras, 12], checked."""
+    data = read_file(file, PARAMETER_BYTES, CaptureError)
     try:
-        rows = [
-            np.array(line.split(), np.float64)
-            for line in file.read_text(encoding="utf-8").splitlines()[1:]
-            if line.strip()
-        ]
-    except (OSError, ValueError) as error:
+        rows = [np.array(line.split(), np.float64) for line in data.decode("utf-8").splitlines()[1:] if line.strip()]
+    except ValueError as error:
         raise CaptureError(
             f"{file}: cannot be read ({error}). After a line of titles it has a line of numbers a camera."
         ) from error

@@ -2,18 +2,20 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, field
 from typing import Any
 
 import numpy as np
 import torch
 
 from splatreel.progress import Progress
+from splatreel.recon.coverage.rating import MARKS, rating
 from splatreel.recon.coverage.trial import Trial, leave_one_out, shrunk, smaller
 from splatreel.recon.init.layout import clearance_of
 from splatreel.recon.init.limits import LEAST_DEGREES
 from splatreel.recon.init.triangulate import Tracks, triangulate
 from splatreel.scene.camera import Camera, angles_apart, focus_point
+from splatreel.scene.untrusted import is_number, numbers
 
 WIDTH = 480
 """Pixels across the pictures that points in common are looked for in, at most."""
@@ -23,6 +25,8 @@ FEWEST_SHARED = 20
 """Points that a camera shares with two others, below which it is named."""
 SAME = 0.004
 """Of the scene's distance: points this close are one."""
+TWIN_DEGREES, TWIN_SHARE = 0.01, 1e-4
+"""Cameras that differ by less have the same pose: degrees of rotation, and distance as a share of the scene's."""
 NAMED = 6
 """Cameras that a sentence names."""
 
@@ -32,7 +36,7 @@ class Coverage:
     """names: of the cameras trained on. angles: degrees from each to the nearest other one, seen from the middle of the scene.
 
     shared: how many points each shows that at least two others show. points: how many there are of these. trial: what came of leaving
-    a camera out; None where that was not tried.
+    a camera out; None where that was not tried. twins: pairs of names of cameras that have the same pose.
     """
 
     names: list[str]
@@ -40,6 +44,7 @@ class Coverage:
     shared: list[int]
     points: int
     trial: Trial | None = None
+    twins: list[list[str]] = field(default_factory=list)
 
     @property
     def angle(self) -> float | None:
@@ -62,6 +67,7 @@ class Coverage:
             listed = ", ".join(f"{self.names[c]} ({self.shared[c]})" for c in few[:NAMED])
             more = f" and {len(few) - NAMED} more" if len(few) > NAMED else ""
             said.append(f"hardly any points in common with two other cameras: {listed}{more}")
+        said += [f"{one} and {other} have the same pose, to all digits that count" for one, other in self.twins]
         return said + self._expected()
 
     def _expected(self) -> list[str]:
@@ -69,26 +75,35 @@ class Coverage:
         if self.trial is None:
             return []
         trial = self.trial
-        tried = (
-            f"tried without {trial.camera}, {trial.angle:.0f} degrees from the nearest other camera: its picture comes out with "
-            f"{trial.psnr:.1f} dB"
-        )
+        tried = f"Quick trial without {trial.camera}, {trial.angle:.0f} degrees from the nearest other camera: {trial.psnr:.1f} dB"
         without = f"the nearest camera's picture has {trial.nearest:.1f} dB there, one flat color {trial.flat:.1f} dB"
-        if trial.holds:
-            return [f"{tried} in this quick trial ({without}): new views between the cameras will hold"]
-        return [
-            f"{tried}, hardly better than no reconstruction at all ({without}): new views more than {self.angle:.0f} degrees from a "
-            f"camera will not be usable. Set the cameras closer together, or add some between them."
-        ]
+        remedy = "Set the cameras closer together, or add some between them."
+        if not trial.holds:
+            return [
+                f"{tried}, hardly better than no reconstruction at all ({without}): new views more than {self.angle:.0f} degrees from "
+                f"a camera will not be usable. {remedy}"
+            ]
+        word = rating(trial.psnr)
+        found = f"{tried} ({without}). Expect new views between the cameras to be {word}, about {trial.psnr:.0f} dB: {MARKS}."
+        return [f"{found} {remedy}" if word == "poor" else found]
 
     def to_dict(self) -> dict[str, Any]:
         return asdict(self)
 
     @staticmethod
     def from_dict(value: dict[str, Any]) -> Coverage:
-        """Raises TypeError for what is none."""
+        """Raises AttributeError, KeyError, TypeError or ValueError for what is none."""
         plain = dict(value)
         trial = plain.pop("trial", None)
+        names = plain["names"]
+        if not isinstance(names, list) or not all(isinstance(name, str) for name in names):
+            raise TypeError("names are no list of texts")
+        for field_name in ("angles", "shared"):
+            numbers(plain[field_name], len(names))
+        if not all(isinstance(name, str) for pair in plain.get("twins", []) for name in pair):
+            raise TypeError("twins are no names")
+        if trial is not None and not all(is_number(trial[name]) for name in ("angle", "psnr", "flat", "nearest")):
+            raise TypeError("a number of the trial is none")
         return Coverage(**plain, trial=None if trial is None else Trial(**trial))
 
 
@@ -117,13 +132,15 @@ def cover(
     trial = None
     if device is not None:
         trial = leave_one_out(cameras, shown, focus, points, point_colors, near, device, progress)
-    seen_by = _places(tracks, float(np.median([np.linalg.norm(camera.center - focus) for camera in cameras])))
+    distance = float(np.median([np.linalg.norm(camera.center - focus) for camera in cameras]))
+    seen_by = _places(tracks, distance)
     return Coverage(
         [camera.name for camera in cameras],
         [round(float(angle), 2) for angle in angles_apart(cameras, focus).min(1)],
         [int(count) for count in seen_by.sum(0)],
         len(seen_by),
         trial,
+        _twins(cameras, distance),
     )
 
 
@@ -135,3 +152,13 @@ def _places(tracks: Tracks, distance: float) -> np.ndarray:
     seen = np.zeros((int(index.max(initial=-1)) + 1, tracks.seen.shape[1]), bool)
     np.logical_or.at(seen, index, tracks.seen)
     return seen
+
+
+def _twins(cameras: list[Camera], distance: float) -> list[list[str]]:
+    """Return pairs of names of cameras that have the same pose. distance: of the scene, world units."""
+    centers = np.stack([camera.center for camera in cameras]).astype(np.float64)
+    turns = np.stack([camera.viewmat[:3, :3] for camera in cameras]).astype(np.float64)
+    gaps = np.linalg.norm(centers[:, None] - centers[None], axis=-1)
+    apart = np.linalg.norm(turns[:, None] - turns[None], axis=(2, 3)) / np.sqrt(2)  # radians, for small angles
+    same = (gaps < TWIN_SHARE * distance) & (apart < np.radians(TWIN_DEGREES))
+    return [[cameras[i].name, cameras[j].name] for i, j in zip(*np.nonzero(np.triu(same, 1)), strict=True)]

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -14,6 +15,7 @@ from splatreel.codec.sound import EncodedSound, encode_sound, write_sound
 from splatreel.codec.writer import ReelWriter
 from splatreel.progress import Progress
 from splatreel.recon.run import checkpoint
+from splatreel.scene.untrusted import numbers
 
 
 @dataclass(frozen=True)
@@ -74,7 +76,7 @@ def load_sound(work: Path) -> RunSound | None:
 def load_live_sound(work: Path) -> RunSound | None:
     """Of a capture that was followed, in OUT/work/sound; None where there is none, or its beginning was dropped."""
     choice = work / "sound" / "choice.json"
-    known = checkpoint.load_json(choice) if choice.exists() else None
+    known = checkpoint.load_checked(choice, sound_choice) if choice.exists() else None
     files = sorted((work / "sound").glob("*.m4s"))
     if known is None or not files or not files[0].name.startswith("000000-"):
         return None
@@ -83,6 +85,16 @@ def load_live_sound(work: Path) -> RunSound | None:
     encoded = EncodedSound(known["channels"], init, tuple(file.read_bytes() for file in files), samples)
     x, y, z = known["position"]
     return RunSound(encoded, (x, y, z))
+
+
+def sound_choice(value: Any) -> dict[str, Any] | None:
+    """Return the camera, channels and position of a soundtrack; None for silence. Raises KeyError or TypeError for anything else."""
+    if value is None:
+        return None
+    if not isinstance(value["camera"], str) or type(value["channels"]) is not int:
+        raise TypeError("camera or channels are none")
+    numbers(value["position"], 3)
+    return value
 
 
 def publish_sound(work: Path, writer: ReelWriter) -> None:

@@ -11,6 +11,7 @@ from splatreel.recon.init.planesweep import seen_depths
 from splatreel.recon.init.upright import upright
 from splatreel.scene.camera import Camera
 from splatreel.scene.clearance import NONE, Clearance
+from splatreel.scene.untrusted import is_number, numbers
 
 BORDER = 8
 """The part of a picture's width and height that its border takes on each side."""
@@ -37,9 +38,13 @@ class Layout:
 
     @staticmethod
     def from_dict(value: dict[str, Any]) -> Layout:
-        """Raises TypeError for what is none."""
+        """Raises KeyError, TypeError or ValueError for what is none."""
+        numbers(value["up"], 3)
+        numbers(value["bounds"], 2, 3)
+        if not (is_number(value["near"]) and is_number(value["unit"])):
+            raise TypeError("near or unit is no number")
         plain = {name: value[name] for name in value if name not in ("clearance", "background")}
-        red, green, blue = value.get("background", (0.0, 0.0, 0.0))
+        red, green, blue = numbers(value.get("background", [0.0, 0.0, 0.0]), 3).tolist()
         clearance = Clearance.from_dict(value.get("clearance"))
         return replace(Layout(**plain), clearance=clearance, background=(red, green, blue))
 

@@ -71,8 +71,8 @@ def track(
             progress.update(frame, moving=sum(len(track.points) for track in tracks))
             masks = detector.error_masks(tracks, frame)
             new, motion = detector.appeared(tracks, frame, masks)
-            room -= len(new)
-            if len(new) and room >= 0:
+            if 0 < len(new) <= room:
+                room -= len(new)
                 tracks.append(PointTracks(new, frame, motion))
                 masks = detector.error_masks(tracks, frame)
             leaving = detector.leaving(tracks, frame, masks)

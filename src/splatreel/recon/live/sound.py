@@ -21,7 +21,7 @@ from splatreel.codec.sound import SEGMENT_SECONDS, TYPE, SoundEncoder
 from splatreel.codec.writer import ReelWriter
 from splatreel.errors import SplatreelError
 from splatreel.progress import Progress
-from splatreel.recon.encode.sound import place_of
+from splatreel.recon.encode.sound import place_of, sound_choice
 from splatreel.recon.run import checkpoint
 
 JUDGED = 10.0
@@ -99,7 +99,7 @@ class LiveSound:
         """The camera and its channels."""
         file = self.folder / "choice.json"
         if file.exists():
-            known = checkpoint.load_json(file)
+            known = checkpoint.load_checked(file, sound_choice)
             return None if known is None else (known["camera"], known["channels"])
         capture = self.follower.capture
         tracks = {name: track.file for name, track in capture.tracks().items()}

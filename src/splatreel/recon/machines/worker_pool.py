@@ -5,20 +5,21 @@ from __future__ import annotations
 import multiprocessing
 import pickle
 import signal
+import time
 from collections import deque
-from collections.abc import Callable, Iterable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from multiprocessing.connection import Connection, wait
 from multiprocessing.context import SpawnProcess
 
+from splatreel.process import interrupts_held
 from splatreel.recon.machines.reports import ChapterEnded, Noted, Reached, Report
 from splatreel.recon.machines.run_spec import RunSpec
 from splatreel.recon.machines.worker import serve
 from splatreel.recon.run.memory import free_memory
 
-PATIENCE = 5.0
-"""Seconds that a worker gets to end, before it is killed."""
+PATIENCE = 2.0
+"""Seconds that workers get to end, all together, before they are killed: a command ends within five of a signal."""
 
 
 @dataclass
@@ -53,8 +54,9 @@ class WorkerPool:
     def __exit__(self, *_: object) -> None:
         for worker in self._workers:
             worker.process.terminate()
+        end = time.monotonic() + PATIENCE
         for worker in self._workers:
-            worker.process.join(PATIENCE)
+            worker.process.join(max(end - time.monotonic(), 0))
             if worker.process.is_alive():
                 worker.process.kill()
                 worker.process.join()
@@ -99,7 +101,7 @@ class WorkerPool:
         place = self._places.popleft()
         arguments = (self._spec, self._threads, place, theirs)
         process = context.Process(target=serve, args=arguments, name="splatreel worker", daemon=True)
-        with _interrupts_held():
+        with interrupts_held():
             process.start()
         theirs.close()
         self._workers.append(Worker(process, mine, place))
@@ -141,16 +143,3 @@ class WorkerPool:
 def _death(code: int | None) -> str | None:
     """The signal that a process died of."""
     return None if code is None or code >= 0 else signal.Signals(-code).name
-
-
-@contextmanager
-def _interrupts_held() -> Iterator[None]:
-    """Ctrl-C goes to all processes of a terminal. Those that are started meanwhile never hear it; this one does afterwards."""
-    if not hasattr(signal, "pthread_sigmask"):
-        yield
-        return
-    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
-    try:
-        yield
-    finally:
-        signal.pthread_sigmask(signal.SIG_SETMASK, before)

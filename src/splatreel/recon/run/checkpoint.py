@@ -3,17 +3,20 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Callable
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 from safetensors import SafetensorError
 from safetensors.numpy import load_file, save
 
 from splatreel.codec.container import write_atomically
-from splatreel.errors import ReconstructionError
+from splatreel.errors import ReconstructionError, SplatreelError
 from splatreel.scene.gaussians import Gaussians
+from splatreel.scene.untrusted import read_json
 
+T = TypeVar("T")
 FIELDS = ("means", "quats", "scales", "opacities", "sh")
 
 
@@ -46,6 +49,18 @@ def save_json(path: Path, value: Any) -> None:
 def load_json(path: Path) -> Any:
     """Raises `ReconstructionError` for a file that cannot be read."""
     try:
-        return json.loads(path.read_text(encoding="utf-8"))
-    except (OSError, ValueError) as error:
-        raise ReconstructionError(f"{path}: cannot read this checkpoint ({error}). Delete it and run again.") from error
+        return read_json(path, ReconstructionError)
+    except ReconstructionError as error:
+        raise ReconstructionError(f"{error} This checkpoint cannot be read: delete it and run again.") from error
+
+
+def load_checked(path: Path, decode: Callable[[Any], T]) -> T:
+    """Return what a JSON file says. decode: takes its value, and may raise what values of other types than expected raise.
+
+    Raises `ReconstructionError` for a file that cannot be read, or that says something else.
+    """
+    value = load_json(path)
+    try:
+        return decode(value)
+    except (TypeError, ValueError, KeyError, AttributeError, IndexError, OverflowError, SplatreelError) as error:
+        raise ReconstructionError(f"{path}: is damaged ({error!r:.200}). Delete the folder to start over.") from error

@@ -12,7 +12,7 @@ import json
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TypeVar
+from typing import Any, TypeVar
 
 import numpy as np
 
@@ -32,6 +32,7 @@ from splatreel.recon.train.chapter_keyframe import ChapterStart
 from splatreel.recon.train.keyframe import KeyframeResult
 from splatreel.scene.gaussians import Gaussians
 from splatreel.scene.group import Group
+from splatreel.scene.untrusted import is_number
 
 LAST_OF_GROUP = "encoded-group.safetensors"
 """The file of a chapter's group that is written last."""
@@ -234,7 +235,7 @@ class Store:
     def chapter_firsts(self) -> list[int] | None:
         """The first group of each chapter; None where the video is one, without static points that are shared."""
         path = self.work / "chapters.json"
-        return checkpoint.load_json(path) if path.exists() else None
+        return checkpoint.load_checked(path, _firsts) if path.exists() else None
 
     def save_chapter_firsts(self, firsts: list[int]) -> None:
         checkpoint.save_json(self.work / "chapters.json", firsts)
@@ -262,7 +263,7 @@ class Store:
         """What the first frame told of the scene, with the points that go with it (`initial_points`)."""
         if not (self._layout.exists() and self._points.exists()):
             return None
-        return Layout.from_dict(checkpoint.load_json(self._layout))
+        return checkpoint.load_checked(self._layout, Layout.from_dict)
 
     def initial_points(self) -> tuple[np.ndarray, np.ndarray]:
         """Positions [P, 3] and colors [P, 3] 0..1. Raises `ReconstructionError` where there are none."""
@@ -280,8 +281,7 @@ class Store:
             raise ReconstructionError(
                 f"{self.work}: holds no reconstruction (no header.json). Name the work folder of a run."
             )
-        plain = checkpoint.load_json(path)
-        return ReelHeader.from_dict(plain), parse_presentation({"limits": plain.get("limits")}).limits
+        return checkpoint.load_checked(path, _header)
 
     def save_header(self, header: ReelHeader, limits: Limits | None = None) -> None:
         """So that a reel can be written again from the checkpoints alone."""
@@ -292,10 +292,7 @@ class Store:
         path = self.work / "coverage.json"
         if not path.exists():
             return None
-        try:
-            return Coverage.from_dict(checkpoint.load_json(path))
-        except (TypeError, AttributeError) as error:
-            raise ReconstructionError(f"{path}: is damaged ({error}). Delete the folder to start over.") from error
+        return checkpoint.load_checked(path, Coverage.from_dict)
 
     def save_coverage(self, coverage: Coverage) -> None:
         checkpoint.save_json(self.work / "coverage.json", coverage.to_dict())
@@ -305,7 +302,7 @@ class Store:
         pattern = "seconds*.json" if part is None else self._seconds(part).name
         total: dict[str, float] = {}
         for path in sorted(self.work.glob(pattern)):
-            for stage, seconds in checkpoint.load_json(path).items():
+            for stage, seconds in checkpoint.load_checked(path, _seconds_of).items():
                 total[stage] = total.get(stage, 0.0) + seconds
         return total
 
@@ -346,6 +343,22 @@ def once(load: Callable[[], T | None], find: Callable[[], T], save: Callable[[T]
         found = find()
         save(found)
     return found
+
+
+def _firsts(value: Any) -> list[int]:
+    if not isinstance(value, list) or not all(type(first) is int and first >= 0 for first in value):
+        raise TypeError("expected numbers of groups")
+    return value
+
+
+def _header(plain: Any) -> tuple[ReelHeader, Limits | None]:
+    return ReelHeader.from_dict(plain), parse_presentation({"limits": plain.get("limits")}).limits
+
+
+def _seconds_of(value: Any) -> dict[str, float]:
+    if not isinstance(value, dict) or not all(is_number(seconds) for seconds in value.values()):
+        raise TypeError("expected seconds by stage")
+    return value
 
 
 def _present(**arrays: np.ndarray | None) -> Arrays:

@@ -1,0 +1,211 @@
+"""The one reader of JSON and NumPy files that others wrote: limits first, contents afterwards.
+
+A file may be a pipe or a device, endless, nested a million times, or unpack to a thousand times its size. Everything that can be known
+before it is read is checked before, and whatever is wrong is an error of the caller's kind that names the file.
+"""
+
+from __future__ import annotations
+
+import io
+import json
+import math
+import os
+import re
+import stat
+import zipfile
+import zlib
+from collections.abc import Callable, Iterable
+from pathlib import Path
+from tokenize import TokenError
+from typing import IO, Any, TypeGuard
+
+import numpy as np
+
+from splatreel.errors import SplatreelError
+
+JSON_BYTES = 64 << 20
+"""What a JSON file may have, by default."""
+JSON_VALUES = 2_000_000
+"""Values of a JSON text: each takes about a hundred bytes of memory."""
+JSON_DEPTH = 64
+"""How deep lists and objects may be nested."""
+UNPACKED_BYTES, UNPACKED_RATIO = 1 << 30, 64
+"""An archive may unpack to this many bytes, or to so many times its own size, whichever is more."""
+_STRING = re.compile(rb'"(?:[^"\\]|\\.)*"?', re.S)
+_BLOCK = 1 << 20
+_ARCHIVE = b"PK\3\4"
+_HEADER = 10_000
+"""Bytes of the header of a NumPy array, at most."""
+
+Kind = Callable[[str], SplatreelError]
+"""Makes the error of a message: a class, or a function that adds a remedy."""
+
+
+def read_file(path: Path, most: int, kind: Kind) -> bytes:
+    """Return the bytes of a regular file.
+
+    Raises:
+        SplatreelError: Of the given kind, for a pipe, a device or a folder, for more than `most` bytes, or where it cannot be read.
+    """
+    try:
+        with open_regular(path, kind) as file:
+            size = os.fstat(file.fileno()).st_size
+            data = file.read(most + 1) if size <= most else b""
+    except OSError as error:
+        raise kind(f"{path}: cannot be read ({error.strerror}).") from error
+    if size > most or len(data) > most:
+        raise kind(f"{path}: has {max(size, len(data)):,} bytes, more than the {most:,} that it may have.")
+    return data
+
+
+def read_json(path: Path, kind: Kind, most: int = JSON_BYTES, values: int = JSON_VALUES) -> Any:
+    """Return the JSON value in a file. Raises as `read_file` and `parse_json` do."""
+    return parse_json(read_file(path, most, kind), kind, f"{path}:", values)
+
+
+def parse_json(text: bytes | str, kind: Kind, subject: str, values: int = JSON_VALUES) -> Any:
+    """Return the value of a JSON text. subject: begins the message of an error. values: that it may have.
+
+    Raises:
+        SplatreelError: Of the given kind, for what is no JSON, is nested too deeply, has too many values, or holds half a character,
+            which could be neither printed nor written.
+    """
+    data = text.encode("utf-8", "surrogatepass") if isinstance(text, str) else text
+    _check_size(data, kind, subject, values)
+    try:
+        value = json.loads(data.decode("utf-8"))
+        if b"\\u" in data:
+            json.dumps(value, ensure_ascii=False).encode()
+    except UnicodeEncodeError as error:
+        raise kind(f"{subject} holds half a character (\\u{ord(error.object[error.start]):04x}).".strip()) from error
+    except (ValueError, RecursionError) as error:
+        raise kind(f"{subject} is not JSON ({error}).".strip()) from error
+    return value
+
+
+def _check_size(data: bytes, kind: Kind, subject: str, most: int) -> None:
+    """Count values and depth without building anything."""
+    depth, values, deepest = 0, 0, 0
+    bare = _STRING.sub(b"", data)
+    for start in range(0, len(bare), _BLOCK):
+        block = np.frombuffer(bare[start : start + _BLOCK], np.uint8)
+        opened = (block == ord("[")) | (block == ord("{"))
+        steps = opened.astype(np.int32) - ((block == ord("]")) | (block == ord("}")))
+        depths = depth + np.cumsum(steps)
+        depth, deepest = int(depths[-1]), max(deepest, int(depths.max()))
+        values += int(opened.sum()) + int((block == ord(",")).sum())
+        if deepest > JSON_DEPTH:
+            raise kind(f"{subject} is nested more than {JSON_DEPTH} deep.".strip())
+        if values > most:
+            raise kind(f"{subject} holds more than {most:,} values.".strip())
+
+
+def read_array(path: Path, kind: Kind) -> np.ndarray:
+    """Return the array of numbers in a .npy file. Raises as `read_arrays` does."""
+    try:
+        with open_regular(path, kind) as file:
+            return _array(file, os.fstat(file.fileno()).st_size, f"{path}:", kind)
+    except OSError as error:
+        raise kind(f"{path}: cannot be read ({error.strerror}).") from error
+
+
+def read_arrays(path: Path, names: Iterable[str], kind: Kind) -> dict[str, np.ndarray]:
+    """Return arrays of numbers from a .npz file.
+
+    Raises:
+        SplatreelError: Of the given kind, for what is no such archive, is encrypted or damaged, lacks one of the names, unpacks to more
+            than `UNPACKED_BYTES`, or holds something other than plain numbers under one of the names.
+    """
+    try:
+        with open_regular(path, kind) as file, zipfile.ZipFile(file) as archive:
+            size = os.fstat(file.fileno()).st_size
+            members = {info.filename: info for info in archive.infolist()}
+            wanted = {name: members.get(f"{name}.npy") for name in names}
+            missing = next((name for name, info in wanted.items() if info is None), None)
+            if missing is not None:
+                raise kind(f"{path}: has no {missing}.")
+            found = {name: info for name, info in wanted.items() if info is not None}
+            unpacked, most = sum(info.file_size for info in found.values()), max(UNPACKED_BYTES, UNPACKED_RATIO * size)
+            if unpacked > most:
+                raise kind(f"{path}: would unpack {size:,} bytes to {unpacked:,}, more than the {most:,} that it may.")
+            arrays = {}
+            for name, info in found.items():
+                if info.flag_bits & 1:
+                    raise kind(f"{path}: {name} is encrypted. Save it without a password.")
+                with archive.open(info) as member:
+                    arrays[name] = _array(member, info.file_size, f"{path}: {name}", kind)
+            return arrays
+    except OSError as error:
+        raise kind(f"{path}: cannot be read ({error.strerror or error}).") from error
+    except (ValueError, EOFError, KeyError, IndexError, NotImplementedError, RuntimeError) as error:
+        raise kind(f"{path}: is not an archive of arrays, or damaged ({error}).") from error
+    except (zipfile.BadZipFile, zlib.error) as error:
+        raise kind(f"{path}: is not an archive of arrays, or damaged ({error}).") from error
+
+
+def _array(file: IO[bytes], size: int, subject: str, kind: Kind) -> np.ndarray:
+    """Return the array that begins where a file is. size: bytes that are there."""
+    try:
+        magic = file.read(np.lib.format.MAGIC_LEN)
+        if magic[:4] == _ARCHIVE:
+            raise kind(f"{subject} is an archive of several arrays, expected a single one.")
+        version = np.lib.format.read_magic(io.BytesIO(magic))
+        if version == (1, 0):
+            shape, in_columns, dtype = np.lib.format.read_array_header_1_0(file, _HEADER)
+        elif version == (2, 0):
+            shape, in_columns, dtype = np.lib.format.read_array_header_2_0(file, _HEADER)
+        else:
+            raise ValueError(f"format {version}")
+    except (ValueError, SyntaxError, TokenError, TypeError, RecursionError, MemoryError, OverflowError) as error:
+        raise kind(f"{subject} is not a NumPy array of plain numbers, or damaged. Copy it again.") from error
+    if dtype.kind not in "fiu" or dtype.subdtype is not None or dtype.itemsize > 8:
+        raise kind(f"{subject} is of {dtype}, expected an array of plain numbers. Convert it.")
+    needed = math.prod(shape) * dtype.itemsize
+    if min(shape, default=1) < 0 or needed > size:
+        raise kind(f"{subject} ends early: {shape} of {dtype} need {needed:,} bytes. Copy it again.")
+    if not needed:
+        return np.zeros(shape, dtype)
+    data = file.read(needed)
+    if len(data) < needed:
+        raise kind(f"{subject} ends after {len(data):,} of {needed:,} bytes. Copy it again.")
+    return np.frombuffer(data, dtype).reshape(shape, order="F" if in_columns else "C")
+
+
+def is_number(value: object) -> TypeGuard[float]:
+    """Return whether a value of a JSON text is a finite number: neither true nor a string, nor an integer beyond all floats."""
+    return isinstance(value, int | float) and not isinstance(value, bool) and -1e300 < value < 1e300
+
+
+def numbers(value: object, *shape: int) -> np.ndarray:
+    """Return nested lists of finite numbers as float64. Raises ValueError for anything else, and for another shape."""
+
+    def check(part: object, left: tuple[int, ...]) -> None:
+        if not left:
+            if not is_number(part):
+                raise ValueError(f"{part!r:.40} is no finite number")
+        elif not isinstance(part, list) or len(part) != left[0]:
+            raise ValueError(f"{part!r:.40} is no list of {left[0]}")
+        else:
+            for one in part:
+                check(one, left[1:])
+
+    check(value, shape)
+    return np.array(value, np.float64).reshape(shape)
+
+
+def open_regular(path: Path, kind: Kind) -> IO[bytes]:
+    """Open a regular file, without waiting for a pipe.
+
+    Raises:
+        SplatreelError: Of the given kind, for a pipe, a device or a folder.
+        OSError: The file cannot be opened.
+    """
+    file = open(path, "rb", opener=_without_waiting)  # noqa: SIM115 - returned
+    if not stat.S_ISREG(os.fstat(file.fileno()).st_mode):
+        file.close()
+        raise kind(f"{path}: is neither a file nor a folder, but a pipe or a device. Name a file.")
+    return file
+
+
+def _without_waiting(path: str, flags: int) -> int:
+    return os.open(path, flags | getattr(os, "O_NONBLOCK", 0))

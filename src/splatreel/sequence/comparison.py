@@ -1,0 +1,134 @@
+"""Compares a reel with the film that it was made from, and finds out why the two differ."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+
+from splatreel.errors import GaussiansError
+from splatreel.evaluation.metrics import psnr
+from splatreel.play.renderers import draw_on_cpu
+from splatreel.play.timeline import Timeline, open_reel
+from splatreel.progress import Progress
+from splatreel.scene.camera import Camera
+from splatreel.scene.gaussians import Gaussians
+from splatreel.sequence.frames import Frames
+
+COMPARED, SIDE = 12, 768
+"""Pictures that are compared, and their longer side, at most."""
+GLANCES, GLANCE_SIDE = 12, 192
+"""Cameras that are tried to find one that sees something, and the longer side of such a picture."""
+CLOSE = 40.0
+"""dB from which on the reel can hardly be told from the film."""
+ROUNDED = 3.0
+"""Rounding alone is the cause where it leaves at most so many dB more than the whole reel has."""
+MAGENTA, GRAY_LEVEL = (1.0, 0.0, 1.0), 1 / 255
+"""A background that no film has, and how far pictures of nothing may be from it."""
+
+
+@dataclass(frozen=True)
+class Comparison:
+    """psnr: dB, mean over pictures, of the reel as it is decoded, against the film in the file's own precision.
+
+    pictures: how many were compared. blind: names of cameras that saw nothing of the film. cause: why the PSNR is below `CLOSE`, with
+    what to do about it; None where it is not, or where the cause is not known.
+    """
+
+    psnr: float
+    pictures: int
+    blind: Sequence[str] = ()
+    cause: str | None = None
+
+
+def check_seen(frames: Frames, cameras: list[Camera], near: float, antialias: bool, whose: str) -> None:
+    """Raise `GaussiansError` if no camera sees anything of the film. near: world units. whose: where the cameras come from."""
+    some = cameras[:: -(-len(cameras) // GLANCES)]
+    for frame in dict.fromkeys((0, len(frames) // 2, len(frames) - 1)):
+        for camera in some:
+            points, glance = _centered(frames, frame, camera.at_most(GLANCE_SIDE))
+            if not _is_blank(points, glance, near, antialias):
+                return
+    raise GaussiansError(
+        f"{frames.path}: {whose} see nothing of the film: all their pictures are empty. Name the cameras that it was made from "
+        f"(--cameras), in the same coordinates; or leave them out, then it is seen from a ring around everything."
+    )
+
+
+def compare(frames: Frames, reel: Path, progress: Progress) -> Comparison:
+    """Compare pictures of some frames, of the film and of the reel, from one camera after the other.
+
+    Raises `GaussiansError` if all these pictures are empty.
+    """
+    timeline = open_reel(reel)
+    cameras = [camera.at_most(SIDE) for camera in timeline.manifest.cameras]
+    chosen = np.unique(np.linspace(0, len(frames) - 1, COMPARED).round().astype(int))
+    progress.stage("comparing pictures", len(chosen))
+    pairs, blind = [], {}
+    for number, frame in enumerate(chosen.tolist()):
+        first = number * len(cameras) // len(chosen)
+        for camera in [*cameras[first:], *cameras[:first]][:GLANCES]:
+            pair = _pair(frames, timeline, frame, camera)
+            if pair is not None:
+                pairs.append((frame, camera, *pair))
+                break
+            blind[camera.name] = None
+        progress.update(number + 1)
+    if not pairs:
+        raise GaussiansError(
+            f"{frames.path}: its cameras see nothing of the frames that were compared. Check --cameras."
+        )
+    values = [psnr(shown, truth) for _, _, truth, shown in pairs]
+    mean = float(np.mean(values))
+    cause = None
+    if mean < CLOSE:
+        worst = int(np.argmin(values))
+        frame, camera, truth, _ = pairs[worst]
+        cause = _cause(frames, timeline, frame, camera, truth, values[worst])
+    return Comparison(mean, len(pairs), tuple(blind), cause)
+
+
+def _pair(frames: Frames, timeline: Timeline, frame: int, camera: Camera) -> tuple[np.ndarray, np.ndarray] | None:
+    """Return what a camera sees of the film and of the reel at a frame, [H, W, 3] 0..1 each; None if the film shows nothing."""
+    points, centered = _centered(frames, frame, camera)
+    reel = timeline.manifest
+    if _is_blank(points, centered, reel.near, reel.antialias):
+        return None
+    truth = timeline.render(points, centered)
+    shown = timeline.render(timeline.at(frame / timeline.fps), camera)
+    return np.clip(truth, 0, 1), np.clip(shown, 0, 1)
+
+
+def _centered(frames: Frames, frame: int, camera: Camera) -> tuple[Gaussians, Camera]:
+    """Return a frame and a camera, both moved so that the camera stands at the origin.
+
+    Positions are moved before they are rounded to float32, so that nothing is lost far from the origin of the file.
+    """
+    viewmat = camera.viewmat.astype(np.float64)
+    center = -np.linalg.solve(viewmat[:3, :3], viewmat[:3, 3])
+    turned = viewmat.copy()
+    turned[:3, 3] = 0
+    return frames.read(frame, center), replace(camera, viewmat=turned)
+
+
+def _is_blank(points: Gaussians, camera: Camera, near: float, antialias: bool) -> bool:
+    drawn = draw_on_cpu(points, camera, near, antialias, MAGENTA)
+    return bool(np.abs(drawn - np.array(MAGENTA, np.float32)).max() < GRAY_LEVEL)
+
+
+def _cause(
+    frames: Frames, timeline: Timeline, frame: int, camera: Camera, truth: np.ndarray, found: float
+) -> str | None:
+    """Find out whether rounding positions to float32 explains a PSNR. truth: [H, W, 3], what camera sees of the film."""
+    rounded = frames.read(frame)
+    if psnr(np.clip(timeline.render(rounded, camera), 0, 1), truth) > found + ROUNDED:
+        return None
+    middle = np.median(rounded.means.astype(np.float64), axis=0)
+    step = float(np.spacing(np.float32(np.abs(middle).max())))
+    size = float(np.median(rounded.scales))
+    return (
+        f"positions lie around {', '.join(f'{value:.6g}' for value in middle)}, where 32-bit numbers are {step:.2g} apart and points "
+        f"are {size:.2g} large. Subtract that place from all positions and cameras, in 64 bits, and import again."
+    )

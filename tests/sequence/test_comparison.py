@@ -1,0 +1,115 @@
+"""A reel is compared with its film as it lies on the disk, by cameras that see something of it."""
+
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from splatreel.cli.main import main
+from splatreel.scene.camera import Camera
+from splatreel.scene.gaussians import Gaussians
+from splatreel.scene.ply import read_ply
+from splatreel.sequence import comparison
+from tests.sequence.films import cameras, frame, write_film
+from tests.sequence.test_viewpoints import entry
+
+FAR = np.array([448_000.0, 5_411_000.0, 300.0])
+"""A place on a map, in meters."""
+
+
+def write_double(path: Path, points: Gaussians, offset: np.ndarray) -> None:
+    """Write a PLY whose positions are of 64 bits, moved by an offset."""
+    names = ["f_dc_0", "f_dc_1", "f_dc_2", "opacity"]
+    names += [f"{part}_{i}" for part, count in (("scale", 3), ("rot", 4)) for i in range(count)]
+    table = np.zeros(len(points), [(name, "<f8") for name in "xyz"] + [(name, "<f4") for name in names])
+    for axis, name in enumerate("xyz"):
+        table[name] = points.means[:, axis].astype(np.float64) + offset[axis]
+    for i in range(3):
+        table[f"f_dc_{i}"], table[f"scale_{i}"] = points.sh[:, 0, i], np.log(points.scales[:, i])
+    for i in range(4):
+        table[f"rot_{i}"] = points.quats[:, i]
+    table["opacity"] = np.log(points.opacities / (1 - points.opacities))
+    lines = ["ply", "format binary_little_endian 1.0", f"element vertex {len(points)}"]
+    lines += [f"property {'double' if name in 'xyz' else 'float'} {name}" for name in table.dtype.names or ()]
+    path.write_bytes("\n".join([*lines, "end_header", ""]).encode() + table.tobytes())
+
+
+def entries(views: list[Camera], offset: np.ndarray) -> str:
+    documents = [entry(camera, index) for index, camera in enumerate(views)]
+    for document in documents:
+        document["position"] = (np.array(document["position"]) + offset).tolist()
+    return json.dumps(documents)
+
+
+def imported(tmp_path: Path, offset: np.ndarray, capsys: pytest.CaptureFixture[str]) -> str:
+    film = tmp_path / "film"
+    film.mkdir()
+    for number in range(2):
+        write_double(film / f"frame{number}.ply", frame(number), offset)
+    (tmp_path / "cameras.json").write_text(entries(cameras(), offset))
+    given = ["--out", str(tmp_path / "reel"), "--cameras", str(tmp_path / "cameras.json")]
+    assert main(["import", str(film), *given]) == 0
+    return capsys.readouterr().out
+
+
+def test_what_rounding_ruins_is_measured_and_named(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    said = imported(tmp_path, FAR, capsys)
+    decibels = float(said.split("pictures have ")[1].split(" dB")[0])
+    assert decibels < 30
+    assert "Warning: below 40 dB" in said
+    assert "32-bit numbers are 0.5 apart" in said
+    assert "Subtract that place from all positions and cameras" in said
+
+
+def test_a_film_near_the_origin_is_close_and_warns_of_nothing(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    said = imported(tmp_path, np.zeros(3), capsys)
+    assert float(said.split("pictures have ")[1].split(" dB")[0]) > 40
+    assert "Warning" not in said
+
+
+def test_a_lower_rate_is_named_as_the_cause(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(comparison, "CLOSE", 60.0)
+    film = write_film(tmp_path / "film", [frame(0)])
+    assert main(["import", str(film), "--out", str(tmp_path / "reel"), "--rate", "low"]) == 0
+    said = capsys.readouterr().out
+    assert float(said.split("pictures have ")[1].split(" dB")[0]) < 60
+    assert "the rate is low, and --rate high loses less" in said
+
+
+def away(camera: Camera) -> Camera:
+    """Return the camera turned by half a turn: it looks away from what it saw."""
+    return replace(camera, viewmat=np.diag([-1.0, 1, -1, 1]) @ camera.viewmat)
+
+
+def test_cameras_that_see_nothing_are_refused_before_anything_is_written(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    film, file = write_film(tmp_path / "film", [frame(0)]), tmp_path / "cameras.json"
+    file.write_text(entries([away(camera) for camera in cameras()], np.zeros(3)))
+    assert main(["import", str(film), "--out", str(tmp_path / "reel"), "--cameras", str(file)]) == 1
+    assert f"the cameras of {file} see nothing of the film" in capsys.readouterr().err
+    assert not (tmp_path / "reel").exists()
+
+
+def test_a_camera_that_sees_nothing_is_named_and_not_counted(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    film, file = write_film(tmp_path / "film", [frame(0)]), tmp_path / "cameras.json"
+    views = cameras()
+    file.write_text(entries([away(views[0]), *views[1:]], np.zeros(3)))
+    assert main(["import", str(film), "--out", str(tmp_path / "reel"), "--cameras", str(file)]) == 0
+    said = capsys.readouterr().out
+    assert "Cameras that see nothing of the film: cam0." in said
+    assert float(said.split("pictures have ")[1].split(" dB")[0]) < 90
+
+
+def test_positions_are_moved_before_they_are_rounded(tmp_path: Path) -> None:
+    write_double(tmp_path / "a.ply", frame(0), FAR)
+    np.testing.assert_allclose(read_ply(tmp_path / "a.ply", FAR).means, frame(0).means, atol=1e-6)
+    assert np.abs(read_ply(tmp_path / "a.ply").means - FAR - frame(0).means).max() > 0.1
