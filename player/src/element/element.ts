@@ -4,7 +4,7 @@ import { linkTo, startOf } from "../camera/link";
 import type { Pose } from "../camera/pose";
 import { reachable } from "../camera/reachable";
 import type { Picture } from "../draw/stage";
-import { loadModule } from "../files/bundle";
+import { loadPart } from "../files/bundle";
 import type { LocalFiles } from "../files/local-files";
 import { checkedViewmat } from "../player/checked-arguments";
 import { PathPlayer } from "../player/path-player";
@@ -174,7 +174,7 @@ export class SplatReelElement extends MediaElement {
   /** Play a reel out of files that people chose: a zip, or all of a folder. Rejects with a `ReelError` where there is none among them. */
   async openFiles(files: Iterable<File>): Promise<void> {
     const list = [...files];
-    this.srcObject = await (await loadModule<typeof import("../files/open-files")>("open-files.js")).openFiles(list);
+    this.srcObject = await (await loadPart("open-files.js", () => import("../files/open-files"))).openFiles(list);
   }
 
   /** The camera path, as its file holds it (docs/format.md); null: none. Throws `ReelError` for what is no path. */

@@ -27,7 +27,16 @@ function play(): void {
 /** And its first worker, unless the player has started one. */
 function begin(): void {
   play();
-  if (!customElements.get("splat-reel")) prefetched.worker ??= new Worker(new URL("./decode-worker.js", import.meta.url));
+  if (!customElements.get("splat-reel")) prefetched.worker ??= firstWorker();
+}
+
+/** None in a sandboxed frame, where the player has to start it in another way. */
+function firstWorker(): Worker | null {
+  try {
+    return new Worker(new URL("./decode-worker.js", import.meta.url), { type: "module" });
+  } catch {
+    return null;
+  }
 }
 
 const asked = performance.now();
