@@ -1,5 +1,5 @@
 // Bundles the player into one folder of static files: node build.mjs [output folder].
-import { build } from "esbuild";
+import { build, transform } from "esbuild";
 import { copyFile, mkdir, readFile, rm, writeFile } from "node:fs/promises";
 import { dirname, join, resolve } from "node:path";
 import { fileURLToPath } from "node:url";
@@ -27,6 +27,15 @@ const late = {
   }),
 };
 
+// Styles are text of the player's, without comments and spaces.
+const styles = {
+  name: "styles",
+  setup: (build) => build.onLoad({ filter: /\.css$/ }, async ({ path }) => {
+    const { code } = await transform(await readFile(path, "utf8"), { loader: "css", minify: true });
+    return { contents: code.trim(), loader: "text" };
+  }),
+};
+
 const common = {
   absWorkingDir: here,
   bundle: true,
@@ -34,8 +43,8 @@ const common = {
   target: "es2022",
   charset: "utf8",
   legalComments: "none",
-  plugins: [assembly, late],
-  loader: { ".css": "text", ".svg": "text" },
+  plugins: [assembly, late, styles],
+  loader: { ".svg": "text" },
   logLevel: "warning",
 };
 

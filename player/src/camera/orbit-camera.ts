@@ -62,7 +62,10 @@ export class OrbitCamera {
   private glide: { from: Sight; to: Sight; at: number } | null = null;
   private followed: { path: CameraPath; at: number; cut: boolean } | null = null;
   private flythrough: CameraPath | null = null;
+  /** A hand is where the camera is now. */
   private moved = false;
+  /** A hand has been on it. */
+  touched = false;
 
   /** screen: what it begins on, CSS pixels. calm: no inertia, no gliding, for people who asked for less motion. */
   constructor(manifest: Manifest, screen?: { clientWidth: number; clientHeight: number }, private readonly calm = false) {
@@ -149,6 +152,7 @@ export class OrbitCamera {
     const [right, down, forward] = this.axes;
     const way = add(add(scale(right, x), scale(down, y)), scale(forward, z));
     const { eye, horizon, gaze } = this;
+    this.touched = true;
     this.glideTo({ eye, turn: horizon.turnOf(horizon.level(horizon.toward(gaze, way))), distance: length(way) });
   }
 
@@ -257,7 +261,7 @@ export class OrbitCamera {
 
   /** A hand is on it: nothing else moves it any more. */
   private touch(): void {
-    [this.glide, this.followed, this.moved] = [null, null, true];
+    [this.glide, this.followed, this.moved, this.touched] = [null, null, true, true];
   }
 
   private place({ eye, turn, distance }: CameraState): void {

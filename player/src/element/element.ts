@@ -14,6 +14,7 @@ import type { Camera } from "../reel/manifest";
 import { Controls } from "../ui/controls";
 import { CooperativeGestures } from "../ui/cooperative-gestures";
 import { FileDrop } from "../ui/file-drop";
+import { FirstPrompt } from "../ui/first-prompt";
 import { OffCameraFade } from "../ui/off-camera-fade";
 import { attachPointerControls } from "../ui/pointer-controls";
 import styles from "../ui/ui.css";
@@ -71,6 +72,7 @@ export class SplatReelElement extends MediaElement {
     this.picture.image.after(gestures.hint);
     signal.addEventListener("abort", () => gestures.hint.remove());
     attachPointerControls(canvas, player, gestures, signal);
+    new FirstPrompt(player, gestures, signal);
     const resize = new ResizeObserver(() => player.invalidate());
     resize.observe(canvas);
     signal.addEventListener("abort", () => resize.disconnect());

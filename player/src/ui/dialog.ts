@@ -4,7 +4,7 @@ import { elementOf } from "./markup";
 
 const MARKUP = `<div class="sheet dialog" role="dialog" hidden>
   <button type="button" class="close" aria-label="Close">${CLOSE}</button>
-  <h2></h2>
+  <h2 dir="auto"></h2>
   <div class="content"></div>
 </div>`;
 

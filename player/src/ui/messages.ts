@@ -4,6 +4,7 @@ import type { Player } from "../player/player";
 import type { Soundtrack } from "../sound/soundtrack";
 import { MUTED, PLAY } from "./icons";
 import { elementOf } from "./markup";
+import { passGestures } from "./pass-gestures";
 
 /** A wait longer than this, milliseconds, is explained. */
 const EXPLAIN_AFTER = 1500;
@@ -30,6 +31,7 @@ export class Messages {
   private told: Error | null = null;
 
   constructor(private readonly player: Player) {
+    for (const name of [".start", ".unmute"]) passGestures(this.find(name), player.canvas);
     this.find(".start").onclick = () => player.play();
     this.find(".retry").onclick = () => player.retry();
     this.find(".unmute").onclick = () => player.soundtrack.toggle();
