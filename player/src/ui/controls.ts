@@ -19,7 +19,7 @@ import { saveScreenshot } from "./screenshot";
 
 /** Of the player: after these, what shows may be another. */
 const EVENTS = ["emptied", "loadstart", "loadedmetadata", "durationchange", "canplay", "play", "pause", "timeupdate", "progress", "waiting", "playing"];
-EVENTS.push("seeking", "seeked", "ratechange", "volumechange", "ended", "error");
+EVENTS.push("seeking", "seeked", "ratechange", "volumechange", "ended", "deferred", "error");
 
 const HELP = "Keys and gestures";
 

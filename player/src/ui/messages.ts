@@ -39,11 +39,12 @@ export class Messages {
 
   /** Show how things are. */
   update(): void {
-    const { canPlay, paused, currentTime, earliest, error, waiting, busy, soundtrack } = this.player;
+    const { canPlay, paused, currentTime, earliest, error, waiting, busy, deferred, hasSource, soundtrack } = this.player;
     this.updatePanel(error);
     this.updateWait(busy && (!canPlay || waiting));
     this.updateSound(soundtrack, paused);
-    this.find(".start").hidden = !(canPlay && paused && currentTime === earliest && !error && !waiting);
+    const begins = canPlay ? currentTime === earliest && !waiting : deferred && hasSource && !busy;
+    this.find(".start").hidden = !(begins && paused && !error);
   }
 
   private updateSound({ blocked, error }: Soundtrack, paused: boolean): void {
