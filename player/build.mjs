@@ -1,5 +1,5 @@
 // Bundles the player into one folder of static files: node build.mjs [output folder].
-import { build } from "esbuild";
+import { build, transform } from "esbuild";
 import { copyFile, mkdir, readFile, rm, writeFile } from "node:fs/promises";
 import { dirname, join, resolve } from "node:path";
 import { fileURLToPath } from "node:url";
@@ -9,12 +9,31 @@ const here = dirname(fileURLToPath(import.meta.url));
 const out = resolve(process.argv[2] ?? join(here, "../src/splatreel/play/static"));
 const packages = join(here, "node_modules");
 
-// The decoders stay separate files: a reel that does not need one never downloads it.
+// The decoders stay separate files: a reel that does not need one never downloads it. Scripts become modules by their last line.
 const decoders = {
-  "draco-decode.js": "draco3d/draco_decoder_nodejs.js",
-  "draco_decoder.wasm": "draco3d/draco_decoder.wasm",
-  "hevc-decode.js": "@hevcjs/core/wasm/hevc-decode.js",
-  "hevc-decode.wasm": "@hevcjs/core/wasm/hevc-decode.wasm",
+  "draco-decode.js": ["draco3d/draco_decoder_nodejs.js", "DracoDecoderModule"],
+  "draco_decoder.wasm": ["draco3d/draco_decoder.wasm"],
+  "hevc-decode.js": ["@hevcjs/core/wasm/hevc-decode.js", "HEVCDecoderModule"],
+  "hevc-decode.wasm": ["@hevcjs/core/wasm/hevc-decode.wasm"],
+};
+
+// What is loaded when it is asked for, by a literal that bundlers of others find: `import("./share.js")`.
+const parts = { "open-files": "src/files/open-files.ts", "path-panel": "src/ui/path-panel.ts", share: "src/ui/share.ts" };
+const late = {
+  name: "late",
+  setup: (build) => build.onResolve({ filter: /^\.{1,2}\// }, ({ kind, path }) => {
+    const name = path.split("/").at(-1);
+    return kind === "dynamic-import" && name in parts ? { path: `./${name}.js`, external: true } : undefined;
+  }),
+};
+
+// Styles are text of the player's, without comments and spaces.
+const styles = {
+  name: "styles",
+  setup: (build) => build.onLoad({ filter: /\.css$/ }, async ({ path }) => {
+    const { code } = await transform(await readFile(path, "utf8"), { loader: "css", minify: true });
+    return { contents: code.trim(), loader: "text" };
+  }),
 };
 
 const common = {
@@ -24,16 +43,16 @@ const common = {
   target: "es2022",
   charset: "utf8",
   legalComments: "none",
-  plugins: [assembly],
-  loader: { ".css": "text", ".svg": "text" },
+  plugins: [assembly, late, styles],
+  loader: { ".svg": "text" },
   logLevel: "warning",
 };
 
 await rm(out, { recursive: true, force: true });
 await mkdir(out, { recursive: true });
 await build({ ...common, entryPoints: { player: "src/main.ts" }, format: "esm", outdir: out });
-// Loaded when they are asked for; each is whole, so that it can lie anywhere, also in a page.
-await build({ ...common, entryPoints: { "open-files": "src/files/open-files.ts", "path-panel": "src/ui/path-panel.ts", share: "src/ui/share.ts" }, format: "esm", outdir: out });
+// Each is whole, so that it can lie anywhere, also in a page.
+await build({ ...common, entryPoints: parts, format: "esm", outdir: out });
 await build({
   ...common,
   entryPoints: {
@@ -41,11 +60,15 @@ await build({
     "hevc-worker": "src/decode/hevc-worker.ts",
     "sort-worker": "src/draw/sort-worker.ts",
   },
-  format: "iife",
+  format: "esm",
   outdir: out,
 });
+for (const name of ["player", "decode-worker", "hevc-worker"]) await leaveAddresses(join(out, `${name}.js`));
 await writeFile(join(out, "index.html"), await page());
-for (const [name, source] of Object.entries(decoders)) await copyFile(join(packages, source), join(out, name));
+for (const [name, [source, exported]] of Object.entries(decoders)) {
+  if (exported) await writeFile(join(out, name), `${await readFile(join(packages, source), "utf8")}\nexport default ${exported};\n`);
+  else await copyFile(join(packages, source), join(out, name));
+}
 await writeFile(join(out, "THIRD_PARTY.txt"), await notices());
 
 /** The bundled page. What it does before the player is there stands in it: a file of its own would cost a round trip. */
@@ -54,6 +77,12 @@ async function page() {
   const early = (await build(options)).outputFiles[0].text.trim();
   const html = await readFile(join(here, "src/element/index.html"), "utf8");
   return html.replace("<script data-early></script>", () => `<script type="module" data-early>${early}</script>`);
+}
+
+/** Have bundlers of others leave imports of an address that is only known later as they are. Minifying drops such comments. */
+async function leaveAddresses(path) {
+  const text = await readFile(path, "utf8");
+  await writeFile(path, text.replace(/\bimport\((?!["'`]|\$\{)/g, "import(/* webpackIgnore: true *//* @vite-ignore */"));
 }
 
 async function notices() {

@@ -8,7 +8,8 @@ const VIEWMAT = [0, 0, 1, 5, 0, 1, 0, 6, -1, 0, 0, 7, 0, 0, 0, 1];
 
 test("numbers that are none are refused by their name", () => {
   assert.equal(finite(-0.5, "x"), -0.5);
-  for (const wrong of [NaN, Infinity, "1", null, undefined]) assert.throws(() => finite(wrong as number, "currentTime"), { name: "TypeError", message: /currentTime must be a finite number/ });
+  assert.equal(finite("0.5", "x"), 0.5);
+  for (const wrong of [NaN, Infinity, "one", "NaN", null, undefined]) assert.throws(() => finite(wrong as number, "currentTime"), { name: "TypeError", message: /currentTime must be a finite number/ });
 });
 
 test("a pose turns and shifts, and has a lens", () => {

@@ -1,6 +1,5 @@
 import assert from "node:assert/strict";
 import { readFileSync } from "node:fs";
-import { createRequire } from "node:module";
 import { join } from "node:path";
 import { beforeEach, test } from "node:test";
 import { pathToFileURL } from "node:url";
@@ -20,14 +19,13 @@ const host = new FakeHost();
 let said: DecodeReply[] = [];
 let handedOver: Transferable[] = [];
 const scope = Object.assign(globalThis as unknown as { onmessage(event: { data: DecodeRequest }): Promise<void>; location: URL }, {
-  location: pathToFileURL(join(packages, "draco3d/")),
-  importScripts: () => undefined,
-  DracoDecoderModule: createRequire(join(packages, "x.js"))("draco3d/draco_decoder_nodejs.js"),
   postMessage: (reply: DecodeReply, transfer: Transferable[] = []) => {
     said.push(reply);
     handedOver.push(...transfer);
   },
 });
+const files = Object.fromEntries(Object.entries({ "draco-decode.js": "draco_decoder_nodejs.js", "draco_decoder.wasm": "draco_decoder.wasm", "hevc-worker.js": "hevc-worker.js" }).map(([name, source]) => [name, pathToFileURL(join(packages, "draco3d", source)).href]));
+void scope.onmessage({ data: { files } });
 const ask = (id: number, bytes: number, page = false): Promise<void> => scope.onmessage({ data: { id, source: { url: "https://page.example/groups/0.bin", bytes, sha256: null }, page } });
 /** Of one request: the bytes that were told of, then what else was said. */
 const replies = (id: number): [number, object[]] => {

@@ -2,7 +2,7 @@ import assert from "node:assert/strict";
 import { readFileSync } from "node:fs";
 import { join } from "node:path";
 import { test } from "node:test";
-import { moduleAddress } from "../src/files/bundle";
+import { loadPart } from "../src/files/bundle";
 import { download } from "../src/files/download";
 import { embeddedPlayerFile, embeddedReel } from "../src/files/embedded";
 import { addressOf, readManifest, sourceOf } from "../src/reel/manifest";
@@ -33,12 +33,17 @@ test("a reel that is part of the page is read from it, and checked as any other"
 });
 
 test("files of the player in the page take the place of those beside it", async () => {
-  contain({ 'data-player-file="share.js"': Buffer.from("export {}"), 'data-player-file="a.wasm"': Uint8Array.of(0, 1) });
+  contain({ 'data-player-file="share.js"': Buffer.from("export const here = 1;"), 'data-player-file="a.wasm"': Uint8Array.of(0, 1) });
   assert.equal(embeddedPlayerFile("share.js")!.type, "text/javascript");
   assert.deepEqual([embeddedPlayerFile("a.wasm")!.type, embeddedPlayerFile("a.wasm")!.size], ["application/wasm", 2]);
   assert.equal(embeddedPlayerFile("other.js"), null);
-  assert.match(moduleAddress("share.js"), /^blob:/);
-  assert.match(moduleAddress("other.js"), /\/other\.js$/);
+  const made: Blob[] = [];
+  const { createObjectURL } = URL;
+  URL.createObjectURL = (blob) => (made.push(blob as Blob), "data:text/javascript,export const here = 1;");
+  assert.equal((await loadPart("share.js", () => Promise.reject(new Error("it is in the page")))).here, 1);
+  URL.createObjectURL = createObjectURL;
+  assert.equal(await made[0].text(), "export const here = 1;");
+  assert.equal(await loadPart("other.js", () => Promise.resolve("beside")), "beside");
 });
 
 test("a picture of a reel on this machine has one address, until it is closed", async () => {

@@ -203,6 +203,8 @@ test("a reel that cannot be had says why; trying again goes on where it was", as
   fake.player.camera!.orbit(0.2, 0);
   const { viewmat } = fake.player.camera!;
   fake.files.say("groups/15.bin", { error: "groups/15.bin is damaged.", plain: PLAIN.damaged });
+  assert.equal(fake.player.error, null, "the manifest is read again first");
+  await time.pass(0);
   assert.deepEqual(fake.heard(...OFTEN), ["seeking", "error"]);
   assert.ok(fake.player.error instanceof ReelError && fake.player.error.plain === PLAIN.damaged);
   fake.files.give("groups/14.bin");
@@ -221,6 +223,76 @@ test("a reel that cannot be had says why; trying again goes on where it was", as
   fake.files.giveAll();
   await fake.pass(60);
   assert.equal(fake.player.canPlay, true);
+});
+
+test("a reel that was replaced on its host is opened anew, at the same time and view", async () => {
+  const fake = await started({ groups: 20 });
+  fake.player.currentTime = 15;
+  fake.files.confirm();
+  fake.player.camera!.orbit(0.2, 0);
+  const { viewmat } = fake.player.camera!;
+  for (const plain of [PLAIN.damaged, PLAIN.missing]) {
+    host.answer(whole(JSON.stringify(documentOf({ groups: 20, points: plain === PLAIN.damaged ? 50 : 60 }))));
+    fake.files.say("groups/15.bin", { error: "groups/15.bin is another one.", plain });
+    await time.pass(0);
+    assert.deepEqual([fake.player.error, fake.player.currentTime], [null, 15]);
+    assert.deepEqual(fake.player.camera!.viewmat.map((v) => v.toFixed(6)), viewmat.map((v) => v.toFixed(6)));
+    assert.deepEqual(fake.files.coming, ["layers/0.bin"]);
+    fake.files.give("layers/0.bin");
+  }
+  fake.files.giveAll();
+  await fake.pass(60);
+  assert.equal(fake.player.canPlay, true);
+});
+
+test("a manifest that does not come does not keep an error back for long", async () => {
+  const fake = await started({ groups: 20 });
+  fake.player.currentTime = 15;
+  fake.files.confirm();
+  host.answer(() => new Response(new ReadableStream()));
+  fake.files.say("groups/15.bin", { error: "groups/15.bin is damaged.", plain: PLAIN.damaged });
+  await time.pass(9000);
+  assert.equal((fake.player.error as ReelError).plain, PLAIN.damaged);
+});
+
+test("what was played is known, and only that", async () => {
+  const fake = await started({ groups: 3 });
+  const played = (): string => fake.player.played.ranges.map((range) => range.map((time) => time.toFixed(1)).join("-")).join();
+  assert.equal(played(), "");
+  fake.player.play();
+  await fake.pass(400);
+  fake.player.pause();
+  assert.match(played(), /^0.0-0.[34]$/);
+  fake.player.currentTime = 2;
+  fake.files.giveAll();
+  await fake.pass(60);
+  fake.player.play();
+  await fake.pass(200);
+  assert.match(played(), /^0.0-0.[34],2.0-2.[12]$/);
+  fake.player.currentTime = 0.2;
+  await fake.pass(400);
+  assert.match(played(), /^0.0-0.[56],2.0-2.[12]$/);
+  fake.player.close();
+  assert.equal(played(), "");
+});
+
+test("a time that a page sets before there is a reel is where that begins", async () => {
+  const fake = new FakePlayer({ groups: 3 });
+  fake.player.currentTime = "1.5" as unknown as number;
+  assert.equal(fake.player.currentTime, 1.5);
+  await fake.start();
+  assert.equal(fake.player.currentTime, 1.5);
+  await fake.start();
+  assert.equal(fake.player.currentTime, 0, "of one reel only");
+});
+
+test("while pictures are deferred no more than the manifest is got", async () => {
+  const fake = new FakePlayer({ groups: 3 });
+  fake.player.deferred = true;
+  await fake.open();
+  assert.deepEqual([fake.player.manifest !== null, fake.files.coming, fake.player.busy], [true, [], false]);
+  fake.player.deferred = false;
+  assert.deepEqual([fake.files.coming, fake.player.busy], [["layers/0.bin"], true]);
 });
 
 test("no manifest, none of ours, no graphics device: each says so", async () => {
@@ -258,6 +330,7 @@ test("what fails because the device is lost is called by that", async () => {
   await fake.open();
   fake.device.lost = true;
   fake.files.say("layers/0.bin", { error: "no" });
+  await time.pass(0);
   assert.ok(fake.player.error instanceof DeviceLostError);
 });
 

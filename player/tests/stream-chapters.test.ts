@@ -106,7 +106,7 @@ test("the page of what comes next is had in time", () => {
   assert.deepEqual(world.coming, ["groups/8.bin", "groups/9.bin"]);
 });
 
-test("a page that nobody waits for may fail, and one that is needed may not", () => {
+test("a page that nobody waits for may fail, and one that is needed may not", async () => {
   const world = new World({ groups: 20, page: 8 });
   world.want({ current: null, frame: 75 });
   world.give("pages/0.json");
@@ -117,6 +117,7 @@ test("a page that nobody waits for may fail, and one that is needed may not", ()
   assert.deepEqual([world.coming, world.log.filter((line) => line.startsWith("failed"))], [[], []]);
   world.want({ current: null, frame: 80 });
   world.say("pages/8.json", { error: "pages/8.json is not there." });
+  await Promise.resolve();
   assert.deepEqual(world.log.filter((line) => line.startsWith("failed")), ["failed pages/8.json is not there."]);
 });
 
@@ -129,6 +130,7 @@ test("what a live reel has dropped is no failure once its manifest says so", asy
     world.outdated = async () => {
       world.update(withKnown(manifestOf({ ...plan, groups: 32, first }), world.manifest));
       if (first > 10) world.want({ current: first });
+      return false;
     };
     world.say("groups/10.bin", { error: "groups/10.bin is gone.", plain: PLAIN.missing });
     world.want({});

@@ -248,6 +248,8 @@ class Screen:
 
 
 PORTRAIT, LANDSCAPE = (360, 640), (640, 360)
+SMALL, TINY = (200, 120), (100, 60)
+"""Embeds in a page's column or list."""
 
 
 GIVEN = "?autoplay=0&src=reel/manifest.json"
@@ -271,6 +273,11 @@ STATES = {
     "narrow-menu": Screen(menu, renditions, size=(320, 480)),
     "narrow-help": Screen(press("?"), size=(320, 480)),
     "narrow-error": Screen(error, no_reel, query=GIVEN, size=(320, 240)),
+    "small": Screen(fresh, size=SMALL),
+    "small-menu": Screen(menu, renditions, size=SMALL),
+    "small-error": Screen(stop, gone_second_group, size=SMALL),
+    "tiny": Screen(begin, size=TINY),
+    "tiny-error": Screen(error, no_reel, query=GIVEN, size=TINY),
     "error-detail": Screen(detail, no_reel, query=GIVEN),
     "stopped": Screen(stop, gone_second_group),
     "hint": Screen(hint),

@@ -162,3 +162,78 @@ def test_the_reels_own_page_gives_it_everything_and_a_frame_does_not(page: Page,
     page.mouse.wheel(0, 60)
     assert scrolled(page) == 60
     assert frame.locator("splat-reel").locator(HINT).count() == 1
+
+
+def start_button(page: Page) -> tuple[float, float]:
+    box = page.locator("splat-reel .start").bounding_box()
+    assert box is not None
+    return box["x"] + box["width"] / 2, box["y"] + box["height"] / 2
+
+
+def test_drags_and_the_wheel_on_the_big_button_are_the_pictures(page: Page, server: Server):
+    open_player(page, server)
+    x, y = start_button(page)
+    before, far = pose(page), distance(page)
+    page.mouse.move(x, y)
+    page.mouse.wheel(0, 100)
+    page.wait_for_function(f"{PLAYER}.camera.state.distance > {far}")
+    page.mouse.down()
+    page.mouse.move(x + 60, y + 20, steps=6)
+    page.mouse.move(x, y, steps=6)  # back on the button
+    assert not np.allclose(pose(page), before, atol=0.01)
+    page.mouse.up()
+    assert page.evaluate(f"{PLAYER}.paused")
+    page.mouse.down(button="right")
+    page.mouse.move(x + 40, y, steps=4)
+    page.mouse.up(button="right")
+    assert page.evaluate(f"[{PLAYER}.paused, {PLAYER}.camera.viewmat[3] > 0.05]") == [True, True]
+    page.mouse.click(x, y)
+    assert not page.evaluate(f"{PLAYER}.paused")
+
+
+def test_on_the_big_button_a_finger_turns_two_pinch_and_a_tap_plays(phone: Page, server: Server, fingers: CDPSession):
+    open_player(phone, server)
+    x, y = start_button(phone)
+    before, far = pose(phone), distance(phone)
+    touch(fingers, "touchStart", (x, y))
+    for step in range(1, 7):
+        touch(fingers, "touchMove", (x + 10 * step, y))
+    touch(fingers, "touchEnd")
+    assert not np.allclose(pose(phone), before, atol=0.01)
+    for half in (8, 20, 40):
+        touch(fingers, "touchStart" if half == 8 else "touchMove", (x, y - half), (x, y + half))
+    touch(fingers, "touchEnd")
+    assert distance(phone) < 0.5 * far
+    assert phone.evaluate(f"{PLAYER}.paused")
+    phone.touchscreen.tap(x, y)
+    assert not phone.evaluate(f"{PLAYER}.paused")
+
+
+def test_in_an_article_the_hint_is_not_covered_and_a_finger_on_the_big_button_scrolls(
+    phone: Page, server: Server, fingers: CDPSession
+):
+    open_article(phone, server)
+    phone.evaluate(f"{PLAYER}.currentTime = 0")
+    phone.locator("splat-reel .start").wait_for()
+    x, y = start_button(phone)
+    before = pose(phone)
+    touch(fingers, "touchStart", (x, y))
+    for step in range(1, 9):
+        phone.wait_for_timeout(16)
+        touch(fingers, "touchMove", (x, y - 8 * step))
+    touch(fingers, "touchEnd")
+    assert scrolled(phone) > 20
+    assert np.allclose(pose(phone), before)
+    assert phone.evaluate(f"{PLAYER}.paused")
+
+
+def test_the_big_button_leaves_the_hint_in_sight(page: Page, server: Server):
+    open_article(page, server)
+    page.evaluate(f"{PLAYER}.currentTime = 0")
+    page.locator("splat-reel .start").wait_for()
+    x, y = start_button(page)
+    page.mouse.move(x, y)
+    page.mouse.wheel(0, 30)
+    page.locator("splat-reel").locator(HINT).wait_for()
+    assert page.locator("splat-reel .start").is_hidden()
+    page.locator("splat-reel .start").wait_for()  # once the hint has gone

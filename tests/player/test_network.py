@@ -11,6 +11,8 @@ from pathlib import Path
 import pytest
 from playwright.sync_api import Page, Route
 
+from splatreel.play import web_app
+from splatreel.play.served_files import open_file
 from splatreel.play.server import Server, serve
 from tests.golden import GOLDEN
 from tests.player.pages import PLAYER, open_player, wait_for_picture
@@ -264,3 +266,17 @@ def test_a_slow_network_shows_that_it_waits_and_loses_no_time(page: Page, server
         # A busy machine hands over late and then all at once; without the brake it would be hundreds of megabits.
         assert 0.05e6 < page.evaluate(f"{PLAYER}.stats.throughput") < 2e7
         slow.shutdown()
+
+
+def test_the_script_of_the_decode_workers_is_fetched_once(page: Page, server: Server, monkeypatch: pytest.MonkeyPatch):
+    asked: list[str] = []
+
+    def open_counted(path: Path) -> object:
+        asked.append(path.name)
+        return open_file(path)
+
+    monkeypatch.setattr(web_app, "open_file", open_counted)
+    open_player(page, server)
+    page.wait_for_function(f"{PLAYER}.session.decoders.workers.length === 2 && !{PLAYER}.busy")
+    assert asked.count("decode-worker.js") == 1
+    assert asked.count("player.js") == 1

@@ -1,18 +1,17 @@
 /** A camera that orbits a pivot, with inertia and soft limits. It starts exactly at a camera of the reel. */
-import { add, cross, dot, eyeOf, length, normalize, rotate, scale, subtract, viewmatOf, type Vec3 } from "../base/matrix";
+import { add, dot, eyeOf, length, normalize, scale, subtract, viewmatOf, type Vec3 } from "../base/matrix";
 import { axesOf, quatOf, type Quat } from "../base/quaternion";
 import type { View } from "../base/view";
 import type { Camera, Manifest } from "../reel/manifest";
 import { CameraPath } from "./camera-path";
+import { Horizon, type Gaze } from "./horizon";
 import { Limits } from "./limits";
-import { between, type CameraState } from "./pose";
+import type { CameraState } from "./pose";
 
 /** How fast a flick dies away and a key takes hold, per second. */
 const FRICTION = 6;
-/** How fast the camera comes back from beyond its limits, per second. */
+/** How fast the camera comes back from beyond its limits, and how fast a tilt goes, per second. */
 const PULL = 5;
-/** Closest the view comes to straight up or down, radians. */
-const POLE = 0.1;
 /** Of a screen of another shape than the picture: one side of the picture is shown to at least 1 / this. */
 const CROP = 1.4;
 /** Of an upright screen, the part of its height that the picture is to have, and what may become of its width then. */
@@ -36,45 +35,54 @@ export interface Motion {
 const STILL: Motion = { yaw: 0, pitch: 0, right: 0, down: 0, forward: 0, zoom: 0 };
 const AXES = Object.keys(STILL) as (keyof Motion)[];
 
+/** A state while it moves. */
+interface Sight {
+  eye: Vec3;
+  gaze: Gaze;
+  distance: number;
+}
+
 export class OrbitCamera {
-  private readonly up: Vec3;
+  private readonly horizon: Horizon;
   private readonly home: Camera;
   /** Least depth to draw, world units. */
   readonly near: number;
   private readonly limits: Limits;
   private start: CameraState;
   private readonly poses: CameraState[];
-  private pivot: Vec3 = [0, 0, 0];
   private eye: Vec3 = [0, 0, 0];
-  private right: Vec3 = [1, 0, 0];
-  private down: Vec3 = [0, 1, 0];
-  private forward: Vec3 = [0, 0, 1];
+  private gaze!: Gaze;
+  /** From the eye to the pivot, which is straight ahead. */
+  private distance = 1;
   /** What keys ask for; zero when none is down. */
   private thrust: Motion = { ...STILL };
   /** A hand holds the picture: limits wait. */
   private held = false;
   private velocity: Motion = { ...STILL };
-  private glide: { from: CameraState; to: CameraState; at: number } | null = null;
+  private glide: { from: Sight; to: Sight; at: number } | null = null;
   private followed: { path: CameraPath; at: number; cut: boolean } | null = null;
   private flythrough: CameraPath | null = null;
+  /** A hand is where the camera is now. */
   private moved = false;
+  /** A hand has been on it. */
+  touched = false;
 
   /** screen: what it begins on, CSS pixels. calm: no inertia, no gliding, for people who asked for less motion. */
   constructor(manifest: Manifest, screen?: { clientWidth: number; clientHeight: number }, private readonly calm = false) {
     const { up, camera, cameras, near } = manifest;
-    this.up = normalize(up);
+    this.horizon = new Horizon(normalize(up));
     this.home = camera;
     // Nearer than the capture was trained to be drawn: people walk up to things.
     this.near = 0.4 * near;
     this.limits = new Limits(manifest);
     this.start = this.stateOf(camera);
-    this.poses = cameras.map((item) => this.stateOf(item));
+    this.poses = cameras.map((item) => this.level(this.stateOf(item)));
     this.state = this.start;
     if (screen) this.fit(screen.clientWidth, screen.clientHeight);
   }
 
   get viewmat(): number[] {
-    return viewmatOf(this.eye, this.right, this.down, this.forward);
+    return viewmatOf(this.eye, ...this.axes);
   }
 
   /** Take a pose [16], world to camera; the pivot stays at its distance in front. */
@@ -83,7 +91,7 @@ export class OrbitCamera {
   }
 
   get state(): CameraState {
-    return { eye: this.eye, turn: quatOf([this.right, this.down, this.forward]), distance: this.distance };
+    return { eye: this.eye, turn: this.horizon.turnOf(this.gaze), distance: this.distance };
   }
 
   set state(state: CameraState) {
@@ -98,17 +106,17 @@ export class OrbitCamera {
     const { focus } = this.limits;
     const [x, z] = [0, 8].map((i) => m[i] * focus[0] + m[i + 1] * focus[1] + m[i + 2] * focus[2] + m[i + 3]);
     if (height <= width || z <= 0 || Math.abs((fx * x) / z) < (ASIDE * width) / 2) return;
-    const yaw = this.yawTo(subtract(focus, this.eye));
-    const turn = quatOf([this.right, this.down, this.forward].map((axis) => rotate(axis, this.up, yaw)) as [Vec3, Vec3, Vec3]);
+    const { horizon, gaze } = this;
+    const turn = horizon.turnOf({ ...gaze, heading: horizon.toward(gaze, subtract(focus, this.eye)).heading });
     this.state = this.start = { ...this.start, turn };
   }
 
-  /** Back to the reel's own camera. */
+  /** Back to the reel's own camera, level. */
   reset(): void {
-    this.glideTo(this.start);
+    this.glideTo(this.level(this.start));
   }
 
-  /** Go to the camera of the capture that is `step` beyond the nearest one. */
+  /** Go to the camera of the capture that is `step` beyond the nearest one, level. */
   visit(step: number): void {
     const { poses } = this;
     if (poses.length === 0) return;
@@ -141,27 +149,19 @@ export class OrbitCamera {
 
   /** Turn to a point seen at camera coordinates, and orbit about it from now on. */
   focus([x, y, z]: Vec3): void {
-    const point = add(add(this.eye, scale(this.right, x)), add(scale(this.down, y), scale(this.forward, z)));
-    const forward = normalize(subtract(point, this.eye));
-    const axis = cross(this.forward, forward);
-    const angle = Math.atan2(length(axis), dot(this.forward, forward));
-    const turned = (v: Vec3): Vec3 => (angle > 1e-6 ? rotate(v, normalize(axis), angle) : v);
-    this.glideTo({ eye: this.eye, turn: quatOf([turned(this.right), turned(this.down), forward]), distance: length(subtract(point, this.eye)) });
+    const [right, down, forward] = this.axes;
+    const way = add(add(scale(right, x), scale(down, y)), scale(forward, z));
+    const { eye, horizon, gaze } = this;
+    this.touched = true;
+    this.glideTo({ eye, turn: horizon.turnOf(horizon.level(horizon.toward(gaze, way))), distance: length(way) });
   }
 
   /** Turn about the pivot, in radians: positive yaw moves the picture to the right, positive pitch down. */
   orbit(yaw: number, pitch: number): void {
     this.touch();
-    const angle = Math.acos(Math.min(Math.max(dot(this.forward, this.up), -1), 1));
-    // A positive turn about `right` lifts the forward axis, and so shrinks its angle to up.
-    const turn = Math.min(Math.max(-pitch, Math.min(angle - Math.PI + POLE, 0)), Math.max(angle - POLE, 0));
-    const about = (v: Vec3): Vec3 => rotate(rotate(v, this.right, turn), this.up, -yaw);
-    const back = about(subtract(this.eye, this.pivot));
-    [this.right, this.down, this.forward] = [about(this.right), about(this.down), about(this.forward)];
-    this.forward = normalize(this.forward);
-    this.right = normalize(cross(this.down, this.forward));
-    this.down = cross(this.forward, this.right);
-    this.eye = add(this.pivot, back);
+    const { pivot } = this;
+    this.gaze = this.horizon.turned(this.gaze, -yaw, -pitch);
+    this.eye = subtract(pivot, this.ahead);
   }
 
   /** Shift view and pivot so that the pivot moves by pixels on a screen of this focal length. */
@@ -172,17 +172,16 @@ export class OrbitCamera {
   /** Shift view and pivot, in distances of the pivot. */
   walk(right: number, down: number, forward: number): void {
     this.touch();
-    const shift = scale(add(add(scale(this.right, right), scale(this.down, down)), scale(this.forward, forward)), this.distance);
-    this.eye = add(this.eye, shift);
-    this.pivot = add(this.pivot, shift);
+    const [x, y, z] = this.axes;
+    this.eye = add(this.eye, scale(add(add(scale(x, right), scale(y, down)), scale(z, forward)), this.distance));
   }
 
   /** Multiply the distance to the pivot. */
   zoom(factor: number): void {
     this.touch();
-    const back = subtract(this.eye, this.pivot);
-    const distance = length(back);
-    this.eye = add(this.pivot, scale(back, Math.max(distance * factor, 0.01 * this.limits.extent) / distance));
+    const { pivot } = this;
+    this.distance = Math.max(this.distance * factor, 0.01 * this.limits.extent);
+    this.eye = subtract(pivot, this.ahead);
   }
 
   /** Move by itself as long as keys are down; null: none is. */
@@ -221,7 +220,8 @@ export class OrbitCamera {
       if (by("right") || by("down") || by("forward")) this.walk(by("right"), by("down"), by("forward"));
       if (by("zoom")) this.zoom(Math.exp(by("zoom")));
     }
-    return this.stepBack(seconds) || moving;
+    const upright = this.stepUpright(seconds);
+    return this.stepBack(seconds) || upright || moving;
   }
 
   /** The view in a picture of width x height pixels, its field of view that of the reel's camera. */
@@ -245,19 +245,32 @@ export class OrbitCamera {
     };
   }
 
-  private get distance(): number {
-    return length(subtract(this.pivot, this.eye));
+  /** The camera's own: x right, y down, z forward. */
+  private get axes(): [Vec3, Vec3, Vec3] {
+    return axesOf(this.horizon.turnOf(this.gaze));
+  }
+
+  /** From the eye to the pivot. */
+  private get ahead(): Vec3 {
+    return scale(this.horizon.forwardOf(this.gaze), this.distance);
+  }
+
+  private get pivot(): Vec3 {
+    return add(this.eye, this.ahead);
   }
 
   /** A hand is on it: nothing else moves it any more. */
   private touch(): void {
-    [this.glide, this.followed, this.moved] = [null, null, true];
+    [this.glide, this.followed, this.moved, this.touched] = [null, null, true, true];
   }
 
   private place({ eye, turn, distance }: CameraState): void {
-    this.eye = eye;
-    [this.right, this.down, this.forward] = axesOf(turn);
-    this.pivot = add(eye, scale(this.forward, distance));
+    [this.eye, this.gaze, this.distance] = [eye, this.horizon.gazeOf(turn), distance];
+  }
+
+  private level(state: CameraState): CameraState {
+    const { horizon } = this;
+    return { ...state, turn: horizon.turnOf(horizon.level(horizon.gazeOf(state.turn))) };
   }
 
   /** The pivot of a camera of the capture is what lies in the middle of the scene's depth. */
@@ -269,14 +282,18 @@ export class OrbitCamera {
 
   private glideTo(to: CameraState): void {
     this.follow(null);
-    this.glide = { from: this.state, to, at: this.calm ? 1 : 0 };
+    const { eye, gaze, distance } = this;
+    this.glide = { from: { eye, gaze, distance }, to: { ...to, gaze: this.horizon.gazeOf(to.turn) }, at: this.calm ? 1 : 0 };
   }
 
   private stepGlide(seconds: number): boolean {
     const glide = this.glide!;
     glide.at = Math.min(glide.at + seconds / GLIDE, 1);
+    const { from, to } = glide;
     const t = glide.at * glide.at * (3 - 2 * glide.at);
-    this.place(t < 1 ? between(glide.from, glide.to, t) : glide.to);
+    this.eye = add(scale(from.eye, 1 - t), scale(to.eye, t));
+    this.gaze = t < 1 ? this.horizon.between(from.gaze, to.gaze, t) : to.gaze;
+    this.distance = from.distance * (1 - t) + to.distance * t;
     if (t === 1) this.glide = null;
     return true;
   }
@@ -284,7 +301,10 @@ export class OrbitCamera {
   private stepAlong(followed: { path: CameraPath; at: number; cut: boolean }, seconds: number): boolean {
     followed.at += seconds;
     const { path, at, cut } = followed;
+    const { tilt } = this.gaze;
     this.place(this.stateOf(path.at(at, cut)));
+    // A flight through the cameras is level, from where it began on.
+    if (path === this.flythrough) this.gaze = this.righted({ ...this.gaze, tilt }, seconds);
     if (!path.loop && at >= path.seconds) this.followed = null;
     return true;
   }
@@ -299,35 +319,25 @@ export class OrbitCamera {
     if (!this.moved) return false;
     const { limits, held } = this;
     const gain = this.calm ? 1 : 1 - Math.exp(-PULL * seconds);
-    const shift = scale(subtract(held ? this.pivot : limits.middle(this.pivot), this.pivot), gain);
-    this.pivot = add(this.pivot, shift);
+    const { pivot } = this;
+    const shift = scale(subtract(held ? pivot : limits.middle(pivot), pivot), gain);
     this.eye = add(this.eye, shift);
     const eye = held ? limits.above(this.eye, gain) : limits.eye(this.eye, gain);
     if (length(shift) + length(subtract(eye, this.eye)) <= 1e-4 * limits.extent) return false;
-    this.eye = eye;
-    this.aim();
+    const to = subtract(add(pivot, shift), eye);
+    [this.eye, this.distance, this.gaze] = [eye, length(to), this.horizon.toward(this.gaze, to)];
     return true;
   }
 
-  /** The turn about `up` after which what lies in a direction is straight ahead, or above or below that, radians. */
-  private yawTo(direction: Vec3): number {
-    const level = (v: Vec3): Vec3 => subtract(v, scale(this.up, dot(v, this.up)));
-    const [a, b] = [level(this.forward), level(direction)];
-    return Math.atan2(dot(cross(a, b), this.up), dot(a, b));
+  /** Level the horizon, once a hand is on the view: cameras of captures stand a little askew. */
+  private stepUpright(seconds: number): boolean {
+    if (!this.moved || this.horizon.isLevel(this.gaze)) return false;
+    this.gaze = this.righted(this.gaze, seconds);
+    return true;
   }
 
-  /** Look at the pivot again, turning about `up` and then up or down: the horizon stays. */
-  private aim(): void {
-    const to = normalize(subtract(this.pivot, this.eye));
-    const yaw = this.yawTo(to);
-    const height = (v: Vec3): number => Math.asin(Math.min(Math.max(dot(v, this.up), -1), 1));
-    const pitch = height(to) - height(this.forward);
-    const across = normalize(cross(to, this.up));
-    const about = (v: Vec3): Vec3 => rotate(rotate(v, this.up, yaw), across, pitch);
-    [this.right, this.down] = [about(this.right), about(this.down)];
-    this.forward = to;
-    this.right = normalize(cross(this.down, this.forward));
-    this.down = cross(this.forward, this.right);
+  private righted(gaze: Gaze, seconds: number): Gaze {
+    return this.horizon.righted(gaze, this.calm ? 1 : 1 - Math.exp(-PULL * seconds));
   }
 }
 

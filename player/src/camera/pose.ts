@@ -1,6 +1,6 @@
 /** Where a camera is and what it looks at. */
-import { add, scale, type Vec3 } from "../base/matrix";
-import { slerp, type Quat } from "../base/quaternion";
+import type { Vec3 } from "../base/matrix";
+import type { Quat } from "../base/quaternion";
 
 /** Eye, turn of the axes (camera to world) and distance of the pivot in front. */
 export interface CameraState {
@@ -19,13 +19,4 @@ export interface Pose {
 export interface Start {
   seconds: number | null;
   view: CameraState | null;
-}
-
-/** A state a part of the way from one to another. */
-export function between(from: CameraState, to: CameraState, t: number): CameraState {
-  return {
-    eye: add(scale(from.eye, 1 - t), scale(to.eye, t)),
-    turn: slerp(from.turn, to.turn, t),
-    distance: from.distance * (1 - t) + to.distance * t,
-  };
 }

@@ -3,15 +3,15 @@ import code from "../../wasm/kernels.wasm";
 import { ReelError, messageOf } from "../base/errors";
 import { download } from "../files/download";
 import type { Source } from "../files/source";
-import { besideWorker, failureOf, openWorker } from "../files/workers";
+import { failureOf, fileAddress, openWorker, type FileAddresses } from "../files/workers";
 import { buffersOf, decodeFile } from "./decode-file";
 import { decodeDraco } from "./draco";
 import { plain, type Kernels } from "./kernels";
 import type { Track } from "./mp4";
 import { wasmKernels } from "./wasm";
 
-/** Get and decode a file, or read a page, or stop doing so. */
-export type DecodeRequest = { id: number; source: Source; page: boolean } | { id: number; cancel: true };
+/** Where the player's files are, which comes first; get and decode a file, or read a page, or stop doing so. */
+export type DecodeRequest = { files: FileAddresses } | { id: number; source: Source; page: boolean } | { id: number; cancel: true };
 
 /** Bytes as they come, trouble that is being worked on, and in the end a `DecodedFile` or the JSON of a page, or why there is none. */
 export type DecodeReply = { id: number } & (
@@ -22,10 +22,12 @@ export type DecodeReply = { id: number } & (
 );
 
 const scope = self as unknown as { onmessage: (event: MessageEvent<DecodeRequest>) => void; postMessage(message: DecodeReply, transfer?: Transferable[]): void };
+let files: FileAddresses = {};
 const running = new Map<number, AbortController>();
 const kernels = fastest();
 
 scope.onmessage = async ({ data }) => {
+  if ("files" in data) return void (files = data.files);
   const { id } = data;
   if ("cancel" in data) return running.get(id)?.abort();
   const controller = new AbortController();
@@ -39,7 +41,7 @@ scope.onmessage = async ({ data }) => {
     const bytes = await download(source, watcher, controller.signal);
     const began = performance.now();
     if (page) return scope.postMessage({ id, content: parsed(bytes, source.url), milliseconds: 0 });
-    const file = await decodeFile(bytes, source.url, decodeDraco, decodeInWorker, await kernels);
+    const file = await decodeFile(bytes, source.url, (cloud) => decodeDraco(cloud, files), decodeInWorker, await kernels);
     scope.postMessage({ id, content: file, milliseconds: performance.now() - began }, buffersOf(file));
   } catch (error) {
     scope.postMessage({ id, error: messageOf(error), plain: error instanceof ReelError ? error.plain : undefined });
@@ -67,8 +69,14 @@ async function fastest(): Promise<Kernels> {
 
 const idle: Worker[] = [];
 
+function openHevcWorker(): Worker {
+  const worker = openWorker(fileAddress(files, "hevc-worker.js"));
+  worker.postMessage({ files });
+  return worker;
+}
+
 function decodeInWorker(track: Track): Promise<Uint8Array> {
-  const worker = idle.pop() ?? openWorker(besideWorker("hevc-worker.js"));
+  const worker = idle.pop() ?? openHevcWorker();
   return new Promise((resolve, reject) => {
     worker.onmessage = ({ data }: MessageEvent<{ planes?: Uint8Array; error?: string }>) => {
       idle.push(worker);

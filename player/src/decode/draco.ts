@@ -1,6 +1,6 @@
 /** Draco point clouds to integer or float positions, by the WASM decoder of npm draco3d. Runs in a worker. */
 import { ReelError } from "../base/errors";
-import { besideWorker } from "../files/workers";
+import { fileAddress, type FileAddresses } from "../files/workers";
 
 interface DracoModule {
   Decoder: new () => DracoDecoder;
@@ -22,24 +22,25 @@ interface DracoCloud {
   num_points(): number;
 }
 
-declare const DracoDecoderModule: (options: object) => Promise<DracoModule>;
-declare const importScripts: (url: string) => void;
+/** What draco-decode.js exports. */
+interface DracoExport {
+  default(options: object): Promise<DracoModule>;
+}
 
 let loading: Promise<DracoModule> | undefined;
 
-function loadDraco(): Promise<DracoModule> {
-  loading ??= (async () => {
-    importScripts(besideWorker("draco-decode.js").href);
-    return DracoDecoderModule({ locateFile: (name: string) => besideWorker(name).href });
-  })();
+function loadDraco(files: FileAddresses): Promise<DracoModule> {
+  loading ??= (import(fileAddress(files, "draco-decode.js")) as Promise<DracoExport>).then((module) =>
+    module.default({ locateFile: (name: string) => fileAddress(files, name) }),
+  );
   return loading;
 }
 
 /** Positions [N, 3] in the order of the file. */
-export async function decodeDraco(bytes: Uint8Array): Promise<Float32Array> {
+export async function decodeDraco(bytes: Uint8Array, files: FileAddresses): Promise<Float32Array> {
   // A cloud of one attribute of three numbers; each more takes memory.
   if (bytes.length < 21 || bytes[15] !== 1 || bytes[16] !== 1 || bytes[19] !== 3) throw new ReelError("The positions of a file are a cloud of more than positions.");
-  const draco = await loadDraco();
+  const draco = await loadDraco(files);
   const decoder = new draco.Decoder();
   const cloud = new draco.PointCloud();
   try {

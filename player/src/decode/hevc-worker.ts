@@ -1,13 +1,17 @@
-/** Decodes one H.265 track per message. */
+/** Decodes one H.265 track per message. The first message says where the player's files are. */
 import { messageOf } from "../base/errors";
+import type { FileAddresses } from "../files/workers";
 import { decodeTrack } from "./hevc";
 import type { Track } from "./mp4";
 
-const scope = self as unknown as { onmessage: (event: MessageEvent<Track>) => void; postMessage(message: object, transfer?: Transferable[]): void };
+const scope = self as unknown as { onmessage: (event: MessageEvent<Track | { files: FileAddresses }>) => void; postMessage(message: object, transfer?: Transferable[]): void };
 
-scope.onmessage = async ({ data: track }) => {
+let files: FileAddresses = {};
+
+scope.onmessage = async ({ data }) => {
+  if ("files" in data) return void (files = data.files);
   try {
-    const planes = await decodeTrack(track);
+    const planes = await decodeTrack(data, files);
     scope.postMessage({ planes }, [planes.buffer]);
   } catch (error) {
     scope.postMessage({ error: messageOf(error) });

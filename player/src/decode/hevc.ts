@@ -1,6 +1,6 @@
 /** H.265 tracks to luma planes: WebCodecs where the browser has HEVC, a WASM decoder otherwise. Runs in a worker. */
 import { ReelError, messageOf } from "../base/errors";
-import { besideWorker } from "../files/workers";
+import { fileAddress, type FileAddresses } from "../files/workers";
 import type { Track } from "./mp4";
 
 /** The Emscripten module of hevc-decode.js (npm @hevcjs/core), as far as it is used here. */
@@ -17,8 +17,10 @@ interface HevcModule {
   _hevc_decoder_flush(decoder: number): number;
 }
 
-declare const HEVCDecoderModule: (options: object) => Promise<HevcModule>;
-declare const importScripts: (url: string) => void;
+/** What hevc-decode.js exports. */
+interface HevcExport {
+  default(options: object): Promise<HevcModule>;
+}
 
 export interface HevcHeader {
   /** RFC 6381 name, such as hvc1.1.6.L93.90. */
@@ -29,7 +31,7 @@ export interface HevcHeader {
 }
 
 /** Luma planes [samples, height, width] of one track, in display order. */
-export async function decodeTrack(track: Track): Promise<Uint8Array> {
+export async function decodeTrack(track: Track, files: FileAddresses): Promise<Uint8Array> {
   const header = parseHvcC(track.hvcC);
   if (await hasWebCodecs(track, header)) {
     try {
@@ -39,7 +41,7 @@ export async function decodeTrack(track: Track): Promise<Uint8Array> {
       // decoder gives the same bytes.
     }
   }
-  return decodeWithWasm(track, header);
+  return decodeWithWasm(track, header, files);
 }
 
 /** Read a HEVCDecoderConfigurationRecord (ISO/IEC 14496-15, 8.3.3.1). */
@@ -121,16 +123,15 @@ async function copyLuma(frame: VideoFrame, track: Track, planes: Uint8Array): Pr
 
 let wasm: Promise<HevcModule> | undefined;
 
-function loadWasm(): Promise<HevcModule> {
-  wasm ??= (async () => {
-    importScripts(besideWorker("hevc-decode.js").href);
-    return HEVCDecoderModule({ locateFile: (name: string) => besideWorker(name).href });
-  })();
+function loadWasm(files: FileAddresses): Promise<HevcModule> {
+  wasm ??= (import(fileAddress(files, "hevc-decode.js")) as Promise<HevcExport>).then((module) =>
+    module.default({ locateFile: (name: string) => fileAddress(files, name) }),
+  );
   return wasm;
 }
 
-async function decodeWithWasm(track: Track, header: HevcHeader): Promise<Uint8Array> {
-  const module = await loadWasm();
+async function decodeWithWasm(track: Track, header: HevcHeader, files: FileAddresses): Promise<Uint8Array> {
+  const module = await loadWasm(files);
   const planes = new Uint8Array(track.width * track.height * track.samples.length);
   const decoder = module._hevc_decoder_create();
   const scratch = module._malloc(64);

@@ -2,7 +2,7 @@
 import type { View } from "../base/view";
 import type { DecodedFile } from "../decode/decode-file";
 import type { Gaussians } from "../decode/gaussians";
-import { startWorker } from "../files/bundle";
+import { startSortWorker } from "../files/bundle";
 import { failureOf } from "../files/workers";
 import type { Clearance } from "../reel/manifest";
 import { EXTENT, frustumOf } from "./frustum";
@@ -10,7 +10,7 @@ import type { Scene } from "./scene";
 import type { SortMessage, SortReply } from "./sort-worker";
 
 export class Sorter {
-  private readonly worker = startWorker("sort-worker.js");
+  private readonly worker = startSortWorker();
   private waiting: ((reply: SortReply) => void) | null = null;
   private spare: Uint32Array | null = null;
 

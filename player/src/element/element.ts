@@ -4,7 +4,7 @@ import { linkTo, startOf } from "../camera/link";
 import type { Pose } from "../camera/pose";
 import { reachable } from "../camera/reachable";
 import type { Picture } from "../draw/stage";
-import { loadModule } from "../files/bundle";
+import { loadPart } from "../files/bundle";
 import type { LocalFiles } from "../files/local-files";
 import { checkedViewmat } from "../player/checked-arguments";
 import { PathPlayer } from "../player/path-player";
@@ -14,10 +14,13 @@ import type { Camera } from "../reel/manifest";
 import { Controls } from "../ui/controls";
 import { CooperativeGestures } from "../ui/cooperative-gestures";
 import { FileDrop } from "../ui/file-drop";
+import { FirstPrompt } from "../ui/first-prompt";
 import { OffCameraFade } from "../ui/off-camera-fade";
 import { attachPointerControls } from "../ui/pointer-controls";
 import styles from "../ui/ui.css";
+import { FrameCallbacks, type FrameCallback } from "./frame-callbacks";
 import { MediaElement } from "./media-element";
+import { timesOf } from "./media-fragment";
 import { PlayPromises } from "./play-promises";
 import { Poster } from "./poster";
 import { Visibility } from "./visibility";
@@ -30,7 +33,7 @@ const sheet = new CSSStyleSheet();
 sheet.replaceSync(styles);
 
 export class SplatReelElement extends MediaElement {
-  static readonly observedAttributes = ["src", "poster", "loop", "muted", "controls", "loading"];
+  static readonly observedAttributes = ["src", "poster", "loop", "muted", "controls", "loading", "preload"];
 
   /** The player behind the element. */
   readonly player: Player;
@@ -39,7 +42,10 @@ export class SplatReelElement extends MediaElement {
   private readonly picture: Poster;
   private readonly visibility: Visibility;
   private readonly promises: PlayPromises;
+  private readonly frames: FrameCallbacks;
   private files: LocalFiles | null = null;
+  /** Where `src` says to pause, seconds, until it has. */
+  private end: number | null = null;
   private controlsShown: Controls | null = null;
   /** While the element is in a page. */
   private connection: AbortController | null = null;
@@ -54,6 +60,8 @@ export class SplatReelElement extends MediaElement {
     this.picture = new Poster(this.player);
     this.visibility = new Visibility(this, this.player, this.picture);
     this.promises = new PlayPromises(this.player);
+    this.frames = new FrameCallbacks(this.player);
+    this.player.addEventListener("timeupdate", () => this.pauseAtEnd());
     const root = this.attachShadow({ mode: "open" });
     root.adoptedStyleSheets = [sheet]; // not a style element, which a page's policy may forbid
     root.append(this.canvas, new OffCameraFade(this.player).box, this.picture.image);
@@ -71,10 +79,12 @@ export class SplatReelElement extends MediaElement {
     this.picture.image.after(gestures.hint);
     signal.addEventListener("abort", () => gestures.hint.remove());
     attachPointerControls(canvas, player, gestures, signal);
+    new FirstPrompt(player, gestures, signal);
     const resize = new ResizeObserver(() => player.invalidate());
     resize.observe(canvas);
     signal.addEventListener("abort", () => resize.disconnect());
     addEventListener("hashchange", () => this.hasAttribute("share") && this.follow(location.href), { signal });
+    this.addEventListener("click", () => this.visibility.ask(), { signal });
     for (const name of ["pointerdown", "focusin"]) this.addEventListener(name, () => this.visibility.interact(), { signal });
     this.showControls();
     if (this.hasAttribute("drop")) new FileDrop(this, this.shadowRoot!, signal);
@@ -101,8 +111,10 @@ export class SplatReelElement extends MediaElement {
   attributeChangedCallback(name: string, before: string | null, now: string | null): void {
     if (name === "loop") this.player.loop = now !== null;
     if (name === "muted" && !this.connection && now !== null) this.muted = true;
-    if (!this.connection || before === now) return;
-    if (name === "src") this.load();
+    if (!this.connection) return;
+    if (name === "src") this.load(); // the same one again, too
+    if (before === now) return;
+    if (name === "preload") this.visibility.prefer(this.preload, false);
     if (name === "poster") this.picture.give(this.poster);
     if (name === "controls") this.showControls();
     if (name === "loading") this.watch();
@@ -111,9 +123,14 @@ export class SplatReelElement extends MediaElement {
   /** Open `src` from the start, or close what is open where there is none. Done by itself when the element enters a page or `src` changes. */
   load(): void {
     const { player } = this;
-    const source = this.files ?? this.currentSrc;
-    if (source) void player.load(source, this.hasAttribute("share") ? startOf(location.href) : null);
+    const source = this.files ?? this.currentSrc.split("#")[0];
+    const link = this.hasAttribute("share") ? startOf(location.href) : null;
+    const { start, end } = timesOf(this.currentSrc);
+    this.end = end;
+    this.visibility.prefer(this.preload, true);
+    if (source) void player.load(source, { seconds: link?.seconds ?? start, view: link?.view ?? null });
     else player.close();
+    if (player.deferred) player.emit("deferred"); // of another reel
     this.picture.give(this.poster);
     this.visibility.settle();
     const calm = matchMedia("(prefers-reduced-motion: reduce)").matches;
@@ -122,6 +139,7 @@ export class SplatReelElement extends MediaElement {
 
   /** Resolves once time goes on. Rejects with a `NotSupportedError` where there is no reel to play, with a `NotAllowedError` where the browser does not let it be heard, with an `AbortError` where `pause` or another reel comes first. */
   play(): Promise<void> {
+    this.visibility.ask();
     this.visibility.interact();
     return this.promises.play();
   }
@@ -174,7 +192,7 @@ export class SplatReelElement extends MediaElement {
   /** Play a reel out of files that people chose: a zip, or all of a folder. Rejects with a `ReelError` where there is none among them. */
   async openFiles(files: Iterable<File>): Promise<void> {
     const list = [...files];
-    this.srcObject = await (await loadModule<typeof import("../files/open-files")>("open-files.js")).openFiles(list);
+    this.srcObject = await (await loadPart("open-files.js", () => import("../files/open-files"))).openFiles(list);
   }
 
   /** The camera path, as its file holds it (docs/format.md); null: none. Throws `ReelError` for what is no path. */
@@ -188,6 +206,7 @@ export class SplatReelElement extends MediaElement {
 
   /** Play it from its beginning. Resolves at its end, or once a hand takes the camera, or plays, pauses or seeks. */
   playPath(): Promise<void> {
+    this.visibility.ask();
     return this.pathPlayer.play();
   }
 
@@ -208,6 +227,21 @@ export class SplatReelElement extends MediaElement {
     const sane = view && manifest && reachable(view, manifest);
     if (sane && camera) camera.state = sane;
     this.player.invalidate();
+  }
+
+  /** Call once with the next picture, and when and of what time it is. Returns a handle to cancel it by. */
+  requestVideoFrameCallback(callback: FrameCallback): number {
+    return this.frames.request(callback);
+  }
+
+  cancelVideoFrameCallback(handle: number): void {
+    this.frames.cancel(handle);
+  }
+
+  private pauseAtEnd(): void {
+    if (this.end === null || this.paused || this.currentTime < this.end) return;
+    this.end = null;
+    this.pause();
   }
 
   private watch(): void {

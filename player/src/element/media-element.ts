@@ -1,4 +1,5 @@
 /** What <splat-reel> has in common with <video>: attributes, and states in the terms of HTMLMediaElement. */
+import { PLAIN, plainWords } from "../base/errors";
 import type { Player } from "../player/player";
 
 export abstract class MediaElement extends HTMLElement {
@@ -36,6 +37,16 @@ export abstract class MediaElement extends HTMLElement {
     this.setAttribute("loading", value);
   }
 
+  /** "auto"; "metadata": until people ask for pictures no more than the manifest is got; "none": nothing is. */
+  get preload(): string {
+    const asked = (this.getAttribute("preload") ?? "").toLowerCase();
+    return asked === "none" || asked === "metadata" ? asked : "auto";
+  }
+
+  set preload(value: string) {
+    this.setAttribute("preload", value);
+  }
+
   get autoplay(): boolean {
     return this.hasAttribute("autoplay");
   }
@@ -67,6 +78,11 @@ export abstract class MediaElement extends HTMLElement {
 
   set currentTime(seconds: number) {
     this.player.currentTime = seconds;
+  }
+
+  /** The same: every time of a reel can be gone to at once. */
+  fastSeek(seconds: number): void {
+    this.currentTime = seconds;
   }
 
   /** Seconds, NaN until the manifest is here; of a live reel, what there is so far. */
@@ -143,6 +159,11 @@ export abstract class MediaElement extends HTMLElement {
     return timeRanges(this.player.buffered);
   }
 
+  /** What has been played. */
+  get played(): TimeRanges {
+    return timeRanges(this.player.played.ranges);
+  }
+
   /** Where time can go: all of the reel, but for what a live one has dropped. */
   get seekable(): TimeRanges {
     const { manifest, earliest, duration } = this.player;
@@ -171,11 +192,15 @@ export abstract class MediaElement extends HTMLElement {
     return this.player.progress;
   }
 
-  get error(): Error | null {
-    return this.player.error;
+  /** `code` is that of a MediaError: 2 network, 3 decoding, 4 the reel cannot be opened. */
+  get error(): (Error & { readonly code: number }) | null {
+    const { error, manifest } = this.player;
+    if (!error) return null;
+    const network: string[] = [PLAIN.network, PLAIN.missing, PLAIN.refused];
+    return Object.assign(error, { code: !manifest ? 4 : network.includes(plainWords(error)) ? 2 : 3 });
   }
 }
 
-function timeRanges(ranges: [number, number][]): TimeRanges {
+function timeRanges(ranges: readonly [number, number][]): TimeRanges {
   return { length: ranges.length, start: (i: number) => ranges[i][0], end: (i: number) => ranges[i][1] };
 }

@@ -12,7 +12,7 @@ const STALL = 8000;
 const root = document.querySelector<PageRoot>("main[data-splatreel-page]")!;
 const parameters = new URLSearchParams(location.search);
 const given = parameters.get("poster");
-const url = new URL(parameters.get("src") ?? root.dataset.src ?? "reel/manifest.json", document.baseURI).href;
+const url = new URL(parameters.get("src") ?? root.dataset.src ?? "reel/manifest.json", document.baseURI).href.split("#")[0];
 // Where it fails, the player asks again and says what is wrong.
 const text = fetch(url, { cache: "no-cache", priority: "high", signal: AbortSignal.timeout(STALL) }).then((answer) => (answer.ok ? answer.text() : null)).catch(() => null);
 const image = document.createElement("img");
@@ -27,7 +27,16 @@ function play(): void {
 /** And its first worker, unless the player has started one. */
 function begin(): void {
   play();
-  if (!customElements.get("splat-reel")) prefetched.worker ??= new Worker(new URL("./decode-worker.js", import.meta.url));
+  if (!customElements.get("splat-reel")) prefetched.worker ??= firstWorker();
+}
+
+/** None in a sandboxed frame, where the player has to start it in another way. */
+function firstWorker(): Worker | null {
+  try {
+    return new Worker(new URL("./decode-worker.js", import.meta.url), { type: "module" });
+  } catch {
+    return null;
+  }
 }
 
 const asked = performance.now();

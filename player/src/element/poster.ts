@@ -1,15 +1,19 @@
-/** The picture over the canvas until the reel's own is there: the poster, or, of a reel that was put to rest, what it showed last. */
+/** The picture over the canvas until the reel's own is there: the poster, or, of a reel that was put to rest or whose graphics device is lost, what it showed last. */
+import { DeviceLostError } from "../base/errors";
 import type { Player } from "../player/player";
 import { addressOf, isSameReel } from "../reel/manifest";
+import { LastPicture } from "./last-picture";
 
 export class Poster {
   readonly image = document.createElement("img");
   private still: HTMLCanvasElement | null = null;
   /** Given by the page; goes before the reel's own. */
   private given = "";
+  private readonly last: LastPicture;
 
   constructor(private readonly player: Player) {
     const { image } = this;
+    this.last = new LastPicture(player);
     image.className = "poster";
     image.alt = "";
     image.fetchPriority = "high";
@@ -17,6 +21,7 @@ export class Poster {
     player.addEventListener("loadeddata", () => this.drawn());
     player.addEventListener("canplay", () => this.hide());
     player.addEventListener("emptied", () => this.clear());
+    player.addEventListener("error", () => this.player.error instanceof DeviceLostError && this.last.canvas && this.showStill(this.last.canvas));
     this.clear();
   }
 
@@ -32,8 +37,13 @@ export class Poster {
     const { canvas } = this.player;
     if (!this.player.playback.redraw()) return;
     const still = document.createElement("canvas");
-    [still.width, still.height, still.className] = [canvas.width, canvas.height, "poster still"];
+    [still.width, still.height] = [canvas.width, canvas.height];
     still.getContext("2d")!.drawImage(canvas, 0, 0);
+    this.showStill(still);
+  }
+
+  private showStill(still: HTMLCanvasElement): void {
+    still.className = "poster still";
     this.hide();
     this.blank(true);
     this.still = still;

@@ -18,9 +18,14 @@ export class Visibility implements ContextHolder {
   /** Pictures that are being taken, whether people see them or not. */
   private pictures = 0;
   private timer = 0;
+  /** Somebody has asked for pictures, or `preload` gets them unasked. */
+  private asked = true;
+  /** Until then not even the manifest is got. */
+  private patient = false;
 
   constructor(private readonly element: Element, private readonly player: Player, private readonly poster: Poster) {
     for (const event of ["canplay", "pause", "error"]) player.addEventListener(event, () => devices.review());
+    for (const event of ["play", "seeking"]) player.addEventListener(event, () => this.ask());
   }
 
   get idle(): boolean {
@@ -59,6 +64,23 @@ export class Visibility implements ContextHolder {
     this.settle();
   }
 
+  /** What to get of a reel before people ask for it: "auto", "metadata" or "none". again: they have not asked for the one that comes. */
+  prefer(preload: string, again: boolean): void {
+    if (again) this.asked = false;
+    this.asked ||= preload === "auto";
+    this.patient = preload === "none";
+    this.player.deferred = !this.asked;
+    this.settle();
+  }
+
+  /** Somebody asks for pictures. */
+  ask(): void {
+    if (this.asked) return;
+    this.asked = true;
+    this.player.deferred = false;
+    this.settle();
+  }
+
   /** Somebody's hand is on the element, or a page asks it to play. */
   interact(): void {
     if (this.wanted) devices.claim(this, true);
@@ -67,6 +89,7 @@ export class Visibility implements ContextHolder {
   /** Have the player at work, seen or not, while a picture is taken. */
   async keepAwake<T>(work: () => Promise<T>): Promise<T> {
     this.pictures++;
+    this.ask();
     this.settle();
     try {
       return await work();
@@ -85,7 +108,7 @@ export class Visibility implements ContextHolder {
   }
 
   private get wanted(): boolean {
-    return this.connected && this.player.hasSource && (this.near || this.pictures > 0);
+    return this.connected && this.player.hasSource && (this.asked || !this.patient) && (this.near || this.pictures > 0);
   }
 
   private approach(near: boolean): void {

@@ -1,10 +1,11 @@
 /** Numbers that pages give are refused where they are none, as HTMLMediaElement does. */
 import type { Pose } from "../camera/pose";
 
-/** Throws `TypeError`. */
-export function finite(value: number, what: string): number {
-  if (typeof value !== "number" || !Number.isFinite(value)) throw new TypeError(`${what} must be a finite number, not ${String(value)}.`);
-  return value;
+/** A number, also one that is written out as "0.5". Throws `TypeError`. */
+export function finite(value: number | string, what: string): number {
+  const number = typeof value === "string" ? Number(value) : value;
+  if (typeof number !== "number" || !Number.isFinite(number)) throw new TypeError(`${what} must be a finite number, not ${String(value)}.`);
+  return number;
 }
 
 /** The matrix of a pose [16], row by row: a turn and a shift. Throws `TypeError`. */

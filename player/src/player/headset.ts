@@ -37,6 +37,9 @@ const system = (): XrSystem | undefined => (navigator as { xr?: XrSystem }).xr;
 
 /** Whether a headset is there. */
 export async function hasHeadset(): Promise<boolean> {
+  // Frames that may not ask would have the browser complain.
+  const { featurePolicy } = document as { featurePolicy?: { allowsFeature(name: string): boolean } };
+  if (featurePolicy?.allowsFeature("xr-spatial-tracking") === false) return false;
   return (await system()?.isSessionSupported("immersive-vr").catch(() => false)) ?? false;
 }
 

@@ -34,6 +34,8 @@ export class Lifecycle {
   private source: string | LocalFiles = "";
   /** Where to begin, as a link says or a page that does not wait for the manifest. */
   private start: Start | null = null;
+  /** Where a page wants the next reel to begin, seconds, whatever is loaded meanwhile. */
+  private wanted: number | null = null;
   /** Where it broke off. */
   private resume: { seconds: number; view: CameraState } | null = null;
   private prefetched: Prefetched | null = null;
@@ -80,11 +82,11 @@ export class Lifecycle {
 
   /** Where time begins once the manifest is here, seconds. */
   get startSeconds(): number {
-    return this.start?.seconds ?? 0;
+    return this.wanted ?? this.start?.seconds ?? 0;
   }
 
   startAt(seconds: number): void {
-    this.start = { seconds: Math.max(seconds, 0), view: this.start?.view ?? null };
+    this.wanted = Math.max(seconds, 0);
   }
 
   /** The poster that the page has asked for already, "" where it has none for this reel. */
@@ -180,8 +182,8 @@ export class Lifecycle {
     session.open(manifest);
     clock.update(manifest);
     this.steered ??= this.cameraOf(manifest);
-    clock.seek(known ? clock.seconds : (this.resume?.seconds ?? this.start?.seconds ?? (manifest.live ? clock.edge : 0)));
-    [this.start, this.resume] = [null, null];
+    clock.seek(known ? clock.seconds : (this.wanted ?? this.resume?.seconds ?? this.start?.seconds ?? (manifest.live ? clock.edge : 0)));
+    [this.start, this.resume, this.wanted] = [null, null, null];
     host.opened(manifest);
     if (!known) host.emit("loadedmetadata");
     host.emit("durationchange");
@@ -207,6 +209,7 @@ export class Lifecycle {
         host.changed();
       },
       known: (manifest) => host.clock.update(manifest),
+      replaced: () => this.retry(),
       progress: () => host.emit("progress"),
       failed: (error) => this.fail(error),
     };

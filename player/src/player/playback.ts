@@ -8,6 +8,7 @@ import type { Manifest } from "../reel/manifest";
 import type { Soundtrack } from "../sound/soundtrack";
 import type { Stream } from "../stream/stream";
 import type { Clock } from "./clock";
+import type { PlayedRanges } from "./played-ranges";
 import type { Resolution } from "./resolution";
 import { isMostlyStatic, sceneAt, staticSceneOf } from "./scene-choice";
 
@@ -30,6 +31,9 @@ export interface PlaybackHost {
   readonly view: View | null;
   readonly error: Error | null;
   readonly paused: boolean;
+  readonly played: PlayedRanges;
+  /** Files wait until people ask for pictures. */
+  readonly deferred: boolean;
   readonly ended: boolean;
   readonly live: boolean;
   readonly loop: boolean;
@@ -125,7 +129,10 @@ export class Playback {
     const { clock, soundtrack } = player;
     const before = clock.seconds;
     if (!clock.advance(seconds)) return void (this.advancing = false);
-    if (clock.seconds < before) soundtrack.seek(); // it begins again
+    const again = clock.seconds < before;
+    if (again) soundtrack.seek();
+    player.played.add(before, again ? clock.duration : clock.seconds);
+    if (again) player.played.add(clock.earliest, clock.seconds);
     if (!this.advancing) {
       this.advancing = true;
       player.emit("playing");
@@ -201,7 +208,7 @@ export class Playback {
   askForFiles(): void {
     const { player } = this;
     const { stream, stage, clock } = player;
-    if (!stream || !stage || player.error) return;
+    if (!stream || !stage || player.error || player.deferred) return;
     const { moment } = clock;
     const [current, previous] = [moment?.current.group ?? null, moment?.previous?.group ?? null];
     stream.want({ current, previous, inUse: stage.inUse, frame: clock.frame, rate: clock.rate, loop: player.loop && !player.live });
@@ -269,7 +276,7 @@ export class Playback {
   /** Draw the picture that shows once more, at once and in full; false where there is none. */
   redraw(): boolean {
     const { stage, resolution } = this.player;
-    if (!stage?.view || stage.lost || !this.hasPicture) return false;
+    if (!stage?.view || stage.lost || this.held || !this.hasPicture) return false;
     resolution.settle();
     stage.redraw();
     stage.draw(null, this.player.view ?? stage.view);

@@ -12,6 +12,7 @@ import { checkedPose, finite } from "./checked-arguments";
 import { Clock } from "./clock";
 import { Lifecycle } from "./lifecycle";
 import { Playback } from "./playback";
+import { PlayedRanges } from "./played-ranges";
 import type { Prefetched } from "./prefetched";
 import { Resolution } from "./resolution";
 import type { Session } from "./session";
@@ -20,7 +21,8 @@ import { measure, type Stats } from "./stats";
 /**
  * Events, named as those of HTMLMediaElement: emptied, loadstart, loadedmetadata, durationchange, loadeddata (something is drawn, if
  * only what rests), canplay (the first whole picture), play, playing (time goes on), pause, timeupdate, progress, waiting, seeking,
- * seeked, ratechange, volumechange, ended, error; notallowed (no sound before a touch), drawn, pathchange (or it begins or ends).
+ * seeked, ratechange, volumechange, ended, error; deferred (files wait for people, or do not any more), notallowed (no sound before a
+ * touch), drawn, pathchange (or it begins or ends).
  */
 export class Player extends EventTarget {
   readonly clock = new Clock();
@@ -28,8 +30,12 @@ export class Player extends EventTarget {
   readonly playback = new Playback(this);
   readonly soundtrack = new Soundtrack((event) => this.emit(event), () => this.pause());
 
+  /** What of the reel was played. */
+  readonly played = new PlayedRanges();
+
   private readonly lifecycle: Lifecycle;
   private choice: string | null = null;
+  private isDeferred = false;
 
   constructor(readonly canvas: HTMLCanvasElement) {
     super();
@@ -69,6 +75,18 @@ export class Player extends EventTarget {
     this.emit("progress");
   }
 
+  /** Get no more than the manifest, until people ask for pictures. */
+  get deferred(): boolean {
+    return this.isDeferred;
+  }
+
+  set deferred(deferred: boolean) {
+    if (deferred === this.isDeferred) return;
+    this.isDeferred = deferred;
+    this.playback.askForFiles();
+    this.emit("deferred");
+  }
+
   /** Open a reel by its manifest's address, or one on this machine; a live one at its edge. Errors come as the `error` event. */
   load(source: string | LocalFiles, start: Start | null = null): Promise<void> {
     this.close();
@@ -84,6 +102,7 @@ export class Player extends EventTarget {
   close(): void {
     this.lifecycle.close();
     this.playback.forgetSeek();
+    this.played.clear();
   }
 
   /** Use what the page has asked for before the player was here. */
@@ -156,9 +175,9 @@ export class Player extends EventTarget {
   }
 
   set currentTime(seconds: number) {
-    finite(seconds, "currentTime");
-    if (this.manifest) this.playback.seek(seconds);
-    else this.lifecycle.startAt(seconds);
+    const time = finite(seconds, "currentTime");
+    if (this.manifest) this.playback.seek(time);
+    else this.lifecycle.startAt(time);
   }
 
   get loop(): boolean {
@@ -221,7 +240,7 @@ export class Player extends EventTarget {
   /** What is missing is being got: there is something to wait for. */
   get busy(): boolean {
     const { session, stream } = this;
-    return session !== null && !this.error && (!stream || this.waiting || stream.busy);
+    return session !== null && !this.error && (!stream || (!this.deferred && (this.waiting || stream.busy)));
   }
 
   /** Of the bytes that are waited for, the part that is here, 0..1. */

@@ -2,13 +2,16 @@
 import { Stage } from "../draw/stage";
 import { EMBEDDED, embeddedReel } from "../files/embedded";
 import type { LocalFiles } from "../files/local-files";
-import { loadManifest, readManifest, type Manifest } from "../reel/manifest";
+import { hasSameFiles, loadManifest, readManifest, type Manifest } from "../reel/manifest";
 import { withKnown, withPage, type Page } from "../reel/pages";
 import { DecoderPool } from "../stream/decoder-pool";
 import { memoryBudget } from "../stream/file-cache";
 import { freshManifest, nextManifest, watchManifest } from "../stream/live-manifest";
 import { RenditionPolicy, guessOfBrowser } from "../stream/rendition-policy";
 import { Stream } from "../stream/stream";
+
+/** Milliseconds to wait for a manifest that may explain why a file is not what it should be. */
+const PATIENCE = 8000;
 
 export interface SessionEvents {
   /** A file was taken in. */
@@ -17,6 +20,8 @@ export interface SessionEvents {
   grown(manifest: Manifest): void;
   /** More is known of the reel's groups. `arrived` follows. */
   known(manifest: Manifest): void;
+  /** The reel's host has another one by now. */
+  replaced(): void;
   /** Something came, went or is late. */
   progress(): void;
   failed(error: unknown): void;
@@ -71,10 +76,7 @@ export class Session {
         for (const uri of layers) stage.dropLayer(uri);
         events.progress();
       },
-      outdated: async () => {
-        const next = await freshManifest(manifest, this.life.signal);
-        if (next) this.grow(next);
-      },
+      outdated: () => this.isOutdated(manifest),
       progress: () => events.progress(),
       failed: (error) => void (!this.closed && events.failed(error)),
     }, new RenditionPolicy(guessOfBrowser()));
@@ -91,6 +93,18 @@ export class Session {
     this.manifest?.files?.close();
     this.decoders.destroy();
     this.stage.destroy();
+  }
+
+  /** A file is not what the manifest says: read the manifest again. True if the reel was replaced, and is opened anew. */
+  private async isOutdated(manifest: Manifest): Promise<boolean> {
+    if (manifest.files || this.stage.lost) return false;
+    const late = new Promise<null>((resolve) => setTimeout(() => resolve(null), PATIENCE));
+    const next = await Promise.race([freshManifest(manifest, this.life.signal), late]);
+    if (!next || this.closed) return false;
+    if (manifest.live) this.grow(next);
+    const replaced = !manifest.live && !hasSameFiles(manifest, next);
+    if (replaced) this.events.replaced();
+    return replaced;
   }
 
   /** The manifest of a live reel was read again. */

@@ -124,6 +124,12 @@ export function isSameReel(a: Manifest, b: Manifest | null): boolean {
   return a.url === b?.url && a.files === b.files;
 }
 
+/** Whether two manifests name the same files, with the same contents. */
+export function hasSameFiles(a: Manifest, b: Manifest): boolean {
+  const [one, other] = [a, b].map(({ layers, groups, pages, first }) => JSON.stringify([layers, groups, pages, first]));
+  return one === other;
+}
+
 /** Where to get a file of a reel: `download` takes it. */
 export function sourceOf({ url, files }: Manifest, { uri, bytes, sha256 }: Asset): Source {
   return { url: new URL(uri, url).href, bytes, sha256, part: files?.part(uri) };

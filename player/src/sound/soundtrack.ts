@@ -98,7 +98,8 @@ export class Soundtrack {
   }
 
   /** Throws as that of HTMLMediaElement does. */
-  set volume(volume: number) {
+  set volume(given: number) {
+    const volume = Number(given);
     if (!(volume >= 0 && volume <= 1)) throw new DOMException(`The volume is ${volume}, not within 0 and 1.`, "IndexSizeError");
     const before = this.loudness;
     if (volume === before) return;

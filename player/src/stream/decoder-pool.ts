@@ -1,7 +1,7 @@
 /** The workers that get and decode files, what each is at, and how fast that goes. */
 import { PLAIN } from "../base/errors";
 import type { DecodeReply, DecodeRequest } from "../decode/decode-worker";
-import { startWorker } from "../files/bundle";
+import { decoderFiles, startDecodeWorker } from "../files/bundle";
 import type { Source } from "../files/source";
 import { failureOf } from "../files/workers";
 import { BandwidthMeter } from "./bandwidth-meter";
@@ -48,7 +48,7 @@ export class DecoderPool {
 
   /** One worker starts at once, while the manifest is on its way; the other when two files are wanted. */
   constructor(worker?: Worker | null) {
-    this.idle.push(this.addWorker(worker ?? startWorker("decode-worker.js")));
+    this.idle.push(this.addWorker(worker ?? startDecodeWorker()));
   }
 
   /** Have something called whenever a worker is free again. */
@@ -133,8 +133,9 @@ export class DecoderPool {
     for (const worker of this.workers) worker.terminate();
   }
 
-  private addWorker(worker = startWorker("decode-worker.js")): Worker {
+  private addWorker(worker = startDecodeWorker()): Worker {
     this.workers.push(worker);
+    send(worker, { files: decoderFiles() });
     return worker;
   }
 

@@ -22,8 +22,8 @@ export interface StreamEvents {
   /** What a page of the manifest says, unchecked. */
   page(page: Page, json: unknown): void;
   dropped(what: Dropped): void;
-  /** A file of a live reel is gone. Resolves once the manifest was read again. */
-  outdated(): Promise<void>;
+  /** A file is gone, or not what the manifest says. Resolves once the manifest was read again: true, if the reel is another one by now. */
+  outdated(): Promise<boolean>;
   /** Bytes came, or a file is being tried again: `trouble` says. */
   progress(): void;
   /** What shows now cannot be had; the stream has ended. */
@@ -268,10 +268,10 @@ export class Stream {
     this.coming.delete(item.key);
     if (!this.isNeededNow(item) || (item.kind === "group" && this.cache.holds(item))) return this.backoff.begin(item.key);
     this.stopped = true;
-    if (this.manifest.live && error.plain === PLAIN.missing) {
-      await this.events.outdated();
+    if (error.plain === PLAIN.missing || error.plain === PLAIN.damaged) {
+      if (await this.events.outdated()) return;
       // What was dropped from the reel does not show any more.
-      if (!this.wanted().some(({ key, urgent }) => urgent && key === item.key)) {
+      if (this.manifest.live && !this.wanted().some(({ key, urgent }) => urgent && key === item.key)) {
         this.stopped = false;
         return this.schedule();
       }

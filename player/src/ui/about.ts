@@ -10,6 +10,10 @@ export function aboutOf({ author, description, licence }: Presentation): HTMLEle
   const box = document.createElement("div");
   box.className = "about";
   const lines = [author && `By ${author}`, description, licence && `Licence: ${licence}`].filter((words) => words !== "");
-  for (const words of lines) box.appendChild(document.createElement("p")).textContent = words;
+  for (const words of lines) {
+    const line = box.appendChild(document.createElement("p"));
+    line.dir = "auto";
+    line.textContent = words;
+  }
   return box;
 }

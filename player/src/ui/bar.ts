@@ -6,7 +6,7 @@ import { SeekBar } from "./seekbar";
 import { timeText } from "./time-text";
 import { VolumeControl } from "./volume-control";
 
-const MARKUP = `<div class="bar" role="group" aria-label="Player controls">
+const MARKUP = `<div class="bar" role="group" aria-label="Player controls" dir="ltr">
   <div class="row">
     <button type="button" class="play" aria-label="Play">${PLAY}</button>
     <div class="time" aria-hidden="true">0:00 <span>/ 0:00</span></div>
@@ -89,11 +89,12 @@ export class Bar {
 
   /** Arrows go from button to button, up and down to the seek bar and back. */
   private rove(event: KeyboardEvent): void {
-    const stops = this.stops.filter((stop) => !stop.hidden);
+    const stops = this.stops.filter((stop) => stop.getClientRects().length > 0);
     const at = stops.indexOf(event.composedPath()[0] as HTMLElement);
     if (at < 0 || event.shiftKey) return;
-    const onSeek = at === 0; // where left and right move time
-    const ways = { ArrowUp: 0, ArrowDown: Math.max(at, 1), ArrowLeft: onSeek ? null : Math.max(at - 1, 1), ArrowRight: onSeek ? null : Math.min(at + 1, stops.length - 1) };
+    const onSeek = stops[at] === this.seek.input; // where left and right move time
+    const first = stops[0] === this.seek.input ? 1 : 0; // small embeds have no seek bar
+    const ways = { ArrowUp: 0, ArrowDown: Math.max(at, first), ArrowLeft: onSeek ? null : Math.max(at - 1, first), ArrowRight: onSeek ? null : Math.min(at + 1, stops.length - 1) };
     const next = ways[event.key as keyof typeof ways] ?? null;
     if (next === null) return;
     event.preventDefault();

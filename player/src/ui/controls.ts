@@ -1,6 +1,6 @@
 /** The controls over the picture, put together: bar, menu, help, statistics and messages, and what keys and buttons do. */
 import { messageOf } from "../base/errors";
-import { loadModule, moduleAddress } from "../files/bundle";
+import { loadPart, playerAddress } from "../files/bundle";
 import { hasHeadset, Headset } from "../player/headset";
 import type { Player } from "../player/player";
 import { describe } from "../player/stats";
@@ -19,7 +19,7 @@ import { saveScreenshot } from "./screenshot";
 
 /** Of the player: after these, what shows may be another. */
 const EVENTS = ["emptied", "loadstart", "loadedmetadata", "durationchange", "canplay", "play", "pause", "timeupdate", "progress", "waiting", "playing"];
-EVENTS.push("seeking", "seeked", "ratechange", "volumechange", "ended", "error");
+EVENTS.push("seeking", "seeked", "ratechange", "volumechange", "ended", "deferred", "error");
 
 const HELP = "Keys and gestures";
 
@@ -122,7 +122,7 @@ export class Controls {
     this.openMenu(false);
     if (this.path) return this.path.close();
     try {
-      const { PathPanel } = await loadModule<typeof import("./path-panel")>("path-panel.js");
+      const { PathPanel } = await loadPart("path-panel.js", () => import("./path-panel"));
       if (this.path || this.life.signal.aborted || !this.player.camera) return;
       this.path = new PathPanel(this.host, this.host.shadowRoot!, () => {
         this.path = null;
@@ -160,8 +160,8 @@ export class Controls {
     const say = (words: string): void => this.messages.say(words);
     this.openMenu(false);
     try {
-      const { shareOf } = await loadModule<typeof import("./share")>("share.js");
-      const shared = { link: host.link, page: location.href.split("#")[0], reel: manifest!.url, player: moduleAddress("player.js"), title: manifest!.presentation.title };
+      const { shareOf } = await loadPart("share.js", () => import("./share"));
+      const shared = { link: host.link, page: location.href.split("#")[0], reel: manifest!.url, player: playerAddress(), title: manifest!.presentation.title };
       this.show("Share", shareOf(shared, say));
     } catch {
       say("This part of the player cannot be loaded");

@@ -52,7 +52,7 @@ export class CooperativeGestures {
 
   /** Browsers ask for this when a finger comes down: it has to be right before. */
   private update(): void {
-    this.canvas.style.touchAction = this.active ? "none" : "pan-x pan-y";
+    this.canvas.classList.toggle("shared", !this.active);
   }
 
   /** Two fingers are for the picture; one that the page took scrolls it. */

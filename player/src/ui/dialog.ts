@@ -2,9 +2,9 @@
 import { CLOSE } from "./icons";
 import { elementOf } from "./markup";
 
-const MARKUP = `<div class="sheet dialog" role="dialog" hidden>
+const MARKUP = `<div class="sheet dialog" role="dialog" aria-modal="true" hidden>
   <button type="button" class="close" aria-label="Close">${CLOSE}</button>
-  <h2></h2>
+  <h2 dir="auto"></h2>
   <div class="content"></div>
 </div>`;
 
@@ -15,6 +15,7 @@ export class Dialog {
   /** closed: called whenever it was closed. */
   constructor(private readonly closed: () => void, signal: AbortSignal) {
     this.button.onclick = () => this.close();
+    this.box.addEventListener("keydown", (event) => event.key === "Tab" && this.turn(event));
     document.addEventListener("pointerdown", (event) => void (event.composedPath().includes(this.box) || this.close()), { signal });
   }
 
@@ -29,6 +30,15 @@ export class Dialog {
     this.box.querySelector(".content")!.replaceChildren(content);
     this.box.hidden = false;
     this.button.focus();
+  }
+
+  /** From the last thing that takes the focus to the first, and back: what lies below is not for now. */
+  private turn(event: KeyboardEvent): void {
+    const stops = [...this.box.querySelectorAll<HTMLElement>("button, input, textarea, select, summary, a[href]")].filter((stop) => stop.getClientRects().length > 0);
+    const [first, last] = event.shiftKey ? [stops[0], stops.at(-1)!] : [stops.at(-1)!, stops[0]];
+    if (event.composedPath()[0] !== first) return;
+    event.preventDefault();
+    last.focus();
   }
 
   close(): void {

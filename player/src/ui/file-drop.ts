@@ -1,6 +1,6 @@
 /** Reels from this machine: a folder or a zip that is dropped on a player, or chosen where there is no reel. */
 import { messageOf, PLAIN, ReelError } from "../base/errors";
-import { loadModule } from "../files/bundle";
+import { loadPart } from "../files/bundle";
 import type { LocalFiles } from "../files/local-files";
 import type { Player } from "../player/player";
 import { elementOf } from "./markup";
@@ -80,7 +80,7 @@ export class FileDrop {
 
   private async open(read: (opener: typeof import("../files/open-files")) => Promise<LocalFiles>): Promise<void> {
     try {
-      const files = await read(await loadModule<typeof import("../files/open-files")>("open-files.js"));
+      const files = await read(await loadPart("open-files.js", () => import("../files/open-files")));
       this.question = "";
       this.settle();
       this.host.srcObject = files;

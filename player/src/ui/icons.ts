@@ -11,6 +11,7 @@ export const HEADSET = icon('<path d="M3 8.5A2.5 2.5 0 0 1 5.5 6h13A2.5 2.5 0 0 
 export const BACK = icon('<path d="M14.5 6.5 9 12l5.5 5.5"/>');
 export const ON = icon('<path d="M9.5 6.5 15 12l-5.5 5.5"/>');
 export const CLOSE = icon('<path d="M6.5 6.5l11 11M17.5 6.5l-11 11"/>');
+export const HAND = icon('<path d="M9 11.5V5.2a1.5 1.5 0 0 1 3 0V11m0-.7V9.6a1.5 1.5 0 0 1 3 0v1.2m0-.2a1.5 1.5 0 0 1 3 0v4.4a5.5 5.5 0 0 1-5.5 5.5h-1a5.5 5.5 0 0 1-4.4-2.3L5.6 15a1.5 1.5 0 0 1 2.2-2L9 14" fill="rgb(0 0 0 / 0.35)"/>');
 const SPEAKER = '<path class="solid" d="M4 9.5h3.5L12 5.5v13l-4.5-4H4z"/>';
 export const SOUND = icon(`${SPEAKER}<path d="M15.5 9a4.2 4.2 0 0 1 0 6M18 6.5a7.8 7.8 0 0 1 0 11"/>`);
 export const MUTED = icon(`${SPEAKER}<path d="M15.5 9.5l5 5M20.5 9.5l-5 5"/>`);

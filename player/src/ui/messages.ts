@@ -4,6 +4,7 @@ import type { Player } from "../player/player";
 import type { Soundtrack } from "../sound/soundtrack";
 import { MUTED, PLAY } from "./icons";
 import { elementOf } from "./markup";
+import { passGestures } from "./pass-gestures";
 
 /** A wait longer than this, milliseconds, is explained. */
 const EXPLAIN_AFTER = 1500;
@@ -30,6 +31,7 @@ export class Messages {
   private told: Error | null = null;
 
   constructor(private readonly player: Player) {
+    for (const name of [".start", ".unmute"]) passGestures(this.find(name), player.canvas);
     this.find(".start").onclick = () => player.play();
     this.find(".retry").onclick = () => player.retry();
     this.find(".unmute").onclick = () => player.soundtrack.toggle();
@@ -37,11 +39,12 @@ export class Messages {
 
   /** Show how things are. */
   update(): void {
-    const { canPlay, paused, currentTime, earliest, error, waiting, busy, soundtrack } = this.player;
+    const { canPlay, paused, currentTime, earliest, error, waiting, busy, deferred, hasSource, soundtrack } = this.player;
     this.updatePanel(error);
     this.updateWait(busy && (!canPlay || waiting));
     this.updateSound(soundtrack, paused);
-    this.find(".start").hidden = !(canPlay && paused && currentTime === earliest && !error && !waiting);
+    const begins = canPlay ? currentTime === earliest && !waiting : deferred && hasSource && !busy;
+    this.find(".start").hidden = !(begins && paused && !error);
   }
 
   private updateSound({ blocked, error }: Soundtrack, paused: boolean): void {

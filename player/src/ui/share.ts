@@ -7,9 +7,9 @@ export interface Shared {
   /** The page's address with the present time and view, and without. */
   link: string;
   page: string;
-  /** The addresses of the manifest and of the player's module. */
+  /** The addresses of the manifest and of the player's module; null: other pages cannot load it. */
   reel: string;
-  player: string;
+  player: string | null;
   title: string;
 }
 
@@ -34,13 +34,15 @@ const MARKUP = `<div class="share">
 /** say: tells people what became of a copy. */
 export function shareOf(shared: Shared, say: (words: string) => void): HTMLElement {
   const box = elementOf(MARKUP);
-  const exact = box.querySelector<HTMLInputElement>(".exact input")!;
   const area = (name: string): HTMLTextAreaElement => box.querySelector<HTMLTextAreaElement>(`[name=${name}]`)!;
+  const { player } = shared;
+  area("element").parentElement!.hidden = !player;
+  const exact = box.querySelector<HTMLInputElement>(".exact input")!;
   const update = (): void => {
     const link = exact.checked ? shared.link : shared.page;
     area("link").value = link;
     area("frame").value = frameOf(link, shared.title);
-    area("element").value = elementCodeOf(shared);
+    area("element").value = player ? elementCodeOf(player, shared.reel) : "";
     box.querySelector(".code")!.replaceChildren(codeOf(link));
   };
   exact.onchange = update;
@@ -65,7 +67,7 @@ function frameOf(link: string, title: string): string {
   return `<iframe src="${escaped(link)}" title="${escaped(title || "Volumetric video")}" width="800" height="450" style="border: 0" allow="${PERMISSIONS}" allowfullscreen loading="lazy"></iframe>`;
 }
 
-function elementCodeOf({ player, reel }: Shared): string {
+function elementCodeOf(player: string, reel: string): string {
   return `<script type="module" src="${escaped(player)}"></script>\n<splat-reel src="${escaped(reel)}" controls loop></splat-reel>`;
 }
 

@@ -4,9 +4,10 @@ import { addressOf, type Manifest } from "../reel/manifest";
 import type { Asset, Thumbnails as Sheets } from "../reel/presentation";
 import { elementOf } from "./markup";
 
-/** The most that one takes, CSS pixels. */
+/** The most that one takes: CSS pixels, and the part of the picture's height. */
 const WIDTH = 160;
 const HEIGHT = 100;
+const SHARE = 0.38;
 
 export class Thumbnails {
   readonly box = elementOf(`<span class="thumbnail" hidden><img alt="" /></span>`);
@@ -29,7 +30,7 @@ export class Thumbnails {
 
   private place(manifest: Manifest, { width, height, columns, rows, sheets }: Sheets, index: number): void {
     const { box, image } = this;
-    const scale = Math.min(1, WIDTH / width, HEIGHT / height);
+    const scale = Math.min(1, WIDTH / width, Math.min(HEIGHT, SHARE * this.player.canvas.clientHeight) / height);
     const at = index % (columns * rows);
     Object.assign(box.style, { width: `${width * scale}px`, height: `${height * scale}px` });
     image.style.width = `${columns * width * scale}px`;

@@ -19,7 +19,7 @@ export class World extends Transfers {
   readonly log: string[] = [];
   readonly pool: DecoderPool;
   readonly stream: Stream;
-  outdated = (): Promise<void> => Promise.resolve();
+  outdated = (): Promise<boolean> => Promise.resolve(false);
   manifest: Manifest;
   private demand: Demand = { current: 0, previous: null, inUse: [], loop: false, frame: 0, rate: 1 };
 

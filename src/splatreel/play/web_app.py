@@ -42,8 +42,8 @@ _READERS = 4
 
 
 class Content(NamedTuple):
-    """What is sent: its bytes, their number, type, entity tag, time of the last change (seconds since 1970) and
-    Content-Security-Policy."""
+    """What is sent: its bytes, their number, type, entity tag, time of the last change (seconds since 1970),
+    Content-Security-Policy, and how long browsers may keep it."""
 
     file: BinaryIO
     size: int
@@ -51,6 +51,7 @@ class Content(NamedTuple):
     tag: str
     modified: float
     policy: str
+    cache: str = "no-cache"
 
 
 class WebApp:
@@ -112,7 +113,10 @@ class WebApp:
             kind = _PLAYER_TYPES.get(Path(name).suffix)
             if kind is None or name not in os.listdir(STATIC):
                 return None
-            return self._page(request) if name == _PAGE else _content(open_file(STATIC / name), kind, policy())
+            if name == _PAGE:
+                return self._page(request)
+            # A page starts several workers from one script.
+            return _content(open_file(STATIC / name), kind, policy())._replace(cache="max-age=60")
         except OSError:
             return None
 
@@ -136,7 +140,7 @@ class WebApp:
             "Last-Modified": formatdate(content.modified, usegmt=True),
             "Accept-Ranges": "bytes",
             # A reel can be replaced or grow: ask before using a copy.
-            "Cache-Control": "no-cache",
+            "Cache-Control": content.cache,
             "Content-Security-Policy": content.policy,
         }
         if _unchanged(asked.get("If-None-Match"), asked.get("If-Modified-Since"), content):

@@ -1,0 +1,122 @@
+"""`import "splatreel-player"` in pages that Vite, webpack, esbuild and Rollup build, and without a bundler."""
+
+import json
+import shutil
+import subprocess
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+import pytest
+from playwright.sync_api import Page
+
+from splatreel.play.player_page import STATIC
+from tests.golden import GOLDEN
+from tests.player.hosts import host
+from tests.player.pages import wait_for_picture
+
+pytestmark = [pytest.mark.browser, pytest.mark.slow]
+
+TOOLS = Path(__file__).parent / "bundlers"
+PACKAGE = Path(__file__).parents[2] / "player" / "package.json"
+HTML = """<!doctype html><html><head><link rel="icon" href="data:," />{head}</head><body>
+<splat-reel src="{reel}manifest.json" controls share></splat-reel>
+<script type="module" src="./main.js"></script></body></html>"""
+IMPORT_MAP = """<script type="importmap">
+{"imports": {"splatreel-player": "./node_modules/splatreel-player/dist/player.js"}}</script>"""
+
+
+@pytest.fixture(scope="session")
+def tools(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A folder with the bundlers, as `tests/player/bundlers/package-lock.json` pins them."""
+    npm = shutil.which("npm")
+    if npm is None:
+        pytest.skip("the bundlers need node and npm")
+    folder = tmp_path_factory.mktemp("bundlers")
+    for name in ("package.json", "package-lock.json", "build.mjs"):
+        shutil.copy(TOOLS / name, folder)
+    command = [npm, "ci", "--no-audit", "--no-fund", "--ignore-scripts"]
+    try:
+        result = subprocess.run(command, cwd=folder, capture_output=True, text=True, timeout=300)
+    except subprocess.TimeoutExpired:
+        pytest.skip("npm does not install the bundlers within five minutes: is there a package registry?")
+    if result.returncode != 0:
+        pytest.skip(f"npm cannot install the bundlers: {result.stderr.strip()[-300:]}")
+    return folder
+
+
+def write_app(folder: Path, reel: str, head: str = "") -> Path:
+    """Write a page that imports the player from its package."""
+    app = folder / "app"
+    shutil.rmtree(app, ignore_errors=True)
+    package = app / "node_modules" / "splatreel-player"
+    shutil.copytree(STATIC, package / "dist")
+    shutil.copy(PACKAGE, package)
+    dependencies = {"name": "app", "private": True, "type": "module", "dependencies": {"splatreel-player": "*"}}
+    (app / "package.json").write_text(json.dumps(dependencies))
+    (app / "main.js").write_text(
+        'import { SplatReelElement } from "splatreel-player";\nwindow.Reel = SplatReelElement;\n'
+    )
+    (app / "index.html").write_text(HTML.format(reel=reel, head=head))
+    return app
+
+
+def assert_plays(page: Page, address: str) -> None:
+    """The page decodes (Draco and H.265, by workers and WASM), sorts, and loads parts on demand."""
+    page.goto(address)
+    wait_for_picture(page)
+    reel = page.locator("splat-reel")
+    reel.get_by_role("button", name="Settings").click()
+    reel.get_by_role("button", name="Camera path").click()
+    reel.get_by_role("button", name="Close the camera path").click()
+    reel.get_by_role("button", name="Settings").click()
+    reel.locator(".menu").get_by_role("button", name="Share").click()
+    reel.get_by_role("dialog", name="Share").wait_for()
+
+
+@contextmanager
+def reel_host() -> Iterator[str]:
+    with host(GOLDEN, headers={"Access-Control-Allow-Origin": "*"}) as address:
+        yield address
+
+
+@pytest.mark.parametrize("bundler", ["vite", "webpack", "esbuild", "rollup"])
+def test_a_built_page_plays(page: Page, tools: Path, bundler: str) -> None:
+    with reel_host() as reel:
+        app = write_app(tools, reel)
+        command = ["node", "build.mjs", bundler]
+        result = subprocess.run(command, cwd=tools, capture_output=True, text=True, timeout=300)
+        assert result.returncode == 0, result.stdout + result.stderr
+        assert result.stdout + result.stderr == "", "no bundler warns of anything"
+        shutil.rmtree(app / "node_modules")
+        with host(app / "dist") as site:
+            assert_plays(page, site)
+            # A page's own script cannot be embedded in other pages.
+            assert page.locator("splat-reel textarea[name=element]").is_hidden()
+
+
+def test_the_development_server_of_vite_plays(page: Page, tools: Path) -> None:
+    with reel_host() as reel:
+        write_app(tools, reel)
+        command = ["node", "build.mjs", "vite-dev"]
+        with subprocess.Popen(
+            command, cwd=tools, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True
+        ) as server:
+            try:
+                assert server.stdout
+                assert_plays(page, server.stdout.readline().strip())
+            finally:
+                server.terminate()
+
+
+def test_a_page_without_a_bundler_plays(page: Page, tmp_path: Path) -> None:
+    with reel_host() as reel:
+        app = write_app(tmp_path, reel, IMPORT_MAP)
+        with host(app) as site:
+            assert_plays(page, site)
+            element = page.locator("splat-reel textarea[name=element]")
+            assert f'src="{site}node_modules/splatreel-player/dist/player.js"' in element.input_value()
+
+
+def test_the_lock_file_names_no_host() -> None:
+    assert "resolved" not in (TOOLS / "package-lock.json").read_text()
