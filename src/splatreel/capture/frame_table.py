@@ -2,16 +2,23 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
+from pathlib import Path
+from typing import Any
 
 import av
 import numpy as np
 from av.container import InputContainer
 from av.error import FFmpegError
+from safetensors import SafetensorError
+from safetensors.numpy import load_file, save
 
 NO_TIME = np.iinfo(np.int64).min
 """Stands for a decoding time or a byte offset that the container does not state."""
+ARRAYS = ("pts", "key_pts", "key_dts", "key_offsets")
+"""The fields of a table that are arrays."""
 
 
 @dataclass(frozen=True)
@@ -75,18 +82,23 @@ class FrameTable:
         return -1 if self.counted else int(np.searchsorted(self.key_pts, self.pts[number], "right")) - 1
 
 
-def scan(container: InputContainer, stream: av.VideoStream, size: int) -> FrameTable:
+def scan(
+    container: InputContainer, stream: av.VideoStream, size: int, index: InputContainer | None = None
+) -> FrameTable:
     """Demultiplex a whole container and return its frame table.
 
     Args:
         container: An open container, at its start. It is used up.
         stream: Its video stream.
         size: Bytes of the file.
+        index: The same container without its pictures (`IndexOnly`), which is used in place of it wherever no picture is needed.
     """
     width, height = stream.codec_context.width, stream.codec_context.height
-    fps, declared = float(stream.average_rate or stream.guessed_rate or 0), _declared(container, stream)
+    fps = float(stream.average_rate or stream.guessed_rate or 0)
+    demuxed, packets_of = (container, stream) if index is None else (index, index.streams.video[0])
+    declared = _declared(demuxed, packets_of)
     rows, packets, whole = [], 0, 0
-    for packet in container.demux(stream):
+    for packet in demuxed.demux(packets_of):
         if packet.size and packet.pts is not None:
             packets += 1
             whole += not packet.is_corrupt
@@ -114,6 +126,31 @@ def scan(container: InputContainer, stream: av.VideoStream, size: int) -> FrameT
         whole=whole,
         declared=declared,
     )
+
+
+def pack_tables(tables: dict[str, FrameTable]) -> bytes:
+    """Return the content of a file of tables by name."""
+    arrays, rest = {}, {}
+    for number, (name, table) in enumerate(tables.items()):
+        values = {field.name: getattr(table, field.name) for field in fields(table)}
+        arrays |= {f"{number}.{key}": values.pop(key) for key in ARRAYS}
+        rest[name] = values
+    arrays["rest"] = np.frombuffer(json.dumps(rest).encode(), np.uint8)
+    return save(arrays)
+
+
+def load_tables(path: Path) -> dict[str, FrameTable]:
+    """Return the tables in a file by name; none where there is no file, or one that cannot be read: videos are scanned then."""
+    try:
+        arrays = load_file(str(path))
+        rest = json.loads(arrays["rest"].tobytes())
+        found: dict[str, FrameTable] = {}
+        for number, (name, values) in enumerate(rest.items()):
+            everything: dict[str, Any] = values | {key: arrays[f"{number}.{key}"] for key in ARRAYS}
+            found[name] = FrameTable(**everything)
+        return found
+    except (OSError, SafetensorError, ValueError, KeyError, TypeError, AttributeError):
+        return {}
 
 
 def _declared(container: InputContainer, stream: av.VideoStream) -> int:

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import closing, contextmanager
 from pathlib import Path
 from threading import Lock
+from typing import Any, cast
 
 import av
 import numpy as np
@@ -13,13 +14,17 @@ from av.container import InputContainer
 from av.error import FFmpegError
 from av.video.reformatter import Interpolation
 
+from splatreel.capture.files import BRIEFLY, LOCAL, Files, open_media
 from splatreel.capture.frame_table import NO_TIME, FrameTable, scan
+from splatreel.capture.index_only import SUFFIXES, IndexOnly
 from splatreel.errors import CaptureError
 
 VIDEO_SUFFIXES = (".mp4", ".mov", ".m4v", ".mkv", ".webm", ".avi", ".mts", ".ts")
 UPSAMPLE_CHROMA = Interpolation.BICUBIC | Interpolation.FULL_CHR_H_INT | Interpolation.ACCURATE_RND
 """FFmpeg interpolates 4:2:0 color only when told so; by default it repeats it, which costs 2 dB at saturated edges."""
 
+WITHOUT_PICTURES = {"fflags": "noparse", "probesize": "32"}
+"""FFmpeg does not look into pictures, which are zeros."""
 STEPS_BACK = (0.5, 2.0, 10.0)
 """Seconds before a keyframe to seek to where a seek to the keyframe itself passed it."""
 KEYFRAMES_BACK = (0, 1, 3, 7)
@@ -40,17 +45,22 @@ class VideoFile:
         start: Seconds that the file states for the first frame.
         fps: Average frames a second.
         table: What the scan found.
+
+    Args:
+        path: The file.
+        files: Where it lies.
+        table: What an earlier scan found; it is used if it is of a file of the same size.
     """
 
-    def __init__(self, path: Path) -> None:
-        self.path = path
+    def __init__(self, path: Path, files: Files = LOCAL, table: FrameTable | None = None) -> None:
+        self.path, self._files = path, files
         self._container: InputContainer | None = None
         self._decoder: Iterator[tuple[int, av.VideoFrame]] | None = None
         self._next = 0
         self._lock = Lock()
         if path.exists() and not path.is_file():  # a pipe is waited for
             raise CaptureError(f"{path}: is no file. Take it out of the capture.")
-        self.table = table = self._scan()
+        self.table = table = self._scan() if table is None or table.size != self._size() else table
         self.width, self.height = (table.height, table.width) if table.turns % 2 else (table.width, table.height)
         self.frames, self.fps, self.start, self.times = table.frames, table.fps, table.start, table.times
         expected = max(table.declared, table.packets, 1)
@@ -89,13 +99,21 @@ class VideoFile:
         self._container = self._decoder = None
 
     def _scan(self) -> FrameTable:
-        with self._guard(), av.open(str(self.path)) as container:
+        with self._guard(), open_media(self._files, self.path) as container:
             if not container.streams.video:
                 raise CaptureError(
                     f"{self.path}: holds no video stream. The file is no video or truncated: "
                     f"copy it again or leave the camera out."
                 )
-            return scan(container, container.streams.video[0], self.path.stat().st_size)
+            stream = container.streams.video[0]
+            if self.path.suffix.lower() not in SUFFIXES:
+                return scan(container, stream, self._size())
+            tables = IndexOnly(self._files.raw(self.path))
+            with closing(tables), av.open(cast(Any, tables), "r", options=WITHOUT_PICTURES) as index:
+                return scan(container, stream, self._size(), cast(InputContainer, index))
+
+    def _size(self) -> int:
+        return self.path.stat().st_size
 
     def _starts(self, first: int) -> Iterator[int | None]:
         """Yield where to begin decoding for a frame: where the last read ended (None), the keyframe before, then earlier ones.
@@ -198,7 +216,7 @@ class VideoFile:
 
     def _opened(self) -> tuple[InputContainer, av.VideoStream]:
         if self._container is None:
-            self._container = av.open(str(self.path))
+            self._container = open_media(self._files, self.path, BRIEFLY)  # the rest is known
             self._container.streams.video[0].codec_context.thread_count = 1  # cameras are decoded in parallel instead
         return self._container, self._container.streams.video[0]
 
@@ -207,7 +225,7 @@ class VideoFile:
         """Turn FFmpeg's errors into ours and drop the decoder, whose state is unknown after one."""
         try:
             yield
-        except FFmpegError as error:
+        except (FFmpegError, OSError) as error:
             self.close()
             raise CaptureError(
                 f"{self.path}: cannot be decoded ({error.strerror or error}). "

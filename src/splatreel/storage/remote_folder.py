@@ -50,6 +50,12 @@ class RemoteFolder:
         except Exception as error:
             raise self._failed(name, "cannot be read", error) from error
 
+    def read_range(self, name: str, begin: int, end: int) -> bytes:
+        try:
+            return self._files.cat_file(f"{self._root}/{name}", start=begin, end=end) if end > begin else b""
+        except Exception as error:
+            raise self._failed(name, "cannot be read", error) from error
+
     def write(self, name: str, data: bytes, headers: Headers = PLAIN) -> None:
         path = f"{self._root}/{name}"
         try:

@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterable
 from pathlib import Path
 
 from splatreel.recon.jobs import part_of
-from splatreel.recon.run.store import LAST_OF_GROUP, PUBLISHED_OF_GROUP
+from splatreel.recon.run.store import LAST_OF_GROUP, PUBLISHED_OF_GROUP, Store
 from splatreel.scene.spans import ChapterSpan
 from splatreel.storage.retrying import untold
 from splatreel.storage.shared_folder import SharedFolder
@@ -34,6 +34,10 @@ class Exchange:
         top = [path.name for path in self._work.iterdir() if path.is_file() and path.name not in seconds]
         scene = [f"scene/{path.name}" for path in (self._work / "scene").iterdir()]
         self._send([*sorted(scene), *sorted(top)])
+
+    def send_tables(self) -> None:
+        """Send the frame tables of the capture, if there are any."""
+        self._send([path.name for path in [Store(self._work).tables_file] if path.exists()])
 
     def fetch_chapter(self, chapter: ChapterSpan) -> None:
         """Whatever is there of a chapter's groups."""

@@ -63,18 +63,20 @@ def _make_chapter(task: NodeTask, chapter: int, send: Callable[[object], None]) 
     from splatreel.recon.machines.reports import GroupDone, Reporter
 
     spec = pickle.loads(task.spec)
-    with _place(task, spec.out) as out, replace(spec, out=out).opened() as run:
+    with _place(task, spec.out) as out:
         exchange = None if task.url is None else Exchange(task.url, out)
         if exchange is not None:
-            exchange.fetch_scene()
-            exchange.fetch_chapter(run.chapters[chapter])
-
-        def after_group(group: int) -> None:
+            exchange.fetch_scene()  # first: it has the frame tables, by which the capture is opened
+        with replace(spec, out=out).opened() as run:
             if exchange is not None:
-                exchange.send_group(chapter, group)
-            send(GroupDone(chapter, group))
+                exchange.fetch_chapter(run.chapters[chapter])
 
-        _patiently(lambda: chapter_job(run, chapter, Reporter(chapter, send), after_group))
+            def after_group(group: int) -> None:
+                if exchange is not None:
+                    exchange.send_group(chapter, group)
+                send(GroupDone(chapter, group))
+
+            _patiently(lambda: chapter_job(run, chapter, Reporter(chapter, send), after_group))
 
 
 def _guarded(task: NodeTask, action: Callable[[], None]) -> str | None:
