@@ -54,14 +54,15 @@ class Exchange:
     def fetch_finished(self, groups: Iterable[int] | None = None) -> None:
         """Of finished groups what is published of them. groups: those that are finished; None: whichever are."""
         if groups is None:
-            found = [_OF_GROUP.fullmatch(name) for name in self._shared.files("group")]
+            there = self._shared.files("group")
+            found = [_OF_GROUP.fullmatch(name) for name in there]
             folders = {match[1] for match in found if match and match[2] == LAST_OF_GROUP}
         else:
             folders = {self._group(group) for group in groups}
+            there = {name: file for folder in folders for name, file in self._shared.files(f"{folder}/").items()}
         for folder in sorted(folders):
             names = (f"{folder}/{name}" for name in PUBLISHED_OF_GROUP)
-            there = self._shared.files(f"{folder}/")
-            self._fetch(name for name in names if name in there)
+            self._shared.pull([name for name in names if name in there], self._work, there)
 
     def _group(self, index: int) -> str:
         return f"group{index:04d}"
