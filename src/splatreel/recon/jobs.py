@@ -27,6 +27,7 @@ from splatreel.recon.encode.sound import hear
 from splatreel.recon.groups import Handover, reconstruct_groups
 from splatreel.recon.init.layout import Layout
 from splatreel.recon.run.job import Job
+from splatreel.recon.run.job_log import LoggedProgress, logged
 from splatreel.recon.run.plan import Plan
 from splatreel.recon.run.run_lock import RunLock
 from splatreel.recon.run.store import Store
@@ -112,10 +113,12 @@ def scene_job(run: ChapteredRun, progress: Progress) -> None:
         keep_tables(run)
         if has_scene(run):
             return
-        job = run.job(SCENE, (_PLATE,), progress)
-        sound = hear(lock.work, run.capture, run.sound, progress)
-        run.store.save_chapter_firsts([chapter.first for chapter in run.chapters])
-        reconstruct_shared_scene(job, run.capture, sound, lock)
+        with logged(lock.work, SCENE) as log:
+            progress = LoggedProgress(progress, log)
+            job = run.job(SCENE, (_PLATE,), progress)
+            sound = hear(lock.work, run.capture, run.sound, progress)
+            run.store.save_chapter_firsts([chapter.first for chapter in run.chapters])
+            reconstruct_shared_scene(job, run.capture, sound, lock)
 
 
 def keep_tables(run: ChapteredRun) -> None:
@@ -134,10 +137,16 @@ def chapter_job(run: ChapteredRun, index: int, progress: Progress, after_group: 
     with run.lock_chapter(chapter):
         if has_chapter(run, chapter):
             return
-        job = run.job(part_of(index), chapter.groups, progress)
-        layout, before = _begin(run, job)
-        output = ChapterOutput(run.store, run.store.header()[0], run.config.encode, after_group)
-        reconstruct_groups(job, run.capture, layout, before, output)
+        with logged(run.store.work, part_of(index)) as log:
+
+            def finished(group: int) -> None:
+                log.write(f"group {group + 1}/{len(run.groups)} is kept")
+                after_group(group)
+
+            job = run.job(part_of(index), chapter.groups, LoggedProgress(progress, log))
+            layout, before = _begin(run, job)
+            output = ChapterOutput(run.store, run.store.header()[0], run.config.encode, finished)
+            reconstruct_groups(job, run.capture, layout, before, output)
 
 
 def publish_job(run: ChapteredRun, progress: Progress, present: Present) -> None:

@@ -7,6 +7,7 @@ from collections.abc import Callable, Iterable
 from pathlib import Path
 
 from splatreel.recon.jobs import part_of
+from splatreel.recon.run.job_log import LOGS
 from splatreel.recon.run.store import LAST_OF_GROUP, PUBLISHED_OF_GROUP, Store
 from splatreel.scene.spans import ChapterSpan
 from splatreel.storage.retrying import untold
@@ -25,8 +26,10 @@ class Exchange:
         self._shared, self._work = SharedFolder(f"{url.rstrip('/')}/work", tell), out / "work"
 
     def fetch_scene(self) -> None:
-        """All that does not belong to one group."""
-        self._fetch(name for name in self._shared.files() if not _OF_GROUP.fullmatch(name))
+        """All that does not belong to one group, but for logs."""
+        there = self._shared.files()
+        names = [name for name in there if not _OF_GROUP.fullmatch(name) and not name.startswith(f"{LOGS}/")]
+        self._shared.pull(names, self._work, there)
 
     def send_scene(self) -> None:
         """The same, as far as the scene's job has made it."""
@@ -41,8 +44,14 @@ class Exchange:
 
     def fetch_chapter(self, chapter: ChapterSpan) -> None:
         """Whatever is there of a chapter's groups."""
+        self._shared.pull_all(f"{LOGS}/{part_of(chapter.index)}.log", self._work)
         for span in chapter.groups:
             self._shared.pull_all(f"{self._group(span.index)}/", self._work)
+
+    def send_log(self, part: str) -> None:
+        """Send the log of a job, if there is one."""
+        name = f"{LOGS}/{part}.log"
+        self._send([name] if (self._work / name).exists() else [])
 
     def send_group(self, chapter: int, group: int) -> None:
         """All of a group; what tells that it is finished comes last."""

@@ -90,7 +90,7 @@ class _Cluster:
     def __init__(
         self, ray: Any, run: ChapteredRun, spec: RunSpec, url: str | None, exchange: Exchange | None, progress: Progress
     ) -> None:
-        self.ray, self.run, self.exchange, self.progress = ray, run, exchange, progress
+        self.ray, self.run, self.exchange, self.progress, self.url = ray, run, exchange, progress, url
         need = needed_memory(run.capture, run.config)
         self.resources, self.at_once = share_nodes(ray.nodes(), len(run.chapters), spec.device, need)
         self.task = NodeTask(pickle.dumps(spec), url, self.resources.cores)
@@ -106,9 +106,9 @@ class _Cluster:
         if self.exchange is not None:
             self.exchange.fetch_scene()
             self.exchange.fetch_finished()
-        driver = Driver(self.run, self.progress, present, min(self.at_once, len(self.run.chapters)))
-        self._run({chapter: (make_chapter, chapter) for chapter in driver.todo}, self._fetching(driver.hear))
-        driver.finish()
+        with Driver(self.run, self.progress, present, min(self.at_once, len(self.run.chapters)), self.url) as driver:
+            self._run({chapter: (make_chapter, chapter) for chapter in driver.todo}, self._fetching(driver.hear))
+            driver.finish()
 
     def _make_scene(self, progress: Progress) -> None:
         ended: list[str | None] = []
@@ -121,6 +121,8 @@ class _Cluster:
                     progress.note(text)
                 case ChapterEnded(_, error):
                     ended.append(error)
+                case _:
+                    pass
 
         progress.stage("building what all chapters share, on a node", 100, (0.0, 1.0))
         self._run({0: (make_scene,)}, hear)
