@@ -114,6 +114,9 @@ class BreakingFolder:
     def read(self, name: str, most: int) -> bytes | None:
         return self.folder.read(name, most)
 
+    def read_range(self, name: str, begin: int, end: int) -> bytes:
+        return self.folder.read_range(name, begin, end)
+
     def write(self, name: str, data: bytes, headers: Headers = PLAIN) -> None:
         with self._lock:
             number, self.writes = self.writes, self.writes + 1

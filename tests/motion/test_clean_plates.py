@@ -74,3 +74,15 @@ def test_one_frame_is_its_own_plate() -> None:
     images, unknown = plates(film)
     assert np.array_equal(images, np.rint(film[0]).clip(0, 255))
     assert not unknown.any()
+
+
+def test_somebody_who_stays_and_moves_a_little_is_not_taken_for_what_is_always_there() -> None:
+    """The folds of a shirt differ by less than what may take part in a mean, so that the plate has a smear there."""
+    film = filmed(noise=1.0)
+    for frame in range(FRAMES):
+        film[frame, 0, 6:26, 8:28] = 110 + 8 * np.sin(0.3 * np.arange(20) + 1.7 * frame)[:, None]
+    _, unknown = plates(film)
+    assert unknown[0, 10:22, 12:24].mean() > 0.9
+    assert not unknown[0, :2].any()
+    assert not unknown[0, :, 32:].any()
+    assert not unknown[1].any()

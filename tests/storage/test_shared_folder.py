@@ -92,7 +92,7 @@ def test_a_version_that_a_killed_push_left_is_removed_by_the_next(tmp_path):
     open_folder(tmp_path / "shared").write(old, data)
     assert shared.pull_all("", tmp_path / "two") == ["a"]
     assert read(tmp_path / "two") == {"a": "2"}
-    assert shared.push(tmp_path / "one", ["a"]) == []
+    assert SharedFolder(tmp_path / "shared").push(tmp_path / "one", ["a"]) == []
     assert len(open_folder(tmp_path / "shared").sizes()) == 1
 
 

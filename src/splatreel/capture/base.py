@@ -7,13 +7,15 @@ import math
 from abc import ABC, abstractmethod
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from splatreel import threads
+from splatreel.capture.files import LOCAL, Files
+from splatreel.capture.frame_table import FrameTable
 from splatreel.capture.growing.growth import Growth
 from splatreel.capture.poses import check_poses
 from splatreel.capture.sound import Track
@@ -44,6 +46,10 @@ class Request:
     frames: tuple[int, int] | None = None
     held_out: list[str] | None = None
     growth: Growth | None = None
+    files: Files = LOCAL
+    """Where the videos and pictures lie."""
+    tables: dict[str, FrameTable] = field(default_factory=dict)
+    """Frame tables of videos by their paths within the capture, as far as they are known; others are scanned."""
 
     def size(self, width: int, height: int, path: Path) -> tuple[int, int]:
         """Output (width, height) for an input of that size, at the same aspect ratio."""
@@ -201,6 +207,10 @@ class Capture(ABC):
 
     def tracks(self) -> dict[str, Track]:
         """By camera, where the sound of the chosen frames is, or would be; of cameras whose pictures are videos."""
+        return {}
+
+    def frame_tables(self) -> dict[str, FrameTable]:
+        """Return the frame tables of its videos by their paths within the capture, for others who open it."""
         return {}
 
     def sources(self) -> list[Path]:

@@ -8,6 +8,7 @@ from typing import Protocol, runtime_checkable
 import numpy as np
 
 from splatreel.capture.base import Capture, Request, read_cameras
+from splatreel.capture.frame_table import FrameTable
 from splatreel.capture.lens import Lens
 from splatreel.capture.sound import Track
 from splatreel.scene.camera import Camera
@@ -30,6 +31,10 @@ class FrameSource(Protocol):
 
     def tracks(self, first: int) -> dict[str, Track]:
         """By camera, where the sound from time step `first` on is; nothing of cameras without a video."""
+        ...
+
+    def tables(self) -> dict[Path, FrameTable]:
+        """Return the frame tables of its videos; nothing of pictures, or of what is still being written."""
         ...
 
     def close(self) -> None:
@@ -114,6 +119,9 @@ class FileCapture(Capture):
 
     def sources(self) -> list[Path]:
         return self._source.sources(self.first_frame, self.frames)
+
+    def frame_tables(self) -> dict[str, FrameTable]:
+        return {path.relative_to(self.path).as_posix(): table for path, table in self._source.tables().items()}
 
     def tracks(self) -> dict[str, Track]:
         return self._source.tracks(self.first_frame)

@@ -7,6 +7,8 @@ from pathlib import Path
 import numpy as np
 
 from splatreel.capture.base import Request
+from splatreel.capture.frame_table import FrameTable
+from splatreel.capture.growing.growth import is_recorded
 from splatreel.capture.images import image_size, read_image
 from splatreel.capture.sidecar import SIDECAR, Sidecar
 from splatreel.capture.sound import Track
@@ -23,7 +25,7 @@ class ImageSequences:
     """
 
     def __init__(self, path: Path, files: dict[str, list[Path]], sidecar: Sidecar, request: Request) -> None:
-        self._files = files
+        self._files, self._where = files, request.files
         self.fps = sidecar.fps or 30.0
         if sidecar.starts:
             raise CaptureError(
@@ -31,7 +33,7 @@ class ImageSequences:
             )
         counts = {name: len(found) for name, found in files.items()}
         self.frames = min(counts.values(), default=0)
-        if request.frames is None and len(set(counts.values())) > 1:
+        if request.frames is None and not is_recorded(path) and len(set(counts.values())) > 1:
             low, high = min(counts, key=lambda n: counts[n]), max(counts, key=lambda n: counts[n])
             raise CaptureError(
                 f"{path}: the cameras have unequal numbers of pictures: {low} has {counts[low]}, {high} has {counts[high]}. Add "
@@ -40,15 +42,19 @@ class ImageSequences:
 
     def size(self, name: str) -> tuple[int, int]:
         """(width, height) of a camera's first picture."""
-        return image_size(self._files[name][0])
+        return image_size(self._files[name][0], self._where)
 
     def read_camera(self, out: np.ndarray, first: int, name: str) -> None:
         """Time steps first .. first + len(out) - 1 of a camera into out [count, H, W, 3] uint8."""
         for picture, file in zip(out, self._files[name][first : first + len(out)], strict=True):
-            picture[:] = read_image(file, out.shape[2], out.shape[1])
+            picture[:] = read_image(file, out.shape[2], out.shape[1], self._where)
 
     def sources(self, first: int, count: int) -> list[Path]:
         return [file for files in self._files.values() for file in files[first : first + count]]
+
+    def tables(self) -> dict[Path, FrameTable]:
+        """Nothing: pictures need none."""
+        return {}
 
     def tracks(self, first: int) -> dict[str, Track]:
         """Pictures have none."""

@@ -9,22 +9,23 @@ import numpy as np
 from av.video.reformatter import Interpolation
 from PIL import Image, UnidentifiedImageError
 
+from splatreel.capture.files import LOCAL, Files
 from splatreel.errors import CaptureError
 
 
-def image_size(path: Path) -> tuple[int, int]:
+def image_size(path: Path, files: Files = LOCAL) -> tuple[int, int]:
     """(width, height) of an image file, without decoding it."""
     try:
-        with Image.open(path) as image:
+        with Image.open(files.source(path)) as image:
             return image.size
     except (OSError, UnidentifiedImageError) as error:
         raise _unreadable(path, error) from error
 
 
-def read_image(path: Path, width: int, height: int) -> np.ndarray:
+def read_image(path: Path, width: int, height: int, files: Files = LOCAL) -> np.ndarray:
     """An image file resized by area to width x height, uint8 [height, width, 3] sRGB."""
     try:
-        with Image.open(path) as image:
+        with Image.open(files.source(path)) as image:
             pixels = np.asarray(image.convert("RGB"))
     except (OSError, UnidentifiedImageError, Image.DecompressionBombError) as error:
         raise _unreadable(path, error) from error

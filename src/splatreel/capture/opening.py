@@ -4,9 +4,13 @@ from __future__ import annotations
 
 import os
 from collections.abc import Callable
+from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Any
 
 from splatreel.capture.base import Capture, Request
+from splatreel.capture.files import LOCAL, Files, RemoteFiles
+from splatreel.capture.frame_table import load_tables
 from splatreel.capture.growing.growth import Growth
 from splatreel.capture.readers.colmap import ColmapCapture, is_colmap
 from splatreel.capture.readers.easyvolcap import EasyVolcapCapture, is_easyvolcap
@@ -15,6 +19,7 @@ from splatreel.capture.readers.panoptic import PanopticCapture, is_panoptic
 from splatreel.capture.readers.technicolor import TechnicolorCapture, is_technicolor
 from splatreel.capture.sidecar import failed
 from splatreel.errors import CaptureError
+from splatreel.storage.opening import local_path
 
 LOOKED_FOR = """\
   Neu3DV:          poses_bounds.npy and cam00.mp4, cam01.mp4, ...
@@ -41,16 +46,26 @@ def open_capture(
     frames: tuple[int, int] | None = None,
     held_out: list[str] | None = None,
     growth: Growth | None = None,
+    tables: Path | None = None,
 ) -> Capture:
     """Open a capture folder of any known format.
 
-    width: output width in pixels, or scale: output over input size; by default the input's size. frames: (first, end), end
-    exclusive. held_out: names of cameras kept for evaluation; by default what the format says. growth: of a capture that is still being
-    written (`open_growing`).
-    Raises `CaptureError` where the folder is of no known format or its content cannot be used.
+    Args:
+        path: The folder; or an address of one, such as `s3://BUCKET/CAPTURE`, of which only what is needed is fetched.
+        width: Output width in pixels; by default the input's.
+        scale: Output over input size, instead of the width.
+        frames: (first, end), end exclusive.
+        held_out: Names of cameras kept for evaluation; by default what the format says.
+        growth: Of a capture that is still being written (`open_growing`).
+        tables: A file of `pack_tables`, whose videos need not be scanned again; it may be missing.
+
+    Raises:
+        CaptureError: The folder is of no known format, or its content cannot be used.
+        StorageError: The address cannot be reached.
     """
-    folder = Path(path)
-    request = Request(width, scale, frames, held_out, growth)
+    files, folder = _located(path)
+    known = {} if tables is None else load_tables(tables)
+    request = Request(width, scale, frames, held_out, growth, files, known)
     for fits, reader in READERS:
         if fits(folder):
             check_files(folder)
@@ -59,6 +74,31 @@ def open_capture(
         raise failure
     state = "holds none of these" if folder.is_dir() else "is not a folder; one of these was looked for"
     raise CaptureError(f"{folder}: {state}:\n{LOOKED_FOR}")
+
+
+@dataclass(frozen=True)
+class CaptureSource:
+    """What `open_capture` is called with, so that other processes can open the same capture.
+
+    Attributes:
+        path: The capture's folder or address.
+        request: Keyword arguments of `open_capture`.
+    """
+
+    path: str | Path
+    request: dict[str, Any] = field(default_factory=dict)
+
+    def __call__(self, tables: Path | None = None) -> Capture:
+        return open_capture(self.path, tables=tables, **self.request)
+
+
+def _located(path: str | Path) -> tuple[Files, Path]:
+    """Return where the files of a capture are, and its folder on this machine."""
+    folder = local_path(path)
+    if folder is not None:
+        return LOCAL, folder
+    files = RemoteFiles(str(path))
+    return files, files.root
 
 
 def check_files(folder: Path, depth: int = 3) -> None:

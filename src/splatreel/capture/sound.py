@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
-from contextlib import contextmanager
+from collections.abc import Callable, Iterator
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -12,6 +13,8 @@ import av
 import numpy as np
 from av.error import FFmpegError
 
+from splatreel import threads
+from splatreel.capture.files import LOCAL, Files, open_media
 from splatreel.errors import CaptureError
 
 RATE = 48_000
@@ -22,18 +25,35 @@ CLIPPED = 1e-4
 """Share of clipped samples, some five a second, up to which a track counts as undistorted."""
 SILENT = 1e-5
 """Root mean square below which a track holds nothing: 100 dB below full scale."""
-
-
+WINDOWS, WINDOW = 12, 5.0
+"""By so many stretches of so many seconds a long track is judged."""
+PREROLL = 2.0
+"""Seconds that are decoded before what is wanted: a decoder has to come into step."""
 GAP = 0.02
 """Seconds by which a file's times may be off what came before; beyond, something is missing, and silence takes its place."""
 
 
 @dataclass(frozen=True)
 class Track:
-    """Where the sound of some frames is: in a file, from `start` seconds after its first picture on."""
+    """Where the sound of some frames is.
+
+    Attributes:
+        file: A file, by which it is known whether there is any sound.
+        start: Seconds after its first picture from which on the sound is wanted.
+        files: Where the file lies.
+        blocks: Gives the sound of so many channels from `start` on, in blocks of [n, channels], where it is in several files.
+    """
 
     file: Path
     start: float
+    files: Files = LOCAL
+    blocks: Callable[[int], Iterator[np.ndarray]] | None = None
+
+    def read(self, channels: int, skip: float = 0.0) -> Iterator[np.ndarray]:
+        """Yield blocks of [n, channels] float32 at `RATE` a second, from `skip` seconds after `start` on."""
+        if self.blocks is None:
+            return read_sound(self.file, channels, RATE, self.start + skip, self.files)
+        return _without_first(self.blocks(channels), round(skip * RATE))
 
 
 @dataclass(frozen=True)
@@ -49,10 +69,14 @@ class Choice:
         name = f"camera {self.camera}" if self.camera is not None else str(self.track.file)
         return f"{name} ({self.why})" if self.why else name
 
-    def samples(self, seconds: float) -> Iterator[np.ndarray]:
-        """Blocks of [n, channels] float32 at `RATE` a second, so many seconds in all; silence where there is none."""
-        blocks = read_sound(self.track.file, self.channels, RATE, self.track.start)
-        yield from _cut(blocks, seconds, self.channels)
+    def samples(self, seconds: float, skip: float = 0.0) -> Iterator[np.ndarray]:
+        """Yield blocks of [n, channels] float32 at `RATE` a second, so many seconds in all; silence where there is none.
+
+        Args:
+            seconds: How many.
+            skip: Seconds to leave out at the start.
+        """
+        yield from _cut(self.track.read(self.channels, skip), seconds, self.channels)
 
 
 @dataclass(frozen=True)
@@ -73,9 +97,9 @@ def choose(wanted: str, tracks: dict[str, Track], seconds: float, begin: float, 
     if wanted == "none":
         return None
     if wanted == "auto":
-        return _best({name: track for name, track in tracks.items() if channels(track.file)}, seconds)
+        return _best(tracks, seconds)
     if wanted in tracks:
-        choice = Choice(tracks[wanted], channels(tracks[wanted].file), wanted)
+        choice = Choice(tracks[wanted], channels(tracks[wanted].file, tracks[wanted].files), wanted)
     elif Path(wanted).is_file():
         choice = Choice(Track(Path(wanted), begin), channels(Path(wanted)), None)
     else:
@@ -91,9 +115,13 @@ def choose(wanted: str, tracks: dict[str, Track], seconds: float, begin: float, 
 
 def _best(tracks: dict[str, Track], seconds: float) -> Choice | None:
     """The loudest of the undistorted ones; where all are distorted, the least distorted one."""
-    choices = [Choice(track, channels(track.file), name) for name, track in tracks.items()]
-    heard = {choice: _loudness(choice, seconds) for choice in choices}
-    heard = {choice: loudness for choice, loudness in heard.items() if loudness.rms >= SILENT}
+    with ThreadPoolExecutor(threads.count()) as pool:  # FFmpeg works without the interpreter lock
+        counts = pool.map(lambda track: channels(track.file, track.files), tracks.values())
+        choices = [
+            Choice(track, count, name) for (name, track), count in zip(tracks.items(), counts, strict=True) if count
+        ]
+        found = pool.map(lambda choice: _loudness(choice, seconds), choices)
+        heard = {c: loudness for c, loudness in zip(choices, found, strict=True) if loudness.rms >= SILENT}
     clean = [choice for choice in heard if heard[choice].clipped <= CLIPPED]
     if clean:
         best = max(clean, key=lambda choice: heard[choice].rms)
@@ -104,35 +132,49 @@ def _best(tracks: dict[str, Track], seconds: float) -> Choice | None:
 
 
 def _loudness(choice: Choice, seconds: float) -> Loudness:
+    """Listen to all of a short track, and to `WINDOWS` parts of a long one."""
+    length = seconds if seconds <= WINDOWS * WINDOW else WINDOW
+    starts = [0.0] if length == seconds else np.linspace(0, seconds - WINDOW, WINDOWS).tolist()
     squares, clipped, count = 0.0, 0, 0
-    for block in choice.samples(seconds):
-        squares += float(np.square(block, dtype=np.float64).sum())
-        clipped += int((np.abs(block) >= LOUD).sum())
-        count += block.size
+    for start in starts:
+        for block in choice.samples(length, start):
+            squares += float(np.square(block, dtype=np.float64).sum())
+            clipped += int((np.abs(block) >= LOUD).sum())
+            count += block.size
     return Loudness(math.sqrt(squares / max(count, 1)), clipped / max(count, 1))
 
 
-def channels(file: Path) -> int:
+def channels(file: Path, files: Files = LOCAL) -> int:
     """How many `read_sound` shall give of a file: 1, or 2 where it has more; 0 where it has no sound.
 
     Raises `CaptureError` where it cannot be opened.
     """
-    with _guard(file), av.open(str(file)) as container:
+    with _guard(file), open_media(files, file) as container:
         return min(container.streams.audio[0].layout.nb_channels, 2) if container.streams.audio else 0
 
 
-def read_sound(file: Path, channels: int, rate: int, start: float = 0.0) -> Iterator[np.ndarray]:
-    """The sound of a file in blocks, [n, channels] float32, from `start` seconds after its first picture (or sound) on, to its end.
+def read_sound(file: Path, channels: int, rate: int, start: float = 0.0, files: Files = LOCAL) -> Iterator[np.ndarray]:
+    """Yield the sound of a file to its end, in blocks of [n, channels] float32. Where something is missing is silence.
 
-    channels: 1 or 2. Silence where something is missing, as before a sound that begins later. Raises `CaptureError` for a file
-    without sound or one that cannot be decoded.
+    Args:
+        file: A file of sound or video.
+        channels: 1 or 2.
+        rate: Samples a second.
+        start: Seconds after the first picture, or else the first sound, to begin at.
+        files: Where the file lies.
+
+    Raises:
+        CaptureError: The file has no sound, or it cannot be decoded.
     """
-    with _guard(file), av.open(str(file)) as container:
+    with _guard(file), open_media(files, file) as container:
         if not container.streams.audio:
             raise CaptureError(f"{file}: has no sound.")
         audio = container.streams.audio[0]
         first = container.streams.video[0] if container.streams.video else audio
         zero = float((first.start_time or 0) * (first.time_base or 0)) + start
+        if start > PREROLL and audio.time_base:
+            with suppress(FFmpegError):  # then it is read from the start of the file
+                container.seek(int((zero - PREROLL) / audio.time_base), stream=audio)
         resampler = av.AudioResampler("flt", "mono" if channels == 1 else "stereo", rate)
         now: int | None = None  # where the next sample belongs, in samples from `start` on
         for frame in container.decode(audio):
@@ -150,6 +192,12 @@ def read_sound(file: Path, channels: int, rate: int, start: float = 0.0) -> Iter
             yield part.to_ndarray().reshape(-1, channels)[max(-(now or 0), 0) :]
 
 
+def _without_first(blocks: Iterator[np.ndarray], count: int) -> Iterator[np.ndarray]:
+    for block in blocks:
+        yield block[count:]
+        count = max(count - len(block), 0)
+
+
 def _cut(blocks: Iterator[np.ndarray], seconds: float, channels: int) -> Iterator[np.ndarray]:
     left = round(seconds * RATE)
     for block in blocks:
@@ -165,7 +213,7 @@ def _guard(file: Path) -> Iterator[None]:
     """FFmpeg's errors as ours."""
     try:
         yield
-    except (FFmpegError, ValueError) as error:
+    except (FFmpegError, OSError, ValueError) as error:
         raise CaptureError(
             f"{file}: its sound cannot be decoded ({getattr(error, 'strerror', None) or error}). Copy the file again."
         ) from error

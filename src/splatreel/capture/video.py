@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from bisect import bisect_right
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import closing, contextmanager
 from pathlib import Path
 from threading import Lock
+from typing import Any, cast
 
 import av
 import numpy as np
@@ -14,11 +14,21 @@ from av.container import InputContainer
 from av.error import FFmpegError
 from av.video.reformatter import Interpolation
 
+from splatreel.capture.files import BRIEFLY, LOCAL, Files, open_media
+from splatreel.capture.frame_table import NO_TIME, FrameTable, scan
+from splatreel.capture.index_only import SUFFIXES, IndexOnly
 from splatreel.errors import CaptureError
 
 VIDEO_SUFFIXES = (".mp4", ".mov", ".m4v", ".mkv", ".webm", ".avi", ".mts", ".ts")
 UPSAMPLE_CHROMA = Interpolation.BICUBIC | Interpolation.FULL_CHR_H_INT | Interpolation.ACCURATE_RND
 """FFmpeg interpolates 4:2:0 color only when told so; by default it repeats it, which costs 2 dB at saturated edges."""
+
+WITHOUT_PICTURES = {"fflags": "noparse", "probesize": "32"}
+"""FFmpeg does not look into pictures, which are zeros."""
+STEPS_BACK = (0.5, 2.0, 10.0)
+"""Seconds before a keyframe to seek to where a seek to the keyframe itself passed it."""
+KEYFRAMES_BACK = (0, 1, 3, 7)
+"""Keyframes to go back where a frame cannot be decoded from the one before it."""
 
 
 class VideoFile:
@@ -26,69 +36,61 @@ class VideoFile:
 
     The file is scanned once without decoding, so that frames are known by their presentation times: their number is exact and
     variable frame rates cannot shift one camera against another. The decoder is opened by the first read and kept.
-    width, height: pixels as shown: phones store upright pictures lying. frames: how many there are. times: [frames] seconds after the
-    first. start: seconds that the file says of the first. fps: average frames a second.
+
+    Attributes:
+        width: Pixels of a picture as shown.
+        height: Pixels of a picture as shown.
+        frames: Number of frames.
+        times: [frames] float64, seconds after the first frame.
+        start: Seconds that the file states for the first frame.
+        fps: Average frames a second.
+        table: What the scan found.
+
+    Args:
+        path: The file.
+        files: Where it lies.
+        table: What an earlier scan found; it is used if it is of a file of the same size.
     """
 
-    def __init__(self, path: Path) -> None:
-        self.path = path
+    def __init__(self, path: Path, files: Files = LOCAL, table: FrameTable | None = None) -> None:
+        self.path, self._files = path, files
         self._container: InputContainer | None = None
-        self._decoder: Iterator[av.VideoFrame] | None = None
+        self._decoder: Iterator[tuple[int, av.VideoFrame]] | None = None
         self._next = 0
         self._lock = Lock()
         if path.exists() and not path.is_file():  # a pipe is waited for
             raise CaptureError(f"{path}: is no file. Take it out of the capture.")
-        with self._guard(), av.open(str(path)) as container:
-            if not container.streams.video:
-                raise CaptureError(
-                    f"{path}: holds no video stream. The file is no video or truncated: "
-                    f"copy it again or leave the camera out."
-                )
-            stream = container.streams.video[0]
-            self.width, self.height = stream.codec_context.width, stream.codec_context.height
-            time_base = float(stream.time_base or 0)
-            self.fps = float(stream.average_rate or stream.guessed_rate or 0)
-            declared = stream.frames
-            packets = [
-                (p.pts, p.is_keyframe, p.is_corrupt, p.is_discard)
-                for p in container.demux(stream)
-                if p.size and p.pts is not None
-            ]
-            self._turns = _quarter_turns(container, stream)
-        if self._turns % 2:
-            self.width, self.height = self.height, self.width
-        self._pts = sorted(pts for pts, _, _, discard in packets if not discard)
-        self._keys = sorted(pts for pts, key, _, discard in packets if key and not discard)
-        self._numbers = {pts: number for number, pts in enumerate(self._pts)}
-        self.frames = len(self._pts)
-        self.start = (self._pts or [0])[0] * time_base
-        self.times = (np.array(self._pts, np.float64) - (self._pts or [0])[0]) * time_base
-        whole = sum(not corrupt for _, _, corrupt, _ in packets)
-        if whole < max(declared, len(packets), 1):
-            advice = f"or cut every video to {whole} frames" if whole else "or leave the camera out"
+        self.table = table = self._scan() if table is None or table.size != self._size() else table
+        self.width, self.height = (table.height, table.width) if table.turns % 2 else (table.width, table.height)
+        self.frames, self.fps, self.start, self.times = table.frames, table.fps, table.start, table.times
+        expected = max(table.declared, table.packets, 1)
+        if table.whole < expected:
+            advice = f"or cut every video to {table.whole} frames" if table.whole else "or leave the camera out"
             raise CaptureError(
-                f"{path}: is truncated: {whole} of {max(declared, len(packets))} frames are whole. Copy the file again, {advice}."
+                f"{path}: is truncated: {table.whole} of {expected} frames are whole. Copy the file again, {advice}."
             )
 
     def read_into(self, out: np.ndarray, numbers: np.ndarray) -> None:
-        """Decode the frames of these numbers, in rising order, into out [count, H, W, 3] uint8 sRGB, resized by area to H x W."""
+        """Decode frames into an array.
+
+        Args:
+            out: [count, H, W, 3] uint8 sRGB, to which frames are resized by area.
+            numbers: [count] numbers of the frames, in rising order.
+        """
         first, end = int(numbers[0]), int(numbers[-1]) + 1
         if not 0 <= first < end <= self.frames:
             raise CaptureError(f"{self.path}: frames {first}:{end} asked for, the video has {self.frames}.")
+        missing = set(numbers.tolist())
         with self._lock, self._guard():
-            missing = set(numbers.tolist())
-            for number, frame in self._decode_from(first):
-                if number in missing:
-                    out[numbers == number] = to_rgb(frame, out.shape[2], out.shape[1], self._turns)
-                    missing.discard(number)
+            for key in self._starts(first):
+                self._read(out, numbers, missing, key)
                 if not missing:
-                    break
-        if missing:
-            self.close()
-            raise CaptureError(
-                f"{self.path}: frame {min(missing)} of {self.frames} cannot be decoded; the file is damaged. "
-                f"Copy it again or choose frames before {min(missing)}."
-            )
+                    return
+        self.close()
+        raise CaptureError(
+            f"{self.path}: frame {min(missing)} of {self.frames} cannot be decoded; the file is damaged. "
+            f"Copy it again or choose frames before {min(missing)}."
+        )
 
     def close(self) -> None:
         """Drop the decoder; the next read opens a new one."""
@@ -96,53 +98,139 @@ class VideoFile:
             self._container.close()
         self._container = self._decoder = None
 
-    def _decode_from(self, first: int) -> Iterator[tuple[int, av.VideoFrame]]:
-        """Yield (number, frame) from at most `first` on, going on where the last read ended if nothing is nearer."""
-        key = bisect_right(self._keys, self._pts[first]) - 1
-        nearest = self._numbers[self._keys[key]] if key >= 0 else 0
-        if self._decoder is None or first < self._next or nearest > self._next:
-            self._decoder = self._decode_at(nearest)
-        for frame in self._decoder:
-            number = None if frame.pts is None else self._numbers.get(frame.pts)
-            if number is None:
-                continue  # outside an edit list
-            if frame.is_corrupt:
-                raise CaptureError(f"{self.path}: frame {number} of {self.frames} is damaged. Copy the file again.")
-            self._next = number + 1
-            yield number, frame
+    def _scan(self) -> FrameTable:
+        with self._guard(), open_media(self._files, self.path) as container:
+            if not container.streams.video:
+                raise CaptureError(
+                    f"{self.path}: holds no video stream. The file is no video or truncated: "
+                    f"copy it again or leave the camera out."
+                )
+            stream = container.streams.video[0]
+            if self.path.suffix.lower() not in SUFFIXES:
+                return scan(container, stream, self._size())
+            tables = IndexOnly(self._files.raw(self.path))
+            with closing(tables), av.open(cast(Any, tables), "r", options=WITHOUT_PICTURES) as index:
+                return scan(container, stream, self._size(), cast(InputContainer, index))
 
-    def _decode_at(self, number: int) -> Iterator[av.VideoFrame]:
-        """A new iterator over frames from a keyframe on. It is kept between reads, for the decoder hands out frames in batches."""
+    def _size(self) -> int:
+        return self.path.stat().st_size
+
+    def _starts(self, first: int) -> Iterator[int | None]:
+        """Yield where to begin decoding for a frame: where the last read ended (None), the keyframe before, then earlier ones.
+
+        Not every keyframe is enough: after the start of an intra refresh, pictures are whole only some frames later.
+        """
+        key = self.table.key_before(first)
+        nearest = 0 if key < 0 else int(np.searchsorted(self.table.pts, self.table.key_pts[key]))
+        if self._decoder is not None and self._next <= first and nearest <= self._next:
+            yield None
+        for step in KEYFRAMES_BACK:
+            yield max(key - step, -1)
+            if key < step:
+                return
+
+    def _read(self, out: np.ndarray, numbers: np.ndarray, missing: set[int], key: int | None) -> None:
+        """Fill what can be decoded from a place of `_starts` on, and remove it from `missing`."""
+        if key is not None or self._decoder is None:
+            self._next = 0
+            self._decoder = self._decode_from(-1 if key is None else key)
+        for number, frame in self._decoder:
+            self._next = number + 1
+            if number in missing and not frame.is_corrupt:
+                out[numbers == number] = to_rgb(frame, out.shape[2], out.shape[1], self.table.turns)
+                missing.discard(number)
+            if not missing or number > max(missing):
+                return
+        self._decoder = None  # it has reached the end
+
+    def _decode_from(self, key: int) -> Iterator[tuple[int, av.VideoFrame]]:
+        """Yield (number, frame) from a keyframe on. It is kept between reads, for the decoder hands out frames in batches."""
+        begin = NO_TIME if key < 0 else int(self.table.key_pts[key])
+        count = 0
+        for packet in self._packets_from(key):
+            for frame in self._decoded(packet, begin):
+                if self.table.counted:
+                    if count < self.frames:
+                        yield count, frame
+                    count += 1
+                elif frame.pts is not None and frame.pts >= begin:  # before: pictures that refer to earlier keyframes
+                    number = self.table.number(frame.pts)
+                    if number is not None:  # None: outside an edit list
+                        yield number, frame
+
+    def _decoded(self, packet: av.Packet, begin: int) -> list[av.VideoFrame]:
+        """Decode a packet. One that is shown before the keyframe may refer to what is not there."""
+        try:
+            return packet.decode()
+        except FFmpegError:
+            if packet.pts is not None and packet.pts < begin:
+                return []
+            raise
+
+    def _packets_from(self, key: int) -> Iterator[av.Packet]:
+        """Yield the packets from a keyframe on, to the end.
+
+        Containers seek by different things: MP4 and Matroska by presentation times, MPEG-TS by decoding times or bytes, and some only
+        roughly. So the keyframe is looked for from where a seek leads, and from farther back if it was passed.
+        """
+        wanted = None if key < 0 else int(self.table.key_pts[key])
+        for packets in self._attempts(key):
+            for packet in packets:
+                if wanted is None or (packet.pts == wanted and packet.is_keyframe):
+                    yield packet
+                    yield from packets
+                    return
+                if packet.is_keyframe and packet.pts is not None and packet.pts > wanted:
+                    break
+
+    def _attempts(self, key: int) -> Iterator[Iterator[av.Packet]]:
+        """Yield the packets from different places on; the last place is the start of the file."""
+        for offset, by_bytes in self._seeks(key):
+            container, stream = self._opened()
+            try:
+                container.seek(offset, stream=stream, backward=True, unsupported_byte_offset=by_bytes)
+            except FFmpegError:
+                continue
+            yield container.demux(stream)
+        if self._container is not None:
+            self._container.close()
+            self._container = None
+        container, stream = self._opened()
+        yield container.demux(stream)
+
+    def _seeks(self, key: int) -> Iterator[tuple[int, bool]]:
+        """Yield (time or byte offset, whether it is bytes) to seek to, each less exact or farther back than the one before."""
+        if key < 0:
+            return
+        table = self.table
+        pts, dts, offset = int(table.key_pts[key]), int(table.key_dts[key]), int(table.key_offsets[key])
+        dts = pts if dts == NO_TIME else dts
+        if self._opened()[0].format.name == "mpegts":
+            if offset != NO_TIME:
+                yield offset, True
+        else:
+            yield pts, False
+        yield dts, False
+        for seconds in STEPS_BACK:
+            yield min(pts, dts) - round(seconds / (table.time_base or 1.0)), False
+
+    def _opened(self) -> tuple[InputContainer, av.VideoStream]:
         if self._container is None:
-            self._container = av.open(str(self.path))
+            self._container = open_media(self._files, self.path, BRIEFLY)  # the rest is known
             self._container.streams.video[0].codec_context.thread_count = 1  # cameras are decoded in parallel instead
-        stream = self._container.streams.video[0]
-        if number > 0 or self._next > 0:
-            self._container.seek(self._pts[number], stream=stream, backward=True)
-        self._next = number
-        return self._container.decode(stream)
+        return self._container, self._container.streams.video[0]
 
     @contextmanager
     def _guard(self) -> Iterator[None]:
-        """Turns FFmpeg's errors into ours and drops the decoder, whose state is unknown after one."""
+        """Turn FFmpeg's errors into ours and drop the decoder, whose state is unknown after one."""
         try:
             yield
-        except FFmpegError as error:
+        except (FFmpegError, OSError) as error:
             self.close()
             raise CaptureError(
                 f"{self.path}: cannot be decoded ({error.strerror or error}). "
                 f"The file is truncated or damaged: copy it again or leave the camera out."
             ) from error
-
-
-def _quarter_turns(container: InputContainer, stream: av.VideoStream) -> int:
-    """Counterclockwise, by which pictures are turned to be shown. A file that cannot be decoded says so when it is read."""
-    try:
-        container.seek(0)
-        frame = next(container.decode(stream), None)
-    except FFmpegError:
-        return 0
-    return round(getattr(frame, "rotation", 0) / 90) % 4
 
 
 def to_rgb(frame: av.VideoFrame, width: int, height: int, turns: int) -> np.ndarray:

@@ -2,62 +2,92 @@
 
 from __future__ import annotations
 
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import numpy as np
 
+from splatreel import threads
 from splatreel.capture.base import Request
+from splatreel.capture.frame_table import FrameTable
+from splatreel.capture.growing.growth import Growth, is_recorded
+from splatreel.capture.growing.segments import SegmentedVideo, numbered, segment_files
+from splatreel.capture.growing.sound import read_packets
 from splatreel.capture.sidecar import SIDECAR, Sidecar
 from splatreel.capture.sound import Track
 from splatreel.capture.video import VideoFile
 from splatreel.errors import CaptureError
+
+CompleteVideo = VideoFile | SegmentedVideo
 
 OUT_OF_STEP = 1.5
 """Frames that the times of videos' frames may differ by."""
 
 
 class Videos:
-    """The videos of a capture, by camera.
+    """The complete videos of a capture, by camera: a file each, or a folder of numbered files each.
 
-    They start together, or when the sidecar says: then each frame is the one taken nearest to its time. frames: how many time steps
-    all of them have. fps: of the capture.
-    Raises `CaptureError` where their lengths differ, or the times of their frames, and nothing says how they belong together.
+    They start together, or when the sidecar says: then each frame is the one taken nearest to its time. So it is also in what was
+    recorded to be followed (`is_recorded`), where cameras may miss frames, and the shortest camera ends the capture.
+
+    Attributes:
+        frames: Number of time steps that all videos have.
+        fps: Time steps a second.
+
+    Raises:
+        CaptureError: The lengths of the videos differ, or the times of their frames, and nothing says how they belong together.
     """
 
     def __init__(self, path: Path, files: dict[str, Path], sidecar: Sidecar, request: Request) -> None:
-        self._files = {name: VideoFile(file) for name, file in files.items()}
-        rates = [video.fps for video in self._files.values()]
+        self._path, self._where, self._request = path, request.files, request
+        with ThreadPoolExecutor(threads.count()) as pool:
+            self._files = dict(zip(files, pool.map(self._opened, files.values()), strict=True))
+        rates = [video.fps for video in self._files.values() if video.fps]
         self.fps = sidecar.fps or (float(np.median(rates)) if rates else 0.0) or 30.0
         unknown = [name for name in sidecar.starts if name not in self._files]
         if unknown:
             raise CaptureError(f"{path / SIDECAR}: says when {unknown[0]!r} starts, but no video is called so.")
         self._starts = sidecar.starts
-        self._numbers = {name: self._frames_of(name, sidecar, path) for name in self._files}
+        recorded = is_recorded(path) or any(isinstance(video, SegmentedVideo) for video in self._files.values())
+        if recorded and not sidecar.fps:
+            self.fps = round(self.fps, 3)  # as while it was followed
+        self._by_time = recorded or bool(sidecar.starts)
+        self._numbers = {name: self._frames_of(name, path) for name in self._files}
         counts = {name: len(numbers) for name, numbers in self._numbers.items()}
         self.frames = min(counts.values(), default=0)
-        if request.frames is None and not sidecar.starts and len(set(counts.values())) > 1:
+        if request.frames is None and not self._by_time and len(set(counts.values())) > 1:
             low, high = min(counts, key=lambda n: counts[n]), max(counts, key=lambda n: counts[n])
             raise CaptureError(
                 f"{path}: the videos have unequal frame counts: {files[low].name} has {counts[low]}, {files[high].name} has "
                 f"{counts[high]}. If they start together, choose the frames all of them have: --frames 0:{counts[low]}. If they "
                 f"do not, `splatreel capture sync` finds by their sound when each one starts."
             )
-        if not sidecar.starts:
+        if not self._by_time:
             self._check_times(path, self.frames if request.frames is None else min(request.frames[1], self.frames))
 
-    def __getitem__(self, name: str) -> VideoFile:
+    def _opened(self, file: Path) -> CompleteVideo:
+        tables = {self._path / name: table for name, table in self._request.tables.items()}
+        if not file.is_dir():
+            return VideoFile(file, self._where, tables.get(file))
+        names = numbered(segment_files(file))
+        if names is None:
+            raise CaptureError(f"{file}: holds no videos. Copy them there, or leave the camera out.")
+        return SegmentedVideo(file, names, Growth.over(self._path), self._where, tables)
+
+    def __getitem__(self, name: str) -> CompleteVideo:
         return self._files[name]
 
-    def _frames_of(self, name: str, sidecar: Sidecar, path: Path) -> np.ndarray:
+    def _frames_of(self, name: str, path: Path) -> np.ndarray:
         """Which frame of a video is shown at each time step."""
         video = self._files[name]
-        if not sidecar.starts:
+        if not self._by_time:
             return np.arange(video.frames)
-        start, last = sidecar.starts.get(name, 0.0), video.times[-1] if video.frames else -1.0
+        times = video.times
+        start, last = self._starts.get(name, 0.0), times[-1] if video.frames else -1.0
         if start > last:
             raise CaptureError(f"{path / SIDECAR}: {name} starts at {start:g} s, but its video ends at {last:g} s.")
         wanted = start + np.arange(int((last - start) * self.fps + 0.5) + 1) / self.fps
-        return np.searchsorted((video.times[1:] + video.times[:-1]) / 2, wanted)  # the nearest
+        return np.searchsorted((times[1:] + times[:-1]) / 2, wanted)  # the nearest
 
     def _check_times(self, path: Path, frames: int) -> None:
         """Frames of one number count as taken together, and so must have been, each as long after its video's first."""
@@ -79,15 +109,24 @@ class Videos:
 
     def tracks(self, first: int) -> dict[str, Track]:
         """By camera, where its sound from time step `first` on is: to the millisecond that the sidecar says, not to a frame."""
-        if self._starts:
-            seconds = {name: self._starts.get(name, 0.0) + first / self.fps for name in self._files}
-        else:
-            seconds = {name: float(video.times[first]) for name, video in self._files.items()}
-        return {name: Track(video.path, seconds[name]) for name, video in self._files.items()}
+        return {name: self._track(name, video, first) for name, video in self._files.items()}
+
+    def _track(self, name: str, video: CompleteVideo, first: int) -> Track:
+        seconds = self._starts.get(name, 0.0) + first / self.fps if self._by_time else float(video.times[first])
+        if isinstance(video, VideoFile):
+            return Track(video.path, seconds, self._where)
+        return Track(video.written, seconds, self._where, lambda count: read_packets(video.sound(), count, seconds))
 
     def sources(self, first: int, count: int) -> list[Path]:
         """All videos: each holds all of its time steps."""
         return [video.path for video in self._files.values()]
+
+    def tables(self) -> dict[Path, FrameTable]:
+        """Return the frame tables of all videos."""
+        found: dict[Path, FrameTable] = {}
+        for video in self._files.values():
+            found |= {video.path: video.table} if isinstance(video, VideoFile) else video.tables
+        return found
 
     def close(self) -> None:
         for video in self._files.values():

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 
 from tyro.conf import Positional
 
-from splatreel.cli.options import parse_frames, parse_held_out
+from splatreel.cli.options import CaptureAddress, parse_frames, parse_held_out
 from splatreel.cli.output import say
 from splatreel.errors import ReconstructionError
 
@@ -28,7 +28,7 @@ CHUNK = 8
 
 
 def capture_check(
-    capture: Positional[Path],
+    capture: CaptureAddress,
     /,
     width: int | None = None,
     frames: str | None = None,
@@ -40,7 +40,7 @@ def capture_check(
     Fails if the evidence speaks against it: poses that do not fit each other or the pictures, or two cameras with the same pose.
 
     Args:
-        capture: Folder of the videos or images and their cameras.
+        capture: Folder or address of the videos or images and their cameras.
         width: Width to read it at, in pixels; its own by default.
         frames: Which frames, as A:B; all by default.
         hold_out: Names of cameras to keep for evaluation, as `reconstruct` takes them.
@@ -65,7 +65,7 @@ def capture_check(
                 moments.append(read[[0, -1]] if middle == 0 else read[[0]])
             progress.update(first + count)
         seconds = source.frames / source.fps
-        sound = choose("auto", source.tracks(), seconds, source.first_frame / source.fps, capture)
+        sound = choose("auto", source.tracks(), seconds, source.first_frame / source.fps, source.path)
     finally:
         progress.close()
         source.close()

@@ -6,14 +6,14 @@ from pathlib import Path
 
 from tyro.conf import Positional
 
-from splatreel.cli.options import megabytes, parse_frames, parse_names, reel_folder
+from splatreel.cli.options import CaptureAddress, megabytes, parse_frames, parse_names, reel_folder
 from splatreel.cli.output import say
 from splatreel.threads import use as use_threads
 
 
 def evaluate(
     reel: Positional[Path],
-    capture: Positional[Path],
+    capture: CaptureAddress,
     /,
     out: Path,
     cameras: str | None = None,
@@ -29,7 +29,7 @@ def evaluate(
 
     Args:
         reel: Folder of the reel.
-        capture: Folder of the capture that it was made from.
+        capture: Folder or address of the capture that it was made from.
         out: Where report.json, report.md and the pictures go.
         cameras: Names of the cameras to compare with, as NAME,NAME; the capture's held-out ones by default.
         width: Width to compare at, in pixels; by default that of the reel's cameras.

@@ -11,6 +11,7 @@ from typing import Any, Literal
 from splatreel.cli.output import playable
 from splatreel.config import Config
 from splatreel.errors import UsageError
+from splatreel.storage.opening import local_path
 
 
 @dataclass(frozen=True)
@@ -38,12 +39,17 @@ class Following:
                 raise UsageError(f"--{option} {seconds:g}: give seconds, more than 0.")
 
     def reconstruct(
-        self, path: Path, out: Path, config: Config, request: dict[str, Any], output: dict[str, Any]
+        self, capture_path: str, out: Path, config: Config, request: dict[str, Any], output: dict[str, Any]
     ) -> str:
         """As `pipeline.reconstruct`; returns what to say at the end.
 
         request: of `open_capture`. output: what that takes of sound, device, progress and more.
         """
+        path = local_path(capture_path)
+        if path is None:
+            raise UsageError(
+                f"--follow: {capture_path} is no folder of this machine. Follow the capture where it is written."
+            )
         from splatreel.capture.follower import Follower, open_growing
         from splatreel.capture.growing.growth import Growth
         from splatreel.recon.live.following import Live, reconstruct_following

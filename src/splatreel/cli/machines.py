@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 import tempfile
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
@@ -17,7 +17,7 @@ from splatreel.recon.machines.share import JobName, Share, parse_share, share_of
 from splatreel.storage.opening import is_url, local_path
 
 if TYPE_CHECKING:
-    from splatreel.capture.base import Capture
+    from splatreel.capture.opening import CaptureSource
     from splatreel.recon.machines.run_spec import RunSpec
 
 
@@ -77,9 +77,7 @@ class Machines:
             raise UsageError(f"--publish {publish}: the reel is already written to {out}. Leave out one of them.")
         return f"{out.rstrip('/')}/reel"
 
-    def reconstruct(
-        self, source: Callable[[], Capture], folder: Path, config: Config, out: str, output: dict[str, Any]
-    ) -> str:
+    def reconstruct(self, source: CaptureSource, folder: Path, config: Config, out: str, output: dict[str, Any]) -> str:
         """As `pipeline.reconstruct`; returns what to say at the end. folder: of `folder`. output: sound, device, progress, present."""
         from splatreel.recon.machines.run_spec import RunSpec
 
@@ -95,7 +93,7 @@ class Machines:
 
         return playable(reconstruct_here(spec, workers=self.workers, progress=progress, present=present).reel)
 
-    def estimated(self, source: Callable[[], Capture], config: Config, sound: str, device: str) -> str:
+    def estimated(self, source: CaptureSource, config: Config, sound: str, device: str) -> str:
         """How long that would take on this machine, and how much memory, in lines."""
         from splatreel.cli.estimation import estimated
         from splatreel.recon.machines.run_spec import RunSpec

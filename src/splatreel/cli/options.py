@@ -19,6 +19,10 @@ ReelAddress = Annotated[tyro.conf.Positional[str], tyro.conf.arg(metavar="REEL")
 """A reel to be read: a folder, or a URL."""
 
 
+CaptureAddress = Annotated[tyro.conf.Positional[str], tyro.conf.arg(metavar="CAPTURE")]
+"""A capture to be read: a folder, or an address such as s3://BUCKET/CAPTURE."""
+
+
 def parse_set(texts: tuple[str, ...]) -> dict[str, Any]:
     """Settings by name. Raises `UsageError` for what is no setting, or no value of it."""
     try:

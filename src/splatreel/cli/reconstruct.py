@@ -3,15 +3,13 @@
 from __future__ import annotations
 
 import dataclasses
-from functools import partial
-from pathlib import Path
 from typing import Annotated, Any, Literal
 
-from tyro.conf import OmitArgPrefixes, Positional, arg
+from tyro.conf import OmitArgPrefixes, arg
 
 from splatreel.cli.following import Following
 from splatreel.cli.machines import Machines
-from splatreel.cli.options import Set, parse_frames, parse_held_out, parse_renditions, with_set
+from splatreel.cli.options import CaptureAddress, Set, parse_frames, parse_held_out, parse_renditions, with_set
 from splatreel.cli.output import say
 from splatreel.cli.publish import publishing
 from splatreel.cli.words import Words
@@ -25,7 +23,7 @@ Deformation = Literal["trajectory", "hashgrid"]
 
 
 def reconstruct(
-    capture: Positional[Path],
+    capture: CaptureAddress,
     /,
     out: Annotated[str, arg(metavar="PATH")],
     width: int | None = None,
@@ -52,7 +50,7 @@ def reconstruct(
     """Make a reel of a capture. Interrupt it at will: the same command continues.
 
     Args:
-        capture: Folder of the videos or images and their cameras.
+        capture: Folder of the videos or images and their cameras, or an address of it, such as s3://BUCKET/CAPTURE.
         out: OUT/reel becomes the reel, playable while it grows; OUT/work holds the checkpoints. With --cluster also s3:// and others.
         width: Width of the images to train on, in pixels; their own by default.
         scale: Size of the images to train on, as a share of their own, instead of the width.
@@ -78,15 +76,16 @@ def reconstruct(
     config = with_renditions(config, parse_renditions(renditions))
     following.check()
     machines.check(out, follow=following.follow, estimate=estimate)
-    from splatreel.capture.opening import open_capture
+    from splatreel.capture.opening import CaptureSource
     from splatreel.evaluation.profile import profiled
     from splatreel.kernels.warmup import background_warmup
     from splatreel.play.presentation_writer import PresentationWriter
     from splatreel.progress import console
 
     request: dict[str, Any] = {"width": width, "scale": scale, "frames": span, "held_out": held_out}
+    source = CaptureSource(capture, request)
     if estimate:
-        return say(machines.estimated(partial(open_capture, capture, **request), config, sound, device))
+        return say(machines.estimated(source, config, sound, device))
     progress, presents = console(), PresentationWriter(words.given())
     try:
         with machines.folder(out) as folder:
@@ -100,7 +99,7 @@ def reconstruct(
                 if following.follow:
                     done = following.reconstruct(capture, folder, config, request, output)
                 else:
-                    done = machines.reconstruct(partial(open_capture, capture, **request), folder, config, out, output)
+                    done = machines.reconstruct(source, folder, config, out, output)
     finally:
         progress.close()
     say(done)

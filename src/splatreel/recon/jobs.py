@@ -14,6 +14,8 @@ from pathlib import Path
 import torch
 
 from splatreel.capture.base import Capture
+from splatreel.capture.frame_table import load_tables, pack_tables
+from splatreel.codec.container import write_atomically
 from splatreel.codec.writer import ReelWriter
 from splatreel.config import Config
 from splatreel.errors import ReconstructionError
@@ -25,6 +27,7 @@ from splatreel.recon.encode.sound import hear
 from splatreel.recon.groups import Handover, reconstruct_groups
 from splatreel.recon.init.layout import Layout
 from splatreel.recon.run.job import Job
+from splatreel.recon.run.job_log import LoggedProgress, logged
 from splatreel.recon.run.plan import Plan
 from splatreel.recon.run.run_lock import RunLock
 from splatreel.recon.run.store import Store
@@ -34,7 +37,7 @@ from splatreel.scene.spans import ChapterSpan, GroupSpan, chapter_spans, group_s
 from splatreel.scene.static_points import StaticPoints
 
 SCENE = "scene"
-SHARED = ("run", "layout", "points", "header", "coverage", "chapters.json", "sound")
+SHARED = ("run", "layout", "points", "header", "coverage", "chapters.json", "sound", "frames")
 """How the names of the scene's files begin that lie beside the folders of groups."""
 _PLATE = GroupSpan(0, 0, 1, 1)
 """The scene's pictures are one frame."""
@@ -107,12 +110,22 @@ def has_chapter(run: ChapteredRun, chapter: ChapterSpan) -> bool:
 def scene_job(run: ChapteredRun, progress: Progress) -> None:
     """What is always there, reconstructed from the whole video. Raises as `reconstruct` does."""
     with run.lock_scene() as lock:
+        keep_tables(run)
         if has_scene(run):
             return
-        job = run.job(SCENE, (_PLATE,), progress)
-        sound = hear(lock.work, run.capture, run.sound, progress)
-        run.store.save_chapter_firsts([chapter.first for chapter in run.chapters])
-        reconstruct_shared_scene(job, run.capture, sound, lock)
+        with logged(lock.work, SCENE) as log:
+            progress = LoggedProgress(progress, log)
+            job = run.job(SCENE, (_PLATE,), progress)
+            sound = hear(lock.work, run.capture, run.sound, progress)
+            run.store.save_chapter_firsts([chapter.first for chapter in run.chapters])
+            reconstruct_shared_scene(job, run.capture, sound, lock)
+
+
+def keep_tables(run: ChapteredRun) -> None:
+    """Write the frame tables of the run's videos, unless they are there, for all who open its capture after this."""
+    tables, file = run.capture.frame_tables(), run.store.tables_file
+    if tables and load_tables(file).keys() != tables.keys():
+        write_atomically(file, pack_tables(tables))
 
 
 def chapter_job(run: ChapteredRun, index: int, progress: Progress, after_group: Callable[[int], None] = untold) -> None:
@@ -124,10 +137,16 @@ def chapter_job(run: ChapteredRun, index: int, progress: Progress, after_group: 
     with run.lock_chapter(chapter):
         if has_chapter(run, chapter):
             return
-        job = run.job(part_of(index), chapter.groups, progress)
-        layout, before = _begin(run, job)
-        output = ChapterOutput(run.store, run.store.header()[0], run.config.encode, after_group)
-        reconstruct_groups(job, run.capture, layout, before, output)
+        with logged(run.store.work, part_of(index)) as log:
+
+            def finished(group: int) -> None:
+                log.write(f"group {group + 1}/{len(run.groups)} is kept")
+                after_group(group)
+
+            job = run.job(part_of(index), chapter.groups, LoggedProgress(progress, log))
+            layout, before = _begin(run, job)
+            output = ChapterOutput(run.store, run.store.header()[0], run.config.encode, finished)
+            reconstruct_groups(job, run.capture, layout, before, output)
 
 
 def publish_job(run: ChapteredRun, progress: Progress, present: Present) -> None:

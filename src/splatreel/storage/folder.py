@@ -45,6 +45,10 @@ class Folder(Protocol):
         """The first `most` bytes of a file; None where there is none."""
         ...
 
+    def read_range(self, name: str, begin: int, end: int) -> bytes:
+        """Return the bytes from begin to end (exclusive) of a file; fewer at its end. A missing file is an error."""
+        ...
+
     def write(self, name: str, data: bytes, headers: Headers = PLAIN) -> None:
         """Make or replace a file: others find the old one or the new one, whole."""
         ...
@@ -78,6 +82,14 @@ class LocalFolder:
                 return file.read(most)
         except FileNotFoundError:
             return None
+        except OSError as error:
+            raise self._failed(name, "cannot be read", error) from error
+
+    def read_range(self, name: str, begin: int, end: int) -> bytes:
+        try:
+            with open(self.path / name, "rb") as file:
+                file.seek(begin)
+                return file.read(max(end - begin, 0))
         except OSError as error:
             raise self._failed(name, "cannot be read", error) from error
 

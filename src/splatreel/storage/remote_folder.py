@@ -12,6 +12,8 @@ from splatreel.storage.folder import PLAIN, REFUSALS, Headers, is_plain
 
 _WHOLE = ("s3", "s3a", "gs", "gcs", "az", "abfs", "abfss", "oss", "obs", "memory")
 """Protocols by which a file appears when all of it has arrived. By others it is written under another name and moved."""
+_BY_PREFIX = ("s3", "s3a", "gs", "gcs")
+"""Protocols whose packages pass on how names begin."""
 _PACKAGES = {
     "s3": "s3fs",
     "s3a": "s3fs",
@@ -50,6 +52,12 @@ class RemoteFolder:
         except Exception as error:
             raise self._failed(name, "cannot be read", error) from error
 
+    def read_range(self, name: str, begin: int, end: int) -> bytes:
+        try:
+            return self._files.cat_file(f"{self._root}/{name}", start=begin, end=end) if end > begin else b""
+        except Exception as error:
+            raise self._failed(name, "cannot be read", error) from error
+
     def write(self, name: str, data: bytes, headers: Headers = PLAIN) -> None:
         path = f"{self._root}/{name}"
         try:
@@ -64,13 +72,18 @@ class RemoteFolder:
         folder = posixpath.dirname(prefix)
         try:
             self._files.invalidate_cache()
-            found = self._files.find(f"{self._root}/{folder}".rstrip("/"), detail=True)
+            found = self._files.find(f"{self._root}/{folder}".rstrip("/"), detail=True, **self._beginning(prefix))
         except FileNotFoundError:
             return {}
         except Exception as error:
             raise self._failed(prefix, "cannot be listed", error) from error
         names = {str(path).removeprefix(f"{self._root}/"): int(entry["size"]) for path, entry in found.items()}
         return {name: size for name, size in names.items() if name.startswith(prefix) and is_plain(name)}
+
+    def _beginning(self, prefix: str) -> dict[str, str]:
+        """Say to services that can list by the beginning of names what is asked for; others list the folder."""
+        last = posixpath.basename(prefix)
+        return {"prefix": last} if last and self._protocol in _BY_PREFIX else {}
 
     def remove(self, name: str) -> None:
         try:

@@ -33,6 +33,9 @@ class RetryingFolder:
     def read(self, name: str, most: int) -> bytes | None:
         return self._try(lambda: self._folder.read(name, most))
 
+    def read_range(self, name: str, begin: int, end: int) -> bytes:
+        return self._try(lambda: self._folder.read_range(name, begin, end))
+
     def write(self, name: str, data: bytes, headers: Headers = PLAIN) -> None:
         self._try(lambda: self._folder.write(name, data, headers))
 

@@ -15,6 +15,8 @@ from splatreel.storage.opening import open_folder
 from splatreel.storage.retrying import PAUSES, RetryingFolder, untold
 
 _KEPT = re.compile(r"(?P<name>.+)@(?P<version>[0-9]{6})-(?P<sha256>[0-9a-f]{64})", re.DOTALL)
+_EACH = 2
+"""Up to so many files beside the folders are looked up each by its name; for more, everything is listed."""
 _LISTINGS = 3
 """How often files are looked up again that were replaced while they were being fetched."""
 
@@ -48,6 +50,8 @@ class SharedFolder:
         self, url: str | Path, tell: Callable[[str], None] = untold, pauses: tuple[float, ...] = PAUSES
     ) -> None:
         self._url = str(url)
+        self._known: dict[str, list[SharedFile]] = {}
+        """Versions of files that were pushed from here: nobody else pushes them, so that they need not be listed again."""
         self._folder = RetryingFolder(open_folder(url), tell, pauses)
 
     def files(self, prefix: str = "") -> dict[str, SharedFile]:
@@ -59,40 +63,58 @@ class SharedFolder:
 
         Raises `StorageError` for a file that is not here, or whose path leads out of the folder.
         """
-        names = list(names)
-        versions = self._versions(_common(names))
-        newest, sent = _newest(versions), []
+        names, sent = list(names), []
+        self._look_up([name for name in names if name not in self._known])
         for name in names:
             data = _read(folder, name)
-            digest, there = hashlib.sha256(data).hexdigest(), newest.get(name)
+            versions = self._known[name]
+            digest, there = hashlib.sha256(data).hexdigest(), _newest(versions).get(name)
             if there is None or (there.bytes, there.sha256) != (len(data), digest):
-                version = 0 if there is None else there.version + 1
-                self._folder.write(SharedFile(name, len(data), digest, version).key, data)
+                there = SharedFile(name, len(data), digest, 0 if there is None else there.version + 1)
+                self._folder.write(there.key, data)
                 sent.append(name)
-                there = None
             for old in versions:
-                if old.name == name and old != there:
+                if old != there:
                     self._folder.remove(old.key)
+            self._known[name] = [there]
         return sent
 
-    def pull(self, names: Iterable[str], into: Path) -> list[str]:
+    def _look_up(self, names: list[str]) -> None:
+        """List the versions of files that were not pushed from here so far, no more than is needed of the folder."""
+        prefixes = {f"{name.rpartition('/')[0]}/" if "/" in name else f"{name}@" for name in names}
+        if sum("/" not in prefix for prefix in prefixes) > _EACH:
+            prefixes = {""}
+        found = [version for prefix in sorted(prefixes) for version in self._versions(prefix)]
+        for name in names:
+            self._known[name] = [version for version in found if version.name == name]
+
+    def pull(self, names: Iterable[str], into: Path, listed: dict[str, SharedFile] | None = None) -> list[str]:
         """Fetch these files into a folder here, in this order; those that are there already are left as they are.
 
-        Returns the names of the others, sorted.
+        Args:
+            names: Paths within the folder.
+            into: The folder here.
+            listed: What `files` gave, if it is known by now; else it is asked for.
 
-        Raises `StorageError` for a name that is not in the shared folder, and for a file that is damaged there.
+        Returns:
+            The names of those that were fetched, sorted.
+
+        Raises:
+            StorageError: A name is not in the shared folder, or a file is damaged there.
         """
         names = list(dict.fromkeys(names))
-        return self._pull(_common(names), names, into)
+        return self._pull(_common(names), names, into, listed)
 
     def pull_all(self, prefix: str, into: Path) -> list[str]:
         """The same for all files whose name begins with prefix; none is no error."""
         return self._pull(prefix, None, into)
 
-    def _pull(self, prefix: str, names: list[str] | None, into: Path) -> list[str]:
+    def _pull(
+        self, prefix: str, names: list[str] | None, into: Path, listed: dict[str, SharedFile] | None = None
+    ) -> list[str]:
         fetched: list[str] = []
         for _ in range(_LISTINGS):
-            files = self.files(prefix)
+            files, listed = self.files(prefix) if listed is None else listed, None
             if missing := [name for name in names or () if name not in files]:
                 raise StorageError(f"{self._url}: has no file {missing[0]!r:.200}. Is the job done that makes it?")
             wanted = sorted(files) if names is None else names

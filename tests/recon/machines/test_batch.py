@@ -1,8 +1,11 @@
 """Jobs of a batch system: any number at once, in any order, as often as one likes."""
 
+import json
 import multiprocessing
+import re
 from functools import partial
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -21,6 +24,10 @@ from tests.recon.test_pipeline import content
 
 def job(run: RunSpec, name: JobName, share: Share | None = None) -> str:
     return run_job(run, name, share, Silent(), nothing_more)
+
+
+def read_status(out: Path) -> dict[str, Any]:
+    return json.loads((out / "status.json").read_text())
 
 
 def task(out: Path, index: int) -> None:
@@ -45,6 +52,14 @@ def test_two_tasks_at_once_make_the_reel_that_one_process_makes(out: Path, expec
         assert job(spec(out), "chapter", Share(0, 2)) == f"{out}: chapters 1, 3 of 3 are there."
         assert job(spec(out), "finish") == f"{out / 'reel'}: the reel is complete."
         assert content(out / "reel") == expected
+    status = read_status(out)
+    assert (status["state"], status["published"], status["done"]) == ("complete", status["groups"], 1.0)
+    assert [chapter["state"] for chapter in status["chapters"]] == 3 * ["finished"]
+    assert [chapter["attempts"] for chapter in status["chapters"]] == [1, 1, 1]
+    log = (out / "work" / "logs" / "chapter0001.log").read_text()
+    assert re.match(r"\S+Z attempt 1 on \S+, process \d+, 1 threads, Splatreel", log)
+    assert re.search(r"Z group \d/\d is kept\n", log)
+    assert re.search(r"Z finished after \d+ s, [\d.]+ GB at most\n$", log)
     assert job(spec(out), "chapter", Share(3, 4)) == f"{out}: there are 3 chapters, and none for task 3 of 4."
 
 

@@ -1,7 +1,9 @@
 """Chapters made by several processes of this machine: the same reel, whatever happens to them."""
 
+import json
 import multiprocessing
 import os
+import re
 import signal
 from pathlib import Path
 from types import SimpleNamespace
@@ -99,10 +101,26 @@ def test_a_chapter_that_fails_leaves_the_others_and_is_tried_again_by_the_same_c
     ):
         reconstruct_here(spec(out, spoilt), workers=2)
     assert (out / "work" / "group0004" / "encoded-group.safetensors").exists()
+    status = json.loads((out / "status.json").read_text())
+    assert (status["state"], [chapter["state"] for chapter in status["chapters"]]) == (
+        "failed",
+        ["finished", "failed", "finished"],
+    )
+    assert status["chapters"][1]["error"] == "frame 4 is spoilt. Mend it."
+    log = out / "work" / "logs" / "chapter0001.log"
+    assert "failed after" in log.read_text()
+    assert "Traceback (most recent call last)" in log.read_text()
     spoilt.unlink()
     display = Display()
     result = reconstruct_here(spec(out, spoilt), workers=2, progress=display)
     assert display.stages[0][0] == "making 1 chapter"
+    assert re.search(r"\n\S+Z attempt 2 on ", log.read_text())
+    status = json.loads((out / "status.json").read_text())
+    assert (status["state"], status["chapters"][1]["state"], status["chapters"][1]["error"]) == (
+        "complete",
+        "finished",
+        None,
+    )
     assert content(result.reel) == expected
 
 

@@ -13,6 +13,11 @@ POLL = 0.1
 """Seconds between two looks at what is being written."""
 
 
+def is_recorded(folder: Path) -> bool:
+    """Return whether a folder holds a capture that was written to be followed, and that has ended."""
+    return (folder / END).exists()
+
+
 class Growth:
     """Whether more is to come, asked and told by several threads.
 
@@ -57,6 +62,13 @@ class Growth:
     @property
     def ended(self) -> bool:
         return self.stopped or self.why is not None
+
+    @classmethod
+    def over(cls, folder: Path) -> Growth:
+        """Return that of a capture of which nothing more comes."""
+        growth = cls(folder, 0.0)
+        growth._why = "The capture is complete."
+        return growth
 
     def pause(self, seconds: float = POLL) -> None:
         """Wait a little, or until nobody wants more."""

@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 from PIL import Image, UnidentifiedImageError
 
+from splatreel.capture.frame_table import FrameTable
 from splatreel.capture.growing.segments import Numbered, numbered
 from splatreel.capture.images import image_size, read_image
 from splatreel.capture.sidecar import SIDECAR, Sidecar
@@ -75,6 +76,10 @@ class GrowingPictures:
 
     def sources(self, first: int, count: int) -> list[Path]:
         return [names.folder for names in self._names.values()]
+
+    def tables(self) -> dict[Path, FrameTable]:
+        """Nothing: pictures need none."""
+        return {}
 
     def tracks(self, first: int) -> dict[str, Track]:
         """Pictures have none."""

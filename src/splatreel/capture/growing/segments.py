@@ -3,15 +3,17 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
-import av
 import numpy as np
 
+from splatreel.capture.files import LOCAL, Files, open_media
+from splatreel.capture.frame_table import FrameTable
 from splatreel.capture.growing.growth import Growth
 from splatreel.capture.growing.sound import Packets, guard
-from splatreel.capture.video import VideoFile
+from splatreel.capture.video import VIDEO_SUFFIXES, VideoFile
 from splatreel.errors import CaptureError
 
 NUMBERED = re.compile(r"(.*?)(\d+)")
@@ -50,6 +52,11 @@ def numbered(files: list[Path]) -> Numbered | None:
     return Numbered(file.parent, match[1], len(match[2]), file.suffix, start)
 
 
+def segment_files(folder: Path) -> list[Path]:
+    """Return the videos that lie in a folder."""
+    return [file for file in folder.iterdir() if file.suffix.lower() in VIDEO_SUFFIXES and file.is_file()]
+
+
 @dataclass(frozen=True)
 class Segment:
     """first: the number of its first frame. start: seconds from the first frame of all to its own; begins: what the file says of it."""
@@ -68,8 +75,17 @@ class SegmentedVideo:
     may go on from one to the next, or begin anew in each.
     """
 
-    def __init__(self, folder: Path, names: Numbered, growth: Growth) -> None:
+    def __init__(
+        self,
+        folder: Path,
+        names: Numbered,
+        growth: Growth,
+        files: Files = LOCAL,
+        tables: Mapping[Path, FrameTable] | None = None,
+    ) -> None:
         self.path, self._names, self._growth = folder, names, growth
+        self._files, self._known = files, tables or {}
+        self.tables: dict[Path, FrameTable] = {}
         self.segments: list[Segment] = []
         self._open: dict[Path, VideoFile] = {}
         self._origin = 0.0
@@ -91,11 +107,22 @@ class SegmentedVideo:
             says, follows = video.start - self._origin, self._end()
             start = says if says > follows - 0.5 / max(video.fps, 1e-3) else follows
             first = sum((len(self.segments[-1].times), self.segments[-1].first)) if self.segments else 0
+            self.tables[video.path] = video.table
             self.segments.append(Segment(video.path, first, start, video.times, video.start))
 
     def settle(self) -> None:
         """Once the capture has ended: the last file counts as far as it is whole."""
         self.update()
+
+    @property
+    def frames(self) -> int:
+        """Number of frames that are whole."""
+        return self.segments[-1].first + len(self.segments[-1].times) if self.segments else 0
+
+    @property
+    def times(self) -> np.ndarray:
+        """[frames] float64, seconds after the first frame."""
+        return np.concatenate([segment.start + segment.times for segment in self.segments] or [np.zeros(0)])
 
     @property
     def waiting_for(self) -> Path:
@@ -148,7 +175,7 @@ class SegmentedVideo:
                 self._growth.pause()
 
     def _sound_of(self, segment: Segment) -> Packets:
-        with guard(segment.file), av.open(str(segment.file)) as container:
+        with guard(segment.file), open_media(self._files, segment.file) as container:
             for packet in container.demux(container.streams.audio[0]):
                 if packet.size:
                     yield segment.begins - segment.start, packet
@@ -184,7 +211,9 @@ class SegmentedVideo:
         return video if video.frames else None
 
     def _video(self, file: Path) -> VideoFile:
-        video = self._open.pop(file, None) or VideoFile(file)
+        video = self._open.pop(file, None)
+        if video is None:
+            video = VideoFile(file, self._files, self.tables.get(file) or self._known.get(file))
         self._open[file] = video  # the one used last is the last
         while len(self._open) > OPEN:
             oldest = next(iter(self._open))

@@ -8,13 +8,13 @@ from typing import Protocol
 
 import numpy as np
 
+from splatreel.capture.frame_table import FrameTable
 from splatreel.capture.growing.growth import Growth
-from splatreel.capture.growing.segments import SegmentedVideo, numbered
+from splatreel.capture.growing.segments import SegmentedVideo, numbered, segment_files
 from splatreel.capture.growing.sound import Packets, read_packets
 from splatreel.capture.growing.video import GrowingVideo
 from splatreel.capture.sidecar import Sidecar
 from splatreel.capture.sound import Track
-from splatreel.capture.video import VIDEO_SUFFIXES
 from splatreel.errors import CaptureError
 
 
@@ -95,6 +95,10 @@ class GrowingVideos:
     def sources(self, first: int, count: int) -> list[Path]:
         return [camera.path for camera in self._cameras.values()]
 
+    def tables(self) -> dict[Path, FrameTable]:
+        """Nothing: more frames are to come."""
+        return {}
+
     def tracks(self, first: int) -> dict[str, Track]:
         """By camera, a file that is written and may have sound. It is followed by `sound`."""
         return {name: Track(camera.written, 0.0) for name, camera in self._cameras.items()}
@@ -120,8 +124,3 @@ def _camera(file: Path, growth: Growth) -> GrowingCamera:
     if names is None:
         raise CaptureError(f"{file}: holds no videos yet.")
     return SegmentedVideo(file, names, growth)
-
-
-def segment_files(folder: Path) -> list[Path]:
-    """The videos that lie in a folder."""
-    return [file for file in folder.iterdir() if file.suffix.lower() in VIDEO_SUFFIXES and file.is_file()]

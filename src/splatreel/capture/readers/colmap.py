@@ -19,7 +19,8 @@ import numpy as np
 
 from splatreel.capture.base import Request
 from splatreel.capture.file_capture import FileCapture
-from splatreel.capture.growing.videos import segment_files
+from splatreel.capture.files import Files
+from splatreel.capture.growing.segments import segment_files
 from splatreel.capture.image_sequences import IMAGE_SUFFIXES, image_files
 from splatreel.capture.images import image_size
 from splatreel.capture.lens import Lens, resized
@@ -53,7 +54,7 @@ class ColmapCapture(FileCapture):
         images = sorted(reconstruction.images.values(), key=_name)
         shape = Counter((image.camera.width, image.camera.height) for image in images).most_common(1)[0][0]
         growing, sidecar = request.growth is not None, read_sidecar(path)
-        files, names = video_files(path, growing), _camera_names(path, images, 0 if growing else 1)
+        files, names = video_files(path, segmented=True), _camera_names(path, images, 0 if growing else 1)
         if any(name in files for name in names):
             # Videos that calibration left out start as well.
             starts = {name: start for name, start in sidecar.starts.items() if name in names or name not in files}
@@ -97,7 +98,7 @@ def _choose(
     path: Path, names: list[str], shape: tuple[int, int], request: Request
 ) -> tuple[dict[str, list[Path]], tuple[int, int]]:
     """The pictures that are read, by camera, and the size of what comes out."""
-    folders = _image_folders(path, names)
+    folders = _image_folders(path, names, request.files)
     width, height = max(folders)
     if request.width is not None or request.scale is not None:
         width, height = request.size(*shape, path)
@@ -106,7 +107,12 @@ def _choose(
 
 
 def video_files(path: Path, segmented: bool = False) -> dict[str, Path]:
-    """The videos of a folder by name, those in its folder `videos` or else its own. segmented: or a folder of numbered videos each."""
+    """Return the videos of a folder by name: those in its folder `videos`, or else its own.
+
+    Args:
+        path: The folder.
+        segmented: Also return folders of numbered videos.
+    """
     for folder in VIDEOS:
         found = sorted((path / folder).glob("*"))
         files = {f.stem: f for f in found if f.suffix.lower() in VIDEO_SUFFIXES}
@@ -173,7 +179,7 @@ def _of_cameras(path: Path, files: dict[str, Path], names: list[str]) -> dict[st
     return {name: files[name] for name in names}
 
 
-def _image_folders(path: Path, names: list[str]) -> dict[tuple[int, int], dict[str, list[Path]]]:
+def _image_folders(path: Path, names: list[str], where: Files) -> dict[tuple[int, int], dict[str, list[Path]]]:
     """By the size of its images, each folder that has the images of every camera, as {camera: files}."""
     folders, missing = {}, []
     for folder in sorted(path.glob("images*")):
@@ -182,7 +188,7 @@ def _image_folders(path: Path, names: list[str]) -> dict[tuple[int, int], dict[s
         if absent:
             missing.append(f"{folder.name} lacks {len(absent)} of {len(names)}, the first is {absent[0]}")
         else:
-            folders[image_size(files[names[0]][0])] = files
+            folders[image_size(files[names[0]][0], where)] = files
     if not folders:
         raise CaptureError(
             f"{path}: no folder images, images_2, ... holds the images of all {len(names)} cameras of the model"

@@ -37,7 +37,7 @@ class EasyVolcapCapture(FileCapture):
     def __init__(self, path: Path, request: Request) -> None:
         intrinsics, extrinsics = _Numbers(path / INTRINSICS), _Numbers(path / EXTRINSICS)
         names, sidecar = intrinsics.names(), read_sidecar(path)
-        pictures, videos = pictures_by_camera(path / "images", names), video_files(path, request.growth is not None)
+        pictures, videos = pictures_by_camera(path / "images", names), video_files(path, segmented=True)
         absent = [name for name in names if name not in (pictures or videos)]
         if absent:
             raise CaptureError(

@@ -36,12 +36,12 @@ class Neu3DVCapture(FileCapture):
     """A Neu3DV folder; the camera numbered 0 is held out unless the request or `splatreel.json` says otherwise."""
 
     def __init__(self, path: Path, request: Request) -> None:
-        files = _videos(path, request.growth is not None)
+        files = _videos(path)
         poses = _read_poses(path / POSES)
         if len(files) != len(poses):
             raise CaptureError(
-                f"{path}: {len(files)} videos (cam*.mp4) but {len(poses)} rows in {POSES}. Rows belong to the videos in the "
-                f"order of their names: add the missing videos, or remove the rows of cameras that are not there."
+                f"{path}: {len(files)} videos (cam*.mp4, or of another kind) but {len(poses)} rows in {POSES}. Rows belong to the "
+                f"videos in the order of their names: add the missing videos, or remove the rows of cameras that are not there."
             )
         sidecar, names = read_sidecar(path), list(files)
         videos = video_source(path, files, sidecar, request)
@@ -61,11 +61,12 @@ class Neu3DVCapture(FileCapture):
         )
 
 
-def _videos(path: Path, growing: bool) -> dict[str, Path]:
-    """By camera; while they are being written they may be of any kind, or numbered ones in a folder each."""
-    if not growing:
-        return {file.stem: file for file in sorted(path.glob("cam*.mp4"))}
-    return {name: file for name, file in sorted(video_files(path, segmented=True).items()) if name.startswith("cam")}
+def _videos(path: Path) -> dict[str, Path]:
+    """Return the videos by camera, of any kind, or folders of numbered ones; other files beside MP4 files do not count."""
+    plain = {file.stem: file for file in sorted(path.glob("cam*.mp4"))}
+    return plain or {
+        name: file for name, file in sorted(video_files(path, segmented=True).items()) if name.startswith("cam")
+    }
 
 
 def _read_poses(file: Path) -> np.ndarray:

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from splatreel.codec.reader import ReelReader
 from splatreel.errors import ReconstructionError
 from splatreel.progress import Progress, parts_of
 from splatreel.recon.encode.publisher import Present
 from splatreel.recon.jobs import ChapteredRun, chapter_job, has_scene, publish_job, scene_job
 from splatreel.recon.machines.run_spec import RunSpec
 from splatreel.recon.machines.share import JobName, Share
+from splatreel.recon.machines.status import RunStatus
 from splatreel.recon.pipeline import reconstruct_sequence
 
 
@@ -21,14 +23,23 @@ def run_job(spec: RunSpec, job: JobName, share: Share | None, progress: Progress
         many = len(run.chapters)
         if job == "scene":
             if many > 1:
-                scene_job(run, progress)
+                try:
+                    scene_job(run, progress)
+                finally:
+                    _write_status(run)
             return f"{run.out}: the scene is there. Next are its {many} chapters." if many > 1 else _of_one(run)
         if job == "finish":
-            _finish(run, progress, present)
+            try:
+                _finish(run, progress, present)
+            finally:
+                _write_status(run)
             return f"{run.out / 'reel'}: the reel is complete."
         assert share is not None
         chapters = share.of(many)
-        _make(run, chapters, progress, present)
+        try:
+            _make(run, chapters, progress, present)
+        finally:
+            _write_status(run)
         if not chapters:
             return f"{run.out}: there are {many} chapters, and none for task {share.index} of {share.tasks}."
         return f"{run.out}: {_named(chapters)} of {many} {'is' if len(chapters) == 1 else 'are'} there."
@@ -54,6 +65,21 @@ def _finish(run: ChapteredRun, progress: Progress, present: Present) -> None:
         reconstruct_sequence(run, progress, present)
     else:
         raise ReconstructionError(f"{run.out}: its only chapter is not finished. Run --job chapter first.")
+
+
+def _write_status(run: ChapteredRun) -> None:
+    """Write OUT/status.json by what checkpoints and logs say: tasks know nothing of each other."""
+    if len(run.chapters) == 1 or not run.out.exists():
+        return
+    status = RunStatus(run)
+    manifest = run.out / "reel" / "manifest.json"
+    if manifest.exists():
+        written = ReelReader(manifest.parent).manifest
+        status.published = written.end_group
+        status.state = "running" if written.live else "complete"
+    if status.state != "complete" and any(chapter.state == "failed" for chapter in status.chapters):
+        status.state = "failed"
+    status.write()
 
 
 def _of_one(run: ChapteredRun) -> str:

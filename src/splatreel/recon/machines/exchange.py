@@ -7,7 +7,8 @@ from collections.abc import Callable, Iterable
 from pathlib import Path
 
 from splatreel.recon.jobs import part_of
-from splatreel.recon.run.store import LAST_OF_GROUP, PUBLISHED_OF_GROUP
+from splatreel.recon.run.job_log import LOGS
+from splatreel.recon.run.store import LAST_OF_GROUP, PUBLISHED_OF_GROUP, Store
 from splatreel.scene.spans import ChapterSpan
 from splatreel.storage.retrying import untold
 from splatreel.storage.shared_folder import SharedFolder
@@ -25,8 +26,10 @@ class Exchange:
         self._shared, self._work = SharedFolder(f"{url.rstrip('/')}/work", tell), out / "work"
 
     def fetch_scene(self) -> None:
-        """All that does not belong to one group."""
-        self._fetch(name for name in self._shared.files() if not _OF_GROUP.fullmatch(name))
+        """All that does not belong to one group, but for logs."""
+        there = self._shared.files()
+        names = [name for name in there if not _OF_GROUP.fullmatch(name) and not name.startswith(f"{LOGS}/")]
+        self._shared.pull(names, self._work, there)
 
     def send_scene(self) -> None:
         """The same, as far as the scene's job has made it."""
@@ -35,10 +38,20 @@ class Exchange:
         scene = [f"scene/{path.name}" for path in (self._work / "scene").iterdir()]
         self._send([*sorted(scene), *sorted(top)])
 
+    def send_tables(self) -> None:
+        """Send the frame tables of the capture, if there are any."""
+        self._send([path.name for path in [Store(self._work).tables_file] if path.exists()])
+
     def fetch_chapter(self, chapter: ChapterSpan) -> None:
         """Whatever is there of a chapter's groups."""
+        self._shared.pull_all(f"{LOGS}/{part_of(chapter.index)}.log", self._work)
         for span in chapter.groups:
             self._shared.pull_all(f"{self._group(span.index)}/", self._work)
+
+    def send_log(self, part: str) -> None:
+        """Send the log of a job, if there is one."""
+        name = f"{LOGS}/{part}.log"
+        self._send([name] if (self._work / name).exists() else [])
 
     def send_group(self, chapter: int, group: int) -> None:
         """All of a group; what tells that it is finished comes last."""
@@ -50,14 +63,15 @@ class Exchange:
     def fetch_finished(self, groups: Iterable[int] | None = None) -> None:
         """Of finished groups what is published of them. groups: those that are finished; None: whichever are."""
         if groups is None:
-            found = [_OF_GROUP.fullmatch(name) for name in self._shared.files("group")]
+            there = self._shared.files("group")
+            found = [_OF_GROUP.fullmatch(name) for name in there]
             folders = {match[1] for match in found if match and match[2] == LAST_OF_GROUP}
         else:
             folders = {self._group(group) for group in groups}
+            there = {name: file for folder in folders for name, file in self._shared.files(f"{folder}/").items()}
         for folder in sorted(folders):
             names = (f"{folder}/{name}" for name in PUBLISHED_OF_GROUP)
-            there = self._shared.files(f"{folder}/")
-            self._fetch(name for name in names if name in there)
+            self._shared.pull([name for name in names if name in there], self._work, there)
 
     def _group(self, index: int) -> str:
         return f"group{index:04d}"

@@ -37,9 +37,9 @@ def reconstruct_here(
             if run.device.type == "cuda":
                 torch.cuda.empty_cache()  # for the worker that uses the same GPU
             driver = Driver(run, progress, present, division.workers)
-            with WorkerPool(spec, places(run, division.workers), division.threads, _need(run)) as pool:
+            with driver, WorkerPool(spec, places(run, division.workers), division.threads, _need(run)) as pool:
                 pool.make(driver.todo, driver.hear)
-            driver.finish()
+                driver.finish()
         return result_of(run)
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import pickle
+import socket
 import tempfile
 import time
 from collections.abc import Callable, Iterator
@@ -42,7 +43,7 @@ def make_chapter(task: NodeTask, chapter: int, send: Callable[[object], None]) -
 
 
 def _make_scene(task: NodeTask, send: Callable[[object], None]) -> None:
-    from splatreel.recon.jobs import scene_job
+    from splatreel.recon.jobs import SCENE, scene_job
     from splatreel.recon.machines.exchange import Exchange
     from splatreel.recon.machines.reports import Reporter
 
@@ -52,29 +53,40 @@ def _make_scene(task: NodeTask, send: Callable[[object], None]) -> None:
         if exchange is not None:
             exchange.fetch_scene()
         with replace(spec, out=out).opened() as run:
-            _patiently(lambda: scene_job(run, Reporter(0, send)))
+            try:
+                _patiently(lambda: scene_job(run, Reporter(0, send)))
+            finally:
+                if exchange is not None:
+                    exchange.send_log(SCENE)
         if exchange is not None:
             exchange.send_scene()
 
 
 def _make_chapter(task: NodeTask, chapter: int, send: Callable[[object], None]) -> None:
-    from splatreel.recon.jobs import chapter_job
+    from splatreel.recon.jobs import chapter_job, part_of
     from splatreel.recon.machines.exchange import Exchange
-    from splatreel.recon.machines.reports import GroupDone, Reporter
+    from splatreel.recon.machines.reports import GroupDone, Reporter, Started
 
     spec = pickle.loads(task.spec)
-    with _place(task, spec.out) as out, replace(spec, out=out).opened() as run:
+    with _place(task, spec.out) as out:
         exchange = None if task.url is None else Exchange(task.url, out)
         if exchange is not None:
-            exchange.fetch_scene()
-            exchange.fetch_chapter(run.chapters[chapter])
-
-        def after_group(group: int) -> None:
+            exchange.fetch_scene()  # first: it has the frame tables, by which the capture is opened
+        with replace(spec, out=out).opened() as run:
             if exchange is not None:
-                exchange.send_group(chapter, group)
-            send(GroupDone(chapter, group))
+                exchange.fetch_chapter(run.chapters[chapter])
 
-        _patiently(lambda: chapter_job(run, chapter, Reporter(chapter, send), after_group))
+            def after_group(group: int) -> None:
+                if exchange is not None:
+                    exchange.send_group(chapter, group)
+                send(GroupDone(chapter, group))
+
+            send(Started(chapter, socket.gethostname()))
+            try:
+                _patiently(lambda: chapter_job(run, chapter, Reporter(chapter, send), after_group))
+            finally:
+                if exchange is not None:
+                    exchange.send_log(part_of(chapter))
 
 
 def _guarded(task: NodeTask, action: Callable[[], None]) -> str | None:

@@ -14,7 +14,7 @@ from typing import Any
 from splatreel.errors import MissingDependencyError, ReconstructionError, UsageError
 from splatreel.progress import Progress, Silent, parts_of
 from splatreel.recon.encode.publisher import Present, nothing_more
-from splatreel.recon.jobs import ChapteredRun, has_scene
+from splatreel.recon.jobs import ChapteredRun, has_scene, keep_tables
 from splatreel.recon.machines.driver import Driver
 from splatreel.recon.machines.exchange import Exchange
 from splatreel.recon.machines.node import NodeTask, make_chapter, make_scene
@@ -71,12 +71,14 @@ def reconstruct_on_cluster(
     Raises `MissingDependencyError` without ray, `UsageError` where there is no cluster, and what `here.reconstruct_here` raises.
     """
     progress = progress or Silent()
+    exchange = None if url is None else Exchange(url, spec.out, progress.note)
+    if exchange is not None:
+        exchange.fetch_scene()  # it may have the frame tables, by which the capture is opened
     with spec.opened() as run:
         if len(run.chapters) == 1:
             progress.note("The video is one chapter: it is made here, not on the cluster.")
             reconstruct_sequence(run, progress, present)
         else:
-            exchange = None if url is None else Exchange(url, run.out, progress.note)
             with connected(address) as cluster, run.lock():
                 _Cluster(cluster, run, spec, url, exchange, progress).make(present)
         return result_of(run)
@@ -88,7 +90,7 @@ class _Cluster:
     def __init__(
         self, ray: Any, run: ChapteredRun, spec: RunSpec, url: str | None, exchange: Exchange | None, progress: Progress
     ) -> None:
-        self.ray, self.run, self.exchange, self.progress = ray, run, exchange, progress
+        self.ray, self.run, self.exchange, self.progress, self.url = ray, run, exchange, progress, url
         need = needed_memory(run.capture, run.config)
         self.resources, self.at_once = share_nodes(ray.nodes(), len(run.chapters), spec.device, need)
         self.task = NodeTask(pickle.dumps(spec), url, self.resources.cores)
@@ -96,16 +98,17 @@ class _Cluster:
 
     def make(self, present: Present) -> None:
         """The scene, the chapters and the reel."""
+        keep_tables(self.run)
         if self.exchange is not None:
-            self.exchange.fetch_scene()
+            self.exchange.send_tables()
         if not has_scene(self.run):
             self._make_scene(parts_of(self.progress, self.run.costs())[0])
         if self.exchange is not None:
             self.exchange.fetch_scene()
             self.exchange.fetch_finished()
-        driver = Driver(self.run, self.progress, present, min(self.at_once, len(self.run.chapters)))
-        self._run({chapter: (make_chapter, chapter) for chapter in driver.todo}, self._fetching(driver.hear))
-        driver.finish()
+        with Driver(self.run, self.progress, present, min(self.at_once, len(self.run.chapters)), self.url) as driver:
+            self._run({chapter: (make_chapter, chapter) for chapter in driver.todo}, self._fetching(driver.hear))
+            driver.finish()
 
     def _make_scene(self, progress: Progress) -> None:
         ended: list[str | None] = []
@@ -118,6 +121,8 @@ class _Cluster:
                     progress.note(text)
                 case ChapterEnded(_, error):
                     ended.append(error)
+                case _:
+                    pass
 
         progress.stage("building what all chapters share, on a node", 100, (0.0, 1.0))
         self._run({0: (make_scene,)}, hear)

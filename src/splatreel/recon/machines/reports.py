@@ -17,6 +17,14 @@ INTERVAL = 0.5
 
 
 @dataclass(frozen=True)
+class Started:
+    """A node begins a chapter, or goes on with one that another node lost. node: the name of the machine."""
+
+    chapter: int
+    node: str
+
+
+@dataclass(frozen=True)
 class Reached:
     """share: of the chapter, 0..1. memory: bytes that the process held at most; None where nobody knows."""
 
@@ -49,7 +57,7 @@ class ChapterEnded:
     error: str | None = None
 
 
-Report = Reached | Noted | GroupDone | ChapterEnded
+Report = Started | Reached | Noted | GroupDone | ChapterEnded
 
 
 class Reporter:

@@ -8,19 +8,22 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from splatreel.capture.base import Capture
+from splatreel.capture.opening import CaptureSource
 from splatreel.config import Config
 from splatreel.recon.jobs import ChapteredRun
 from splatreel.recon.pipeline import plan_run
+from splatreel.recon.run.store import Store
 
 
 @dataclass(frozen=True)
 class RunSpec:
     """What `reconstruct` is called with. It can be pickled.
 
-    open_capture: called by each process that takes part, such as `functools.partial(open_capture, path, width=640)`.
+    open_capture: Called by each process that takes part, such as `CaptureSource(path, {"width": 640})`. That one is given the frame
+        tables of the run, so that no video is scanned twice.
     """
 
-    open_capture: Callable[[], Capture]
+    open_capture: Callable[[], Capture] | CaptureSource
     out: Path
     config: Config
     sound: str = "auto"
@@ -29,7 +32,9 @@ class RunSpec:
     @contextmanager
     def opened(self) -> Iterator[ChapteredRun]:
         """The run, with its capture open. Raises what opening that raises, and as `plan_run`."""
-        capture = self.open_capture()
+        known = Store(self.out / "work").tables_file
+        source = self.open_capture
+        capture = source(known) if isinstance(source, CaptureSource) else source()
         try:
             yield plan_run(capture, self.out, self.config, sound=self.sound, device=self.device)
         finally:

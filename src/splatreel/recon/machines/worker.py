@@ -10,6 +10,7 @@ import os
 import pickle
 import signal
 import threading
+from contextlib import ExitStack
 from multiprocessing.connection import Connection, wait
 from typing import TYPE_CHECKING
 
@@ -17,6 +18,7 @@ from splatreel.process import keep_freed_memory, quiet_threads
 from splatreel.threads import use
 
 if TYPE_CHECKING:
+    from splatreel.recon.jobs import ChapteredRun
     from splatreel.recon.machines.reports import Report
 
 
@@ -33,25 +35,37 @@ def serve(spec: bytes, threads: int, gpu: str | None, connection: Connection) ->
     use(threads)
     keep_freed_memory()
     try:
-        while (chapter := connection.recv()) is not None:
-            connection.send(_make(spec, chapter, connection))
+        with ExitStack() as stack:
+            run: ChapteredRun | None = None
+            while (chapter := connection.recv()) is not None:
+                try:
+                    run = run or stack.enter_context(pickle.loads(spec).opened())
+                except Exception as error:
+                    connection.send(_failed(chapter, error))
+                else:
+                    connection.send(_make(run, chapter, connection))
     except (EOFError, OSError):  # the parent is gone
         os._exit(1)
 
 
-def _make(spec: bytes, chapter: int, connection: Connection) -> Report:
+def _make(run: ChapteredRun, chapter: int, connection: Connection) -> Report:
     from splatreel.recon.jobs import chapter_job
-    from splatreel.recon.machines.reports import ChapterEnded, GroupDone, Reporter, in_a_sentence
+    from splatreel.recon.machines.reports import ChapterEnded, GroupDone, Reporter
 
     try:
-        with pickle.loads(spec).opened() as run:
-            reporter = Reporter(chapter, connection.send)
-            chapter_job(run, chapter, reporter, lambda group: connection.send(GroupDone(chapter, group)))
+        reporter = Reporter(chapter, connection.send)
+        chapter_job(run, chapter, reporter, lambda group: connection.send(GroupDone(chapter, group)))
     except BrokenPipeError:
         raise
     except Exception as error:
-        return ChapterEnded(chapter, in_a_sentence(error))
+        return _failed(chapter, error)
     return ChapterEnded(chapter)
+
+
+def _failed(chapter: int, error: Exception) -> Report:
+    from splatreel.recon.machines.reports import ChapterEnded, in_a_sentence
+
+    return ChapterEnded(chapter, in_a_sentence(error))
 
 
 def _end_with_parent() -> None:

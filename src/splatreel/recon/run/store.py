@@ -232,6 +232,11 @@ class Store:
         """What chapters share; its folder is there only where there are several."""
         return GroupStore(self.work / "scene")
 
+    @property
+    def tables_file(self) -> Path:
+        """Frame tables of the capture's videos, so that only one process scans them."""
+        return self.work / "frames.safetensors"
+
     def chapter_firsts(self) -> list[int] | None:
         """The first group of each chapter; None where the video is one, without static points that are shared."""
         path = self.work / "chapters.json"

@@ -1,0 +1,192 @@
+"""The frames of a video file, found once without decoding: presentation times, keyframes and their places in the file."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator
+from dataclasses import dataclass, fields
+from pathlib import Path
+from typing import Any
+
+import av
+import numpy as np
+from av.container import InputContainer
+from av.error import FFmpegError
+from safetensors import SafetensorError
+from safetensors.numpy import load_file, save
+
+NO_TIME = np.iinfo(np.int64).min
+"""Stands for a decoding time or a byte offset that the container does not state."""
+ARRAYS = ("pts", "key_pts", "key_dts", "key_offsets")
+"""The fields of a table that are arrays."""
+
+
+@dataclass(frozen=True)
+class FrameTable:
+    """What must be known of a video to read any frame of it without scanning the file.
+
+    Attributes:
+        size: Bytes of the file. A table of another size belongs to another file.
+        width: Pixels of a stored picture; phones store upright pictures lying.
+        height: Pixels of a stored picture.
+        turns: Quarter turns counterclockwise by which a picture is shown.
+        fps: Average frames a second.
+        time_base: Seconds of one unit of `pts` and `dts`.
+        pts: [N] int64, presentation times of the frames that are shown, rising.
+        key_pts: [K] int64, presentation times of the keyframes, rising; also of keyframes that an edit list hides.
+        key_dts: [K] int64, their decoding times, or `NO_TIME`.
+        key_offsets: [K] int64, their byte offsets, or `NO_TIME`.
+        counted: True where the container states no presentation times, although the codec reorders frames (H.264 in AVI). Such
+            frames are numbered by counting the decoder's output from the start of the file.
+        packets: Number of packets in the file.
+        whole: Number of packets that are complete.
+        declared: Number of frames that the container states; 0 if it does not.
+    """
+
+    size: int
+    width: int
+    height: int
+    turns: int
+    fps: float
+    time_base: float
+    pts: np.ndarray
+    key_pts: np.ndarray
+    key_dts: np.ndarray
+    key_offsets: np.ndarray
+    counted: bool
+    packets: int
+    whole: int
+    declared: int
+
+    @property
+    def frames(self) -> int:
+        return len(self.pts)
+
+    @property
+    def start(self) -> float:
+        """Seconds that the file states for its first frame."""
+        return float(self.pts[0]) * self.time_base if len(self.pts) else 0.0
+
+    @property
+    def times(self) -> np.ndarray:
+        """[N] float64, seconds after the first frame."""
+        return (self.pts - (self.pts[0] if len(self.pts) else 0)).astype(np.float64) * self.time_base
+
+    def number(self, pts: int) -> int | None:
+        """The number of the frame with this presentation time; None if no shown frame has it."""
+        at = int(np.searchsorted(self.pts, pts))
+        return at if at < len(self.pts) and self.pts[at] == pts else None
+
+    def key_before(self, number: int) -> int:
+        """The index of the last keyframe shown no later than a frame; -1 means that decoding begins at the start of the file."""
+        return -1 if self.counted else int(np.searchsorted(self.key_pts, self.pts[number], "right")) - 1
+
+
+def scan(
+    container: InputContainer, stream: av.VideoStream, size: int, index: InputContainer | None = None
+) -> FrameTable:
+    """Demultiplex a whole container and return its frame table.
+
+    Args:
+        container: An open container, at its start. It is used up.
+        stream: Its video stream.
+        size: Bytes of the file.
+        index: The same container without its pictures (`IndexOnly`), which is used in place of it wherever no picture is needed.
+    """
+    width, height = stream.codec_context.width, stream.codec_context.height
+    fps = float(stream.average_rate or stream.guessed_rate or 0)
+    demuxed, packets_of = (container, stream) if index is None else (index, index.streams.video[0])
+    declared = _declared(demuxed, packets_of)
+    rows, packets, whole = [], 0, 0
+    for packet in demuxed.demux(packets_of):
+        if packet.size and packet.pts is not None:
+            packets += 1
+            whole += not packet.is_corrupt
+            dts = NO_TIME if packet.dts is None else packet.dts
+            offset = NO_TIME if packet.pos is None or packet.pos < 0 else packet.pos
+            rows.append((packet.pts, dts, offset, packet.is_keyframe, packet.is_discard))
+    pts, dts, offsets, key, hidden = np.array(rows, np.int64).reshape(-1, 5).T
+    turns, reorders = _look_at_first(container, stream)
+    counted = container.format.name == "avi" and reorders and bool((np.diff(pts) > 0).all())
+    keys = np.flatnonzero(key)[np.argsort(pts[key != 0], kind="stable")]
+    shown = np.unique(pts[(hidden == 0) & _decodable(pts, key)])
+    return FrameTable(
+        size=size,
+        width=width,
+        height=height,
+        turns=turns,
+        fps=fps,
+        time_base=float(stream.time_base or 0),
+        pts=shown,
+        key_pts=pts[keys],
+        key_dts=dts[keys],
+        key_offsets=offsets[keys],
+        counted=counted,
+        packets=packets,
+        whole=whole,
+        declared=declared,
+    )
+
+
+def pack_tables(tables: dict[str, FrameTable]) -> bytes:
+    """Return the content of a file of tables by name."""
+    arrays, rest = {}, {}
+    for number, (name, table) in enumerate(tables.items()):
+        values = {field.name: getattr(table, field.name) for field in fields(table)}
+        arrays |= {f"{number}.{key}": values.pop(key) for key in ARRAYS}
+        rest[name] = values
+    arrays["rest"] = np.frombuffer(json.dumps(rest).encode(), np.uint8)
+    return save(arrays)
+
+
+def load_tables(path: Path) -> dict[str, FrameTable]:
+    """Return the tables in a file by name; none where there is no file, or one that cannot be read: videos are scanned then."""
+    try:
+        arrays = load_file(str(path))
+        rest = json.loads(arrays["rest"].tobytes())
+        found: dict[str, FrameTable] = {}
+        for number, (name, values) in enumerate(rest.items()):
+            everything: dict[str, Any] = values | {key: arrays[f"{number}.{key}"] for key in ARRAYS}
+            found[name] = FrameTable(**everything)
+        return found
+    except (OSError, SafetensorError, ValueError, KeyError, TypeError, AttributeError):
+        return {}
+
+
+def _declared(container: InputContainer, stream: av.VideoStream) -> int:
+    """The number of packets that the container states; 0 if it does not.
+
+    An MP4 file also states frames that its edit list leaves out.
+    """
+    entries = getattr(stream, "index_entries", None)
+    if entries is None or "mp4" not in container.format.name or not stream.frames:
+        return stream.frames
+    return min(len(entries), stream.frames)
+
+
+def _decodable(pts: np.ndarray, key: np.ndarray) -> np.ndarray:
+    """[N] bool: the packets, in decoding order, that are not cut off from their keyframe, as where a recording begins in the middle.
+
+    Frames before the first keyframe, and those shown before it, refer to pictures that the file does not have.
+    """
+    first = int(np.argmax(key)) if key.any() else 0
+    if first == 0:
+        return np.ones(len(pts), bool)
+    return (np.arange(len(pts)) >= first) & (pts >= pts[first])
+
+
+def _look_at_first(container: InputContainer, stream: av.VideoStream) -> tuple[int, bool]:
+    """The quarter turns of the first picture, and whether the decoder reorders frames.
+
+    A file that cannot be decoded says so when it is read.
+    """
+    try:
+        container.seek(0)
+        frame = next(_frames(container, stream), None)
+    except FFmpegError:
+        return 0, False
+    return round(getattr(frame, "rotation", 0) / 90) % 4, bool(stream.codec_context.has_b_frames)
+
+
+def _frames(container: InputContainer, stream: av.VideoStream) -> Iterator[av.VideoFrame]:
+    yield from container.decode(stream)

@@ -1,0 +1,93 @@
+"""`status.json` of a run of many chapters: how far each of them is, for people and for programs that watch the run."""
+
+from __future__ import annotations
+
+import json
+import time
+from collections.abc import Callable
+from contextlib import suppress
+from dataclasses import asdict, dataclass, replace
+
+from splatreel.codec.container import write_atomically
+from splatreel.errors import ReelError, StorageError
+from splatreel.recon.jobs import ChapteredRun, has_chapter, part_of
+from splatreel.recon.run.job_log import read_log
+from splatreel.storage.opening import open_folder
+
+STATUS = "status.json"
+INTERVAL = 2.0
+"""Seconds between two changes of the file, unless a chapter begins or ends."""
+
+
+@dataclass(frozen=True)
+class ChapterStatus:
+    """One chapter. state: waiting, running, finished or failed. done: share of it, 0..1. memory: bytes at most, where it is known."""
+
+    chapter: int
+    groups: tuple[int, int]
+    state: str = "waiting"
+    done: float = 0.0
+    node: str | None = None
+    attempts: int = 0
+    memory: int | None = None
+    error: str | None = None
+
+
+class RunStatus:
+    """Keeps OUT/status.json, and the same file in the run's folder elsewhere.
+
+    Args:
+        run: The run.
+        url: That folder, if there is one. Where it cannot be reached the run goes on.
+    """
+
+    def __init__(self, run: ChapteredRun, url: str | None = None, clock: Callable[[], float] = time.monotonic) -> None:
+        self._run, self._clock, self._last = run, clock, -INTERVAL
+        self._elsewhere = None if url is None else open_folder(url)
+        self.state = "running"
+        self.published = 0
+        self.chapters = [
+            ChapterStatus(chapter.index + 1, (chapter.first, chapter.groups[-1].index + 1)) for chapter in run.chapters
+        ]
+        self.look_up()
+
+    def look_up(self) -> None:
+        """Read what checkpoints and logs say of chapters."""
+        for chapter in self._run.chapters:
+            found = read_log(self._run.store.work, part_of(chapter.index))
+            there = has_chapter(self._run, chapter)
+            self.change(
+                chapter.index,
+                state="finished" if there else found.state if found.state != "finished" else "waiting",
+                done=1.0 if there else 0.0,
+                node=found.node,
+                attempts=found.attempts,
+                error=None if there else found.error,
+            )
+
+    def change(self, chapter: int, **values: object) -> None:
+        """Replace fields of a chapter."""
+        self.chapters[chapter] = replace(self.chapters[chapter], **values)  # pyright: ignore[reportArgumentType]
+
+    def write(self, at_once: bool = True) -> None:
+        """Write the file. at_once: False leaves it out where it was written a moment ago."""
+        if not at_once and self._clock() - self._last < INTERVAL:
+            return
+        self._last = self._clock()
+        done = sum(chapter.done for chapter in self.chapters) / max(len(self.chapters), 1)
+        content = {
+            "format": "splatreel-status",
+            "version": 1,
+            "state": self.state,
+            "updated": time.strftime("%Y-%m-%dT%H:%M:%SZ", time.gmtime()),
+            "done": round(done, 4),
+            "groups": len(self._run.groups),
+            "published": self.published,
+            "chapters": [asdict(chapter) for chapter in self.chapters],
+        }
+        data = (json.dumps(content, indent=1) + "\n").encode()
+        with suppress(ReelError):  # a full disk is told of where it matters
+            write_atomically(self._run.out / STATUS, data)
+        if self._elsewhere is not None:
+            with suppress(StorageError):
+                self._elsewhere.write(STATUS, data)

@@ -1,0 +1,113 @@
+"""The log of one job of a run, OUT/work/logs/PART.log: where it ran, when, how often it was tried, and how it failed."""
+
+from __future__ import annotations
+
+import os
+import re
+import socket
+import time
+import traceback
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+from dataclasses import dataclass
+from pathlib import Path
+
+from splatreel import __version__, threads
+from splatreel.process import peak_memory_bytes
+from splatreel.progress import Progress, Span
+
+LOGS = "logs"
+_BEGUN = re.compile(r"\S+ attempt (\d+) on (\S+),")
+_ENDED = re.compile(r"\S+ (finished|failed)\b(?:.*?: (.*))?")
+
+
+def log_file(work: Path, part: str) -> Path:
+    """Return the log of a job. part: its name, such as chapter0003."""
+    return work / LOGS / f"{part}.log"
+
+
+class JobLog:
+    """Appends lines to the log of a job; a disk that refuses them is ignored."""
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+
+    def write(self, text: str) -> None:
+        now = time.strftime("%Y-%m-%dT%H:%M:%SZ", time.gmtime())
+        with suppress(OSError), open(self.path, "a", encoding="utf-8") as file:
+            file.write(f"{now} {text}\n")
+
+
+class LoggedProgress:
+    """The progress of a job, whose stages and notes are also logged."""
+
+    def __init__(self, progress: Progress, log: JobLog) -> None:
+        self._progress, self._log = progress, log
+
+    def stage(self, name: str, total: int, span: Span | None = None) -> None:
+        self._log.write(name)
+        self._progress.stage(name, total, span)
+
+    def update(self, done: int, **numbers: float) -> None:
+        self._progress.update(done, **numbers)
+
+    def note(self, text: str) -> None:
+        self._log.write(f"note: {text}")
+        self._progress.note(text)
+
+
+@contextmanager
+def logged(work: Path, part: str) -> Iterator[JobLog]:
+    """Log one attempt at a job: its beginning, its end, and the traceback of what it raises."""
+    log = JobLog(log_file(work, part))
+    with suppress(OSError):
+        log.path.parent.mkdir(parents=True, exist_ok=True)
+    before, started = read_log(work, part), time.monotonic()
+    log.write(
+        f"attempt {before.attempts + 1} on {socket.gethostname()}, process {os.getpid()}, {threads.count()} threads, "
+        f"Splatreel {__version__}"
+    )
+    try:
+        yield log
+    except BaseException as error:
+        log.write(
+            f"failed after {time.monotonic() - started:.0f} s: {type(error).__name__}: {' '.join(str(error).split())}"
+        )
+        with suppress(OSError), open(log.path, "a", encoding="utf-8") as file:
+            traceback.print_exception(error, file=file)
+        raise
+    memory = peak_memory_bytes()
+    held = f", {memory / 1e9:.1f} GB at most" if memory is not None else ""
+    log.write(f"finished after {time.monotonic() - started:.0f} s{held}")
+
+
+@dataclass(frozen=True)
+class LoggedState:
+    """What a log says.
+
+    Attributes:
+        state: waiting, running (or lost), finished or failed.
+        node: The machine of the last attempt.
+        attempts: How many there were.
+        error: Why the last one failed, in a line.
+    """
+
+    state: str = "waiting"
+    node: str | None = None
+    attempts: int = 0
+    error: str | None = None
+
+
+def read_log(work: Path, part: str) -> LoggedState:
+    """Return what the log of a job says; nothing of a job without one."""
+    try:
+        lines = log_file(work, part).read_text(encoding="utf-8", errors="replace").splitlines()
+    except OSError:
+        return LoggedState()
+    found = LoggedState()
+    for line in lines:
+        if match := _BEGUN.match(line):
+            found = LoggedState("running", match[2], int(match[1]))
+        elif match := _ENDED.match(line):
+            found = LoggedState(match[1], found.node, found.attempts, match[2] if match[1] == "failed" else None)
+    return found

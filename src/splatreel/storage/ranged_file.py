@@ -1,0 +1,79 @@
+"""A file in a folder elsewhere that is read in places: only the blocks that are asked for are fetched."""
+
+from __future__ import annotations
+
+import io
+from collections import OrderedDict
+from typing import Any
+
+from splatreel.storage.folder import Folder
+
+BLOCK = 1 << 18
+"""Bytes of a block."""
+KEPT = 16
+"""Number of blocks that are kept."""
+AHEAD = 16
+"""Most blocks that one request fetches, while a file is read forwards."""
+
+
+class RangedFile(io.RawIOBase):
+    """A read-only file with a position, as FFmpeg and Pillow take it.
+
+    While it is read forwards, each request fetches twice as many blocks as the one before, up to `AHEAD`.
+
+    Args:
+        folder: The folder that has the file.
+        file: Its name there.
+        size: Its number of bytes.
+    """
+
+    def __init__(self, folder: Folder, file: str, size: int) -> None:
+        self.name = folder.address(file)
+        self.fetched = 0
+        """Number of bytes that were fetched so far."""
+        self._folder, self._file, self._size = folder, file, size
+        self._at = 0
+        self._blocks: OrderedDict[int, bytes] = OrderedDict()
+        self._expected, self._count = -1, 1
+
+    def readable(self) -> bool:
+        return True
+
+    def seekable(self) -> bool:
+        return True
+
+    def tell(self) -> int:
+        return self._at
+
+    def seek(self, offset: int, whence: int = io.SEEK_SET) -> int:
+        base = {io.SEEK_SET: 0, io.SEEK_CUR: self._at, io.SEEK_END: self._size}[whence]
+        self._at = max(base + offset, 0)
+        return self._at
+
+    def readinto(self, buffer: Any, /) -> int:
+        view = memoryview(buffer).cast("B")
+        wanted = max(min(len(view), self._size - self._at), 0)
+        done = 0
+        while done < wanted:
+            index, within = divmod(self._at, BLOCK)
+            part = self._block(index)[within : within + wanted - done]
+            if not part:  # the file is shorter than it was
+                break
+            view[done : done + len(part)] = part
+            done += len(part)
+            self._at += len(part)
+        return done
+
+    def _block(self, index: int) -> bytes:
+        if index not in self._blocks:
+            self._count = min(2 * self._count, AHEAD) if index == self._expected else 1
+            begin, end = index * BLOCK, min((index + self._count) * BLOCK, self._size)
+            data = self._folder.read_range(self._file, begin, end)
+            self.fetched += len(data)
+            self._expected = index + self._count
+            for place in range(self._count):
+                if part := data[place * BLOCK : (place + 1) * BLOCK]:
+                    self._blocks[index + place] = part
+            while len(self._blocks) > max(KEPT, self._count):
+                self._blocks.popitem(last=False)
+        return self._blocks.get(index, b"")
