@@ -2,5 +2,9 @@
 
 from typing import Any
 
+from splatreel.compile_cache import choose_compile_cache
+
+choose_compile_cache()
+
 EXACT: dict[str, Any] = {"cache": True, "nogil": True, "error_model": "numpy"}
 """Without `fastmath`: the format says which sums of doubles are taken in which order."""

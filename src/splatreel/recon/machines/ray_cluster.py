@@ -71,13 +71,13 @@ def reconstruct_on_cluster(
     Raises `MissingDependencyError` without ray, `UsageError` where there is no cluster, and what `here.reconstruct_here` raises.
     """
     progress = progress or Silent()
-    with spec.opened() as run:
+    with connected(address) as cluster, spec.opened() as run:  # nothing is read for a cluster that is not there
         if len(run.chapters) == 1:
             progress.note("The video is one chapter: it is made here, not on the cluster.")
             reconstruct_sequence(run, progress, present)
         else:
             exchange = None if url is None else Exchange(url, run.out, progress.note)
-            with connected(address) as cluster, run.lock():
+            with run.lock():
                 _Cluster(cluster, run, spec, url, exchange, progress).make(present)
         return result_of(run)
 
