@@ -15,7 +15,7 @@ import pytest
 
 from splatreel import errors
 from splatreel.cli import main as cli
-from splatreel.cli.failure import EXTRAS, LIGHTER, explain
+from splatreel.cli.failure import EXTRAS, LIGHTER, Terminated, explain
 from splatreel.cli.main import main
 from splatreel.errors import CaptureError
 from splatreel.process import quiet_threads
@@ -293,6 +293,15 @@ def test_limits_of_the_system_are_told_whatever_they_were_taken_for(error: Excep
     assert found[0].endswith("then run\n  splatreel info reel")
     assert "truncated" not in found[0]
     assert "memory." not in found[0]
+
+
+def test_an_interruption_of_native_code_is_one() -> None:
+    error, middle = SystemError("returned a result with an exception set"), SystemError("returned a result")
+    error.__cause__, middle.__cause__ = middle, Terminated()
+    found = explain(error, ["info", "reel"])
+    assert found is not None
+    assert found[1] == 143
+    assert explain(SystemError("a bug"), ["info", "reel"]) is None
 
 
 @pytest.mark.skipif(os.name != "posix", reason="limits of processes")

@@ -73,9 +73,10 @@ def termination() -> Iterator[None]:
 
 
 def _in_compiler(frame: FrameType | None) -> bool:
-    """Return whether a frame was called by LLVM's binding: its callbacks drop exceptions, and LLVM crashes on what is missing then."""
+    """Return whether a frame was called by LLVM's binding or by compiled code: they drop exceptions, and go on with what is missing."""
     while frame is not None:
-        if "llvmlite" in frame.f_code.co_filename:
+        file = frame.f_code.co_filename.replace("\\", "/")
+        if "llvmlite" in file or file.endswith("numba/core/serialize.py"):
             return os.name == "posix"
         frame = frame.f_back
     return False
@@ -88,6 +89,8 @@ def explain(error: BaseException, arguments: Sequence[str]) -> tuple[str, int] |
         return f"Error: {limit}, then run\n  {command}", 1
     if isinstance(error, SplatreelError):
         return f"Error: {error}", error.exit_code
+    if isinstance(error, SystemError) and isinstance(cause := _first_cause(error), KeyboardInterrupt):
+        error = cause  # native code was interrupted, and made an error of its own of it
     if isinstance(error, KeyboardInterrupt):
         return interruption(signal.SIGTERM if isinstance(error, Terminated) else signal.SIGINT, arguments)
     if _is_disk_full(error):
@@ -128,6 +131,13 @@ def _lighter(arguments: Sequence[str], gpu: bool) -> str:
     if not ways:
         return "Close other programs, or use a machine with more."
     return f"Ask for {', '.join(ways[:-1])}{' or ' if ways[1:] else ''}{ways[-1]}."
+
+
+def _first_cause(error: BaseException) -> BaseException:
+    """Return the error that all others in a chain come from."""
+    while error.__cause__ is not None:
+        error = error.__cause__
+    return error
 
 
 def _system_limit(error: BaseException) -> str | None:
