@@ -12,6 +12,9 @@ import numpy as np
 from numba import types
 
 from splatreel import threads
+from splatreel.compile_cache import choose_compile_cache
+
+choose_compile_cache()
 
 FAST: dict[str, Any] = {"fastmath": True, "cache": True, "error_model": "numpy", "nogil": True}
 """Options for training and rendering kernels."""
@@ -89,13 +92,17 @@ class Kernel:
         index = f"{self.module.rsplit('.', 1)[-1]}.{self.dispatcher.py_func.__qualname__}-{code.co_firstlineno}."
         try:
             changed = os.stat(code.co_filename).st_mtime
-            with os.scandir(self.dispatcher.stats.cache_path) as files:
+            with os.scandir(self.dispatcher.stats.cache_path or "") as files:
                 return any(
                     file.name.startswith(index) and file.name.endswith(".nbi") and file.stat().st_mtime >= changed
                     for file in files
                 )
         except OSError:
             return False
+
+    def needs_warmup(self) -> bool:
+        """Return whether another process can spare this one the compilation: there is a cache, and the kernel is not in it."""
+        return self.dispatcher.stats.cache_path is not None and not self.is_cached()
 
     def compile(self) -> None:
         """Compile the kernel, or load it from the cache."""

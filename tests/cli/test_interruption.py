@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 
 from splatreel.cli import main as cli
+from splatreel.cli.failure import Terminated, termination
 from splatreel.cli.main import main
 from splatreel.codec.reader import ReelReader
 from splatreel.codec.verify import verify_reel
@@ -105,6 +106,23 @@ def test_sigterm_ends_like_ctrl_c(monkeypatch: pytest.MonkeyPatch, capsys: pytes
     assert command.closed
     assert capsys.readouterr().err.endswith("continue with the same command:\n  splatreel reconstruct capture\n")
     assert signal.getsignal(signal.SIGTERM) is before
+
+
+def test_a_signal_waits_until_a_callback_of_llvm_is_done(tmp_path: Path) -> None:
+    """There exceptions are dropped, and LLVM crashes."""
+    done: list[int] = []
+    scope = {"os": os, "signal": signal, "time": time, "done": done}
+    source = "def callback():\n    os.kill(os.getpid(), signal.SIGTERM)\n    time.sleep(0.2)\n    done.append(1)\n"
+    exec(compile(source, str(tmp_path / "llvmlite" / "executionengine.py"), "exec"), scope)
+
+    def load() -> None:
+        with termination():
+            scope["callback"]()
+            time.sleep(60)
+
+    with pytest.raises(Terminated):
+        load()
+    assert done
 
 
 STUCK = """

@@ -14,9 +14,11 @@ import pytest
 
 from splatreel import errors
 from splatreel.cli import main as cli
-from splatreel.cli.failure import EXTRAS, LIGHTER, explain
+from splatreel.cli.failure import EXTRAS, LIGHTER, Terminated, explain
 from splatreel.cli.main import main
+from splatreel.errors import CaptureError
 from splatreel.process import quiet_threads
+from tests.capture import folders
 
 VERBS = [
     "demo",
@@ -270,3 +272,60 @@ def test_a_bug_keeps_its_traceback(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(cli, "build", broken)
     with pytest.raises(ZeroDivisionError):
         main(["info"])
+
+
+CHAINED = CaptureError("scene/a.mp4: cannot be decoded. The file is truncated or damaged.")
+CHAINED.__cause__ = OSError(errno.EMFILE, "Too many open files", "scene/a.mp4")
+
+
+@pytest.mark.parametrize(
+    ("error", "said"),
+    [
+        (
+            CHAINED,
+            "scene/a.mp4: cannot be opened, as this process may have no more files open. Raise that limit (ulimit -n",
+        ),
+        (OSError(errno.ENFILE, "Too many open files in system"), "this process may have no more files open"),
+        (
+            RuntimeError("can't start new thread"),
+            "the system lets no more threads start. Raise the limit of processes (ulimit -u",
+        ),
+    ],
+)
+def test_limits_of_the_system_are_told_whatever_they_were_taken_for(error: Exception, said: str) -> None:
+    found = explain(error, ["info", "reel"])
+    assert found is not None
+    assert said in found[0]
+    assert found[0].endswith("then run\n  splatreel info reel")
+    assert "truncated" not in found[0]
+    assert "memory." not in found[0]
+
+
+def test_an_interruption_of_native_code_is_one() -> None:
+    error, middle = SystemError("returned a result with an exception set"), SystemError("returned a result")
+    error.__cause__, middle.__cause__ = middle, Terminated()
+    found = explain(error, ["info", "reel"])
+    assert found is not None
+    assert found[1] == 143
+    assert explain(SystemError("a bug"), ["info", "reel"]) is None
+
+
+@pytest.mark.skipif(os.name != "posix", reason="limits of processes")
+def test_few_open_files_are_no_damage(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
+    """With few files left to open, a capture of whole videos is not called damaged."""
+    import resource
+
+    scene = folders.neu3dv(tmp_path / "scene", count=4, frames=2)
+    main(["capture", "check", str(scene), "--quick"])  # what is imported then needs no file later
+    capfd.readouterr()
+    soft, hard = resource.getrlimit(resource.RLIMIT_NOFILE)
+    lowest = os.open(os.devnull, os.O_RDONLY)
+    os.close(lowest)
+    resource.setrlimit(resource.RLIMIT_NOFILE, (lowest + 4, hard))  # two for signals, and two of four videos
+    try:
+        assert main(["capture", "check", str(scene), "--quick"]) == 1
+    finally:
+        resource.setrlimit(resource.RLIMIT_NOFILE, (soft, hard))
+    error = capfd.readouterr().err
+    assert "this process may have no more files open. Raise that limit (ulimit -n" in error
+    assert "damaged" not in error

@@ -82,3 +82,29 @@ def test_options_that_do_not_fit_are_refused_at_once(
     captured = capsys.readouterr()
     assert captured.out == ""
     assert said in captured.err
+
+
+@pytest.mark.parametrize(
+    "arguments",
+    [
+        ["reconstruct", "scene", "--out", ""],
+        ["reconstruct", "scene", "--out="],
+        ["publish", "reel", ""],
+        ["info", ""],
+        ["export", "reel", "--out", "a.mp4", "--path", ""],
+        ["import", "film", "--out", "reel", "--cameras", ""],
+    ],
+)
+def test_an_empty_name_is_not_the_current_folder(
+    arguments: list[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    assert main(arguments) == 2
+    assert "is empty. Write a name, or . for the current folder" in capsys.readouterr().err
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_text_may_be_empty_which_takes_it_out(capsys: pytest.CaptureFixture[str]) -> None:
+    for given in (["--title", ""], ["--title="]):
+        assert main(["edit", "nowhere", *given]) == 1
+        assert "is empty" not in capsys.readouterr().err

@@ -9,11 +9,13 @@ import shutil
 import socket
 import threading
 import time
+import urllib.request
+from urllib.parse import urlsplit
 
 import pytest
 
 from splatreel.codec.reader import ReelReader
-from splatreel.codec.source import open_source
+from splatreel.codec.source import _SameHost, open_source
 from splatreel.codec.verify import verify_reel
 from splatreel.errors import ReelError
 from tests.golden import GOLDEN
@@ -78,6 +80,25 @@ def test_missing_reel(url):
 def test_redirect_to_another_host(url):
     with pytest.raises(ReelError, match="another host"):
         ReelReader(f"{url}/elsewhere/")
+
+
+@pytest.mark.parametrize(
+    ("asked", "newurl", "said"),
+    [
+        ("https://a.example/reel/", "http://a.example/reel/manifest.json", "redirects from HTTPS"),
+        ("https://a.example/reel/", "https://b.example/manifest.json", "another host"),
+        ("http://a.example/reel/", "http://a.example/there/manifest.json", None),
+        ("http://a.example/reel/", "https://a.example/reel/manifest.json", None),
+        ("https://a.example/reel/", "https://a.example/there/manifest.json", None),
+    ],
+)
+def test_redirects_never_give_up_encryption(asked, newurl, said):
+    handler, request = _SameHost(*urlsplit(asked)[:2]), urllib.request.Request(asked)
+    if said is None:
+        assert handler.redirect_request(request, None, 302, "Found", {}, newurl).full_url == newurl
+    else:
+        with pytest.raises(ReelError, match=said):
+            handler.redirect_request(request, None, 302, "Found", {}, newurl)
 
 
 def test_nobody_answers():

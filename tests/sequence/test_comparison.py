@@ -113,3 +113,13 @@ def test_positions_are_moved_before_they_are_rounded(tmp_path: Path) -> None:
     write_double(tmp_path / "a.ply", frame(0), FAR)
     np.testing.assert_allclose(read_ply(tmp_path / "a.ply", FAR).means, frame(0).means, atol=1e-6)
     assert np.abs(read_ply(tmp_path / "a.ply").means - FAR - frame(0).means).max() > 0.1
+
+
+def test_a_point_far_away_is_named_as_the_cause(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    points, file = frame(0), tmp_path / "cameras.json"
+    means = points.means.copy()
+    means[7] = [1e6, 0, 0]
+    film = write_film(tmp_path / "film", [replace(points, means=means)])
+    file.write_text(entries(cameras(), np.zeros(3)))
+    assert main(["import", str(film), "--out", str(tmp_path / "reel"), "--cameras", str(file)]) == 0
+    assert "1 points, such as number 7 (counted from 0), are 1e+06 away from the middle" in capsys.readouterr().out

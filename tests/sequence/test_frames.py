@@ -1,5 +1,6 @@
 import os
 import re
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -129,3 +130,13 @@ def test_a_frame_that_is_damaged_is_named(tmp_path: Path) -> None:
 def test_what_is_no_folder_is_told(tmp_path: Path) -> None:
     with pytest.raises(GaussiansError, match="is not a folder"):
         open_frames(tmp_path / "missing")
+
+
+@pytest.mark.parametrize(("name", "value"), [("sh", 1e20), ("means", 1e20), ("scales", 1e20)])
+def test_a_number_that_is_an_accident_is_named(tmp_path: Path, name: str, value: float) -> None:
+    points = frame(0)
+    array = getattr(points, name).copy()
+    array.reshape(len(array), -1)[7, 0] = value
+    folder = write_film(tmp_path, [replace(points, **{name: array})])
+    with pytest.raises(GaussiansError, match=rf"frame0000\.ply: {name} of point 7 \(counted from 0\) is 1e\+20"):
+        open_frames(folder).read(0)

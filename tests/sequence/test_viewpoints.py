@@ -50,6 +50,16 @@ def test_what_is_no_camera_is_refused(tmp_path: Path, text: str) -> None:
         read_cameras(file)
 
 
+def test_mirrored_cameras_name_their_file(tmp_path: Path) -> None:
+    mirrored = entry(cameras()[0], 0)
+    mirrored["rotation"] = (np.array(mirrored["rotation"]) * [-1, 1, 1]).tolist()
+    file = tmp_path / "cameras.json"
+    file.write_text(json.dumps([mirrored]))
+    with pytest.raises(CaptureError, match="it mirrors") as caught:
+        read_cameras(file)
+    assert str(caught.value).startswith(f"{file}: camera 'cam0'")
+
+
 @pytest.mark.parametrize("up", [(0, -1, 0), (0, 1, 0), (0, 0, 1), (1, 0, 0)])
 def test_a_ring_sees_the_scene_upright_from_all_around(up: tuple[int, int, int]) -> None:
     points, above = scene(), np.array(up, float)

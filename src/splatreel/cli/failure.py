@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import errno
+import os
 import shlex
 import signal
 import threading
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
+from types import FrameType
 
 from splatreel.errors import SplatreelError
 
@@ -32,6 +34,8 @@ LIGHTER = {
 
 INTERRUPTED, TERMINATED = 130, 143
 """What shells return for a program ended by Ctrl-C, and by SIGTERM."""
+AGAIN = 0.05
+"""Seconds after which a signal is looked at again that arrived while kernels were compiled or loaded."""
 
 
 class Terminated(KeyboardInterrupt):
@@ -40,26 +44,53 @@ class Terminated(KeyboardInterrupt):
 
 @contextmanager
 def termination() -> Iterator[None]:
-    """SIGTERM raises `Terminated`, so that what is open is closed. Only the main thread may ask for that; others go without."""
+    """SIGTERM raises `Terminated`, so that what is open is closed. Only the main thread may ask for that; others go without.
+
+    While kernels are compiled or loaded, neither that nor Ctrl-C raises anything before it is done.
+    """
     if threading.current_thread() is not threading.main_thread():
         yield
         return
 
-    def end(*_: object) -> None:
-        raise Terminated
+    kinds: dict[int, type[KeyboardInterrupt]] = {signal.SIGTERM: Terminated}
+    if signal.getsignal(signal.SIGINT) is signal.default_int_handler:
+        kinds[signal.SIGINT] = KeyboardInterrupt
 
-    before = signal.signal(signal.SIGTERM, end)
+    def end(number: int, frame: FrameType | None) -> None:
+        if _in_compiler(frame):
+            again = threading.Timer(AGAIN, signal.pthread_kill, [threading.main_thread().ident, number])
+            again.daemon = True
+            again.start()
+            return
+        raise kinds[number]
+
+    before = {number: signal.signal(number, end) for number in kinds}
     try:
         yield
     finally:
-        signal.signal(signal.SIGTERM, signal.SIG_DFL if before is None else before)
+        for number, handler in before.items():
+            signal.signal(number, signal.SIG_DFL if handler is None else handler)
+
+
+def _in_compiler(frame: FrameType | None) -> bool:
+    """Return whether a frame was called by LLVM's binding or by compiled code: they drop exceptions, and go on with what is missing."""
+    while frame is not None:
+        file = frame.f_code.co_filename.replace("\\", "/")
+        if "llvmlite" in file or file.endswith("numba/core/serialize.py"):
+            return os.name == "posix"
+        frame = frame.f_back
+    return False
 
 
 def explain(error: BaseException, arguments: Sequence[str]) -> tuple[str, int] | None:
     """The text for standard error and the exit code, or None for an error nobody foresaw: a bug, worth a traceback."""
     command = shlex.join(["splatreel", *arguments])
+    if (limit := _system_limit(error)) is not None:
+        return f"Error: {limit}, then run\n  {command}", 1
     if isinstance(error, SplatreelError):
         return f"Error: {error}", error.exit_code
+    if isinstance(error, SystemError) and isinstance(cause := _first_cause(error), KeyboardInterrupt):
+        error = cause  # native code was interrupted, and made an error of its own of it
     if isinstance(error, KeyboardInterrupt):
         return interruption(signal.SIGTERM if isinstance(error, Terminated) else signal.SIGINT, arguments)
     if _is_disk_full(error):
@@ -102,6 +133,25 @@ def _lighter(arguments: Sequence[str], gpu: bool) -> str:
     return f"Ask for {', '.join(ways[:-1])}{' or ' if ways[1:] else ''}{ways[-1]}."
 
 
+def _first_cause(error: BaseException) -> BaseException:
+    """Return the error that all others in a chain come from."""
+    while error.__cause__ is not None:
+        error = error.__cause__
+    return error
+
+
+def _system_limit(error: BaseException) -> str | None:
+    """Return the limit of the system that an error comes from, however it was told since, and what to do; None if it does not."""
+    while error is not None:
+        if isinstance(error, OSError) and error.errno in (errno.EMFILE, errno.ENFILE):
+            where = f"{error.filename}: cannot be opened, as " if error.filename else ""
+            return f"{where}this process may have no more files open. Raise that limit (ulimit -n 1024)"
+        if isinstance(error, RuntimeError) and "can't start new thread" in str(error):
+            return "the system lets no more threads start. Raise the limit of processes (ulimit -u) or of memory (ulimit -v)"
+        error = error.__cause__ or error.__context__
+    return None
+
+
 def _damaged_cache(error: BaseException) -> str | None:
     """The folder of numba's cache, if reading it failed."""
     trace, folder = error.__traceback__, None
@@ -130,7 +180,7 @@ def _is_out_of_memory(error: BaseException) -> bool:
     if isinstance(error, MemoryError) or (isinstance(error, OSError) and error.errno == errno.ENOMEM):
         return True
     signs = ("can't allocate memory", "not enough memory", "CUDA out of memory", "annot allocate memory")
-    signs += ("failed to map segment", "can't start new thread")
+    signs += ("failed to map segment",)
     if isinstance(error, RuntimeError | ImportError | OSError) and any(sign in str(error) for sign in signs):
         return True
     return error.__context__ is not None and _is_out_of_memory(error.__context__)

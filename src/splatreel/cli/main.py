@@ -21,12 +21,14 @@ from splatreel.cli.export import export
 from splatreel.cli.failure import explain, interruption, termination
 from splatreel.cli.import_frames import import_frames
 from splatreel.cli.info import info
+from splatreel.cli.options import check_arguments
 from splatreel.cli.output import say
 from splatreel.cli.publish import publish
 from splatreel.cli.reconstruct import reconstruct
 from splatreel.cli.serve import serve, view
 from splatreel.cli.verify import verify
 from splatreel.cli.warmup import warmup
+from splatreel.compile_cache import choose_compile_cache
 from splatreel.process import keep_freed_memory, open_standard_streams, quiet_threads
 from splatreel.progress import printable
 
@@ -56,16 +58,15 @@ def main(arguments: Sequence[str] | None = None) -> int:
     open_standard_streams()
     alone = arguments is None
     arguments = sys.argv[1:] if arguments is None else list(arguments)
-    if any("\0" in argument for argument in arguments):
-        print("Error: an argument holds a character NUL, which no name of a file can. Leave it out.", file=sys.stderr)
-        return 2
     quiet_threads()
+    choose_compile_cache()
     keep_freed_memory()
     try:
         with termination(), deadline(lambda number: interruption(number, arguments), lasting=alone):
             if arguments == ["--version"]:
                 say(f"splatreel {__version__}", flush=True)
                 return 0
+            check_arguments(arguments)
             build().cli(prog="splatreel", description=DESCRIPTION, args=arguments)
     except BrokenPipeError:
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())  # the reader left; say nothing at exit either

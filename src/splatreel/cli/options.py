@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Sequence
+from dataclasses import fields
 from pathlib import Path
 from typing import Annotated, Any, overload
 
 import tyro
 
+from splatreel.cli.words import Words
 from splatreel.config import COARSENESS, Config, Rate
 from splatreel.config.settings import changed, parse_settings
 from splatreel.errors import UsageError
@@ -21,6 +24,26 @@ ReelAddress = Annotated[tyro.conf.Positional[str], tyro.conf.arg(metavar="REEL")
 
 CaptureAddress = Annotated[tyro.conf.Positional[str], tyro.conf.arg(metavar="CAPTURE")]
 """A capture to be read: a folder, or an address such as s3://BUCKET/CAPTURE."""
+
+
+def check_arguments(arguments: Sequence[str]) -> None:
+    """Raise `UsageError` for a character NUL, and for an empty argument that is not the text of a reel: as a path it means here."""
+    texts = {f"--{field.name}" for field in fields(Words)}
+    before = ""
+    for argument in arguments:
+        name, _, value = argument.partition("=")
+        if "\0" in argument:
+            raise UsageError("An argument holds a character NUL, which no name of a file can. Leave it out.")
+        if not argument and before not in texts:
+            what = before if before.startswith("--") else "An argument"
+            raise UsageError(
+                f"{what} is empty. Write a name, or . for the current folder; is a variable of the shell not set?"
+            )
+        if name.startswith("--") and "=" in argument and not value and name not in texts:
+            raise UsageError(
+                f"{name} is empty. Write a name, or . for the current folder; is a variable of the shell not set?"
+            )
+        before = argument
 
 
 def parse_set(texts: tuple[str, ...]) -> dict[str, Any]:

@@ -100,7 +100,7 @@ class _Web:
         split = urlsplit(url)
         path = split.path.removesuffix("manifest.json")
         self.base = f"{split.scheme}://{split.netloc}{path if path.endswith('/') else path + '/'}"
-        self.opener = urllib.request.build_opener(_SameHost(split.netloc), _Http(), _Https())
+        self.opener = urllib.request.build_opener(_SameHost(split.scheme, split.netloc), _Http(), _Https())
 
     def name(self, uri: str) -> str:
         return urljoin(self.base, uri)
@@ -174,12 +174,14 @@ class _Https(urllib.request.HTTPSHandler):
 
 
 class _SameHost(urllib.request.HTTPRedirectHandler):
-    """Follows redirects within the host that was asked, and no others."""
+    """Follows redirects within the host that was asked, and no others; from HTTPS to nothing that anybody can read or change."""
 
-    def __init__(self, host: str) -> None:
-        self.host = host
+    def __init__(self, scheme: str, host: str) -> None:
+        self.scheme, self.host = scheme, host
 
     def redirect_request(self, req, fp, code, msg, headers, newurl):
+        if self.scheme == "https" and urlsplit(newurl).scheme != "https":
+            raise ReelError(f"{req.full_url}: redirects from HTTPS to {newurl:.200}, which is not followed.")
         if urlsplit(newurl).netloc != self.host:
             raise ReelError(f"{req.full_url}: redirects to another host ({newurl:.200}), which is not followed.")
         return super().redirect_request(req, fp, code, msg, headers, newurl)

@@ -49,7 +49,7 @@ def kernels() -> list[jit.Kernel]:
 
 def compile_kernels(progress: Progress, processes: int = 1) -> int:
     """Compile all kernels that are not in the cache, in other processes. Returns their number."""
-    todo = [kernel for kernel in kernels() if not kernel.is_cached()]
+    todo = [kernel for kernel in kernels() if kernel.needs_warmup()]
     progress.stage(COMPILING, len(todo))
     with background_warmup(progress, processes) as warmup:
         if warmup is not None:
@@ -120,7 +120,7 @@ def background_warmup(progress: Progress, processes: int = 1) -> Iterator[Backgr
     Yields:
         The warmup, or None where all kernels are in the cache.
     """
-    names = [kernel.name for kernel in kernels() if not kernel.is_cached()]
+    names = [kernel.name for kernel in kernels() if kernel.needs_warmup()]
     if not names:
         yield None
         return

@@ -25,6 +25,8 @@ CLOSE = 40.0
 """dB from which on the reel can hardly be told from the film."""
 ROUNDED = 3.0
 """Rounding alone is the cause where it leaves at most so many dB more than the whole reel has."""
+FAR = 1000.0
+"""Times the distance of nearly all points from their middle, beyond which a point is far away."""
 MAGENTA, GRAY_LEVEL = (1.0, 0.0, 1.0), 1 / 255
 """A background that no film has, and how far pictures of nothing may be from it."""
 
@@ -121,8 +123,13 @@ def _is_blank(points: Gaussians, camera: Camera, near: float, antialias: bool) -
 def _cause(
     frames: Frames, timeline: Timeline, frame: int, camera: Camera, truth: np.ndarray, found: float
 ) -> str | None:
-    """Find out whether rounding positions to float32 explains a PSNR. truth: [H, W, 3], what camera sees of the film."""
+    """Find out whether points far away, or rounding positions to float32, explain a PSNR.
+
+    truth: [H, W, 3], what camera sees of the film.
+    """
     rounded = frames.read(frame)
+    if (far := _far_points(rounded)) is not None:
+        return far
     if psnr(np.clip(timeline.render(rounded, camera), 0, 1), truth) > found + ROUNDED:
         return None
     middle = np.median(rounded.means.astype(np.float64), axis=0)
@@ -131,4 +138,18 @@ def _cause(
     return (
         f"positions lie around {', '.join(f'{value:.6g}' for value in middle)}, where 32-bit numbers are {step:.2g} apart and points "
         f"are {size:.2g} large. Subtract that place from all positions and cameras, in 64 bits, and import again."
+    )
+
+
+def _far_points(points: Gaussians) -> str | None:
+    """Name points so far from the others that positions in between are stored coarsely; None if there are none."""
+    means = points.means.astype(np.float64)
+    away = np.linalg.norm(means - np.median(means, axis=0), axis=1)
+    usual = float(np.quantile(away, 0.95))
+    far = np.flatnonzero(away > FAR * usual)
+    if not len(far):
+        return None
+    return (
+        f"{len(far):,} points, such as number {far[0]} (counted from 0), are {away[far].max():.3g} away from the middle, where nearly "
+        f"all others are within {usual:.3g}, so that positions are stored coarsely. Take them out of the files."
     )

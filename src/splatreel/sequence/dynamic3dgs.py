@@ -10,6 +10,7 @@ from splatreel.errors import GaussiansError
 from splatreel.scene import rotations
 from splatreel.scene.gaussians import C0, Gaussians
 from splatreel.scene.untrusted import read_arrays
+from splatreel.sequence.plausible import check_plausible
 
 SHAPES = {
     "means3D": ("T", "N", 3),
@@ -42,8 +43,9 @@ class Dynamic3DGS:
             opacities=1 / (1 + np.exp(-np.clip(arrays["logit_opacities"][:, 0], -80, 80))),
             sh=((arrays["rgb_colors"][frame] - 0.5) / C0)[:, None],
         )
-        found.check_finite(f"{self.path}, frame {frame}")
-        return found
+        what = f"{self.path}, frame {frame}"
+        found.check_finite(what)
+        return check_plausible(found, what)
 
     def _check(self) -> None:
         means = self._arrays["means3D"]

@@ -15,6 +15,7 @@ from splatreel.errors import GaussiansError
 from splatreel.scene.gaussians import Gaussians
 from splatreel.scene.ply import read_ply
 from splatreel.sequence.dynamic3dgs import Dynamic3DGS
+from splatreel.sequence.plausible import check_plausible
 
 LOOKED_FOR = """\
   PLY files:            frame0000.ply, frame0001.ply, ..., each as 3DGS writes it; or a numbered folder a frame with one PLY file in it
@@ -55,7 +56,8 @@ class PlyFrames:
         return len(self.files)
 
     def read(self, frame: int, origin: np.ndarray | None = None) -> Gaussians:
-        return read_ply(self.files[frame], origin)
+        file = self.files[frame]
+        return check_plausible(read_ply(file, origin), str(file))
 
 
 def open_frames(path: str | Path, gaps: Gaps = "refuse") -> Frames:

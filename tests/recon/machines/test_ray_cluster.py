@@ -14,8 +14,10 @@ from splatreel.errors import UsageError
 from splatreel.recon.encode.publisher import nothing_more
 from splatreel.recon.machines.exchange import Exchange
 from splatreel.recon.machines.ray_cluster import Resources, reconstruct_on_cluster, share_nodes
+from splatreel.recon.machines.run_spec import RunSpec
 from tests.buckets import CREDENTIALS, Bucket
-from tests.recon.machines.runs import spec
+from tests.recon.captures import WallCapture
+from tests.recon.machines.runs import CONFIG, FRAMES, spec
 from tests.recon.machines.test_here import Display
 from tests.recon.test_pipeline import content
 
@@ -118,8 +120,16 @@ def test_tasks_ask_for_what_every_node_has() -> None:
 def test_a_cluster_that_is_not_there(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.delenv("RAY_ADDRESS", raising=False)
     assert os.environ.get("RAY_ADDRESS") is None
+    opened: list[int] = []
+
+    def source() -> WallCapture:
+        opened.append(1)
+        return WallCapture(FRAMES)
+
     with pytest.raises(UsageError, match=r"--cluster 127.0.0.1:9: no Ray cluster answers there"):
-        reconstruct_on_cluster(spec(tmp_path), "127.0.0.1:9")
+        reconstruct_on_cluster(RunSpec(source, tmp_path / "out", CONFIG, device="cpu"), "127.0.0.1:9")
+    assert opened == [], "nothing is read for a cluster that is not there"
+    assert not (tmp_path / "out").exists()
 
 
 @pytest.mark.parametrize(

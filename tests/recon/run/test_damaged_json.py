@@ -5,11 +5,13 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 
 from splatreel.errors import ReconstructionError
 from splatreel.evaluation.report import Report
 from splatreel.recon.encode.sound import load_sound
+from splatreel.recon.run.checkpoint import load_arrays, save_arrays
 from splatreel.recon.run.run_record import check_record
 from splatreel.recon.run.store import Store
 
@@ -81,6 +83,13 @@ def test_what_is_right_is_read(tmp_path: Path) -> None:
     (tmp_path / "layout.json").write_text(json.dumps(LAYOUT))
     assert Store(tmp_path).header()[0].fps == 30
     assert layout(tmp_path) is not None
+
+
+@pytest.mark.parametrize("name", ["raw_means", "decoded_sh", "fineness"])
+def test_checkpoints_without_numbers_are_told(tmp_path: Path, name: str) -> None:
+    save_arrays(tmp_path / "layer.safetensors", {name: np.array([[1, np.nan, 2]], np.float32), "other": np.ones(2)})
+    with pytest.raises(ReconstructionError, match=rf"layer\.safetensors: {name} holds 1 values that are no numbers"):
+        load_arrays(tmp_path / "layer.safetensors")
 
 
 def test_a_report_of_other_types_is_told(tmp_path: Path) -> None:

@@ -72,16 +72,17 @@ def reconstruct_on_cluster(
     """
     progress = progress or Silent()
     exchange = None if url is None else Exchange(url, spec.out, progress.note)
-    if exchange is not None:
-        exchange.fetch_scene()  # it may have the frame tables, by which the capture is opened
-    with spec.opened() as run:
-        if len(run.chapters) == 1:
-            progress.note("The video is one chapter: it is made here, not on the cluster.")
-            reconstruct_sequence(run, progress, present)
-        else:
-            with connected(address) as cluster, run.lock():
-                _Cluster(cluster, run, spec, url, exchange, progress).make(present)
-        return result_of(run)
+    with connected(address) as cluster:  # nothing is read for a cluster that is not there
+        if exchange is not None:
+            exchange.fetch_scene()  # it may have the frame tables, by which the capture is opened
+        with spec.opened() as run:
+            if len(run.chapters) == 1:
+                progress.note("The video is one chapter: it is made here, not on the cluster.")
+                reconstruct_sequence(run, progress, present)
+            else:
+                with run.lock():
+                    _Cluster(cluster, run, spec, url, exchange, progress).make(present)
+            return result_of(run)
 
 
 class _Cluster:

@@ -18,6 +18,8 @@ from splatreel.scene.untrusted import read_json
 
 T = TypeVar("T")
 FIELDS = ("means", "quats", "scales", "opacities", "sh")
+NUMBERS = (*FIELDS, "fineness", "importance", "tracks", "shades")
+"""Arrays that are never NaN; others use it for what is not known."""
 
 
 def save_arrays(path: Path, arrays: dict[str, np.ndarray]) -> None:
@@ -26,11 +28,18 @@ def save_arrays(path: Path, arrays: dict[str, np.ndarray]) -> None:
 
 
 def load_arrays(path: Path) -> dict[str, np.ndarray]:
-    """Raises `ReconstructionError` for a file that cannot be read."""
+    """Raises `ReconstructionError` for a file that cannot be read, or holds NaN."""
     try:
-        return load_file(str(path))
+        arrays = load_file(str(path))
     except (OSError, SafetensorError) as error:
         raise ReconstructionError(f"{path}: cannot read this checkpoint ({error}). Delete it and run again.") from error
+    for name, array in arrays.items():
+        if name.rpartition("_")[2] in NUMBERS and array.dtype.kind == "f" and np.isnan(array).any():
+            raise ReconstructionError(
+                f"{path}: {name} holds {int(np.isnan(array).sum()):,} values that are no numbers (NaN): this checkpoint is damaged. "
+                f"Delete it and run again."
+            )
+    return arrays
 
 
 def pack(gaussians: Gaussians, prefix: str = "") -> dict[str, np.ndarray]:
