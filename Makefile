@@ -18,7 +18,7 @@ demo: $(RECON)  ## capture, reconstruct, compress, evaluate and play the built-i
 LONG := slow or kill or cluster or wheel or browser
 WORKERS ?= auto
 COVERAGE ?=
-PYTEST = $(BIN)/python -m $(if $(COVERAGE),coverage run -m )pytest -n $(WORKERS) --durations=15
+PYTEST = $(BIN)/python -m $(if $(COVERAGE),coverage run -m )pytest -n $(WORKERS) --maxprocesses 8 --durations=15
 
 test: $(SETUP) $(if $(NPM),player/node_modules/.package-lock.json)  ## the tests that answer in minutes, on all cores
 	$(if $(COVERAGE),$(BIN)/coverage erase)

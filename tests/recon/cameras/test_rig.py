@@ -88,6 +88,7 @@ def test_of_a_group_that_nothing_was_found_of_the_rig_stays_as_it_was(tmp_path: 
     assert not list(tmp_path.iterdir())
 
 
+@pytest.mark.slow
 def test_a_camera_that_was_touched_is_put_right_and_a_stranger_left_out(tmp_path: Path) -> None:
     frames = PICTURES.copy()
     frames[:, 6] = frames[:, 6, ::-1, ::-1]
