@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 
 from splatreel.codec.group_file import encode_group, encode_layer
+from splatreel.codec.predictive.precision import STEPS, Steps
 from splatreel.config import EncodeConfig
 from splatreel.scene.gaussians import Gaussians
 from splatreel.scene.group import Group
@@ -34,21 +33,17 @@ class ReelEncoder:
         first_frame: int,
         gaussians: Gaussians,
         importance: np.ndarray | None = None,
-        fineness: float = 1.0,
+        steps: Steps = STEPS,
     ) -> tuple[bytes, np.ndarray]:
         """The file of the static points born at `group`, and order [N]: order[i] is the index of the point that became reel point i.
 
-        importance: [N, 3], how much of the pictures hangs on each point's shape, color and place; None: all alike. fineness: what all
-        steps of the predictive codec are multiplied by, beside the coarseness.
+        importance: [N, 3], how much of the pictures hangs on each point's shape, color and place; None: all alike. steps:
+        quantization steps of the predictive codec at a coarseness of 1.
         """
-        return encode_layer(group, first_frame, gaussians, _finer(self.config, fineness), importance)
+        return encode_layer(group, first_frame, gaussians, self.config, importance, steps)
 
-    def group(self, group: Group, importance: np.ndarray | None = None, fineness: float = 1.0) -> dict[str, bytes]:
+    def group(self, group: Group, importance: np.ndarray | None = None, steps: Steps = STEPS) -> dict[str, bytes]:
         """By uri the files of a group, the best first."""
         name = f"groups/{group.index:04d}"
         configs = {f"{name}.safetensors": self.config} | {f"{name}.{n}.safetensors": c for n, c in self._others.items()}
-        return {uri: encode_group(group, _finer(c, fineness), importance)[0] for uri, c in configs.items()}
-
-
-def _finer(config: EncodeConfig, fineness: float) -> EncodeConfig:
-    return config if fineness == 1 else replace(config, coarseness=config.coarseness * fineness)
+        return {uri: encode_group(group, c, importance, steps)[0] for uri, c in configs.items()}

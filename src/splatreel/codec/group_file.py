@@ -12,7 +12,7 @@ from splatreel.codec.paper import offsets as paper_offsets
 from splatreel.codec.paper.gaussians import decode_gaussians, encode_gaussians
 from splatreel.codec.predictive.offsets import decode_offsets, encode_offsets
 from splatreel.codec.predictive.points import decode_points, encode_points
-from splatreel.codec.predictive.precision import COLOR
+from splatreel.codec.predictive.precision import COLOR, STEPS, Steps
 from splatreel.codec.predictive.predictor import Predictor
 from splatreel.codec.predictive.shade import decode_shade, encode_shade
 from splatreel.codec.section import MAX_POINTS, Section, Sections
@@ -32,25 +32,32 @@ def encode_layer(
     gaussians: Gaussians,
     config: EncodeConfig,
     importance: np.ndarray | None = None,
+    steps: Steps = STEPS,
 ) -> tuple[bytes, np.ndarray]:
     """The file of the static points born at a group, and order [N]: the input point of each point of the file.
 
-    importance: [N, 3], see `precision.classes_of`; the paper's codec has no use for that of shape and motion.
+    importance: [N, 3], see `precision.classes_of`; the paper's codec has no use for that of shape and motion. steps: quantization steps
+    of the predictive codec at a coarseness of 1.
     """
     if config.codec == "predictive" and len(gaussians):
-        points = encode_points(gaussians, importance, config, moving=False)
+        points = encode_points(gaussians, importance, config, moving=False, steps=steps)
         sections, order = points.sections, points.order
     else:
         sections, order = encode_gaussians(gaussians, config, weights=_colors(importance))
     return pack_file(FileHeader("layer", group, len(gaussians), first_frame), sections), order
 
 
-def encode_group(group: Group, config: EncodeConfig, importance: np.ndarray | None = None) -> tuple[bytes, np.ndarray]:
-    """The file of a group, and order [N]: the input point of each dynamic point of the file. importance: as for `encode_layer`."""
+def encode_group(
+    group: Group, config: EncodeConfig, importance: np.ndarray | None = None, steps: Steps = STEPS
+) -> tuple[bytes, np.ndarray]:
+    """The file of a group, and order [N]: the input point of each dynamic point of the file.
+
+    importance, steps: as for `encode_layer`.
+    """
     if config.codec == "predictive" and len(group.dynamic):
-        points = encode_points(group.dynamic, importance, config)
+        points = encode_points(group.dynamic, importance, config, steps=steps)
         check_offsets(group.dx, group.dq)
-        sections = points.sections | encode_offsets(group.dx, group.dq, points, config)
+        sections = points.sections | encode_offsets(group.dx, group.dq, points, config, steps)
         order, predictor = points.order, points.predictor
     else:
         predictor = None
@@ -60,7 +67,7 @@ def encode_group(group: Group, config: EncodeConfig, importance: np.ndarray | No
             sections["offsets"] = Section(*paper_offsets.encode(*moving, config.h265))
     if group.shade is not None and len(order):
         predictor = predictor or Predictor.in_file_order(len(order))
-        sections |= encode_shade(group.shade, order, predictor, config)
+        sections |= encode_shade(group.shade, order, predictor, config, steps)
     if group.light is not None:
         sections |= encode_light(group.light)
     if len(group.alive):

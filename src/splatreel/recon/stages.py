@@ -10,6 +10,7 @@ from functools import partial
 import numpy as np
 import torch
 
+from splatreel.codec.predictive.precision import STEPS
 from splatreel.recon.cameras.exposure import at_next_keyframe, measure_exposure, take_out, tell_exposure
 from splatreel.recon.cameras.group_input import GroupInput
 from splatreel.recon.cameras.rig import Rig, check_poses_again
@@ -134,10 +135,10 @@ def publish_layer(job: Job, data: GroupInput, layers: Layers, static: StaticPoin
         seen = Gaussians.concatenate([layers.settled, layers.dynamic, layers.relit.points, static.living])
         count = len(layers.settled)
         importance = weigh([seen], data.cameras, data.near, job.device, data.antialias)[:count]
-        encoded, fineness = encode_layer(output.encoder, data, layers.settled, seen[count:], importance, job.trial)
+        encoded, steps = encode_layer(output.encoder, data, layers.settled, seen[count:], importance, job.trial)
         decoded, order = output.add_layer(span.index, span.first, layers.settled, encoded), encoded[1]
         job.progress.update(1, points=len(decoded))
-    job.store.group(span.index).save_layer(StoredLayer(layers.settled[order], decoded, importance[order], fineness))
+    job.store.group(span.index).save_layer(StoredLayer(layers.settled[order], decoded, importance[order], steps))
     return static.with_layer(decoded)
 
 
@@ -182,8 +183,8 @@ def publish_group(job: Job, data: GroupInput | None, group: Group, static: Stati
     encoder = output.encoder
     importance = group_importance(output.header, encoder.config, static.points, group, job.device)[0]
     if data is None:
-        files, fineness = encoder.group(group, importance), 1.0
+        files, steps = encoder.group(group, importance), STEPS
     else:
-        files, fineness = encode_group(encoder, data, group, static, importance, job.trial)
-    job.store.group(group.index).save_group(StoredGroup(group, importance, fineness))
+        files, steps = encode_group(encoder, data, group, static, importance, job.trial)
+    job.store.group(group.index).save_group(StoredGroup(group, importance, steps))
     output.add_group(group, files)

@@ -7,14 +7,16 @@ import numpy as np
 from splatreel.codec.predictive import rotvec
 from splatreel.codec.predictive.klt_section import blocks, decode_klt, encode_klt
 from splatreel.codec.predictive.points import EncodedPoints
-from splatreel.codec.predictive.precision import MOTION, STEPS
+from splatreel.codec.predictive.precision import MOTION, Steps
 from splatreel.codec.predictive.predictor import Predictor
 from splatreel.codec.section import Section, Sections, named, section_of
 from splatreel.config import EncodeConfig
 from splatreel.scene import rotations
 
 
-def encode_offsets(dx: np.ndarray, dq: np.ndarray, points: EncodedPoints, config: EncodeConfig) -> Sections:
+def encode_offsets(
+    dx: np.ndarray, dq: np.ndarray, points: EncodedPoints, config: EncodeConfig, steps: Steps
+) -> Sections:
     """Sections `dx` and `dq` of offsets dx [T, N, 3] and dq [T, N, 4] in the order of the input points.
 
     Rotations are stored about the world's axes, since neighbors turn alike about them. Each section is decoded again, and its
@@ -25,8 +27,8 @@ def encode_offsets(dx: np.ndarray, dq: np.ndarray, points: EncodedPoints, config
     vectors = rotvec.of_quats(rotations.normalize(np.asarray(dq, np.float64))[:, points.order]).transpose(1, 0, 2)
     vectors = vectors @ rotations.to_matrix(rotations.normalize(points.quats.astype(np.float64))).transpose(0, 2, 1)
     sections: Sections = {}
-    steps = {"dx": (moves, STEPS.motion * points.size), "dq": (vectors, STEPS.turn)}
-    for name, (values, step) in steps.items():
+    offsets = {"dx": (moves, steps.motion * points.size), "dq": (vectors, steps.turn)}
+    for name, (values, step) in offsets.items():
         section, decoded = encode_klt(MOTION, values, step * config.coarseness, predictor)
         error = float(np.abs(decoded - values.transpose(1, 0, 2)).max())
         sections[name] = Section(section.data, section.parameters | {"error": error})

@@ -9,7 +9,7 @@ import numpy as np
 from splatreel.codec.predictive import covariance
 from splatreel.codec.predictive.klt_section import blocks, decode_klt, encode_klt
 from splatreel.codec.predictive.lod_prediction import MAX_CLASS, levels_of
-from splatreel.codec.predictive.precision import COARSEST, COLOR, MOTION, RELATIVE, SHAPE, STEPS, classes_of
+from splatreel.codec.predictive.precision import COARSEST, COLOR, MOTION, RELATIVE, SHAPE, STEPS, Steps, classes_of
 from splatreel.codec.predictive.predictor import Predictor
 from splatreel.codec.predictive.quantized_positions import (
     decode_quantized_positions,
@@ -39,11 +39,15 @@ class EncodedPoints:
 
 
 def encode_points(
-    gaussians: Gaussians, importance: np.ndarray | None, config: EncodeConfig, moving: bool = True
+    gaussians: Gaussians,
+    importance: np.ndarray | None,
+    config: EncodeConfig,
+    moving: bool = True,
+    steps: Steps = STEPS,
 ) -> EncodedPoints:
     """Encode points, N >= 1, finite. importance: [N, 3] >= 0, see `classes_of`; None: all the same.
 
-    moving: offsets are stored as well, so that motion has a class of its own.
+    moving: offsets are stored as well, so that motion has a class of its own. steps: quantization steps at a coarseness of 1.
     """
     gaussians.check_finite("Gaussians to encode")
     if len(gaussians) > MAX_POINTS:
@@ -51,7 +55,7 @@ def encode_points(
     coarse = config.coarseness
     size = float(np.exp(np.median(np.log(np.maximum(gaussians.scales, 1e-30)))))
     finer = COARSEST[coarse > 1]
-    step = STEPS.position * coarse * size
+    step = steps.position * coarse * size
     data, parameters, order, quantized = encode_quantized_positions(gaussians.means, step * 2**finer)
     points = gaussians[order]
     classes = classes_of(None if importance is None else importance[order], len(order), coarse)
@@ -65,13 +69,13 @@ def encode_points(
         "means": Section(data, parameters | {"finer": finer}),
         "classes": Predictor(levels, np.zeros_like(classes)).encode(SHAPE, classes - classes[:, :1] * RELATIVE, 1.0),
         "places": Section(refinement, {"codec": "plain"}),
-        "shapes": predictor.encode(SHAPE, shapes, STEPS.shape * coarse),
-        "opacities": predictor.encode(SHAPE, points.opacities[:, None], STEPS.opacity * coarse),
-        "sh_base": predictor.encode(COLOR, points.sh[:, 0] @ COLORS.T, STEPS.color * coarse),
+        "shapes": predictor.encode(SHAPE, shapes, steps.shape * coarse),
+        "opacities": predictor.encode(SHAPE, points.opacities[:, None], steps.opacity * coarse),
+        "sh_base": predictor.encode(COLOR, points.sh[:, 0] @ COLORS.T, steps.color * coarse),
     }
     if points.sh_degree and config.sh_entries:
         rest = points.sh[:, 1:].reshape(len(points), -1).astype(np.float64)
-        section, _ = encode_klt(COLOR, rest[:, :, None], STEPS.rest * coarse, predictor)
+        section, _ = encode_klt(COLOR, rest[:, :, None], steps.rest * coarse, predictor)
         sections["sh_rest"] = Section(section.data, section.parameters | {"degree": points.sh_degree})
     return EncodedPoints(sections, order, points.quats, size, predictor)
 

@@ -6,7 +6,7 @@ and is stored (docs/format.md).
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import astuple, dataclass
 
 import numpy as np
 
@@ -26,6 +26,14 @@ class Steps:
     color: float = 0.025
     rest: float = 0.016
     shade: float = 0.12
+
+    def scaled(self, factor: float) -> Steps:
+        """Return all steps multiplied by a factor."""
+        return Steps(*(factor * self.to_array()).tolist())
+
+    def to_array(self) -> np.ndarray:
+        """Return the steps as [8] float64, in the order of the fields."""
+        return np.array(astuple(self))
 
 
 STEPS = Steps()

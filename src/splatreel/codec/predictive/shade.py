@@ -6,7 +6,7 @@ import numpy as np
 
 from splatreel.codec.predictive.klt_section import blocks, decode_klt, encode_klt
 from splatreel.codec.predictive.points import COLORS
-from splatreel.codec.predictive.precision import COLOR, STEPS
+from splatreel.codec.predictive.precision import COLOR, Steps
 from splatreel.codec.predictive.predictor import Predictor
 from splatreel.codec.section import Sections, named, section_of
 from splatreel.config import EncodeConfig
@@ -16,10 +16,12 @@ SHADE[:3, :3] = COLORS
 """From c_base and opacity to what is coded: opacity counts twice as much as color, about what it changes in a picture."""
 
 
-def encode_shade(shade: np.ndarray, order: np.ndarray, predictor: Predictor, config: EncodeConfig) -> Sections:
+def encode_shade(
+    shade: np.ndarray, order: np.ndarray, predictor: Predictor, config: EncodeConfig, steps: Steps
+) -> Sections:
     """Section `shade` of changes of color and opacity [T, N, 4], in the order of the input points."""
     values = np.asarray(shade, np.float64)[:, order].transpose(1, 0, 2) @ SHADE.T
-    return {"shade": encode_klt(COLOR, values, STEPS.shade * config.coarseness, predictor)[0]}
+    return {"shade": encode_klt(COLOR, values, steps.shade * config.coarseness, predictor)[0]}
 
 
 def decode_shade(sections: Sections, frames: int, predictor: Predictor) -> np.ndarray:

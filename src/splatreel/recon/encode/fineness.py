@@ -1,38 +1,87 @@
-"""How fine the steps of a file must be, for encoding to spoil little of how well its points fit the pictures they were trained on.
+"""Choice of the quantization steps of a layer or a group, by what finer steps would gain in a held-out view.
 
-Steps are chosen for pictures that are met to about 32 dB, where errors of a reconstruction hide those of its encoding. Where noise is
-low and surfaces are plain it comes much nearer to its pictures, and the same steps show. What counts are new views, which are met less
-closely than those that are trained on: as closely at most as that of a camera that was left out in a trial (`coverage.trial`).
+All attributes of a file get the same slope: a byte more buys the same reduction of the squared error, whichever attribute it is spent
+on. Refinement stops where 10 % more bytes gain less than `GAIN`. docs/experiments/2026-11-26-steps-by-slope.md has the measurements.
+
+Per attribute two numbers are measured at two sets of steps that differ by a factor: the bytes that the factor saves, and the squared
+error that this attribute's quantization causes in training views, with all other attributes as trained. The error grows with the square
+of the step. Bytes fall with the logarithm of the step.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
+from dataclasses import asdict, dataclass, replace
+from typing import Protocol
 
 import numpy as np
 import torch
 
+from splatreel.codec import group_file
 from splatreel.codec.encoder import ReelEncoder
-from splatreel.codec.group_file import decode_group, decode_layer
+from splatreel.codec.predictive.precision import STEPS, Steps
+from splatreel.config import EncodeConfig
 from splatreel.kernels import splat
 from splatreel.recon.cameras.group_input import GroupInput
 from splatreel.recon.coverage.trial import Trial
-from splatreel.scene.camera import Camera
+from splatreel.recon.encode.attributes import attribute_bytes, in_order, with_decoded, with_decoded_at
 from splatreel.scene.gaussians import Gaussians
 from splatreel.scene.group import Group
 from splatreel.scene.static_points import StaticPoints
 
-LAYER_LOSS, GROUP_LOSS = 0.025, 0.05
-"""Decibels that encoding may cost: of a layer, which all groups show, and of a group. It costs new views about half of that."""
-FINEST = 0.2
-"""Of the usual steps: nothing is better where points meet a picture that has no noise at all."""
-LAYER_VIEWS = 6
-GROUP_MOMENTS, GROUP_VIEWS = 4, 2
-"""Pictures that are looked at, of a layer; moments of a group, and pictures of each."""
+GAIN = 0.04
+"""Decibels that 10 % more bytes of the reel must gain in a held-out view."""
+GROUPS = 2
+"""Groups that a layer is assumed to be visible in: it is encoded before the length of the film is known."""
+MOVING_BYTES = 3.0
+"""Bytes of a dynamic point in one group, as a multiple of those of a static point."""
+HELD_OUT_SHARE = {"rest": 0.5, "shade": 0.5}
+"""Share of an attribute's error in training views that held-out views see; 1 for all others. Training fits view-dependent color and
+shade to the training views, noise included, and coarser steps remove some of that noise."""
+UNTRIED = 2.0
+"""Squared error of held-out views as a multiple of the training views', where no trial measured it."""
+RATIO = 1.5
+"""Factor between the two sets of steps that are compared."""
+LEAST_SAVED = 0.03
+"""Least share of its bytes that an attribute is taken to save by this factor. The bytes of small sections hardly follow the steps."""
+ROUNDS = 2
+"""Measurements; the second one is made at the steps that the first one chose."""
+FINEST, COARSEST = 0.2, 4.0
+"""Range of the chosen steps, in multiples of `STEPS`."""
+LAYER_VIEWS = 4
+GROUP_MOMENTS, GROUP_VIEWS = 4, 1
+"""Training views that are drawn per measurement: of a layer; moments of a group, and views of each."""
+PSNR_OF_ONE = 10 / math.log(10)
+"""Decibels per relative change of the squared error."""
 
-Shown = tuple[int, int, Gaussians, Gaussians]
-"""A frame of the group, a camera, and what is to be seen there before and after encoding."""
+Encoded = tuple[bytes, np.ndarray]
+"""A file, and the order [N] of its points: the index of each among those encoded."""
+Shown = tuple[int, int, Gaussians]
+"""A frame of the group, a training view, and the points to draw there."""
+
+
+@dataclass(frozen=True)
+class Slope:
+    """Measurement of one attribute at some steps.
+
+    saved: bytes that steps larger by a factor of e save. error: mean squared error in held-out views.
+    """
+
+    saved: float
+    error: float
+
+
+class Subject(Protocol):
+    """A layer or a group whose steps are chosen."""
+
+    def encode(self, config: EncodeConfig, steps: Steps) -> Encoded: ...
+
+    def as_trained(self) -> Iterable[Shown]: ...
+
+    def decoder(self, encoded: Encoded) -> Callable[[str], Iterable[Shown]]:
+        """Return a function that yields the same moments with one attribute as decoded and all others as trained."""
+        ...
 
 
 def encode_layer(
@@ -42,25 +91,23 @@ def encode_layer(
     others: Gaussians,
     importance: np.ndarray,
     trial: Trial | None,
-) -> tuple[tuple[bytes, np.ndarray], float]:
-    """What `ReelEncoder.layer` makes of points that are born at a group, and the fineness that it took.
+) -> tuple[Encoded, Steps]:
+    """Encode the points that are born at a group, with steps chosen by slope.
 
-    others: what else is to be seen in the first frame. trial: how closely new views are met; None: not known, the steps are the usual
-    ones.
+    Args:
+        encoder: Encoder of the reel. The paper's codec has no steps to choose.
+        data: Training views of the group.
+        points: Static points of the new layer.
+        others: All other points that are visible in the first frame.
+        importance: [N, 3], as of `ReelEncoder.layer`.
+        trial: Measured quality of a held-out view; None if there was no trial.
+
+    Returns:
+        The result of `ReelEncoder.layer`, and the steps that it used.
     """
-    span = data.span
-
-    def encode(fineness: float) -> tuple[bytes, np.ndarray]:
-        return encoder.layer(span.index, span.first, points, importance, fineness)
-
-    encoded = encode(1.0)
-    if trial is None or encoder.config.codec != "predictive":
-        return encoded, 1.0
-    decoded = decode_layer(encoded[0], f"The layer of group {span.index}")[1]
-    before, after = (Gaussians.concatenate([some, others]) for some in (points, decoded))
-    shown = ((0, view, before, after) for view in _views(data, 0, LAYER_VIEWS))
-    fineness = _needed(data, shown, trial, LAYER_LOSS)
-    return (encoded if fineness == 1 else encode(fineness)), fineness
+    share = 1 / (1 + GROUPS * MOVING_BYTES * len(others) / max(len(points), 1))
+    steps = _choose(encoder, data, _Layer(data, points, others, importance), trial, share)
+    return encoder.layer(data.span.index, data.span.first, points, importance, steps), steps
 
 
 def encode_group(
@@ -70,58 +117,147 @@ def encode_group(
     static: StaticPoints,
     importance: np.ndarray | None,
     trial: Trial | None,
-) -> tuple[dict[str, bytes], float]:
-    """What `ReelEncoder.group` makes of a group, and the fineness that it took. static: all that `group.alive` speaks of.
+) -> tuple[dict[str, bytes], Steps]:
+    """Encode a group with steps chosen by slope.
 
-    trial: as of a layer.
+    Args:
+        encoder: Encoder of the reel.
+        data: Training views of the group.
+        group: Dynamic points and their motion, as trained.
+        static: All static points that `group.alive` refers to.
+        importance: [N, 3], as of `ReelEncoder.group`.
+        trial: As of `encode_layer`.
+
+    Returns:
+        The result of `ReelEncoder.group`, and the steps that it used.
     """
-    files = encoder.group(group, importance)
-    if trial is None or encoder.config.codec != "predictive":
-        return files, 1.0
-    uri, best = next(iter(files.items()))
-    decoded, resting = decode_group(best, uri), static.points[group.alive]
+    subject = _Group(data, group, static.points[group.alive], importance)
+    share = 1 / (1 + len(subject.resting) / (GROUPS * MOVING_BYTES * max(len(group.dynamic), 1)))
+    steps = _choose(encoder, data, subject, trial, share)
+    return encoder.group(group, importance, steps), steps
 
-    def shown() -> Iterable[Shown]:
-        for number, frame in enumerate(np.linspace(0, group.frames - 1, GROUP_MOMENTS).round().astype(int)):
-            before, after = (Gaussians.concatenate([some.at(float(frame)), resting]) for some in (group, decoded))
-            for view in _views(data, number, GROUP_VIEWS):
-                yield int(frame), view, before, after
 
-    fineness = _needed(data, shown(), trial, GROUP_LOSS)
-    return (files if fineness == 1 else encoder.group(group, importance, fineness)), fineness
+@dataclass(frozen=True)
+class _Layer:
+    data: GroupInput
+    points: Gaussians
+    others: Gaussians
+    importance: np.ndarray
+
+    def encode(self, config: EncodeConfig, steps: Steps) -> Encoded:
+        span = self.data.span
+        return group_file.encode_layer(span.index, span.first, self.points, config, self.importance, steps)
+
+    def as_trained(self) -> Iterable[Shown]:
+        return self._show(self.points)
+
+    def decoder(self, encoded: Encoded) -> Callable[[str], Iterable[Shown]]:
+        file, order = encoded
+        decoded = group_file.decode_layer(file, f"The layer of group {self.data.span.index}")[1]
+        trained = self.points[order]
+        return lambda attribute: self._show(with_decoded(attribute, trained, decoded))
+
+    def _show(self, points: Gaussians) -> Iterable[Shown]:
+        seen = Gaussians.concatenate([points, self.others])
+        return ((0, view, seen) for view in _views(self.data, 0, LAYER_VIEWS))
+
+
+@dataclass(frozen=True)
+class _Group:
+    data: GroupInput
+    group: Group
+    resting: Gaussians
+    importance: np.ndarray | None
+
+    def encode(self, config: EncodeConfig, steps: Steps) -> Encoded:
+        return group_file.encode_group(self.group, config, self.importance, steps)
+
+    def as_trained(self) -> Iterable[Shown]:
+        return self._show(self.group.at)
+
+    def decoder(self, encoded: Encoded) -> Callable[[str], Iterable[Shown]]:
+        file, order = encoded
+        trained, decoded = in_order(self.group, order), group_file.decode_group(file, f"Group {self.group.index}")
+        return lambda attribute: self._show(lambda frame: with_decoded_at(attribute, trained, decoded, frame))
+
+    def _show(self, at: Callable[[float], Gaussians]) -> Iterable[Shown]:
+        frames = np.linspace(0, self.group.frames - 1, GROUP_MOMENTS).round().astype(int).tolist()
+        for number, frame in enumerate(frames):
+            seen = Gaussians.concatenate([at(float(frame)), self.resting])
+            for view in _views(self.data, number, GROUP_VIEWS):
+                yield frame, view, seen
 
 
 def _views(data: GroupInput, number: int, count: int) -> list[int]:
-    """Some cameras, spread over all; others for another number."""
+    """Return some cameras, spread over all; others for another number."""
     apart = max(len(data.cameras) // count, 1)
     return list(range(len(data.cameras)))[number % apart :: apart][:count]
 
 
-def _needed(data: GroupInput, shown: Iterable[Shown], trial: Trial, loss: float) -> float:
-    """What steps are to be multiplied by, at most 1: errors of steps add to those of the points, as their squares do.
+def _choose(encoder: ReelEncoder, data: GroupInput, subject: Subject, trial: Trial | None, share: float) -> Steps:
+    """Return the steps of a file. They hold at the default coarseness; another coarseness multiplies them."""
+    if encoder.config.codec != "predictive":
+        return STEPS
+    config = replace(encoder.config, coarseness=EncodeConfig().coarseness)
+    trained = [_draw(data, points, view) for _, view, points in subject.as_trained()]
+    if not trained:
+        return STEPS
+    held_out = _held_out_error(data, subject, trained, trial)
+    steps = STEPS
+    for _ in range(ROUNDS):
+        fine, coarse = (subject.encode(config, steps.scaled(factor)) for factor in (1.0, RATIO))
+        slopes, show = {}, subject.decoder(fine)
+        before, after = attribute_bytes(fine[0]), attribute_bytes(coarse[0])
+        for attribute, size in before.items():
+            moments = zip(show(attribute), trained, strict=True)
+            error = np.mean(
+                [np.square(_draw(data, points, view) - image).mean() for (_, view, points), image in moments]
+            )
+            saved = max(size - after.get(attribute, 0), LEAST_SAVED * size, 1) / math.log(RATIO)
+            slopes[attribute] = Slope(saved, float(error) * HELD_OUT_SHARE.get(attribute, 1.0))
+        steps = equal_slopes(steps, slopes, GAIN * held_out / (PSNR_OF_ONE * 0.1 * len(fine[0]) / share))
+    return steps
 
-    loss: decibels that are allowed.
+
+def equal_slopes(steps: Steps, slopes: dict[str, Slope], price: float) -> Steps:
+    """Return steps at which one byte more reduces the mean squared error by `price`, for every attribute.
+
+    The error of an attribute is assumed to grow with the square of its step, its bytes to fall with the logarithm.
+
+    Args:
+        steps: The steps that `slopes` were measured at.
+        slopes: By attribute; attributes without a slope keep their steps.
+        price: Mean squared error per byte.
     """
-    wrong, lost = np.mean([_errors(data, *one) for one in shown], axis=0).tolist()
-    wrong = max(wrong, 10 ** (-trial.psnr / 10))
-    allowed = wrong * (10 ** (loss / 10) - 1)
-    return 1.0 if lost <= allowed else max(math.sqrt(allowed / lost), FINEST)
+    chosen = asdict(steps)
+    for attribute, slope in slopes.items():
+        factor = math.sqrt(price * slope.saved / max(2 * slope.error, 1e-30))
+        usual = getattr(STEPS, attribute)
+        chosen[attribute] = min(max(chosen[attribute] * factor, FINEST * usual), COARSEST * usual)
+    return Steps(**chosen)
 
 
-def _errors(data: GroupInput, frame: int, view: int, before: Gaussians, after: Gaussians) -> tuple[float, float]:
-    """Mean squares of how far points are from a picture, and encoded ones from them."""
-    camera, gain = data.cameras[view], data.gains[view]
-    trained, encoded = (np.clip(_draw(data, points, camera) * gain, 0, 1) for points in (before, after))
-    truth = data.images[frame, view] / np.float32(255)
-    return float(np.square(trained - truth).mean()), float(np.square(encoded - trained).mean())
+def _held_out_error(data: GroupInput, subject: Subject, trained: list[np.ndarray], trial: Trial | None) -> float:
+    """Estimate the mean squared error of held-out views: that of the trial, at least that of the training views.
+
+    The trial is small and quick, so it overestimates the error. Where the trial is much worse than the training views, the points fit
+    noise of the training views, and held-out views see only a part of what quantization does to it. Both effects cancel.
+    """
+    errors = []
+    for (frame, view, _), image in zip(subject.as_trained(), trained, strict=True):
+        errors.append(np.square(image - data.images[frame, view] / np.float32(255)).mean())
+    error = float(np.mean(errors))
+    return UNTRIED * error if trial is None else max(error, 10 ** (-trial.psnr / 10))
 
 
 @torch.no_grad()
-def _draw(data: GroupInput, points: Gaussians, camera: Camera) -> np.ndarray:
-    """[H, W, 3]"""
+def _draw(data: GroupInput, points: Gaussians, view: int) -> np.ndarray:
+    """Return the picture [H, W, 3] of a training view, with its camera's color gain."""
+    camera = data.cameras[view]
     arrays = points.means, points.quats, points.scales, points.opacities, points.sh
     means, quats, scales, opacities, sh = (torch.from_numpy(array).to(data.device) for array in arrays)
-    view = camera.viewmat, camera.K, camera.width, camera.height
-    found = splat.render(means, quats, scales, opacities, sh, *view, near=data.near, antialias=data.antialias)
+    size = camera.viewmat, camera.K, camera.width, camera.height
+    found = splat.render(means, quats, scales, opacities, sh, *size, near=data.near, antialias=data.antialias)
     background = torch.tensor(data.layout.background, dtype=torch.float32, device=data.device)
-    return (found.image + (1 - found.alpha[..., None]) * background).cpu().numpy()
+    image = (found.image + (1 - found.alpha[..., None]) * background).cpu().numpy()
+    return np.clip(image * data.gains[view], 0, 1)

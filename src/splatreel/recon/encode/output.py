@@ -100,4 +100,4 @@ class ChapterOutput:
     def restore(self, index: int, last: bool) -> None:
         if not self.store.group(index).has_encoded_group():
             stored = self.store.group(index).group()
-            self.add_group(stored.group, self.encoder.group(stored.group, stored.importance, stored.fineness))
+            self.add_group(stored.group, self.encoder.group(stored.group, stored.importance, stored.steps))

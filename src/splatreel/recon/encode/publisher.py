@@ -12,6 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 import torch
 
+from splatreel.codec.predictive.precision import Steps
 from splatreel.codec.writer import ReelWriter
 from splatreel.recon.encode.importance import Importance, group_importance
 from splatreel.recon.run.store import Store, StoredGroup, StoredLayer
@@ -36,7 +37,7 @@ class Ready:
 
     group: Group
     importance: np.ndarray | None
-    fineness: float
+    steps: Steps
     layers: list[ReadyLayer]
 
 
@@ -81,7 +82,7 @@ class Publisher:
         with ThreadPoolExecutor(workers) as pool:
             for index in range(count):
                 ready = self._prepare(index)
-                files = pool.submit(self.writer.encoder.group, ready.group, ready.importance, ready.fineness)
+                files = pool.submit(self.writer.encoder.group, ready.group, ready.importance, ready.steps)
                 waiting.append((ready, files))
                 while len(waiting) > (workers if index + 1 < count else 0):
                     before, files = waiting.popleft()
@@ -107,7 +108,7 @@ class Publisher:
             self._extend(layers[-1].order, shared)
         # The alive bits count in the order that training saw; another encoder may have put the points into another order.
         group = dataclasses.replace(group, alive=group.alive[self._order])
-        return Ready(group, moving, stored.fineness, layers)
+        return Ready(group, moving, stored.steps, layers)
 
     def _born(self, index: int) -> list[tuple[bool, StoredLayer]]:
         """The layers born at a group, each with whether all chapters share it. Those of the chapter before are retired at its end."""
@@ -130,7 +131,7 @@ class Publisher:
         data = store.encoded_layer() if self.encoded else None
         if data is not None:
             return ReadyLayer(layer.trained, data, np.arange(len(layer.trained)), until)
-        encoded = self.writer.encoder.layer(index, first_frame, layer.trained, importance, layer.fineness)
+        encoded = self.writer.encoder.layer(index, first_frame, layer.trained, importance, layer.steps)
         return ReadyLayer(layer.trained, *encoded, until)
 
     def _importance(self, stored: StoredGroup, born: list[StoredLayer]) -> Importance:
@@ -149,6 +150,4 @@ class Publisher:
         for layer in ready.layers:
             encoded = layer.data, layer.order
             self.writer.add_layer(group.index, group.first_frame, layer.points, encoded=encoded, until=layer.until)
-        self.writer.add_group(
-            group, encoded=files or self.writer.encoder.group(group, ready.importance, ready.fineness)
-        )
+        self.writer.add_group(group, encoded=files or self.writer.encoder.group(group, ready.importance, ready.steps))

@@ -21,7 +21,7 @@ class LiveOutput(ReelOutput):
             layer = store.group(index).layer()
             if layer is not None and not self.writer.manifest.groups:
                 frame, points = spans.span(index).first, layer.trained
-                encoded = self.encoder.layer(index, frame, points, layer.importance, layer.fineness)
+                encoded = self.encoder.layer(index, frame, points, layer.importance, layer.steps)
                 self.add_layer(index, frame, points, encoded)
             self.publisher.skip(index)
 

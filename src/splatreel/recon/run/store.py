@@ -17,6 +17,7 @@ from typing import Any, TypeVar
 import numpy as np
 
 from splatreel.codec.header import ReelHeader
+from splatreel.codec.predictive.precision import STEPS, Steps
 from splatreel.codec.presentation import Limits, Presentation, parse_presentation
 from splatreel.errors import ReconstructionError
 from splatreel.motion.clean_plates import CleanPlates
@@ -46,22 +47,23 @@ Arrays = dict[str, np.ndarray]
 class StoredLayer:
     """The static points born at a group, in reel order: as trained, and as the reel holds them.
 
-    importance: [N, 3] of each, as the run measured it; None where it did not. fineness: what the steps of their file are multiplied by.
+    importance: [N, 3] of each, as the run measured it; None where it did not. steps: quantization steps of their
+    file at a coarseness of 1.
     """
 
     trained: Gaussians
     decoded: Gaussians
     importance: np.ndarray | None = None
-    fineness: float = 1.0
+    steps: Steps = STEPS
 
 
 @dataclass(frozen=True)
 class StoredGroup:
-    """A finished group before encoding. importance, fineness: as of a layer, of its dynamic points."""
+    """A finished group before encoding. importance, steps: as of a layer, of its dynamic points."""
 
     group: Group
     importance: np.ndarray | None = None
-    fineness: float = 1.0
+    steps: Steps = STEPS
 
 
 class GroupStore:
@@ -129,14 +131,14 @@ class GroupStore:
         if arrays is None:
             return None
         trained, decoded = (checkpoint.unpack(arrays, f"{kind}_") for kind in ("raw", "decoded"))
-        return StoredLayer(trained, decoded, arrays.get("importance"), _fineness(arrays))
+        return StoredLayer(trained, decoded, arrays.get("importance"), _steps(arrays))
 
     def has_layer(self) -> bool:
         return self._path("layer").exists()
 
     def save_layer(self, layer: StoredLayer) -> None:
         arrays = checkpoint.pack(layer.trained, "raw_") | checkpoint.pack(layer.decoded, "decoded_")
-        self._save("layer", arrays | {"fineness": np.array([layer.fineness])} | _present(importance=layer.importance))
+        self._save("layer", arrays | {"steps": layer.steps.to_array()} | _present(importance=layer.importance))
 
     def encoded_layer(self) -> bytes | None:
         """The file of `layer`, in whose order it is."""
@@ -194,12 +196,12 @@ class GroupStore:
         dynamic, alive = checkpoint.unpack(arrays), arrays["alive"].astype(bool)
         shade, light = arrays.get("shade"), arrays.get("light")
         group = Group(index, first, dynamic, arrays["dx"], arrays["dq"], alive, shade, light)
-        return StoredGroup(group, arrays.get("importance"), _fineness(arrays))
+        return StoredGroup(group, arrays.get("importance"), _steps(arrays))
 
     def save_group(self, stored: StoredGroup) -> None:
         group = stored.group
         arrays = checkpoint.pack(group.dynamic) | {"dx": group.dx, "dq": group.dq, "alive": group.alive}
-        arrays |= {"first_frame": np.array([group.first_frame]), "fineness": np.array([stored.fineness])}
+        arrays |= {"first_frame": np.array([group.first_frame]), "steps": stored.steps.to_array()}
         found = _present(shade=group.shade, light=group.light, importance=stored.importance)
         self._save("group", arrays | found)
 
@@ -213,9 +215,11 @@ class GroupStore:
         checkpoint.save_arrays(self._path(name), arrays)
 
 
-def _fineness(arrays: Arrays) -> float:
-    """Earlier versions had none."""
-    return float(arrays["fineness"][0]) if "fineness" in arrays else 1.0
+def _steps(arrays: Arrays) -> Steps:
+    """Return the steps of a file. Checkpoints of earlier versions have one factor for all steps, or none."""
+    if "steps" in arrays:
+        return Steps(*arrays["steps"].tolist())
+    return STEPS.scaled(float(arrays["fineness"][0])) if "fineness" in arrays else STEPS
 
 
 class Store:
