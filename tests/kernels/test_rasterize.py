@@ -149,7 +149,7 @@ def test_changing_a_saved_tensor_in_place_is_noticed():
 
 
 def test_bins_are_front_to_back_and_complete():
-    means2d, conics, _, opacities, depths, radii = (t.numpy() for t in splats(300, 3, 70, 50))
+    means2d, conics, _, opacities, depths, radii = (t.contiguous().numpy() for t in splats(300, 3, 70, 50))
     bins = binning.bin_splats(means2d, conics, opacities, depths, radii, 70, 50)
     assert sorted(bins.slots) == list(range(len(bins.ids)))
     for tile in range(5 * 4):
@@ -161,7 +161,7 @@ def test_bins_are_front_to_back_and_complete():
 
 def test_a_splat_is_in_the_tiles_and_rows_that_its_ellipse_reaches():
     """Against every pixel's alpha: nothing that shows is left out, and hardly a row that shows nothing is kept."""
-    means2d, conics, _, opacities, depths, radii = (t.numpy() for t in splats(300, 3, 70, 50))
+    means2d, conics, _, opacities, depths, radii = (t.contiguous().numpy() for t in splats(300, 3, 70, 50))
     conics[:40] = [[0.5, 0.49, 0.5], [0.02, 0, 3]] * 20  # long and thin
     bins = binning.bin_splats(means2d, conics, opacities, depths, radii, 70, 50)
     x, y = np.meshgrid(np.arange(80) + 0.5, np.arange(64) + 0.5)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
-from typing import Annotated, Any, Literal
+from typing import Annotated, Literal
 
 from tyro.conf import OmitArgPrefixes, arg
 
@@ -82,8 +82,7 @@ def reconstruct(
     from splatreel.play.presentation_writer import PresentationWriter
     from splatreel.progress import console
 
-    request: dict[str, Any] = {"width": width, "scale": scale, "frames": span, "held_out": held_out}
-    source = CaptureSource(capture, request)
+    source = CaptureSource(capture, {"width": width, "scale": scale, "frames": span, "held_out": held_out})
     if estimate:
         return say(machines.estimated(source, config, sound, device))
     progress, presents = console(), PresentationWriter(words.given())
@@ -97,7 +96,7 @@ def reconstruct(
             ):
                 output = {"sound": sound, "device": device, "progress": progress, "present": present}
                 if following.follow:
-                    done = following.reconstruct(capture, folder, config, request, output)
+                    done = following.reconstruct(capture, folder, config, source.request, output)
                 else:
                     done = machines.reconstruct(source, folder, config, out, output)
     finally:
