@@ -91,6 +91,8 @@ class GrowingPictures:
 
 def is_whole(file: Path) -> bool:
     """Whether a picture is there and nobody is still writing it."""
+    if not file.is_file():
+        return False  # a pipe would be waited for
     try:
         mark = END_MARKS.get(file.suffix.lower())
         if mark is not None:

@@ -1,0 +1,84 @@
+"""Following a capture whose writer deletes, rewrites, skips and jumps: frames that were shown stay, and nothing hangs."""
+
+import os
+from pathlib import Path
+
+import pytest
+
+from splatreel.errors import CaptureError
+from tests.capture.growing.recorder import Recorder
+from tests.capture.test_follower import BEGUN, expected, following, shown
+
+
+def test_a_picture_that_is_deleted_after_it_was_counted_is_named(tmp_path: Path) -> None:
+    recorder = Recorder(tmp_path / "show", "pictures")
+    recorder.write(6)
+    with following(recorder.folder) as (follower, _):
+        assert follower.wait(6)
+        name = recorder.views[2].name
+        gone = recorder.folder / "images" / name / "000003.png"
+        gone.unlink()
+        with pytest.raises(CaptureError, match=r"000003\.png"):
+            follower.capture.read(3, 1, [name])
+        assert shown(follower.capture, 4, 2) == expected(4, 2)
+
+
+def test_a_picture_that_is_rewritten_is_read_as_it_is_then(tmp_path: Path) -> None:
+    recorder = Recorder(tmp_path / "show", "pictures")
+    recorder.write(6)
+    with following(recorder.folder) as (follower, _):
+        assert follower.wait(6)
+        place = recorder.folder / "images" / recorder.views[1].name
+        (place / "000005.png").write_bytes((place / "000002.png").read_bytes())
+        assert shown(follower.capture, 5, 1)[0][1] == (1, 2)
+        (place / "000005.png").write_bytes(b"no picture")
+        with pytest.raises(CaptureError, match=r"000005\.png"):
+            shown(follower.capture, 5, 1)
+
+
+def test_numbers_that_jump_ahead_are_waited_for_and_told_at_the_end(tmp_path: Path) -> None:
+    recorder = Recorder(tmp_path / "show", "pictures")
+    recorder.write(6)
+    for camera in recorder.written:
+        recorder.written[camera] += 100
+    recorder.write(3)
+    recorder.end()
+    with following(recorder.folder) as (follower, told):
+        assert not follower.wait(7)
+        assert follower.total == 6, "what comes after the gap cannot be placed"
+    assert "The capture has 6 frames." in told[-1]
+
+
+def test_a_numbered_file_that_is_deleted_is_named(tmp_path: Path) -> None:
+    recorder = Recorder(tmp_path / "show", "segments")
+    recorder.write(BEGUN)
+    with following(recorder.folder) as (follower, _):
+        assert follower.wait(12)
+        name = recorder.views[0].name
+        (recorder.folder / name / "000001.mp4").unlink()
+        with pytest.raises(CaptureError, match=r"000001\.mp4"):
+            follower.capture.read(4, 4, [name])
+
+
+def test_a_video_that_is_cut_behind_what_was_counted_is_an_error(tmp_path: Path) -> None:
+    recorder = Recorder(tmp_path / "show", "mkv")
+    recorder.write(BEGUN)
+    with following(recorder.folder) as (follower, _):
+        assert follower.wait(20)
+        file = recorder.folder / f"{recorder.views[0].name}.mkv"
+        with open(file, "r+b") as opened:
+            opened.truncate(file.stat().st_size // 8)
+        with pytest.raises(CaptureError, match=rf"{recorder.views[0].name}\.mkv"):
+            follower.capture.read(15, 4, [recorder.views[0].name])
+
+
+@pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="no pipes")
+def test_a_pipe_that_appears_among_the_pictures_is_not_waited_for(tmp_path: Path) -> None:
+    recorder = Recorder(tmp_path / "show", "pictures")
+    recorder.write(4)
+    with following(recorder.folder) as (follower, _):
+        assert follower.wait(4)
+        os.mkfifo(recorder.folder / "images" / recorder.views[0].name / "000004.png")
+        recorder.end()
+        assert not follower.wait(5)
+        assert follower.total == 4
