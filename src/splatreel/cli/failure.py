@@ -142,13 +142,14 @@ def _first_cause(error: BaseException) -> BaseException:
 
 def _system_limit(error: BaseException) -> str | None:
     """Return the limit of the system that an error comes from, however it was told since, and what to do; None if it does not."""
-    while error is not None:
-        if isinstance(error, OSError) and error.errno in (errno.EMFILE, errno.ENFILE):
-            where = f"{error.filename}: cannot be opened, as " if error.filename else ""
+    found: BaseException | None = error
+    while found is not None:
+        if isinstance(found, OSError) and found.errno in (errno.EMFILE, errno.ENFILE):
+            where = f"{found.filename}: cannot be opened, as " if found.filename else ""
             return f"{where}this process may have no more files open. Raise that limit (ulimit -n 1024)"
-        if isinstance(error, RuntimeError) and "can't start new thread" in str(error):
+        if isinstance(found, RuntimeError) and "can't start new thread" in str(found):
             return "the system lets no more threads start. Raise the limit of processes (ulimit -u) or of memory (ulimit -v)"
-        error = error.__cause__ or error.__context__
+        found = found.__cause__ or found.__context__
     return None
 
 

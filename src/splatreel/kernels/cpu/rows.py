@@ -10,9 +10,11 @@ from collections.abc import Callable, Sequence
 from typing import Any
 
 from llvmlite import ir
+from numba import extending
 from numba.core import cgutils, types
-from numba.extending import intrinsic
 from numba.np import arrayobj
+
+intrinsic: Any = extending.intrinsic  # callers give no typing context, which type checkers ask for
 
 FAST = ("fast",)
 _FLOAT = ir.FloatType()

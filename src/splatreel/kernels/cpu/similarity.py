@@ -228,7 +228,7 @@ def _gradient(
                 d_image[top : top + rows, left + 3 * ROWS * tile : left + 3 * ROWS * (tile + 1)] = ZERO
 
 
-def _kernel(function: Callable[..., None], target: types.Type, *rest: types.Type) -> Kernel:
+def _kernel(function: Callable[..., None], target: types.Array, *rest: types.Type) -> Kernel:
     """Return a kernel for one type of target."""
     name = f"{function.__name__.strip('_')}_{target.dtype}"
     return range_kernel(F2, target, F1, F1, F1, F1, FLOAT, *rest, allocates=True, name=name)(function)
