@@ -20,6 +20,11 @@ def count() -> int:
     return _limit or available()
 
 
+def chosen() -> int | None:
+    """Return the number that `use` was given, if it was."""
+    return _limit
+
+
 def use(threads: int | None) -> None:
     """Use so many threads from now on; None leaves everything as it is. Raises `UsageError` for fewer than one or more than cores.
 
