@@ -29,6 +29,11 @@ def count() -> int:
     return _limit or available()
 
 
+def chosen() -> int | None:
+    """Return the number that `use` was given, if it was."""
+    return _limit
+
+
 def use(threads: int | None) -> None:
     """Limit the program to a number of threads.
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import os
 import tempfile
 from collections.abc import Iterator
@@ -10,6 +11,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from splatreel import threads
 from splatreel.cli.output import playable
 from splatreel.config import Config
 from splatreel.errors import UsageError
@@ -18,6 +20,7 @@ from splatreel.storage.opening import is_url, local_path
 
 if TYPE_CHECKING:
     from splatreel.capture.opening import CaptureSource
+    from splatreel.recon.machines.ray_cluster import ClusterOptions
     from splatreel.recon.machines.run_spec import RunSpec
 
 
@@ -31,7 +34,11 @@ class Machines:
     chapter: str | None = None
     """With --job chapter: which ones, as I/N: those of task I of N, counted from 0; by default those of a task of Slurm's array."""
     cluster: str | None = None
-    """Have the chapters of a long video made by a Ray cluster: auto, or its address (needs splatreel[cluster]; docs/cluster.md)."""
+    """Have the chapters of a long video made by a Ray cluster: auto, or HOST:PORT (needs splatreel[cluster]; docs/cluster.md)."""
+    cluster_retries: int = 3
+    """With --cluster: how often a chapter is given to another node when its own is lost."""
+    cluster_wait: float = 0.0
+    """With --cluster: seconds to wait for a node that can hold a chapter, such as from an autoscaler."""
 
     def check(self, out: str, follow: bool, estimate: bool = False) -> None:
         """Raises `UsageError` for options that do not go together."""
@@ -41,6 +48,10 @@ class Machines:
             raise UsageError(f"{' and '.join(given)} exclude each other. Give one of them.")
         if estimate and given and self.workers is None:
             raise UsageError(f"--estimate is of runs on this machine alone. Leave out {given[0]}.")
+        if self.cluster_retries < 0:
+            raise UsageError(f"--cluster-retries {self.cluster_retries}: give 0 or more.")
+        if not 0 <= self.cluster_wait < math.inf:
+            raise UsageError(f"--cluster-wait {self.cluster_wait:g}: give seconds, 0 or more.")
         if self.chapter is not None and self.job != "chapter":
             raise UsageError("--chapter says which chapters a job of a batch system makes. Give --job chapter as well.")
         if self.cluster is None and _elsewhere(out):
@@ -104,8 +115,15 @@ class Machines:
         from splatreel.recon.machines.ray_cluster import reconstruct_on_cluster
 
         url = out if _elsewhere(out) else None
-        result = reconstruct_on_cluster(spec, address, url=url, progress=progress, present=present)
+        result = reconstruct_on_cluster(
+            spec, address, url=url, options=self._cluster_options(), progress=progress, present=present
+        )
         return playable(result.reel) if url is None else f"{out.rstrip('/')}/reel: the reel is complete."
+
+    def _cluster_options(self) -> ClusterOptions:
+        from splatreel.recon.machines.ray_cluster import ClusterOptions
+
+        return ClusterOptions(self.cluster_retries, self.cluster_wait, threads.chosen())
 
 
 def _elsewhere(out: str) -> bool:

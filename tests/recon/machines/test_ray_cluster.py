@@ -1,9 +1,12 @@
 """A Ray cluster of two nodes on this machine, one of which is lost in the middle of a chapter."""
 
+import json
 import os
+import re
 import time
 from collections.abc import Iterator
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import pytest
@@ -12,8 +15,10 @@ from splatreel.cli.machines import Machines
 from splatreel.cli.publish import publishing
 from splatreel.errors import UsageError
 from splatreel.recon.encode.publisher import nothing_more
+from splatreel.recon.machines import ray_cluster
 from splatreel.recon.machines.exchange import Exchange
-from splatreel.recon.machines.ray_cluster import Resources, reconstruct_on_cluster, share_nodes
+from splatreel.recon.machines.ray_cluster import ClusterOptions, connected, reconstruct_on_cluster, wait_for_nodes
+from splatreel.recon.machines.ray_nodes import ClusterPlan, Resources, share_nodes
 from splatreel.recon.machines.run_spec import RunSpec
 from tests.buckets import CREDENTIALS, Bucket
 from tests.recon.captures import WallCapture
@@ -62,6 +67,12 @@ def test_a_node_that_is_lost_changes_nothing(cluster: Any, out: Path, expected: 
     display = Display(lose)
     result = reconstruct_on_cluster(spec(out), cluster.address, progress=display)
     assert lost
+    (moved,) = [note for note in display.notes if "goes on after the last group" in note]
+    assert re.fullmatch(
+        r"chapter \d/3: \S+ has lost it; \S+ goes on after the last group that was kept \(attempt 2\)", moved
+    )
+    status = json.loads((out / "status.json").read_text())
+    assert (status["state"], sorted(chapter["attempts"] for chapter in status["chapters"])) == ("complete", [1, 1, 2])
     assert content(result.reel) == expected
     assert display.stages[-1][0] == "making 3 chapters, 2 at a time"
     assert display.steps[-1] == 1000
@@ -92,6 +103,8 @@ def test_without_a_common_disk_checkpoints_are_exchanged(
     assert made_in(bucket, cluster, display) == expected
     assert len(set(display.published)) > 2  # it grows while it is made
     assert len(bucket.keys("run/reel/")) == len(expected)
+    assert len(bucket.keys("run/work/logs/")) == 3
+    assert bucket.keys("run/status.json") == ["run/status.json"]
     for key in bucket.keys("run/work/group0003/"):
         bucket.client.delete_object(Bucket=bucket.name, Key=key)
     again = Display()
@@ -103,18 +116,68 @@ def node(cpu: int, gpu: int = 0, memory: int = 64 << 30, alive: bool = True) -> 
     return {"Alive": alive, "Resources": {"CPU": cpu, "memory": memory} | ({"GPU": gpu} if gpu else {})}
 
 
-def test_tasks_ask_for_what_every_node_has() -> None:
-    need = 2 << 30
-    assert share_nodes([node(1), node(1), node(4, alive=False)], 3, "auto", need) == (Resources(1, 0, need), 2)
-    wanted, at_once = share_nodes(8 * [node(16)], 20, "auto", need)
-    assert at_once == 8 * (16 // wanted.cores)
-    assert share_nodes([node(16, gpu=4), node(8), node(32, gpu=4)], 20, "auto", need) == (Resources(4, 1, need), 8)
-    assert share_nodes([node(16, gpu=4)], 20, "cpu", need)[0].gpus == 0
-    assert share_nodes([node(16, memory=1 << 30)], 20, "auto", need)[0] == Resources(16, 0, 1 << 30)
+GIB = 1 << 30
+
+
+def test_tasks_ask_for_what_they_need_of_nodes_that_have_it() -> None:
+    need = 2 * GIB
+    plan = share_nodes([node(1), node(1), node(4, alive=False)], 3, "auto", need)
+    assert plan == ClusterPlan(Resources(1, 0, need), Resources(1, 0, need), 2)
+    plan = share_nodes(8 * [node(16)], 20, "auto", need)
+    assert plan.at_once == 8 * (16 // plan.chapter.cores)
+    assert plan.scene == Resources(16, 0, need)
+    plan = share_nodes([node(16, gpu=4), node(8), node(32, gpu=4)], 20, "auto", need)
+    assert (plan.chapter.gpus, plan.scene) == (1, Resources(32, 1, need))
+    assert plan.at_once <= 8
+    assert share_nodes([node(16, gpu=4)], 20, "cpu", need).chapter.gpus == 0
     with pytest.raises(UsageError, match="no node of the Ray cluster has a GPU"):
         share_nodes([node(16)], 20, "cuda", need)
     with pytest.raises(UsageError, match="no node of the Ray cluster has a CPU"):
         share_nodes([node(0)], 20, "auto", need)
+
+
+def test_a_small_node_does_not_decide_for_all() -> None:
+    need = 9 * GIB
+    large = 8 * [node(16, memory=64 * GIB)]
+    alone = share_nodes(large, 56, "auto", need)
+    assert share_nodes([node(4, memory=4 * GIB), *large], 56, "auto", need) == alone
+    assert alone.at_once >= 32
+    assert alone.at_once * need <= 8 * 64 * GIB
+    for memory in (2, 8):
+        with pytest.raises(UsageError, match=rf"takes 9.0 GiB of memory, and no node .* offers more than {memory}.0"):
+            share_nodes([node(16, memory=memory * GIB)], 20, "auto", need)
+
+
+def test_the_number_of_threads_is_honored() -> None:
+    plan = share_nodes(2 * [node(16)], 20, "auto", GIB, threads=3)
+    assert (plan.chapter.cores, plan.scene.cores, plan.at_once) == (3, 3, 10)
+    assert share_nodes([node(2)], 20, "auto", GIB, threads=3).chapter.cores == 2
+
+
+def test_a_node_that_an_autoscaler_starts_is_waited_for(monkeypatch: pytest.MonkeyPatch) -> None:
+    looks: list[int] = []
+    asked: list[int] = []
+    told: list[str] = []
+
+    def nodes() -> list[dict[str, Any]]:
+        looks.append(1)
+        return [node(0)] if len(looks) < 3 else [node(0), node(8)]
+
+    monkeypatch.setattr(ray_cluster, "INTERVAL", 0.0)
+    monkeypatch.setattr(ray_cluster, "_ask_autoscaler", lambda _, need, cores: asked.append(need))
+    there = SimpleNamespace(nodes=nodes)
+    plan = wait_for_nodes(there, 4, "auto", GIB, ClusterOptions(wait=60.0), told.append)
+    assert plan.scene.cores == 8
+    assert asked == [GIB]
+    assert told == ["Waiting up to 60 s for a node of the cluster that can hold a chapter"]
+    looks.clear()
+    with pytest.raises(UsageError, match="has a CPU to offer"):
+        wait_for_nodes(there, 4, "auto", GIB, ClusterOptions(), told.append)
+
+
+def test_ray_client_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(UsageError, match=r"Ray Client is not supported.*--cluster auto"), connected("ray://head:10001"):
+        pass
 
 
 def test_a_cluster_that_is_not_there(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import logging
-import math
 import pickle
 import socket
+import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
 from splatreel.errors import MissingDependencyError, ReconstructionError, UsageError
@@ -18,14 +19,13 @@ from splatreel.recon.jobs import ChapteredRun, has_scene, keep_tables
 from splatreel.recon.machines.driver import Driver
 from splatreel.recon.machines.exchange import Exchange
 from splatreel.recon.machines.node import NodeTask, make_chapter, make_scene
+from splatreel.recon.machines.ray_nodes import ClusterPlan, Resources, share_nodes
 from splatreel.recon.machines.reports import ChapterEnded, GroupDone, Noted, Reached, Report
 from splatreel.recon.machines.run_spec import RunSpec
-from splatreel.recon.machines.scaling import divide
 from splatreel.recon.pipeline import Result, reconstruct_sequence, result_of
+from splatreel.recon.run.job_log import log_file
 from splatreel.recon.run.memory import needed_memory
 
-RETRIES = 3
-"""How often a job is given to another node when its own is lost, or its process is killed."""
 TIMEOUT = 10.0
 """Seconds until the head of a cluster must answer."""
 INTERVAL = 0.5
@@ -33,12 +33,18 @@ INTERVAL = 0.5
 
 
 @dataclass(frozen=True)
-class Resources:
-    """What a job asks of a node. cores: also its threads. memory: bytes."""
+class ClusterOptions:
+    """How a cluster is used.
 
-    cores: int
-    gpus: int
-    memory: int
+    Attributes:
+        retries: How often a job is given to another node when its own is lost, or its process is killed.
+        wait: Seconds to wait for a node that can hold a chapter, as an autoscaler starts it.
+        threads: Of each job; None leaves it to the nodes' cores.
+    """
+
+    retries: int = 3
+    wait: float = 0.0
+    threads: int | None = None
 
 
 class Mailbox:
@@ -61,14 +67,25 @@ def reconstruct_on_cluster(
     address: str,
     *,
     url: str | None = None,
+    options: ClusterOptions = ClusterOptions(),
     progress: Progress | None = None,
     present: Present = nothing_more,
 ) -> Result:
     """As `pipeline.reconstruct`, with the scene and the chapters made by nodes of a Ray cluster; the reel is written here.
 
-    address: auto, or as `ray.init` takes it. All nodes read the capture by the same path. url: where checkpoints are exchanged that
-    nodes make in folders of their own, as `open_folder` takes it; None: all nodes see the spec's folder, which is used as it is.
-    Raises `MissingDependencyError` without ray, `UsageError` where there is no cluster, and what `here.reconstruct_here` raises.
+    Args:
+        spec: The run. All nodes read its capture by the same path or address.
+        address: auto, or HOST:PORT of the cluster's head.
+        url: Where checkpoints are exchanged that nodes make in folders of their own, as `open_folder` takes it; None: all nodes see
+            the spec's folder, which is used as it is.
+        options: How the cluster is used.
+        progress: Shows how far all nodes are.
+        present: Adds what a reel has beside its points.
+
+    Raises:
+        MissingDependencyError: Ray is not installed.
+        UsageError: There is no cluster, or no node of it can hold a chapter.
+        SplatreelError: Whatever `here.reconstruct_here` raises.
     """
     progress = progress or Silent()
     exchange = None if url is None else Exchange(url, spec.out, progress.note)
@@ -80,8 +97,8 @@ def reconstruct_on_cluster(
                 progress.note("The video is one chapter: it is made here, not on the cluster.")
                 reconstruct_sequence(run, progress, present)
             else:
-                with run.lock():
-                    _Cluster(cluster, run, spec, url, exchange, progress).make(present)
+                with run.lock(), _ray_log(log_file(run.store.work, "ray")):
+                    _Cluster(cluster, run, spec, url, exchange, progress, options).make(present)
             return result_of(run)
 
 
@@ -89,12 +106,20 @@ class _Cluster:
     """What the driver does with it. ray: the module, connected. exchange: with `url`, of the driver's own folder."""
 
     def __init__(
-        self, ray: Any, run: ChapteredRun, spec: RunSpec, url: str | None, exchange: Exchange | None, progress: Progress
+        self,
+        ray: Any,
+        run: ChapteredRun,
+        spec: RunSpec,
+        url: str | None,
+        exchange: Exchange | None,
+        progress: Progress,
+        options: ClusterOptions,
     ) -> None:
         self.ray, self.run, self.exchange, self.progress, self.url = ray, run, exchange, progress, url
+        self.options = options
         need = needed_memory(run.capture, run.config)
-        self.resources, self.at_once = share_nodes(ray.nodes(), len(run.chapters), spec.device, need)
-        self.task = NodeTask(pickle.dumps(spec), url, self.resources.cores)
+        self.plan = wait_for_nodes(ray, len(run.chapters), spec.device, need, options, progress.note)
+        self.spec = pickle.dumps(spec)
         self.mailbox = _mailbox(ray)
 
     def make(self, present: Present) -> None:
@@ -107,8 +132,11 @@ class _Cluster:
         if self.exchange is not None:
             self.exchange.fetch_scene()
             self.exchange.fetch_finished()
-        with Driver(self.run, self.progress, present, min(self.at_once, len(self.run.chapters)), self.url) as driver:
-            self._run({chapter: (make_chapter, chapter) for chapter in driver.todo}, self._fetching(driver.hear))
+        with Driver(
+            self.run, self.progress, present, min(self.plan.at_once, len(self.run.chapters)), self.url
+        ) as driver:
+            jobs = {chapter: (make_chapter, chapter) for chapter in driver.todo}
+            self._run(jobs, self._fetching(driver.hear), self.plan.chapter)
             driver.finish()
 
     def _make_scene(self, progress: Progress) -> None:
@@ -126,17 +154,17 @@ class _Cluster:
                     pass
 
         progress.stage("building what all chapters share, on a node", 100, (0.0, 1.0))
-        self._run({0: (make_scene,)}, hear)
+        self._run({0: (make_scene,)}, hear, self.plan.scene)
         if ended[-1] is not None:
             raise ReconstructionError(f"{self.run.out}: the scene that chapters share failed. {ended[-1]}")
         progress.update(100)
 
-    def _run(self, jobs: dict[int, tuple[Any, ...]], hear: Callable[[Report], None]) -> None:
+    def _run(self, jobs: dict[int, tuple[Any, ...]], hear: Callable[[Report], None], wanted: Resources) -> None:
         """Jobs by number, each a function and what it takes between the task and the way to send reports."""
-        wanted = self.resources
         options = {"num_cpus": wanted.cores, "num_gpus": wanted.gpus, "memory": wanted.memory}
-        remote = self.ray.remote(max_retries=RETRIES, scheduling_strategy="SPREAD", **options)(_on_node)
-        refs = {remote.remote(self.task, self.mailbox, *job): number for number, job in jobs.items()}
+        task = NodeTask(self.spec, self.url, self.options.threads or wanted.cores)
+        remote = self.ray.remote(max_retries=self.options.retries, scheduling_strategy="SPREAD", **options)(_on_node)
+        refs = {remote.remote(task, self.mailbox, *job): number for number, job in jobs.items()}
         try:
             while refs:
                 ready, _ = self.ray.wait(list(refs), timeout=INTERVAL)
@@ -154,7 +182,7 @@ class _Cluster:
             return self.ray.get(ref)
         except self.ray.exceptions.RayError as error:
             lines = str(error).strip().splitlines() or [type(error).__name__]
-            return f"Ray gave it up after {1 + RETRIES} attempts: {' '.join(lines[-1].split()):.400}"
+            return f"Ray gave it up after {1 + self.options.retries} attempts: {' '.join(lines[-1].split()):.400}"
 
     def _fetching(self, hear: Callable[[Report], None]) -> Callable[[Report], None]:
         """With what is to be published on this machine, before it is heard of that it is there."""
@@ -174,50 +202,88 @@ def _on_node(task: NodeTask, mailbox: Any, make: Callable[..., str | None], *arg
     return make(task, *arguments, mailbox.put.remote)
 
 
-def share_nodes(nodes: list[dict[str, Any]], chapters: int, device: str, need: int) -> tuple[Resources, int]:
-    """What each job asks for, so that it fits every node that is of use, and how many are made at a time.
+def wait_for_nodes(
+    ray: Any, chapters: int, device: str, need: int, options: ClusterOptions, tell: Callable[[str], None]
+) -> ClusterPlan:
+    """Return how the jobs share a cluster, once it has a node that can hold one.
 
-    nodes: as `ray.nodes()` tells of them. need: bytes of memory of a chapter. With GPUs in the cluster each job has one, unless the
-    device is cpu. Raises `UsageError` where no node is of use.
+    An autoscaler is asked for such a node. Raises `UsageError` where none comes in time.
     """
-    alive = [node["Resources"] for node in nodes if node["Alive"] and node["Resources"].get("CPU", 0) >= 1]
-    with_gpu = [node for node in alive if node.get("GPU", 0) >= 1]
-    if device == "cuda" and not with_gpu:
-        raise UsageError("--device cuda: no node of the Ray cluster has a GPU. Use --device cpu, or add such a node.")
-    if not alive:
-        raise UsageError("--cluster: no node of the Ray cluster has a CPU to offer. Add one with `ray start`.")
-    memory = min(int(node.get("memory", need)) for node in alive)
-    if with_gpu and device != "cpu":
-        cores = min(int(node["CPU"]) // max(1, int(node["GPU"])) for node in with_gpu)
-        at_once = sum(int(node["GPU"]) for node in with_gpu)
-        return Resources(max(cores, 1), 1, min(need, memory)), at_once
-    least = min(int(node["CPU"]) for node in alive)
-    division = divide(least, math.ceil(chapters / len(alive)), max(1, memory // need))
-    at_once = sum(int(node["CPU"]) // division.threads for node in alive)
-    return Resources(division.threads, 0, min(need, memory)), at_once
+    end, asked = time.monotonic() + options.wait, False
+    while True:
+        try:
+            return share_nodes(ray.nodes(), chapters, device, need, options.threads)
+        except UsageError:
+            if time.monotonic() >= end:
+                raise
+        if not asked:
+            tell(f"Waiting up to {options.wait:g} s for a node of the cluster that can hold a chapter")
+            _ask_autoscaler(ray, need, options.threads or 1)
+            asked = True
+        time.sleep(INTERVAL)
+
+
+def _ask_autoscaler(ray: Any, need: int, cores: int) -> None:
+    from ray.autoscaler.sdk import request_resources
+
+    request_resources(bundles=[{"CPU": cores, "memory": need}])
 
 
 @contextmanager
-def connected(address: str) -> Iterator[Any]:
-    """The module ray, connected to a cluster that is there. Raises `MissingDependencyError` and `UsageError`."""
+def connected(address: str, log: Path | None = None) -> Iterator[Any]:
+    """Give the module ray, connected to a cluster that is there.
+
+    Args:
+        address: auto, or HOST:PORT.
+        log: Where what Ray says goes, such as of nodes that are lost; nowhere by default.
+
+    Raises:
+        MissingDependencyError: Ray is not installed.
+        UsageError: No cluster answers.
+    """
+    if address.startswith("ray://"):
+        raise UsageError(
+            f"--cluster {address}: Ray Client is not supported, since the driver would have no node of its own. Run the command on a "
+            "machine of the cluster with --cluster auto, or submit it there with `ray job submit`."
+        )
     try:
         import ray
     except ModuleNotFoundError as error:
         raise MissingDependencyError(
             "--cluster: the package ray is not installed. Run `pip install 'splatreel[cluster]'`."
         ) from error
+    with _ray_log(log):
+        try:
+            _knock(address)
+            ray.init(address=address, log_to_driver=False, configure_logging=False, include_dashboard=False)
+        except (OSError, ValueError, RuntimeError) as error:
+            raise UsageError(
+                f"--cluster {address}: no Ray cluster answers there ({' '.join(str(error).split()):.300}). Start one with "
+                "`ray start --head`, and give its address."
+            ) from error
+        try:
+            yield ray
+        finally:
+            ray.shutdown()
+
+
+@contextmanager
+def _ray_log(path: Path | None) -> Iterator[None]:
+    """Send what Ray's own logger says to a file, and to no terminal."""
+    logger = logging.getLogger("ray")
+    before, propagated, level = list(logger.handlers), logger.propagate, logger.level
+    if path is not None:
+        path.parent.mkdir(parents=True, exist_ok=True)
+    handler = logging.NullHandler() if path is None else logging.FileHandler(path, encoding="utf-8", delay=True)
+    handler.setFormatter(logging.Formatter("%(asctime)s %(levelname)s %(message)s"))
+    logger.handlers, logger.propagate = [handler], False
+    logger.setLevel(logging.INFO)
     try:
-        _knock(address)
-        ray.init(address=address, log_to_driver=False, logging_level=logging.ERROR, include_dashboard=False)
-    except (OSError, ValueError, RuntimeError) as error:
-        raise UsageError(
-            f"--cluster {address}: no Ray cluster answers there ({' '.join(str(error).split()):.300}). Start one with "
-            "`ray start --head`, and give its address."
-        ) from error
-    try:
-        yield ray
+        yield
     finally:
-        ray.shutdown()
+        handler.close()
+        logger.handlers, logger.propagate = before, propagated
+        logger.setLevel(level)
 
 
 def _knock(address: str) -> None:
