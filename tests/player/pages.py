@@ -14,4 +14,4 @@ def open_player(page: Page, server: Server, query: str = "?autoplay=0") -> None:
 
 
 def wait_for_picture(page: Page) -> None:
-    page.wait_for_function(f"document.querySelector('splat-reel')?.player && {PLAYER}.canPlay", timeout=20_000)
+    page.wait_for_function(f"document.querySelector('splat-reel')?.player && {PLAYER}.canPlay", timeout=60_000)
