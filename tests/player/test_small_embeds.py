@@ -161,7 +161,7 @@ white-space: pre; word-break: break-all; hyphens: auto; color: red;"""
 NAMES = re.findall(r"([a-z-]+):", LOUD)
 STYLES = f"""(all) => all.map((one) => {{
   const style = getComputedStyle(one);
-  return [one.className, ...{NAMES}.map((name) => style.getPropertyValue(name))].join();
+  return [one.localName, ...{NAMES}.map((name) => style.getPropertyValue(name))].join();
 }})"""
 
 
