@@ -138,7 +138,7 @@ def _interrupt(error: BaseException | None) -> KeyboardInterrupt | None:
     return error
 
 
-def _system_limit(error: BaseException) -> str | None:
+def _system_limit(error: BaseException | None) -> str | None:
     """Return the limit of the system that an error comes from, however it was told since, and what to do; None if it does not."""
     while error is not None:
         if isinstance(error, OSError) and error.errno in (errno.EMFILE, errno.ENFILE):

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Literal
+from typing import TYPE_CHECKING, Literal
 
 from tyro.conf import Positional
 
@@ -12,6 +12,9 @@ from splatreel.cli.output import playable, say
 from splatreel.config import COARSENESS, EncodeConfig, Rate
 from splatreel.errors import UsageError
 from splatreel.threads import use as use_threads
+
+if TYPE_CHECKING:
+    from splatreel.sequence.comparison import Comparison
 
 UP = {"x": (1, 0, 0), "-x": (-1, 0, 0), "y": (0, 1, 0), "-y": (0, -1, 0), "z": (0, 0, 1), "-z": (0, 0, -1)}
 
@@ -60,7 +63,7 @@ def import_frames(
     from splatreel.progress import console
     from splatreel.recon.run.device import pick_device
     from splatreel.recon.run.run_lock import hold
-    from splatreel.sequence.comparison import CLOSE, check_seen
+    from splatreel.sequence.comparison import check_seen
     from splatreel.sequence.frames import open_frames
     from splatreel.sequence.reel import header_of, write_reel
     from splatreel.sequence.viewpoints import read_cameras
@@ -88,14 +91,21 @@ def import_frames(
         f"{len(film)} frames in {size / 1e6:.2f} MB, {film.size / size:,.0f} times smaller than the {film.size / 1e6:,.0f} MB of "
         f"{frames}. Its pictures have {found.psnr:.1f} dB PSNR against those of the files (mean of {found.pictures})."
     )
-    if found.blind:
-        say(f"Cameras that see nothing of the film: {', '.join(found.blind)}.")
-    if found.psnr < CLOSE:
-        rated = f"the rate is {rate}, and --rate high loses less." if rate != "high" else "it was lost in encoding."
-        say(f"Warning: below {CLOSE:.0f} dB the reel can be told from the film. The cause: {found.cause or rated}")
+    _say_doubts(found, rate)
     if views is None:
         say(
             f"It is seen from a ring of cameras, with {up or '-y'} up. If that is wrong, name the cameras that the film was made from "
             "(--cameras), or another --up."
         )
     say(playable(out))
+
+
+def _say_doubts(found: Comparison, rate: Rate) -> None:
+    """Name cameras that see nothing, and the cause of a reel that can be told from its film."""
+    from splatreel.sequence.comparison import CLOSE
+
+    if found.blind:
+        say(f"Cameras that see nothing of the film: {', '.join(found.blind)}.")
+    if found.psnr < CLOSE:
+        rated = f"the rate is {rate}, and --rate high loses less." if rate != "high" else "it was lost in encoding."
+        say(f"Warning: below {CLOSE:.0f} dB the reel can be told from the film. The cause: {found.cause or rated}")
