@@ -307,6 +307,11 @@ def test_an_interruption_of_native_code_is_one() -> None:
     found = explain(error, ["info", "reel"])
     assert found is not None
     assert found[1] == 143
+    failed = RuntimeError("Cannot import the C++ backend")
+    failed.__context__ = KeyboardInterrupt()
+    found = explain(failed, ["info", "reel"])
+    assert found is not None
+    assert found[1] == 130
     assert explain(SystemError("a bug"), ["info", "reel"]) is None
 
 

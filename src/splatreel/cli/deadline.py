@@ -13,7 +13,7 @@ import threading
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 
-GRACE = 4.0
+GRACE = 3.0
 """Seconds that a command gets to end by itself."""
 _END = b"\0"
 """Written after the last signal that counts; no signal has this number."""

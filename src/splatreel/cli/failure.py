@@ -85,14 +85,12 @@ def _in_compiler(frame: FrameType | None) -> bool:
 def explain(error: BaseException, arguments: Sequence[str]) -> tuple[str, int] | None:
     """The text for standard error and the exit code, or None for an error nobody foresaw: a bug, worth a traceback."""
     command = shlex.join(["splatreel", *arguments])
+    if (interrupt := _interrupt(error)) is not None:
+        return interruption(signal.SIGTERM if isinstance(interrupt, Terminated) else signal.SIGINT, arguments)
     if (limit := _system_limit(error)) is not None:
         return f"Error: {limit}, then run\n  {command}", 1
     if isinstance(error, SplatreelError):
         return f"Error: {error}", error.exit_code
-    if isinstance(error, SystemError) and isinstance(cause := _first_cause(error), KeyboardInterrupt):
-        error = cause  # native code was interrupted, and made an error of its own of it
-    if isinstance(error, KeyboardInterrupt):
-        return interruption(signal.SIGTERM if isinstance(error, Terminated) else signal.SIGINT, arguments)
     if _is_disk_full(error):
         where = getattr(error, "filename", None)
         place = f" while writing {where}" if where else ""
@@ -133,14 +131,14 @@ def _lighter(arguments: Sequence[str], gpu: bool) -> str:
     return f"Ask for {', '.join(ways[:-1])}{' or ' if ways[1:] else ''}{ways[-1]}."
 
 
-def _first_cause(error: BaseException) -> BaseException:
-    """Return the error that all others in a chain come from."""
-    while error.__cause__ is not None:
-        error = error.__cause__
+def _interrupt(error: BaseException | None) -> KeyboardInterrupt | None:
+    """Return the interruption that an error comes from: native code and imports that are interrupted make errors of their own of it."""
+    while error is not None and not isinstance(error, KeyboardInterrupt):
+        error = error.__cause__ or error.__context__
     return error
 
 
-def _system_limit(error: BaseException) -> str | None:
+def _system_limit(error: BaseException | None) -> str | None:
     """Return the limit of the system that an error comes from, however it was told since, and what to do; None if it does not."""
     found: BaseException | None = error
     while found is not None:

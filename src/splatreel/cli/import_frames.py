@@ -91,7 +91,7 @@ def import_frames(
         f"{len(film)} frames in {size / 1e6:.2f} MB, {film.size / size:,.0f} times smaller than the {film.size / 1e6:,.0f} MB of "
         f"{frames}. Its pictures have {found.psnr:.1f} dB PSNR against those of the files (mean of {found.pictures})."
     )
-    _say_warnings(found, rate)
+    _say_doubts(found, rate)
     if views is None:
         say(
             f"It is seen from a ring of cameras, with {up or '-y'} up. If that is wrong, name the cameras that the film was made from "
@@ -100,8 +100,8 @@ def import_frames(
     say(playable(out))
 
 
-def _say_warnings(found: Comparison, rate: Rate) -> None:
-    """Print what is wrong with the reel's pictures beside those of the files, if anything is."""
+def _say_doubts(found: Comparison, rate: Rate) -> None:
+    """Name cameras that see nothing, and the cause of a reel that can be told from its film."""
     from splatreel.sequence.comparison import CLOSE
 
     if found.blind:
