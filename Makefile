@@ -27,7 +27,8 @@ test: $(SETUP) $(if $(NPM),player/node_modules/.package-lock.json)  ## the tests
 test-all: COVERAGE = 1
 test-all: test  ## those, then all others, and how much of the code they ran
 	$(PYTEST) -m '($(LONG)) and not smoke'
-	$(BIN)/coverage combine --quiet
+	$(BIN)/coverage combine --quiet 2>out/coverage/combine.log || { cat out/coverage/combine.log; exit 1; }
+	rm -f out/coverage/data.*  # cut off: of processes that were killed
 	$(BIN)/coverage json --quiet -o out/coverage.json
 	@echo "Python coverage: $$($(BIN)/coverage report --format=total) % of the statements; out/coverage.json lists the others."
 	@$(if $(NPM),node -p 'JSON.parse(require("fs").readFileSync("player/out/tests.json")).coverage.line')
