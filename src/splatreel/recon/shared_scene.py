@@ -130,7 +130,9 @@ def _save_layer(job: Job, data: GroupInput, points: Gaussians, plates: CleanPlat
         job.progress.stage("writing what all chapters share", 1, job.plan.layered(0))
         importance = weigh([known], data.cameras, data.near, job.device, data.antialias)
         none = known[:0]
-        (encoded, order), steps = encode_layer(ReelEncoder(job.config.encode), data, known, none, importance, job.trial)
+        (encoded, order), steps = encode_layer(
+            ReelEncoder(job.config.encode), data, known, none, 0, importance, job.trial
+        )
         store.save_encoded_layer(encoded)
         decoded = decode_layer(encoded, "The layer that all chapters share")[1]
         store.save_layer(StoredLayer(known[order], decoded, importance[order], steps))

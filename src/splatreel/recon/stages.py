@@ -135,7 +135,8 @@ def publish_layer(job: Job, data: GroupInput, layers: Layers, static: StaticPoin
         seen = Gaussians.concatenate([layers.settled, layers.dynamic, layers.relit.points, static.living])
         count = len(layers.settled)
         importance = weigh([seen], data.cameras, data.near, job.device, data.antialias)[:count]
-        encoded, steps = encode_layer(output.encoder, data, layers.settled, seen[count:], importance, job.trial)
+        moving = len(layers.dynamic) + len(layers.relit)
+        encoded, steps = encode_layer(output.encoder, data, layers.settled, seen[count:], moving, importance, job.trial)
         decoded, order = output.add_layer(span.index, span.first, layers.settled, encoded), encoded[1]
         job.progress.update(1, points=len(decoded))
     job.store.group(span.index).save_layer(StoredLayer(layers.settled[order], decoded, importance[order], steps))

@@ -83,7 +83,7 @@ def size(steps: Steps) -> float:
 def layer(noise: float, trial: Trial | None = CLOSE, config: EncodeConfig | None = None) -> tuple[bytes, Steps]:
     data, importance = seen(noise), np.ones((len(WALL), 3), np.float32)
     encoder = ReelEncoder(config or EncodeConfig())
-    (file, order), steps = encode_layer(encoder, data, WALL, THING, importance, trial)
+    (file, order), steps = encode_layer(encoder, data, WALL, THING, len(THING), importance, trial)
     assert sorted(order) == list(range(len(WALL)))
     return file, steps
 
@@ -117,6 +117,21 @@ def test_a_group_loses_less_where_it_is_close() -> None:
 def test_steps_follow_the_error_of_the_trial() -> None:
     close, far, farther = (size(layer(1.0, replace(CLOSE, psnr=psnr))[1]) for psnr in (99.0, 40.0, 30.0))
     assert close < far < farther
+
+
+def test_steps_are_finer_where_the_file_is_a_small_part_of_the_reel() -> None:
+    """A byte of a layer counts as one of a group: what a tenth more bytes of the layer cost is little where groups take most."""
+    data, importance, encoder = seen(6.0), np.ones((len(WALL), 3), np.float32), ReelEncoder(EncodeConfig())
+    few, many = (size(encode_layer(encoder, data, WALL, THING, n, importance, CLOSE)[1]) for n in (0, 20 * len(WALL)))
+    assert many < 0.7 * few
+
+
+def test_a_group_without_moving_points_has_the_usual_steps() -> None:
+    data, encoder, static = seen(1.0), ReelEncoder(EncodeConfig()), StaticPoints(WALL, np.ones(len(WALL), bool))
+    still = Group(0, 0, THING[:0], np.zeros((4, 0, 3), np.float32), np.zeros((4, 0, 4), np.float32), static.alive)
+    files, steps = encode_group(encoder, data, still, static, np.zeros((0, 3), np.float32), CLOSE)
+    assert steps == STEPS
+    assert files == encoder.group(still)
 
 
 def test_without_a_trial_the_training_views_tell() -> None:

@@ -30,17 +30,20 @@ from splatreel.scene.gaussians import Gaussians
 from splatreel.scene.group import Group
 from splatreel.scene.static_points import StaticPoints
 
-GAIN = 0.04
+GAIN = 0.03
 """Decibels that 10 % more bytes of the reel must gain in a held-out view."""
 GROUPS = 2
 """Groups that a layer is assumed to be visible in: it is encoded before the length of the film is known."""
 MOVING_BYTES = 3.0
 """Bytes of a dynamic point in one group, as a multiple of those of a static point."""
-HELD_OUT_SHARE = {"rest": 0.5, "shade": 0.5}
+LEAST_MOVING = 0.1
+"""Least number of dynamic points per static point that a layer is taken to share the reel with. The layer that all chapters of a long
+video share is encoded before any dynamic point is known."""
+HELD_OUT_SHARE = {"rest": 0.25, "shade": 0.25}
 """Share of an attribute's error in training views that held-out views see; 1 for all others. Training fits view-dependent color and
 shade to the training views, noise included, and coarser steps remove some of that noise."""
 UNTRIED = 2.0
-"""Squared error of held-out views as a multiple of the training views', where no trial measured it."""
+"""Squared error of held-out views as a multiple of that of training views, where no trial measured it."""
 RATIO = 1.5
 """Factor between the two sets of steps that are compared."""
 LEAST_SAVED = 0.03
@@ -89,6 +92,7 @@ def encode_layer(
     data: GroupInput,
     points: Gaussians,
     others: Gaussians,
+    moving: int,
     importance: np.ndarray,
     trial: Trial | None,
 ) -> tuple[Encoded, Steps]:
@@ -99,13 +103,16 @@ def encode_layer(
         data: Training views of the group.
         points: Static points of the new layer.
         others: All other points that are visible in the first frame.
+        moving: How many of `others` are dynamic.
         importance: [N, 3], as of `ReelEncoder.layer`.
         trial: Measured quality of a held-out view; None if there was no trial.
 
     Returns:
         The result of `ReelEncoder.layer`, and the steps that it used.
     """
-    share = 1 / (1 + GROUPS * MOVING_BYTES * len(others) / max(len(points), 1))
+    moving = max(moving, round(LEAST_MOVING * len(points)))
+    reel = len(points) + len(others) + (GROUPS * MOVING_BYTES - 1) * moving
+    share = len(points) / max(reel, 1.0)
     steps = _choose(encoder, data, _Layer(data, points, others, importance), trial, share)
     return encoder.layer(data.span.index, data.span.first, points, importance, steps), steps
 
@@ -132,7 +139,8 @@ def encode_group(
         The result of `ReelEncoder.group`, and the steps that it used.
     """
     subject = _Group(data, group, static.points[group.alive], importance)
-    share = 1 / (1 + len(subject.resting) / (GROUPS * MOVING_BYTES * max(len(group.dynamic), 1)))
+    moving = GROUPS * MOVING_BYTES * len(group.dynamic)
+    share = moving / max(moving + len(subject.resting), 1.0)
     steps = _choose(encoder, data, subject, trial, share)
     return encoder.group(group, importance, steps), steps
 
@@ -195,12 +203,20 @@ def _views(data: GroupInput, number: int, count: int) -> list[int]:
 
 
 def _choose(encoder: ReelEncoder, data: GroupInput, subject: Subject, trial: Trial | None, share: float) -> Steps:
-    """Return the steps of a file. They hold at the default coarseness; another coarseness multiplies them."""
+    """Return the steps of a file. They are chosen for the default coarseness; another coarseness multiplies them.
+
+    Args:
+        encoder: Encoder of the reel.
+        data: Training views.
+        subject: Layer or group.
+        trial: As of `encode_layer`.
+        share: Share of the file in the bytes that the reel spends per group it is visible in.
+    """
     if encoder.config.codec != "predictive":
         return STEPS
     config = replace(encoder.config, coarseness=EncodeConfig().coarseness)
     trained = [_draw(data, points, view) for _, view, points in subject.as_trained()]
-    if not trained:
+    if not trained or not share:
         return STEPS
     held_out = _held_out_error(data, subject, trained, trial)
     steps = STEPS
@@ -238,16 +254,16 @@ def equal_slopes(steps: Steps, slopes: dict[str, Slope], price: float) -> Steps:
 
 
 def _held_out_error(data: GroupInput, subject: Subject, trained: list[np.ndarray], trial: Trial | None) -> float:
-    """Estimate the mean squared error of held-out views: that of the trial, at least that of the training views.
+    """Estimate the mean squared error of held-out views.
 
-    The trial is small and quick, so it overestimates the error. Where the trial is much worse than the training views, the points fit
-    noise of the training views, and held-out views see only a part of what quantization does to it. Both effects cancel.
+    The trial is small and quick and overestimates it; the training views underestimate it. The estimate is their geometric mean, at
+    least the training views' error.
     """
     errors = []
     for (frame, view, _), image in zip(subject.as_trained(), trained, strict=True):
         errors.append(np.square(image - data.images[frame, view] / np.float32(255)).mean())
     error = float(np.mean(errors))
-    return UNTRIED * error if trial is None else max(error, 10 ** (-trial.psnr / 10))
+    return UNTRIED * error if trial is None else max(error, math.sqrt(error * 10 ** (-trial.psnr / 10)))
 
 
 @torch.no_grad()
