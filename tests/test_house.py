@@ -15,7 +15,7 @@ SOURCE = ROOT / "src" / "splatreel"
 PYTHON_FILES = sorted(p for d in ("src", "tests", "benchmarks") for p in (ROOT / d).rglob("*.py"))
 TYPESCRIPT_FILES = sorted((ROOT / "player" / "src").rglob("*.ts"))
 RUNGS = {
-    **dict.fromkeys(("errors", "config", "process", "progress", "threads"), 0),
+    **dict.fromkeys(("errors", "cgroups", "config", "process", "progress", "threads"), 0),
     "scene": 1,
     "storage": 2,
     **dict.fromkeys(("codec", "kernels", "capture"), 3),
@@ -28,6 +28,7 @@ RUNGS = {
 }
 WITHOUT_TORCH = (
     "errors",
+    "cgroups",
     "config",
     "process",
     "progress",
