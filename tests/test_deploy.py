@@ -8,6 +8,8 @@ from pathlib import Path
 
 import pytest
 
+from splatreel.cli.main import main
+
 DEPLOY = Path(__file__).parent.parent / "deploy"
 SBATCH = """#!/bin/bash
 printf '%s\\0' "$@" >> "$SUBMITTED"
@@ -35,3 +37,42 @@ def test_the_script_for_slurm_passes_its_arguments_on(tmp_path: Path) -> None:
     assert wrapped == [["splatreel", "reconstruct", *given, "--job", job] for job in ("scene", "chapter", "finish")]
     assert "--array=0-6" in jobs[1]
     assert ["--kill-on-invalid-dep=yes" in job for job in jobs] == [False, True, True]
+
+
+def commands() -> list[list[str]]:
+    """The arguments of `splatreel` in all descriptions of jobs."""
+    yaml = pytest.importorskip("yaml")
+    found = []
+    for file in sorted((DEPLOY / "kubernetes").glob("*.yaml")):
+        for document in yaml.safe_load_all(file.read_text(encoding="utf-8")):
+            if document["kind"] == "RayJob":
+                found.append(shlex.split(document["spec"]["entrypoint"])[1:])
+            else:
+                found += [pod["args"] for pod in document["spec"]["template"]["spec"]["containers"]]
+    return found
+
+
+def test_jobs_of_kubernetes_give_arguments_that_the_command_takes(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Whatever is wrong with them ends with 2; here only the capture is missing."""
+    assert len(commands()) == 4
+    for command in commands():
+        places = {
+            "/data/capture": "missing",
+            "s3://BUCKET/capture": "missing",
+            "/data/out": "out",
+            "s3://BUCKET/run": "out",
+        }
+        given = [str(tmp_path / places[word]) if word in places else word for word in command]
+        given = [word.replace("$(JOB_COMPLETION_INDEX)", "3") for word in given]
+        assert main(given) == 1, command
+        assert "missing: is not a folder" in capsys.readouterr().err
+
+
+def test_an_indexed_job_has_as_many_tasks_as_its_command_says() -> None:
+    yaml = pytest.importorskip("yaml")
+    documents = yaml.safe_load_all((DEPLOY / "kubernetes" / "chapters.yaml").read_text(encoding="utf-8"))
+    (indexed,) = [d for d in documents if d["spec"].get("completionMode") == "Indexed"]
+    (args,) = [pod["args"] for pod in indexed["spec"]["template"]["spec"]["containers"]]
+    assert args[args.index("--chapter") + 1] == f"$(JOB_COMPLETION_INDEX)/{indexed['spec']['completions']}"
