@@ -15,7 +15,9 @@ SOURCE = ROOT / "src" / "splatreel"
 PYTHON_FILES = sorted(p for d in ("src", "tests", "benchmarks") for p in (ROOT / d).rglob("*.py"))
 TYPESCRIPT_FILES = sorted((ROOT / "player" / "src").rglob("*.ts"))
 RUNGS = {
-    **dict.fromkeys(("child_process", "compile_cache", "errors", "config", "jit", "process", "progress", "threads"), 0),
+    **dict.fromkeys(
+        ("cgroups", "child_process", "compile_cache", "errors", "config", "jit", "process", "progress", "threads"), 0
+    ),
     "scene": 1,
     "storage": 2,
     **dict.fromkeys(("codec", "kernels", "capture"), 3),
@@ -30,6 +32,7 @@ WITHOUT_TORCH = (
     "child_process",
     "compile_cache",
     "errors",
+    "cgroups",
     "config",
     "jit",
     "process",

@@ -14,14 +14,17 @@ from contextlib import contextmanager
 from queue import SimpleQueue
 from typing import Any
 
+from splatreel.cgroups import cpu_quota
 from splatreel.errors import UsageError
 
 _limit: int | None = None
 
 
 def available() -> int:
-    """Return the number of processor cores that this process may use."""
-    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+    """Return the number of processor cores that this process may use, by its affinity and its share of their time."""
+    cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+    quota = cpu_quota()
+    return cores if quota is None else max(1, min(cores, int(quota)))
 
 
 def count() -> int:

@@ -1,12 +1,16 @@
 """`splatreel reconstruct --estimate`."""
 
 import re
+from contextlib import nullcontext
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
+from splatreel import threads
 from splatreel.cli.main import main
+from splatreel.recon.machines import ray_cluster
 from splatreel.recon.run import machine_speed, memory
 from splatreel.recon.run.processor import describe_processor
 from tests.capture import folders
@@ -66,7 +70,27 @@ def test_too_little_memory_is_refused(
     assert not Path("out").exists()
 
 
-def test_only_of_this_machine(scene: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    assert estimate("--job", "scene") == 2
-    assert capsys.readouterr().err.startswith("Error: --estimate is of runs on this machine alone. Leave out --job.")
-    assert estimate("--workers", "1") == 0
+def test_what_the_tasks_of_a_batch_system_take(scene: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    small = ("--set", "group.length=1", "--set", "group.overlap=0", "--set", "chapter_frames=1")
+    assert estimate("--threads", "1", "--job", "chapter", *small) == 0  # of no task of an array
+    first, scene_job, chapter, _, task, array = capsys.readouterr().out.splitlines()
+    assert first == "scene: 3 frames of 3 cameras, 48x32, 3 chapters. If nothing else runs:"
+    assert re.fullmatch(r"  --job scene    about [\d.]+ s", scene_job)
+    assert re.fullmatch(r"  --job chapter  about [\d.]+ s a chapter", chapter)
+    assert re.fullmatch(r"Each task: 1 thread as fast as here; about 0\.\d GB of memory, such as --mem=1G\.", task)
+    assert array.startswith("Array: up to 3 tasks (--array=0-2); with all at once the reel takes about ")
+    assert not Path("out").exists()
+    assert estimate("--follow") == 2
+    assert "--estimate is of captures that are complete" in capsys.readouterr().err
+
+
+def test_what_a_cluster_takes(scene: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(threads, "_limit", None)
+    node = {"Alive": True, "Resources": {"CPU": 2, "memory": 64 << 30}}
+    monkeypatch.setattr(ray_cluster, "connected", lambda _: nullcontext(SimpleNamespace(nodes=lambda: [node, node])))
+    small = ("--set", "group.length=1", "--set", "group.overlap=0", "--set", "chapter_frames=1")
+    assert estimate("--cluster", "auto", *small) == 0
+    shown = capsys.readouterr().out
+    assert re.search(r"the scene      about [\d.]+ s on a node, with 2 threads\n", shown)
+    assert re.search(r"all            about [\d.]+ s, with 3 of 3 chapters at a time\n", shown)
+    assert re.search(r"Memory: about 0\.\d GB for each of them\.\n", shown)

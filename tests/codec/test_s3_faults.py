@@ -74,6 +74,15 @@ def server() -> Iterator[tuple[str, Faults]]:
         running.stop()
 
 
+@pytest.fixture(autouse=True)
+def no_shared_clients() -> Iterator[None]:
+    """fsspec keeps clients by their arguments, which do not name the server: other tests would be sent to this one."""
+    s3fs = pytest.importorskip("s3fs")
+    s3fs.S3FileSystem.clear_instance_cache()
+    yield
+    s3fs.S3FileSystem.clear_instance_cache()
+
+
 @pytest.fixture
 def faulty(server: tuple[str, Faults], monkeypatch: pytest.MonkeyPatch) -> tuple[Bucket, Faults]:
     boto3 = pytest.importorskip("boto3")

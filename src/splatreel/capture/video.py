@@ -113,7 +113,12 @@ class VideoFile:
                 return scan(container, stream, self._size(), cast(InputContainer, index))
 
     def _size(self) -> int:
-        return self.path.stat().st_size
+        try:
+            return self.path.stat().st_size
+        except OSError as error:
+            raise CaptureError(
+                f"{self.path}: cannot be read ({error.strerror}). Put it back, or leave the camera out."
+            ) from error
 
     def _starts(self, first: int) -> Iterator[int | None]:
         """Yield where to begin decoding for a frame: where the last read ended (None), the keyframe before, then earlier ones.

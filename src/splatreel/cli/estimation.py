@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import TYPE_CHECKING
 
 from splatreel.cli.output import counted
@@ -10,6 +11,7 @@ from splatreel.progress import format_seconds
 if TYPE_CHECKING:
     from splatreel.recon.jobs import ChapteredRun
     from splatreel.recon.machines.estimate import Estimate
+    from splatreel.recon.machines.ray_cluster import ClusterOptions
     from splatreel.recon.machines.run_spec import RunSpec
 
 STAGES = {
@@ -35,6 +37,65 @@ def estimated(spec: RunSpec, workers: int | None) -> str:
         found = estimate(run, division_of(run, workers), measure_speed(run.device))
         processor = f"Processor: {describe_processor()}."
         return "\n".join([_time(run, found), *_stages(found), processor, *_memory(run, found), *_notes(run)])
+
+
+def estimated_jobs(spec: RunSpec) -> str:
+    """Time, memory and number of the tasks of a batch system, in lines. Writes nothing; raises as `estimated` does."""
+    from splatreel import threads
+    from splatreel.recon.machines.estimate import estimate_jobs
+    from splatreel.recon.run.machine_speed import measure_speed
+
+    with spec.opened() as run:
+        count = threads.count()
+        found = estimate_jobs(run, count, count, None, measure_speed(run.device))
+        gibibytes = math.ceil(1.2 * found.memory / 2**30)
+        return "\n".join(
+            [
+                _what(run, found.chapters),
+                f"  --job scene    about {_rounded(found.scene)}" if found.scene else "  --job scene    nothing to do",
+                f"  --job chapter  about {_rounded(found.chapter)} a chapter",
+                "  --job finish   about a minute",
+                f"Each task: {counted(count, 'thread')} as fast as here; about {found.memory / 1e9:.1f} GB of memory, such as "
+                f"--mem={gibibytes}G.",
+                f"Array: up to {counted(found.chapters, 'task')} (--array=0-{found.chapters - 1}); with all at once the reel takes "
+                f"about {_rounded(found.total)}.",
+                *_notes(run),
+            ]
+        )
+
+
+def estimated_on_cluster(spec: RunSpec, address: str, options: ClusterOptions) -> str:
+    """Time and memory on a Ray cluster as it is now, in lines. Writes nothing; raises as `estimated` does, and `UsageError`."""
+    from splatreel.recon.machines.estimate import estimate_jobs
+    from splatreel.recon.machines.ray_cluster import connected
+    from splatreel.recon.machines.ray_nodes import share_nodes
+    from splatreel.recon.run.machine_speed import measure_speed
+    from splatreel.recon.run.memory import needed_memory
+
+    with connected(address) as ray, spec.opened() as run:
+        need = needed_memory(run.capture, run.config)
+        plan = share_nodes(ray.nodes(), len(run.chapters), spec.device, need, options.threads)
+        scene, chapter = plan.scene.cores, plan.chapter.cores
+        found = estimate_jobs(run, scene, chapter, plan.at_once, measure_speed(run.device))
+        shown = f"  the scene      about {_rounded(found.scene)} on a node, with {counted(scene, 'thread')}"
+        return "\n".join(
+            [
+                _what(run, found.chapters),
+                *([shown] if found.scene else []),
+                f"  a chapter      about {_rounded(found.chapter)}, with {counted(chapter, 'thread')}",
+                f"  all            about {_rounded(found.total)}, with {found.at_once} of {found.chapters} chapters at a time",
+                f"Memory: about {found.memory / 1e9:.1f} GB for each of them.",
+                *_notes(run),
+            ]
+        )
+
+
+def _what(run: ChapteredRun, chapters: int) -> str:
+    capture = run.capture
+    return (
+        f"{capture.path}: {counted(capture.frames, 'frame')} of {counted(len(capture.training_cameras), 'camera')}, "
+        f"{capture.width}x{capture.height}, {counted(chapters, 'chapter')}. If nothing else runs:"
+    )
 
 
 def _time(run: ChapteredRun, found: Estimate) -> str:

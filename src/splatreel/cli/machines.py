@@ -46,8 +46,8 @@ class Machines:
         given = [name for name, value in ways.items() if value is not None]
         if len(given) > 1:
             raise UsageError(f"{' and '.join(given)} exclude each other. Give one of them.")
-        if estimate and given and self.workers is None:
-            raise UsageError(f"--estimate is of runs on this machine alone. Leave out {given[0]}.")
+        if estimate and follow:
+            raise UsageError("--estimate is of captures that are complete. Leave out --follow.")
         if self.cluster_retries < 0:
             raise UsageError(f"--cluster-retries {self.cluster_retries}: give 0 or more.")
         if not 0 <= self.cluster_wait < math.inf:
@@ -59,7 +59,8 @@ class Machines:
                 f"--out {out}: is no folder of this machine, which only --cluster writes to. Choose a folder, and copy the reel "
                 "there while it grows with --publish."
             )
-        self.share()
+        if not estimate:
+            self.share()
 
     def share(self) -> Share | None:
         """Which chapters a job makes, if it makes any. Raises `UsageError` where nobody says."""
@@ -105,11 +106,14 @@ class Machines:
         return playable(reconstruct_here(spec, workers=self.workers, progress=progress, present=present).reel)
 
     def estimated(self, source: CaptureSource, config: Config, sound: str, device: str) -> str:
-        """How long that would take on this machine, and how much memory, in lines."""
-        from splatreel.cli.estimation import estimated
+        """Return how long that would take, and how much memory, in lines: here, by a batch system, or on a cluster."""
+        from splatreel.cli import estimation
         from splatreel.recon.machines.run_spec import RunSpec
 
-        return estimated(RunSpec(source, Path("OUT"), config, sound, device), self.workers)
+        spec = RunSpec(source, Path("OUT"), config, sound, device)
+        if self.cluster is not None:
+            return estimation.estimated_on_cluster(spec, self.cluster, self._cluster_options())
+        return estimation.estimated(spec, self.workers) if self.job is None else estimation.estimated_jobs(spec)
 
     def _on_cluster(self, spec: RunSpec, address: str, out: str, progress: Any, present: Any) -> str:
         from splatreel.recon.machines.ray_cluster import reconstruct_on_cluster

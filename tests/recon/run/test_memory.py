@@ -3,6 +3,7 @@ from typing import Any
 
 import pytest
 
+from splatreel import cgroups
 from splatreel.config import Config, preset
 from splatreel.errors import ReconstructionError
 from splatreel.recon.run import memory
@@ -74,7 +75,9 @@ def test_no_width_is_wider_than_the_pictures() -> None:
 
 
 def test_the_limit_of_a_container_counts(monkeypatch: pytest.MonkeyPatch, tmp_path: Any) -> None:
-    monkeypatch.setattr(memory, "CONTAINER", tmp_path)
+    monkeypatch.setattr(cgroups, "MOUNTED", tmp_path)
+    monkeypatch.setattr(cgroups, "OWN", tmp_path / "own")
+    (tmp_path / "own").write_text("0::/\n")
     monkeypatch.setattr(memory, "physical_memory", lambda: 8 << 30)
     assert memory.total_memory() == 8 << 30
     (tmp_path / "memory.max").write_text("max\n")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -67,6 +68,60 @@ def estimate(run: ChapteredRun, division: Division, speed: MachineSpeed, moving:
     seconds = together([seconds, pace.chapters(of_all, len(run.chapters), division)])
     memory = need if division.workers == 1 else round(division.workers * need + PROCESS)
     return Estimate(seconds, memory, moving, division)
+
+
+@dataclass(frozen=True)
+class JobsEstimate:
+    """What the jobs of a run of several chapters take, each on a machine as fast as this one.
+
+    Attributes:
+        scene: Seconds of the job that makes what chapters share; 0 for a video of one chapter, which has none.
+        chapter: Seconds of the longest chapter.
+        total: Seconds of the whole run.
+        memory: Bytes of a job.
+        chapters: How many there are.
+        at_once: Chapters that are made at a time.
+    """
+
+    scene: float
+    chapter: float
+    total: float
+    memory: int
+    chapters: int
+    at_once: int
+
+
+def estimate_jobs(
+    run: ChapteredRun,
+    scene_threads: int,
+    threads: int,
+    at_once: int | None,
+    speed: MachineSpeed,
+    moving: float | None = None,
+) -> JobsEstimate:
+    """Return what the jobs of a batch system or a cluster take.
+
+    Args:
+        run: The run.
+        scene_threads: Threads of the scene's job.
+        threads: Threads of a chapter's job.
+        at_once: Chapters at a time; None: all.
+        speed: Of this machine, by `measure_speed`.
+        moving: The share of the pixels that change in a group, if that is known.
+    """
+    capture, config = run.capture, run.config
+    moving = moving_share(capture, run.groups[0].count) if moving is None else moving
+    cameras = capture.training_cameras
+    shooting = Shooting(capture.width * capture.height / 1e6, len(cameras), moving, facing(cameras))
+    pace, count = _Pace(speed, trains_on_gpu=run.device.type == "cuda"), len(run.chapters)
+    scene, parts = 0.0, [sequence_seconds(shooting, run.groups, config)]
+    if count > 1:
+        scene = sum(pace.job(scene_seconds(shooting, config), SERIAL_SCENE, scene_threads).values())
+        parts = [chapter_seconds(shooting, chapter.groups, config) for chapter in run.chapters]
+    chapter = max(sum(pace.job(part, SERIAL_CHAPTER, threads).values()) for part in parts)
+    at_once = min(at_once or count, count)
+    total = scene + math.ceil(count / at_once) * chapter
+    return JobsEstimate(scene, chapter, total, needed_memory(capture, config), count, at_once)
 
 
 def moving_share(capture: Capture, frames: int) -> float:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 from pathlib import Path
 
+from splatreel import cgroups
 from splatreel.capture.base import Capture
 from splatreel.config import Config
 from splatreel.errors import ReconstructionError
@@ -19,7 +20,6 @@ PIXEL = 620.0
 """Bytes for each pixel of one picture, while a step is trained."""
 POINT = 1500.0
 """Bytes for each point: 59 numbers and their gradients, what Adam knows of them, a copy to go back to, and what is passing."""
-CONTAINER = Path("/sys/fs/cgroup")
 FITS = 0.8
 """Share of the memory that a recommended size takes: other programs want the rest."""
 NARROWEST = 64
@@ -36,13 +36,13 @@ def physical_memory() -> int | None:
 
 def total_memory() -> int | None:
     """Bytes that programs may take when nothing else runs, of the machine or of the container; None where nobody tells."""
-    found = [room for room in (physical_memory(), _limit_of_container()) if room is not None]
+    found = [room for room in (physical_memory(), cgroups.memory_limit()) if room is not None]
     return min(found) if found else None
 
 
 def free_memory() -> int | None:
     """Bytes that programs may still take, of the machine or of the container that this one runs in; None where nobody tells."""
-    found = [room for room in (_free_of_machine(), _free_of_container()) if room is not None]
+    found = [room for room in (_free_of_machine(), cgroups.free_memory()) if room is not None]
     return min(found) if found else None
 
 
@@ -52,28 +52,6 @@ def _free_of_machine() -> int | None:
         return next(int(line.split()[1]) * 1024 for line in lines if line.startswith("MemAvailable:"))
     except (OSError, ValueError, StopIteration):
         return None
-
-
-def _limit_of_container() -> int | None:
-    """By control groups, version 2; None where there is no limit."""
-    try:
-        return int((CONTAINER / "memory.max").read_text(encoding="ascii"))
-    except (OSError, ValueError):
-        return None
-
-
-def _free_of_container() -> int | None:
-    """What the limit leaves, and pages of files, which are given up first."""
-    most = _limit_of_container()
-    if most is None:
-        return None
-    try:
-        held = int((CONTAINER / "memory.current").read_text(encoding="ascii"))
-        lines = (CONTAINER / "memory.stat").read_text(encoding="ascii").splitlines()
-        files = sum(int(line.split()[1]) for line in lines if line.startswith(("inactive_file ", "active_file ")))
-    except (OSError, ValueError):
-        return None
-    return max(most - held + files, 0)
 
 
 def needed_memory(capture: Capture, config: Config) -> int:
