@@ -113,7 +113,9 @@ def estimate_jobs(
     moving = moving_share(capture, run.groups[0].count) if moving is None else moving
     cameras = capture.training_cameras
     shooting = Shooting(capture.width * capture.height / 1e6, len(cameras), moving, facing(cameras))
-    pace, count = _Pace(speed, trains_on_gpu=run.device.type == "cuda"), len(run.chapters)
+    trained = min(shooting.megapixels, config.training_megapixels or shooting.megapixels)
+    pace = _Pace(speed.training(trained), speed.other, trains_on_gpu=run.device.type == "cuda")
+    count = len(run.chapters)
     scene, parts = 0.0, [sequence_seconds(shooting, run.groups, config)]
     if count > 1:
         scene = sum(pace.job(scene_seconds(shooting, config), SERIAL_SCENE, scene_threads).values())
