@@ -190,13 +190,18 @@ class Capture(ABC):
 
     def read(self, first: int, count: int, cameras: list[str]) -> np.ndarray:
         """Frames first .. first + count - 1, counted within the chosen range, as uint8 [count, len(cameras), H, W, 3] sRGB."""
+        out = np.empty((max(count, 0), len(cameras), self.height, self.width, 3), np.uint8)
+        self.read_into(out, first, cameras)
+        return out
+
+    def read_into(self, out: np.ndarray, first: int, cameras: list[str]) -> None:
+        """Read as `read` does, into an array."""
+        count = len(out)
         if first < 0 or count < 1 or first + count > self.frames:
             raise CaptureError(f"{self.path}: frames {first}:{first + count} asked for, there are 0:{self.frames}.")
         for name in cameras:
             self.camera(name)
-        out = np.empty((count, len(cameras), self.height, self.width, 3), np.uint8)
         self._read_into(out, self.first_frame + first, cameras)
-        return out
 
     @abstractmethod
     def _read_into(self, out: np.ndarray, first: int, cameras: list[str]) -> None:

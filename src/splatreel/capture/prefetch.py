@@ -9,6 +9,7 @@ from threading import Event
 import numpy as np
 
 from splatreel.capture.base import Capture
+from splatreel.capture.frame_file import frame_array, give_back
 
 CHUNK = 4
 """Frames decoded before a thread looks whether it is still wanted: Ctrl-C does not wait for a whole stretch."""
@@ -19,8 +20,8 @@ class FramePrefetcher:
 
     stretches: (first, count) frames; they may be known one after the other: they are taken in the thread, where waiting for the next
     one disturbs nobody. ahead: False begins with the next stretch only when it is asked for. shared: frames at the end of a stretch
-    that are kept for the next one, which begins with them. Yields uint8 [count, len(cameras), H, W, 3]. At most two stretches are in
-    memory: the one in use and the next. Raises where it is iterated what the capture raises. Use as a context manager.
+    that are kept for the next one, which begins with them. Yields uint8 [count, len(cameras), H, W, 3] (`frame_array`). At most two
+    stretches are held: the one in use and the next. Raises where it is iterated what the capture raises. Use as a context manager.
     """
 
     def __init__(
@@ -60,7 +61,7 @@ class FramePrefetcher:
 
     def _read(self, first: int, count: int) -> np.ndarray:
         source = self.capture
-        frames = np.empty((count, len(self.cameras), source.height, source.width, 3), np.uint8)
+        frames = frame_array((count, len(self.cameras), source.height, source.width, 3))
         begin, kept = self._kept
         known = max(min(begin + len(kept) - first, count), 0) if begin <= first else 0
         frames[:known] = kept[first - begin :][:known] if known else 0
@@ -68,7 +69,8 @@ class FramePrefetcher:
             if self._left.is_set():
                 raise CancelledError
             part = min(CHUNK, count - at)
-            frames[at : at + part] = source.read(first + at, part, self.cameras)
+            source.read_into(frames[at : at + part], first + at, self.cameras)
+            give_back(frames)
         shared = min(self.shared, count)
         self._kept = first + count - shared, frames[count - shared :].copy()  # the caller changes what it gets
         return frames

@@ -8,6 +8,7 @@ import cv2
 import numpy as np
 
 from splatreel import threads
+from splatreel.capture.frame_file import give_back
 
 MIN_DIFFERENCE = 8 / 255
 """Mean absolute difference of the colors around a pixel, 0..1, from which on it counts as changed."""
@@ -30,8 +31,14 @@ def difference(frame: np.ndarray, first: np.ndarray) -> np.ndarray:
 
 def changes(frames: np.ndarray) -> np.ndarray:
     """[C, H, W] bool: where a camera's picture is at some frame not what it was at the first. frames: [T, C, H, W, 3] uint8."""
+
+    def of(camera: int) -> np.ndarray:
+        found = _changes(frames[:, camera])
+        give_back(frames)
+        return found
+
     with ThreadPoolExecutor(threads.count()) as pool:
-        return np.stack(list(pool.map(lambda camera: _changes(frames[:, camera]), range(frames.shape[1]))))
+        return np.stack(list(pool.map(of, range(frames.shape[1]))))
 
 
 def _changes(frames: np.ndarray) -> np.ndarray:

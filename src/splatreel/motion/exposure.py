@@ -13,6 +13,7 @@ import cv2
 import numpy as np
 
 from splatreel import threads
+from splatreel.capture.frame_file import give_back
 
 BLOCKS = 40
 """Blocks along the longer side of a picture, whose means are compared: noise is gone, and what moves spoils few."""
@@ -49,7 +50,9 @@ def exposures(frames: np.ndarray, reference: np.ndarray | None = None) -> tuple[
     """
 
     def of(camera: int) -> np.ndarray:
-        return _changes(frames[:, camera], None if reference is None else reference[camera])
+        found = _changes(frames[:, camera], None if reference is None else reference[camera])
+        give_back(frames)
+        return found
 
     with ThreadPoolExecutor(threads.count()) as pool:
         changes = np.stack(list(pool.map(of, range(frames.shape[1]))), 1)
@@ -61,7 +64,9 @@ def even_out(frames: np.ndarray, change: np.ndarray) -> None:
     """Take changes out of frames, in place. frames: [T, C, H, W, 3] uint8. change: [T, C, 3] logarithms."""
     levels = np.arange(256)[:, None]
     white = 1 - np.clip((255 - levels) / (255 - SHOULDER), 0, 1)
-    for t, c in np.argwhere(np.any(change != 0, 2)):
+    for number, (t, c) in enumerate(np.argwhere(np.any(change != 0, 2))):
+        if number % frames.shape[1] == 0:
+            give_back(frames)
         fade = 1 - white * np.interp(np.abs(change[t, c]).max(), DAZZLING, (1, 0))
         table = np.rint(levels * (1 + fade * np.expm1(-change[t, c]))).clip(0, 255).astype(np.uint8)
         frames[t, c] = cv2.LUT(frames[t, c], table[None])

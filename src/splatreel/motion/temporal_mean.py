@@ -7,6 +7,7 @@ from concurrent.futures import ThreadPoolExecutor
 import numpy as np
 
 from splatreel import threads
+from splatreel.capture.frame_file import give_back
 from splatreel.motion.change import difference
 
 SAME = 8 / 255
@@ -20,8 +21,14 @@ def temporal_mean(frames: np.ndarray) -> np.ndarray:
     changes of light, which static points cannot follow, are met in their middle; what moves is left as it was. A frame weighs by
     Tukey's bisquare of its difference: 1 where it is none, 0 from `SAME` on.
     """
+
+    def of(camera: int) -> np.ndarray:
+        found = _temporal_mean(frames[:, camera])
+        give_back(frames)
+        return found
+
     with ThreadPoolExecutor(threads.count()) as pool:
-        return np.stack(list(pool.map(lambda camera: _temporal_mean(frames[:, camera]), range(frames.shape[1]))))
+        return np.stack(list(pool.map(of, range(frames.shape[1]))))
 
 
 def _temporal_mean(frames: np.ndarray) -> np.ndarray:

@@ -10,6 +10,7 @@ import numpy as np
 import torch
 
 from splatreel import threads
+from splatreel.capture.frame_file import frame_array, give_back
 from splatreel.kernels.image import Backdrop, render_image
 from splatreel.recon.init.layout import Layout
 from splatreel.scene.camera import Camera
@@ -64,10 +65,11 @@ class GroupInput:
         size = cameras[0].width, cameras[0].height
         if size == (self.cameras[0].width, self.cameras[0].height):
             return self
-        images = np.empty((*self.images.shape[:2], size[1], size[0], 3), np.uint8)
+        images = frame_array((*self.images.shape[:2], size[1], size[0], 3))
         pairs = zip(self.images.reshape(-1, *self.images.shape[2:]), images.reshape(-1, *images.shape[2:]), strict=True)
         with ThreadPoolExecutor(threads.count()) as pool:
             list(pool.map(lambda pair: cv2.resize(pair[0], size, dst=pair[1], interpolation=cv2.INTER_AREA), pairs))
+        give_back(self.images)
         return replace(self, images=images, cameras=cameras)
 
     def draw(self, points: Gaussians, camera: Camera) -> np.ndarray:

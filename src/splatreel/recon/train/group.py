@@ -27,6 +27,8 @@ from splatreel.recon.train.render import StaticCache, draw, moving_tiles
 from splatreel.recon.train.schedule import FrameSchedule
 from splatreel.scene.static_points import StaticPoints
 
+GIVE_BACK_EVERY = 50
+"""Iterations after which pages of pictures are given back: each looks at one picture, and may meet all of them."""
 SHOW_EVERY = 50
 """Iterations between two that say their loss."""
 
@@ -91,6 +93,8 @@ class GroupTrainer:
         while self.coming and iteration >= self.coming[0][0]:
             self._use(self.coming.pop(0)[1])
         loss, done = self.step(iteration), iteration + 1
+        if done % GIVE_BACK_EVERY == 0:
+            self.pictures.give_back()
         self.recovery.passed(done, loss, self)
         if self.density.update(done, self.pictures):
             self.find_neighbors()

@@ -11,6 +11,7 @@ import torch
 from torch import Tensor
 
 from splatreel import threads
+from splatreel.capture.frame_file import frame_array, give_back
 from splatreel.recon.train.render import View
 
 
@@ -20,6 +21,7 @@ class Pictures:
 
     near: plane before which nothing is drawn; unit: typical viewing distance; both in world units.
     unknown: [C, H, W] bool, of a keyframe, where its pictures mean nothing; None: nowhere.
+    array: the array of `frame_array` that images are a view of, if they are one.
     """
 
     images: Tensor
@@ -27,6 +29,7 @@ class Pictures:
     near: float
     unit: float
     unknown: Tensor | None = None
+    array: np.ndarray | None = None
 
     @property
     def count(self) -> int:
@@ -58,16 +61,29 @@ class Pictures:
             sizes.append((round(end * iterations), shown))
         return sizes[::-1]
 
+    def give_back(self) -> None:
+        """Take the pages of pictures that lie in a file out of this process; they are read again as they are needed."""
+        if self.array is not None:
+            give_back(self.array)
+
     def halved(self) -> Pictures:
         """The same at half size. A frame at a time, into its place: as floats, or in pieces, a group's pictures take much memory."""
         count, cameras, height, width, channels = self.images.shape
-        small = self.images.new_empty(count, cameras, height // 2, width // 2, channels)
+        shape = (count, cameras, height // 2, width // 2, channels)
+        array = None if self.images.is_cuda else frame_array(shape)
+        small = self.images.new_empty(shape) if array is None else torch.from_numpy(array)
+
+        def halve(frame: int) -> None:
+            small[frame].copy_(halved(self.images[frame]))
+            self.give_back()
+
         with ThreadPoolExecutor(threads.count()) as pool:
-            list(pool.map(lambda pair: pair[0].copy_(halved(pair[1])), zip(small, self.images, strict=True)))
+            list(pool.map(halve, range(count)))
         unknown = self.unknown
         if unknown is not None:  # where any of the four pixels is
             unknown = torch.nn.functional.max_pool2d(unknown[:, None].float(), 2)[:, 0] > 0
-        return replace(self, images=small, views=[view.halved() for view in self.views], unknown=unknown)
+        views = [view.halved() for view in self.views]
+        return replace(self, images=small, views=views, unknown=unknown, array=array)
 
 
 def size_ends(megapixels: float, coarse_share: float, afforded: float) -> list[float]:

@@ -79,7 +79,7 @@ def group_trainer(
     time_offsets = TimeOffsets(len(data.cameras), config.group.time_offsets)
     time_offsets.load(data.time_offsets)
     return GroupTrainer(
-        Pictures(images, views, data.near, data.unit),
+        Pictures(images, views, data.near, data.unit, array=None if images.is_cuda else data.images),
         start,
         static,
         config,
