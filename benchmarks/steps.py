@@ -46,9 +46,10 @@ class FirstGroup:
         reader = ReelReader(run / "reel")
         self.store, self.manifest, self.render = Store(run / "work"), reader.manifest, Timeline(reader).render
         self.capture, self.work = capture, self.store.group(0)
-        self.stored, self.layer = self.work.group(), self.work.layer()
-        if self.layer is None:
+        layer = self.work.layer()
+        if layer is None:
             raise SystemExit(f"{run}: its first group has no static points.")
+        self.stored, self.layer = self.work.group(), layer
         self.frames = np.linspace(0, self.stored.group.frames - 1, moments).round().astype(int).tolist()
         self.views = [camera for camera in capture.cameras if camera.name in cameras]
         names = [view.name for view in self.views]
