@@ -1,0 +1,125 @@
+"""Bytes against held-out quality of a finished run's first group, with the steps that it has and with steps chosen anew.
+
+Nothing is trained: the layer and the group are encoded again from their checkpoints, which may be of an earlier version.
+
+python benchmarks/steps.py RUN CAPTURE --name kitchen
+"""
+
+from collections.abc import Iterator
+from dataclasses import asdict
+from pathlib import Path
+
+import numpy as np
+import torch
+import tyro
+
+from record import record
+from splatreel.capture.base import Capture
+from splatreel.capture.opening import open_capture
+from splatreel.codec import group_file
+from splatreel.codec.encoder import ReelEncoder
+from splatreel.codec.predictive.precision import STEPS, Steps
+from splatreel.codec.reader import ReelReader
+from splatreel.config import EncodeConfig
+from splatreel.evaluation.bd_rate import bd_rate
+from splatreel.evaluation.evaluate import reel_width
+from splatreel.evaluation.metrics import psnr, ssim
+from splatreel.play.timeline import Moment, Timeline
+from splatreel.recon.cameras.exposure import take_out
+from splatreel.recon.cameras.group_input import GroupInput
+from splatreel.recon.coverage.coverage import Coverage
+from splatreel.recon.encode.fineness import encode_group, encode_layer
+from splatreel.recon.run.store import Store
+from splatreel.scene.gaussians import Gaussians
+from splatreel.scene.group import Group
+from splatreel.scene.spans import GroupSpan
+from splatreel.scene.static_points import StaticPoints
+
+COARSENESS = EncodeConfig().coarseness
+FACTORS = 1.0, 1.5, 2.2, 3.3
+
+
+class FirstGroup:
+    """The first group of a run and its layer, before encoding, with the pictures of the held-out cameras at some frames."""
+
+    def __init__(self, run: Path, capture: Capture, cameras: list[str], moments: int) -> None:
+        reader = ReelReader(run / "reel")
+        self.store, self.manifest, self.render = Store(run / "work"), reader.manifest, Timeline(reader).render
+        self.capture, self.work = capture, self.store.group(0)
+        layer = self.work.layer()
+        if layer is None:
+            raise SystemExit(f"{run}: its first group has no static points.")
+        self.stored, self.layer = self.work.group(), layer
+        self.frames = np.linspace(0, self.stored.group.frames - 1, moments).round().astype(int).tolist()
+        self.views = [camera for camera in capture.cameras if camera.name in cameras]
+        names = [view.name for view in self.views]
+        self.truths = [capture.read(frame, 1, names)[0].astype(np.float32) / 255 for frame in self.frames]
+
+    def choose(self) -> tuple[Steps, Steps]:
+        """Return the steps of the layer and of the group that this revision chooses."""
+        names, group = [camera.name for camera in self.manifest.cameras], self.stored.group
+        images = np.ascontiguousarray(self.capture.read(0, group.frames, names))
+        if (exposure := self.work.exposure()) is not None:
+            take_out(images, exposure)
+        span, late = GroupSpan(0, 0, group.frames, group.frames), np.zeros(len(names))
+        gains, layout, cpu = self.work.keyframe().gains, self.store.layout(), torch.device("cpu")
+        cameras, antialias = list(self.manifest.cameras), self.manifest.antialias
+        data = GroupInput(span, images, cameras, gains, late, group.light, layout, cpu, 0, antialias)
+        coverage: Coverage | None = self.store.coverage()
+        trial, encoder = coverage and coverage.trial, ReelEncoder(EncodeConfig())
+        points, moving = self.layer.trained, group.at(0.0)
+        importance = self.layer.importance, self.stored.importance
+        layer = encode_layer(encoder, data, points, moving, len(moving), importance[0], trial)[1]
+        return layer, encode_group(encoder, data, group, StaticPoints(points, group.alive), importance[1], trial)[1]
+
+    def measure(self, layer: Steps, group: Steps, factor: float) -> dict:
+        """Encode, decode and compare with the held-out cameras. factor: on all steps."""
+        config = EncodeConfig(coarseness=COARSENESS * factor)
+        still, order = group_file.encode_layer(0, 0, self.layer.trained, config, self.layer.importance, layer)
+        moving, _ = group_file.encode_group(self.stored.group, config, self.stored.importance, group)
+        points = group_file.decode_layer(still, "layer")[1][np.argsort(order)]
+        sizes = {"bytes": len(still) + len(moving), "layer_bytes": len(still), "group_bytes": len(moving)}
+        return {"factor": factor, **sizes, **self.score(points, group_file.decode_group(moving, "group"))}
+
+    def score(self, points: Gaussians, group: Group) -> dict:
+        """Return the mean PSNR and SSIM over all held-out pictures."""
+        pairs = list(self._pictures(points, group))
+        return {
+            name: round(float(np.mean([measure(*pair) for pair in pairs])), 4)
+            for name, measure in (("psnr", psnr), ("ssim", ssim))
+        }
+
+    def _pictures(self, points: Gaussians, group: Group) -> Iterator[tuple[np.ndarray, np.ndarray]]:
+        for frame, truths in zip(self.frames, self.truths, strict=True):
+            parts = [points[group.alive], group.at(float(frame))]
+            moment = Moment(parts, [True, False], group.light_at(float(frame)))
+            for view, truth in zip(self.views, truths, strict=True):
+                yield np.clip(self.render(moment, view), 0, 1), truth
+
+
+def main(
+    run: tyro.conf.Positional[Path],
+    capture: tyro.conf.Positional[Path],
+    /,
+    name: str,
+    frames: int | None = None,
+    cameras: str | None = None,
+    moments: int = 7,
+    note: str = "",
+) -> None:
+    """Measure and record. frames: of the capture, that the run was made from. cameras: names, by default the held-out ones."""
+    span = None if frames is None else (0, frames)
+    source = open_capture(capture, width=reel_width(run / "reel"), frames=span)
+    found = FirstGroup(run, source, cameras.split(",") if cameras else list(source.held_out), moments)
+    before = found.score(found.layer.trained, found.stored.group)
+    stored, chosen = (found.layer.steps, found.stored.steps), found.choose()
+    old, new = ([found.measure(*steps, factor) for factor in FACTORS] for steps in (stored, chosen))
+    rate = bd_rate(*([(row["bytes"], row["psnr"]) for row in rows] for rows in (old, new)))
+    factors = [{key: round(value / asdict(STEPS)[key], 2) for key, value in asdict(steps).items()} for steps in chosen]
+    values = {"before_encoding": before, "stored_steps": old, "chosen_steps": new, "bd_rate": rate, "factors": factors}
+    print(values)
+    record(f"steps {name}", values, note)
+
+
+if __name__ == "__main__":
+    tyro.cli(main)
