@@ -33,7 +33,8 @@ class Served(NamedTuple):
         begun = time.monotonic()
         asking = http.client.HTTPConnection(*self.address, timeout=120)
         asking.request("GET", "/reel/manifest.json")
-        assert asking.getresponse().read() == (GOLDEN / "manifest.json").read_bytes()
+        answer = asking.getresponse()
+        assert (answer.status, answer.read()) == (200, (GOLDEN / "manifest.json").read_bytes())
         asking.close()
         return time.monotonic() - begun
 

@@ -40,7 +40,7 @@ class Connection(H11Protocol):
         if unsent is not None:
             transport.get_extra_info("socket").setsockopt(socket.IPPROTO_TCP, unsent, _UNSENT)
         self._wait(REQUEST_SECONDS)
-        if self.limit_concurrency is not None and len(self.connections) >= self.limit_concurrency:
+        if self.limit_concurrency is not None and len(self.connections) > self.limit_concurrency // 2:
             self._make_room()
 
     def connection_lost(self, exc: Exception | None) -> None:

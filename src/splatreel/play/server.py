@@ -6,6 +6,7 @@ import logging
 import os
 import socket
 import threading
+import time
 import webbrowser
 from collections.abc import Iterable
 from pathlib import Path
@@ -75,7 +76,7 @@ class Server:
     def wait(self) -> None:
         """Block until `close` is called by another thread, or Ctrl-C."""
         while self._thread.is_alive():
-            self._thread.join(0.5)
+            time.sleep(0.2)  # Python 3.11 takes a thread for ended when Ctrl-C interrupts `join`
 
     def close(self) -> None:
         """Stop answering, also what is being answered, and free the port."""
@@ -151,7 +152,7 @@ def _config(site: WebApp) -> uvicorn.Config:
         access_log=False,
         proxy_headers=False,
         server_header=False,
-        limit_concurrency=_most_connections() + 1,  # those beyond it are not answered; `Connection` makes room before
+        limit_concurrency=2 * _most_connections(),  # beyond it uvicorn answers 503; `Connection` makes room at half of it
         backlog=_BACKLOG,
         timeout_keep_alive=IDLE_SECONDS,
         timeout_graceful_shutdown=_SECONDS_TO_CLOSE,
