@@ -33,7 +33,7 @@ from splatreel.kernels.cpu.project import (
     store_rows,
     store_splats,
 )
-from splatreel.kernels.cpu.rows import stack_floats
+from splatreel.kernels.cpu.rows import choose, stack_floats
 from splatreel.kernels.cpu.scalars import HALF, ONE, TWO, ZERO, F
 
 FINE = F(FINE_BLUR)
@@ -203,7 +203,7 @@ def _antialias_block_backward(splats, d_splats, opaque, d_opaque):
         c = splats[(CONIC + 2) * LANES + lane]
         area = _kept_area(a, b, c)
         root = math.sqrt(area)
-        slope = d_opaque[lane] * opaque[lane] * HALF / root if area > LEAST_AREA else ZERO
+        slope = choose(area > LEAST_AREA, d_opaque[lane] * opaque[lane] * HALF / root, ZERO)
         d_splats[CONIC * LANES + lane] += slope * FINE * (FINE * c - ONE)
         d_splats[(CONIC + 1) * LANES + lane] -= slope * FINE * FINE * TWO * b
         d_splats[(CONIC + 2) * LANES + lane] += slope * FINE * (FINE * a - ONE)

@@ -14,7 +14,7 @@ import numpy as np
 from numba import njit, types
 
 from splatreel.jit import F1, F2, FLOAT, I1, range_kernel
-from splatreel.kernels.cpu.rows import stack_floats
+from splatreel.kernels.cpu.rows import choose, stack_floats
 from splatreel.kernels.cpu.scalars import HALF, ONE, TWO, ZERO, F
 
 LIMITS = types.UniTuple(FLOAT, 4)
@@ -187,7 +187,7 @@ def project_block(points, V, lens, limits, splats):
     for lane in range(LANES):
         X, Y, Z = _to_camera(V, points[lane], points[LANES + lane], points[2 * LANES + lane])
         ahead = near <= Z
-        X, Y, Z = X if ahead else ZERO, Y if ahead else ZERO, Z if ahead else ONE
+        X, Y, Z = choose(ahead, X, ZERO), choose(ahead, Y, ZERO), choose(ahead, Z, ONE)
         w, x, y, z, _ = _unit(points, lane)
         r00, r01, r02, r10, r11, r12, r20, r21, r22 = _rotation(w, x, y, z)
         s0, s1 = points[SCALE * LANES + lane], points[(SCALE + 1) * LANES + lane]
@@ -209,14 +209,14 @@ def project_block(points, V, lens, limits, splats):
         rx, ry = np.ceil(EXTENT * math.sqrt(cxx)), np.ceil(EXTENT * math.sqrt(cyy))
         inside = (px + rx > ZERO) & (px - rx < width) & (py + ry > ZERO) & (py - ry < height)
         seen = ahead & (determinant > ZERO) & inside
-        inverse = ONE / (determinant if determinant > ZERO else ONE)
-        splats[lane] = px if seen else ZERO
-        splats[LANES + lane] = py if seen else ZERO
-        splats[CONIC * LANES + lane] = cyy * inverse if seen else ZERO
-        splats[(CONIC + 1) * LANES + lane] = -cxy * inverse if seen else ZERO
-        splats[(CONIC + 2) * LANES + lane] = cxx * inverse if seen else ZERO
-        splats[DEPTH * LANES + lane] = Z if seen else ZERO
-        splats[RADIUS * LANES + lane] = min(max(rx, ry), F(1e9)) if seen else ZERO
+        inverse = ONE / choose(determinant > ZERO, determinant, ONE)
+        splats[lane] = choose(seen, px, ZERO)
+        splats[LANES + lane] = choose(seen, py, ZERO)
+        splats[CONIC * LANES + lane] = choose(seen, cyy * inverse, ZERO)
+        splats[(CONIC + 1) * LANES + lane] = choose(seen, -cxy * inverse, ZERO)
+        splats[(CONIC + 2) * LANES + lane] = choose(seen, cxx * inverse, ZERO)
+        splats[DEPTH * LANES + lane] = choose(seen, Z, ZERO)
+        splats[RADIUS * LANES + lane] = choose(seen, min(max(rx, ry), F(1e9)), ZERO)
 
 
 @range_kernel(F2, F2, F2, F2, F1, LIMITS, F2, F2, F1, I1)
@@ -271,7 +271,7 @@ def project_block_backward(points, splats, d_splats, V, lens, d_points):
     for lane in range(LANES):
         seen = splats[RADIUS * LANES + lane] > ZERO
         X, Y, Z = _to_camera(V, points[lane], points[LANES + lane], points[2 * LANES + lane])
-        X, Y, Z = X if seen else ZERO, Y if seen else ZERO, Z if seen else ONE
+        X, Y, Z = choose(seen, X, ZERO), choose(seen, Y, ZERO), choose(seen, Z, ONE)
         w, x, y, z, inverse_norm = _unit(points, lane)
         r00, r01, r02, r10, r11, r12, r20, r21, r22 = _rotation(w, x, y, z)
         s0, s1 = points[SCALE * LANES + lane], points[(SCALE + 1) * LANES + lane]
@@ -304,28 +304,38 @@ def project_block_backward(points, splats, d_splats, V, lens, d_points):
         dx, dy = d_splats[lane], d_splats[LANES + lane]
         d_gx = V[0, 0] * dj0 + V[0, 1] * dj1 + V[0, 2] * dj2 - u * j_along + X * dx
         d_gy = V[1, 0] * dk0 + V[1, 1] * dk1 + V[1, 2] * dk2 - v * k_along + Y * dy
-        du = -gx * j_along if (low_x <= slope_x) & (slope_x <= high_x) else ZERO
-        dv = -gy * k_along if (low_y <= slope_y) & (slope_y <= high_y) else ZERO
+        du, dv = -gx * j_along, -gy * k_along
+        du = choose((low_x <= slope_x) & (slope_x <= high_x), du, ZERO)
+        dv = choose((low_y <= slope_y) & (slope_y <= high_y), dv, ZERO)
         dX, dY = gx * dx + du * inverse_z, gy * dy + dv * inverse_z
         dZ = d_splats[DEPTH * LANES + lane] - inverse_z * (gx * d_gx + gy * d_gy + du * slope_x + dv * slope_y)
-        for c in range(3):
-            d_points[c * LANES + lane] = V[0, c] * dX + V[1, c] * dY + V[2, c] * dZ if seen else ZERO
+        mx = V[0, 0] * dX + V[1, 0] * dY + V[2, 0] * dZ
+        my = V[0, 1] * dX + V[1, 1] * dY + V[2, 1] * dZ
+        mz = V[0, 2] * dX + V[1, 2] * dY + V[2, 2] * dZ
 
         # Through rotation times scales: n is the gradient to that product.
         n00, n01, n02 = j0 * p0 + k0 * q0, j0 * p1 + k0 * q1, j0 * p2 + k0 * q2
         n10, n11, n12 = j1 * p0 + k1 * q0, j1 * p1 + k1 * q1, j1 * p2 + k1 * q2
         n20, n21, n22 = j2 * p0 + k2 * q0, j2 * p1 + k2 * q1, j2 * p2 + k2 * q2
-        d_points[SCALE * LANES + lane] = r00 * n00 + r10 * n10 + r20 * n20 if seen else ZERO
-        d_points[(SCALE + 1) * LANES + lane] = r01 * n01 + r11 * n11 + r21 * n21 if seen else ZERO
-        d_points[(SCALE + 2) * LANES + lane] = r02 * n02 + r12 * n12 + r22 * n22 if seen else ZERO
+        sx, sy, sz = (
+            r00 * n00 + r10 * n10 + r20 * n20,
+            r01 * n01 + r11 * n11 + r21 * n21,
+            r02 * n02 + r12 * n12 + r22 * n22,
+        )
         n00, n10, n20, n01, n11, n21 = n00 * s0, n10 * s0, n20 * s0, n01 * s1, n11 * s1, n21 * s1
         qw, qx, qy, qz = _quaternion_gradient(
             w, x, y, z, inverse_norm, n00, n01, n02 * s2, n10, n11, n12 * s2, n20, n21, n22 * s2
         )
-        d_points[QUAT * LANES + lane] = qw if seen else ZERO
-        d_points[(QUAT + 1) * LANES + lane] = qx if seen else ZERO
-        d_points[(QUAT + 2) * LANES + lane] = qy if seen else ZERO
-        d_points[(QUAT + 3) * LANES + lane] = qz if seen else ZERO
+        d_points[lane] = choose(seen, mx, ZERO)
+        d_points[LANES + lane] = choose(seen, my, ZERO)
+        d_points[2 * LANES + lane] = choose(seen, mz, ZERO)
+        d_points[QUAT * LANES + lane] = choose(seen, qw, ZERO)
+        d_points[(QUAT + 1) * LANES + lane] = choose(seen, qx, ZERO)
+        d_points[(QUAT + 2) * LANES + lane] = choose(seen, qy, ZERO)
+        d_points[(QUAT + 3) * LANES + lane] = choose(seen, qz, ZERO)
+        d_points[SCALE * LANES + lane] = choose(seen, sx, ZERO)
+        d_points[(SCALE + 1) * LANES + lane] = choose(seen, sy, ZERO)
+        d_points[(SCALE + 2) * LANES + lane] = choose(seen, sz, ZERO)
 
 
 @range_kernel(F2, F2, F2, F2, F1, F2, I1, F2, F2, F1, F2, F2, F2)
