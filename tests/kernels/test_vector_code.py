@@ -65,7 +65,5 @@ def test_hot_kernels_are_vector_code(processor: str) -> None:
     ran = subprocess.run(command, env=environment, capture_output=True, text=True)
     assert ran.returncode == 0, ran.stderr[-2000:]
     shares = json.loads(ran.stdout)
-    print(processor, shares)
     assert len(shares) == 6
-    assert min(share for name, share in shares.items() if "deform" not in name) > 0.5, shares
-    assert min(shares.values()) > 0.3, shares  # colors are summed point by point
+    assert min(shares.values()) > 0.5, shares
