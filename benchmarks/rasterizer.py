@@ -6,6 +6,7 @@ Another processor can be compiled for by numba's own variables, such as NUMBA_CP
 NUMBA_CACHE_DIR makes it compile. Runs with earlier revisions too: PYTHONPATH=OTHER/src.
 """
 
+import contextlib
 import os
 import time
 from collections.abc import Callable
@@ -31,6 +32,10 @@ def main(repeats: int = 9, note: str = "", save: Annotated[bool, tyro.conf.arg(n
         note: What else is to be known about this run.
         save: Append a line to results.jsonl.
     """
+    with contextlib.suppress(ImportError):  # earlier revisions have no threads of their own
+        from splatreel import threads
+
+        threads.use(1)
     if hasattr(os, "sched_setaffinity"):
         os.sched_setaffinity(0, {min(os.sched_getaffinity(0))})
     found: dict[str, dict[str, float]] = {}
