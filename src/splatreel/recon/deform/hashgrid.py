@@ -12,7 +12,7 @@ import numpy as np
 import torch
 from torch import Tensor, nn
 
-from splatreel.kernels import splat
+from splatreel.kernels import motion, splat
 from splatreel.recon.deform.adam import Restore
 from splatreel.recon.deform.protocol import movable, movable_with
 from splatreel.recon.deform.spline import Spline
@@ -94,7 +94,7 @@ class HashGrid(nn.Module):
         time = torch.full_like(space[:, :1], frame / self.spline.last * TIME_SPAN)
         coordinates = torch.cat([space, time], 1)
         features = [
-            splat.hashgrid(coordinates[:, list(axes)].contiguous(), table, resolutions)
+            motion.hashgrid(coordinates[:, list(axes)].contiguous(), table, resolutions)
             for axes, table, resolutions in zip(AXES, self.tables, self.resolutions, strict=True)
         ]
         gate = 2 * torch.sigmoid(self.gate(features[0])) - 1

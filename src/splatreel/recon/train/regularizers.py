@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor
 
-from splatreel.kernels import splat
+from splatreel.kernels import motion, splat
 from splatreel.recon.deform.protocol import Deformation
 
 
@@ -35,7 +35,7 @@ def arap(means: Tensor, dx: Tensor, dq: Tensor, neighbor: Tensor, weights: Tenso
     means, dx: [N, 3]; dq: [N, 4]; neighbor: [N] a neighbor of every point; weights: [N]. Lengths are measured in `unit`, so that the
     loss means the same in millimeters and in meters. Only the offsets get gradients. Mean over points.
     """
-    return splat.arap(means.detach(), dx, dq, neighbor, weights, unit)
+    return motion.arap(means.detach(), dx, dq, neighbor, weights, unit)
 
 
 def temporal(model: Deformation, means: Tensor, frame: float, other: float, delta: float, unit: float) -> Tensor:
