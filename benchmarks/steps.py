@@ -62,9 +62,11 @@ class FirstGroup:
         if (exposure := self.work.exposure()) is not None:
             take_out(images, exposure)
         span, late = GroupSpan(0, 0, group.frames, group.frames), np.zeros(len(names))
-        gains, layout, cpu = self.work.keyframe().gains, self.store.layout(), torch.device("cpu")
+        keyframe, layout, cpu = self.work.keyframe(), self.store.layout(), torch.device("cpu")
+        if keyframe is None or layout is None or self.layer.importance is None or self.stored.importance is None:
+            raise SystemExit("The run lacks a keyframe, a layout or measured importances.")
         cameras, antialias = list(self.manifest.cameras), self.manifest.antialias
-        data = GroupInput(span, images, cameras, gains, late, group.light, layout, cpu, 0, antialias)
+        data = GroupInput(span, images, cameras, keyframe.gains, late, group.light, layout, cpu, 0, antialias)
         coverage: Coverage | None = self.store.coverage()
         trial, encoder = coverage and coverage.trial, ReelEncoder(EncodeConfig())
         points, moving = self.layer.trained, group.at(0.0)

@@ -39,7 +39,7 @@ def params(path: Path, **changes: np.ndarray) -> None:
         "logit_opacities": np.zeros((5, 1), np.float32),
         "log_scales": np.zeros((5, 3), np.float32),
     }
-    np.savez(path, **(arrays | changes))
+    np.savez(path, **(arrays | changes))  # pyright: ignore[reportArgumentType]
 
 
 @pytest.mark.parametrize(

@@ -1,5 +1,8 @@
 """CUDA against the twin. On a machine without a GPU or gsplat these tests skip."""
 
+# pyright: reportCallIssue=false
+# Pyright assumes that an unpacked list fills all remaining positional arguments.
+
 import sys
 
 import pytest

@@ -1,5 +1,7 @@
 """Deformed points as a view sees them, against the twin and in known answers."""
 
+from typing import Any
+
 import pytest
 import torch
 
@@ -10,7 +12,7 @@ from splatreel.kernels.backends import BACKENDS
 from tests.kernels.compare import assert_parity, camera, gaussians
 
 WIDTH, HEIGHT = 60, 40
-PINHOLE = (*camera(WIDTH, HEIGHT), WIDTH, HEIGHT)
+PINHOLE: Any = (*camera(WIDTH, HEIGHT), WIDTH, HEIGHT)
 CENTER = torch.tensor([0.3, -0.2, -3.0])
 
 

@@ -1,5 +1,8 @@
 """Drawing moving splats among frozen ones gives the picture and the gradients of drawing everything."""
 
+# pyright: reportCallIssue=false
+# Pyright assumes that an unpacked list fills all remaining positional arguments.
+
 import numpy as np
 import pytest
 import torch

@@ -13,7 +13,7 @@ from splatreel.motion.flow import RAFT, DisFlow, RaftFlow, make_flow
 def textured(height: int = 96, width: int = 128, seed: int = 0) -> np.ndarray:
     noise = np.random.default_rng(seed).random((height, width, 3)).astype(np.float32)
     smooth = cv2.GaussianBlur(noise, (0, 0), 2)
-    return np.uint8(255 * (smooth - smooth.min()) / (smooth.max() - smooth.min()))
+    return (255 * (smooth - smooth.min()) / (smooth.max() - smooth.min())).astype(np.uint8)
 
 
 def test_dis_measures_a_shift() -> None:
@@ -55,7 +55,7 @@ def test_dis_looks_closely_only_around_what_is_wanted(monkeypatch: pytest.Monkey
 
         def calc(self, a: np.ndarray, b: np.ndarray, guess: np.ndarray | None) -> np.ndarray:
             looked.append((self.finest, *a.shape))
-            return self.dis.calc(a, b, guess)
+            return self.dis.calc(a, b, guess)  # pyright: ignore[reportArgumentType, reportCallIssue]
 
     monkeypatch.setattr("splatreel.motion.flow._dis", Counted)
     flow = DisFlow()(a, b, None, wanted)
@@ -138,7 +138,7 @@ def test_real_raft_runs_with_random_weights() -> None:
 def fake_torchvision(monkeypatch: pytest.MonkeyPatch) -> None:
     names = ("torchvision", "torchvision.models", "torchvision.models.optical_flow")
     modules = {name: types.ModuleType(name) for name in names}
-    modules[names[2]].raft_large = lambda weights: torch.nn.Linear(2, 2)
+    monkeypatch.setattr(modules[names[2]], "raft_large", lambda weights: torch.nn.Linear(2, 2), raising=False)
     for name, module in modules.items():
         monkeypatch.setitem(sys.modules, name, module)
 

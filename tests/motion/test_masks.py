@@ -14,7 +14,7 @@ CONFIG = LayeringConfig()
 
 def noise(height: int, width: int, seed: int) -> np.ndarray:
     smooth = cv2.GaussianBlur(np.random.default_rng(seed).random((height, width, 3)).astype(np.float32), (0, 0), 1.5)
-    return np.uint8(255 * (smooth - smooth.min()) / (smooth.max() - smooth.min()))
+    return (255 * (smooth - smooth.min()) / (smooth.max() - smooth.min())).astype(np.uint8)
 
 
 def sliding_square(steps: list[int]) -> np.ndarray:
@@ -32,7 +32,7 @@ class ConstantFlow:
     def __init__(self, pixels: float, width: int | None = None) -> None:
         self.pixels, self.width = pixels, width
 
-    def __call__(self, a: np.ndarray, b: np.ndarray) -> np.ndarray:
+    def __call__(self, a: np.ndarray, b: np.ndarray, guess=None, wanted=None) -> np.ndarray:
         scale = a.shape[1] / (self.width or a.shape[1])
         return np.full((*a.shape[:2], 2), self.pixels * scale / np.sqrt(2), np.float32)
 
@@ -54,7 +54,7 @@ def test_what_returns_is_only_seen_by_frames_in_between() -> None:
 class FlowWhereDifferent:
     """5 pixels wherever the frames differ, in the same direction both ways: a flow that never returns."""
 
-    def __call__(self, a: np.ndarray, b: np.ndarray) -> np.ndarray:
+    def __call__(self, a: np.ndarray, b: np.ndarray, guess=None, wanted=None) -> np.ndarray:
         flow = np.zeros((*a.shape[:2], 2), np.float32)
         flow[(a != b).any(-1), 0] = 5
         return flow
@@ -96,7 +96,7 @@ def test_large_pictures_are_looked_at_in_small() -> None:
     small, widths = sliding_square([0, 2, 4, 6]), []
     dis = DisFlow()
 
-    def flow(a: np.ndarray, b: np.ndarray) -> np.ndarray:
+    def flow(a: np.ndarray, b: np.ndarray, guess=None, wanted=None) -> np.ndarray:
         widths.append(a.shape[1])
         return dis(a, b)
 
@@ -131,14 +131,14 @@ def test_grabcut_completes_an_object_and_stops_at_its_border() -> None:
     rng = np.random.default_rng(0)
     image = np.where(disc(20)[..., None], [200, 40, 40], [40, 90, 160]) + rng.integers(-8, 8, (120, 160, 3))
     seed = disc(17)
-    completed = GrabCutSegmenter(reach=0.05).complete(seed[None], np.uint8(image)[None])[0]
+    completed = GrabCutSegmenter(reach=0.05).complete(seed[None], image.astype(np.uint8)[None])[0]
     assert (completed & disc(20)).sum() / disc(20).sum() > 0.97
     assert (completed & ~disc(21)).sum() == 0
 
 
 def test_grabcut_does_not_run_away() -> None:
     rng = np.random.default_rng(0)
-    image = np.uint8(120 + rng.integers(-8, 8, (120, 160, 3)))
+    image = (120 + rng.integers(-8, 8, (120, 160, 3))).astype(np.uint8)
     completed = GrabCutSegmenter(reach=0.05).complete(disc(17)[None], image[None])[0]
     assert (completed & disc(17)).sum() == disc(17).sum()
     assert completed.sum() < 1.3 * disc(17).sum()

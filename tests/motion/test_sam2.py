@@ -78,7 +78,9 @@ def test_without_the_package_or_weights(monkeypatch: pytest.MonkeyPatch, tmp_pat
     with pytest.raises(MissingDependencyError, match=r"splatreel\[models\]"):
         make_segmenter("sam2")
     package, build = types.ModuleType("sam2"), types.ModuleType("sam2.build_sam")
-    build.build_sam2_video_predictor = lambda config, path, device: (config, path, device)
+    monkeypatch.setattr(
+        build, "build_sam2_video_predictor", lambda config, path, device: (config, path, device), raising=False
+    )
     monkeypatch.setitem(sys.modules, "sam2", package)
     monkeypatch.setitem(sys.modules, "sam2.build_sam", build)
     weights = tmp_path / "weights.pt"

@@ -50,6 +50,7 @@ def assert_equal(one: Gaussians, other: Gaussians) -> None:
 @pytest.mark.parametrize("attribute", SECTIONS)
 def test_a_moment_has_the_decoded_attribute_and_no_other(attribute: str) -> None:
     trained = group(0)
+    assert trained.shade is not None
     trained = replace(trained, shade=None if attribute == "opacity" else 0.2 * trained.shade)
     decoded = differing(attribute, trained, group(1))
     assert_equal(with_decoded_at(attribute, trained, decoded, 2.0), decoded.at(2.0))

@@ -65,6 +65,7 @@ def loud_at(sound: np.ndarray) -> float:
 def test_the_reel_has_it_where_it_belongs(folder: Path, whole: Path) -> None:
     reel, capture = open_reel(whole / "reel"), Loud(folder)
     assert verify_reel(whole / "reel").strangers == []
+    assert reel.sound.position is not None
     np.testing.assert_allclose(reel.sound.position, capture.camera(capture.first).center, atol=1e-6)
     assert reel.duration == 0.4
     assert loud_at(reel.sound.samples(0, reel.duration)) == pytest.approx(0.1, abs=2e-3)

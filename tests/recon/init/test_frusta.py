@@ -37,7 +37,7 @@ def relief(camera: Camera) -> tuple[np.ndarray, np.ndarray]:
     depth = -(camera.center @ normal) / (rays @ normal)
     places = camera.center + rays * depth[..., None]
     u, v = ((places[..., :2] + 4) * 60 % 511).astype(np.float32).transpose(2, 0, 1)
-    return np.uint8(cv2.remap(texture(3), u, v, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REFLECT)), depth
+    return cv2.remap(texture(3), u, v, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REFLECT).astype(np.uint8), depth
 
 
 @pytest.mark.slow

@@ -35,9 +35,8 @@ def camera(azimuth: float, height: float, roll: float = 0, *, radius: float = 4,
     viewmat = np.eye(4)
     viewmat[:3, :3] = axes @ WORLD.T
     viewmat[:3, 3] = -viewmat[:3, :3] @ WORLD @ center
-    width, height = size
-    K = np.array([[64, 0, width / 2], [0, 64, height / 2], [0, 0, 1]])
-    return Camera(f"{azimuth:g} {height:g} {roll:g}", viewmat, K, width, height)
+    K = np.array([[64, 0, size[0] / 2], [0, 64, size[1] / 2], [0, 0, 1]])
+    return Camera(f"{azimuth:g} {height:g} {roll:g}", viewmat, K, *size)
 
 
 def rolls(count: int, degrees: float) -> np.ndarray:

@@ -20,7 +20,7 @@ def test_points_change_layer_by_their_labels():
     assert len(layers.settled) == 0
     np.testing.assert_array_equal(layers.dynamic.means, np.concatenate([dynamic.means[[0, 2, 3]], static.means[[2]]]))
     np.testing.assert_array_equal(layers.relit.points.means, np.stack([dynamic.means[1], static.means[0]]))
-    np.testing.assert_array_equal(layers.relit.light, np.float32([[0, 0], [-0.5, -0.5], [0, 0]]))
+    np.testing.assert_array_equal(layers.relit.light, np.array([[0, 0], [-0.5, -0.5], [0, 0]], np.float32))
     settled = separate(StaticPoints(static, alive), dynamic, moves, 0 * light)
     np.testing.assert_array_equal(settled.settled.means, dynamic.means[[1]])
     assert settled.alive.tolist() == [True, False, False, True, True, False]

@@ -1,5 +1,7 @@
 """What flies in after the keyframe becomes points of the group, with tracks."""
 
+from typing import Any
+
 import numpy as np
 import pytest
 
@@ -113,7 +115,7 @@ def test_a_burst_that_is_rejected_leaves_room_for_what_comes_later(
     frames = np.concatenate([arrival, arrival[-1:].repeat(3, 0)])
     looks, find = [], ChangeDetector.appeared
 
-    def appeared(self: ChangeDetector, tracks: list, frame: int, masks: object) -> tuple[Gaussians, np.ndarray]:
+    def appeared(self: ChangeDetector, tracks: list, frame: int, masks: Any) -> tuple[Gaussians, np.ndarray]:
         looks.append(frame)
         if len(looks) > 1:
             return find(self, tracks, frame, masks)
@@ -138,7 +140,7 @@ def test_fewer_frames_than_a_look_takes_are_tracked_only(arrival: np.ndarray) ->
 
 def test_what_lies_in_shadow_is_not_new_and_rests() -> None:
     """A patch of the wall grows dark: known as relit, it stays where it is, and nothing is added for it."""
-    patch = (np.abs(WALL.means[:, :2] - [0.7, 0]) < 0.6).all(1)
+    patch = np.all(np.abs(WALL.means[:, :2] - [0.7, 0]) < 0.6, axis=1)
     light = np.zeros((FRAMES, patch.sum()), np.float32)
     light[2:] = -1.2
     relit, static = RelitPoints(WALL[patch], light), WALL[~patch]

@@ -48,7 +48,7 @@ def cluster(s3_server: str) -> Iterator[Any]:
             patch.setenv(name, value)
         head = SMALL | {"include_dashboard": False, "_system_config": QUICKLY}
         made = Cluster(initialize_head=True, head_node_args=head)
-        made.second = made.add_node(**SMALL)
+        made.second = made.add_node(**SMALL)  # pyright: ignore[reportArgumentType, reportAttributeAccessIssue]
         yield made
         made.shutdown()
 
@@ -88,7 +88,7 @@ def made_in(bucket: Bucket, cluster: Any, display: Display) -> dict[str, str]:
         url, run = machines.published(out, None), spec(folder)
         with publishing(folder / "reel", url, 24.0, display, nothing_more) as present:
             output = {"sound": run.sound, "device": run.device, "progress": display, "present": present}
-            said = machines.reconstruct(run.open_capture, folder, run.config, out, output)
+            said = machines.reconstruct(run.open_capture, folder, run.config, out, output)  # pyright: ignore[reportArgumentType]
         assert said == f"{out}/reel: the reel is complete."
         return content(folder / "reel")
 

@@ -79,7 +79,7 @@ def test_what_has_gone_is_taken_out_and_what_is_known_behind_it_shows() -> None:
 
 
 def test_where_nobody_has_seen_what_is_behind_what_has_gone_new_points_fill_the_hole() -> None:
-    behind = (np.abs(WALL.means[:, :2] - [-0.25, 0]) < [0.6, 0.6]).all(1)
+    behind = np.all(np.abs(WALL.means[:, :2] - [-0.25, 0]) < [0.6, 0.6], axis=1)
     known = Gaussians.concatenate([WALL[~behind], THING])
     found = start(filmed(WALL), known)
     left = Gaussians.concatenate([known[found.alive], found.points])

@@ -81,8 +81,8 @@ def test_a_price_is_added_to_the_gradients_that_are_there() -> None:
 
 
 def test_the_losses_that_ran_are_those_whose_gradients_are_left() -> None:
-    step = group_step(0)
-    left, right = (Loss(name, lambda step, weight: weight * step.points.means.sum()) for name in ("left", "right"))
+    step = group = group_step(0)
+    left, right = (Loss(name, lambda step, weight: weight * group.points.means.sum()) for name in ("left", "right"))
     nothing = Loss("nothing", lambda step, weight: None)
     found = backward((left, nothing, right), step, GroupConfig())
     assert list(found) == ["left", "right"]

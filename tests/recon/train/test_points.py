@@ -9,7 +9,7 @@ def make(count=5):
 
 
 def take_a_step(points):
-    sum((p**2).sum() for p in points.params.values()).backward()
+    torch.stack([(p**2).sum() for p in points.params.values()]).sum().backward()
     points.step()
 
 
@@ -47,7 +47,7 @@ def test_appended_rows_start_without_momentum_and_train():
 def test_a_price_of_the_higher_bands_shrinks_them_and_nothing_else():
     points = make()
     before = {name: tensor.detach().clone() for name, tensor in points.params.items()}
-    (0 * sum(tensor.sum() for tensor in points.params.values())).backward()
+    (0 * torch.stack([tensor.sum() for tensor in points.params.values()]).sum()).backward()
     points.price_sh(0.1)
     points.step()
     for name in NAMES:

@@ -87,7 +87,11 @@ def test_a_group_goes_back_to_its_last_good_state(
     assert "goes on from iteration 50, at 0.5 times" in notes.notes[0]
     assert group.recovery.pace == 1
     assert groups.quality(filmed, found) > groups.quality(filmed, smooth) - 1.5
-    assert all(np.isfinite(array).all() for array in (found.dx, found.dq, found.shade, found.dynamic.means))
+    assert all(
+        np.isfinite(array).all()
+        for array in (found.dx, found.dq, found.shade, found.dynamic.means)
+        if array is not None
+    )
 
 
 def test_a_second_failure_leaves_training_slow(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -124,7 +128,7 @@ def test_values_that_training_spoils_are_found_at_once(monkeypatch: pytest.Monke
     group, notes, spoiled = groups.trainer(groups.frames(), config), Notes(), []
     values = {
         "canonical": lambda: group.points.means.detach(),
-        "deformation": lambda: group.points.deformation.controls[1],
+        "deformation": lambda: group.points.deformation.controls[1],  # pyright: ignore[reportAttributeAccessIssue]
         "appearance": lambda: group.points.appearance.controls,
     }[part]
     step = group.step
