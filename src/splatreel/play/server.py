@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import asyncio
 import logging
 import os
 import socket
@@ -11,12 +12,13 @@ import webbrowser
 from collections.abc import Iterable
 from pathlib import Path
 from types import TracebackType
+from typing import cast
 
 import uvicorn
 
 from splatreel.errors import ReelError, UsageError
 from splatreel.play.allowed_hosts import AllowedHosts
-from splatreel.play.connection import HEAD_BYTES, IDLE_SECONDS, Connection
+from splatreel.play.connection import HEAD_BYTES, IDLE_SECONDS, ConnectionLimits
 from splatreel.play.remote_files import RemoteFiles
 from splatreel.play.served_files import ReelFiles, ServedFiles
 from splatreel.play.web_app import WebApp
@@ -141,10 +143,11 @@ def _listen(host: str, port: int) -> socket.socket:
 
 def _config(site: WebApp) -> uvicorn.Config:
     """Quiet, since the terminal belongs to the person who started the server; what others send is no news."""
+    limits = ConnectionLimits(site, _most_connections())
     return uvicorn.Config(
-        site,
+        limits,
         loop="asyncio",
-        http=Connection,
+        http=cast(type[asyncio.Protocol], limits.connect),
         ws="none",
         lifespan="off",
         log_config=None,
@@ -152,7 +155,6 @@ def _config(site: WebApp) -> uvicorn.Config:
         access_log=False,
         proxy_headers=False,
         server_header=False,
-        limit_concurrency=2 * _most_connections(),  # beyond it uvicorn answers 503; `Connection` makes room at half of it
         backlog=_BACKLOG,
         timeout_keep_alive=IDLE_SECONDS,
         timeout_graceful_shutdown=_SECONDS_TO_CLOSE,
