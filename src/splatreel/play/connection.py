@@ -64,7 +64,7 @@ class ConnectionLimits:
 
     def add(self, connection: Connection) -> None:
         """Register a new connection, and make room for it."""
-        self._open[connection.client] = connection
+        self._open[connection.peer] = connection
         if len(self._open) > self._max:
             waiting = [other for other in self._open.values() if other is not connection and other.is_waiting]
             closed = min(waiting, key=lambda other: other.waiting_since, default=connection)
@@ -73,8 +73,8 @@ class ConnectionLimits:
 
     def remove(self, connection: Connection) -> None:
         """Forget a connection."""
-        if self._open.get(connection.client) is connection:
-            del self._open[connection.client]
+        if self._open.get(connection.peer) is connection:
+            del self._open[connection.peer]
 
 
 class Connection(H11Protocol):
@@ -83,7 +83,7 @@ class Connection(H11Protocol):
     It overrides the methods of `asyncio.Protocol` and the `shutdown` that uvicorn calls, and uses no other part of `H11Protocol`.
     """
 
-    client = ("", 0)
+    peer = ("", 0)
     """Address and port of the peer, as in the `client` of an ASGI scope."""
     is_last_response = False
     """True if the connection closes after the present response."""
@@ -110,10 +110,11 @@ class Connection(H11Protocol):
         return self._timer is not None and not self._channel.is_closing()
 
     def connection_made(self, transport: asyncio.Transport) -> None:  # type: ignore[override]
+        """Wait for the first request."""
         super().connection_made(transport)
         self._channel = transport
-        peer = transport.get_extra_info("peername")
-        self.client = (str(peer[0]), int(peer[1])) if peer else ("", 0)
+        name = transport.get_extra_info("peername")
+        self.peer = (str(name[0]), int(name[1])) if name else ("", 0)
         unsent = getattr(socket, "TCP_NOTSENT_LOWAT", None)
         if unsent is not None:
             transport.get_extra_info("socket").setsockopt(socket.IPPROTO_TCP, unsent, _UNSENT_BYTES)
@@ -121,6 +122,7 @@ class Connection(H11Protocol):
         self._limits.add(self)
 
     def connection_lost(self, exc: Exception | None) -> None:
+        """Forget the connection."""
         self._stop_waiting()
         self._limits.remove(self)
         super().connection_lost(exc)
@@ -170,11 +172,13 @@ class Connection(H11Protocol):
             self._wait(REQUEST_SECONDS if self._begun else IDLE_SECONDS)
 
     def pause_writing(self) -> None:
+        """Wait for a slow reader."""
         super().pause_writing()
         self._writing_paused = True
         self._wait(STALL_SECONDS)
 
     def resume_writing(self) -> None:
+        """Go on, since the reader has caught up."""
         super().resume_writing()
         self._writing_paused = False
         if self._answering:
