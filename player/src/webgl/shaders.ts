@@ -2,7 +2,7 @@
  * Two passes. `project` runs once a point: it moves, projects and colors it and writes what its splat needs into integer
  * textures (integers, because every WebGL2 device can draw into those at full precision). `splat` draws the sorted quads.
  */
-import { NO_POINT, TEXTURE_WIDTH } from "./texture-layout";
+import { NO_POINT, TEXTURE_WIDTH } from "../draw/texture-layout";
 
 /** Texels of a point in its file's `points` texture, and of an entry in its codebook: one a coefficient. */
 export const POINT_TEXELS = 3;

@@ -4,9 +4,9 @@ import type { View } from "../base/view";
 import { staticWeights, type Shown } from "../reel/timeline";
 import type { GpuMemory } from "./gpu-memory";
 import { Program } from "./program";
-import type { Scene } from "./scene";
+import type { Scene } from "../draw/scene";
 import { projectFragment, projectVertex } from "./shaders";
-import { TEXTURE_WIDTH } from "./texture-layout";
+import { TEXTURE_WIDTH } from "../draw/texture-layout";
 import { rowsOf, type PointTextures } from "./textures";
 
 export class ProjectionPass {

@@ -1,24 +1,31 @@
-/** The canvas' graphics device: browsers have some sixteen for all that a page shows, so it is given back where nobody looks. */
+/** The WebGL 2 context of a canvas, released by losing it and acquired by restoring it. */
+import type { GraphicsDevice, Renderer } from "../draw/renderer";
+import { WebglRenderer } from "./webgl-renderer";
 
-export class GraphicsContext {
+/** The device on which `WebglRenderer` draws. */
+export class WebglDevice implements GraphicsDevice {
   private extension: WEBGL_lose_context | null = null;
   private lost: Promise<unknown> = Promise.resolve();
-  private coming: Promise<void> | null = null;
+  private acquiring: Promise<void> | null = null;
 
-  constructor(readonly canvas: HTMLCanvasElement, onlost: () => void, onrestored: () => void) {
+  /** onlost, onrestored: not called for `release` and `acquire`. */
+  constructor(private readonly canvas: HTMLCanvasElement, onlost: () => void, onrestored: () => void) {
     canvas.addEventListener("webglcontextlost", (event) => {
-      event.preventDefault(); // it may come back
+      event.preventDefault(); // without this the browser never restores the context
       if (!this.released) onlost();
     });
     canvas.addEventListener("webglcontextrestored", () => void (!this.released && onrestored()));
   }
 
-  /** It was given back. */
   get released(): boolean {
     return this.extension !== null;
   }
 
-  /** Give the device back. The canvas has drawn with it. */
+  createRenderer(): Renderer {
+    return new WebglRenderer(this.canvas);
+  }
+
+  /** Give the device back, if the canvas has one. */
   release(): void {
     const extension = this.released ? null : (this.canvas.getContext("webgl2")?.getExtension("WEBGL_lose_context") ?? null);
     if (!extension) return;
@@ -27,17 +34,16 @@ export class GraphicsContext {
     extension.loseContext();
   }
 
-  /** Have the device again. */
   acquire(): Promise<void> {
-    this.coming ??= this.restore().finally(() => (this.coming = null));
-    return this.coming;
+    this.acquiring ??= this.restore().finally(() => (this.acquiring = null));
+    return this.acquiring;
   }
 
   private async restore(): Promise<void> {
     const { extension } = this;
     if (!extension) return;
     await this.lost;
-    await new Promise((resolve) => setTimeout(resolve)); // the event that tells of the loss must be over
+    await new Promise((resolve) => setTimeout(resolve)); // a context cannot be restored within its loss event
     const restored = this.next("webglcontextrestored");
     extension.restoreContext();
     await restored;

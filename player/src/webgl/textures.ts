@@ -3,7 +3,7 @@ import { PLAIN, ReelError } from "../base/errors";
 import type { Gaussians } from "../decode/gaussians";
 import type { Offsets } from "../decode/offsets";
 import { ENTRIES_PER_ROW, ENTRY_TEXELS, POINT_TEXELS } from "./shaders";
-import { TEXTURE_WIDTH } from "./texture-layout";
+import { TEXTURE_WIDTH } from "../draw/texture-layout";
 
 export function rowsOf(count: number): number {
   return Math.ceil(count / TEXTURE_WIDTH);

@@ -1,6 +1,6 @@
 /** Two textures that the first pass writes splats into, a texel a point, and the second draws them from: shape, and color with depth. */
 import { PLAIN, ReelError } from "../base/errors";
-import { TEXTURE_WIDTH } from "./texture-layout";
+import { TEXTURE_WIDTH } from "../draw/texture-layout";
 
 export class SplatTarget {
   readonly framebuffer: WebGLFramebuffer;

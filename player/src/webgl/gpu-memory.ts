@@ -1,12 +1,12 @@
-/** What of a reel is on the GPU: the points of its layers and groups, each file with rows of its own in the splat target. */
+/** GPU memory of a reel: the points of its layers and groups. Each file owns rows of the splat target. */
 import type { Vec3 } from "../base/matrix";
-import type { DecodedFile } from "../decode/decode-file";
+import type { DecodedFile, DecodedGroup, DecodedLayer } from "../decode/decode-file";
 import { lightAt } from "../decode/light";
 import { staticFlags, type Alive } from "../reel/timeline";
 import { RowAllocator } from "./row-allocator";
-import type { Scene } from "./scene";
+import type { Scene } from "../draw/scene";
 import { SplatTarget } from "./splat-target";
-import { TEXTURE_WIDTH } from "./texture-layout";
+import { TEXTURE_WIDTH } from "../draw/texture-layout";
 import { PointTextures, rowsOf } from "./textures";
 
 interface Group extends Alive {
@@ -14,29 +14,30 @@ interface Group extends Alive {
   light: Float32Array | null;
 }
 
+/** Textures of all loaded files. */
 export class GpuMemory {
   readonly target: SplatTarget;
-  /** By their uris. */
+  /** By URI. */
   private readonly layers = new Map<string, PointTextures>();
   private readonly groups = new Map<number, Group>();
   private readonly rows = new RowAllocator();
-  /** Of the scene that the static points' flags are for. */
+  /** Scene for which the flags of static points were uploaded. */
   private flagsKey = "";
 
   constructor(private readonly gl: WebGL2RenderingContext) {
     this.target = new SplatTarget(gl);
   }
 
-  /** Upload a layer; returns the index of its first point in the draw order. */
-  addLayer(uri: string, file: DecodedFile): number {
+  /** Upload a layer. Returns the index of its first point in the draw order. */
+  addLayer(uri: string, file: DecodedLayer): number {
     const textures = this.upload(file);
     this.layers.set(uri, textures);
     this.flagsKey = "";
     return textures.firstRow * TEXTURE_WIDTH;
   }
 
-  /** Upload a group, which tells what is alive of these layers; returns the index of its first point in the draw order. */
-  addGroup(index: number, file: DecodedFile, layers: string[]): number {
+  /** Upload a group. layers: URIs of the layers that `alive` covers. Returns the index of its first point in the draw order. */
+  addGroup(index: number, file: DecodedGroup, layers: string[]): number {
     const textures = this.upload(file);
     this.groups.set(index, { textures, alive: file.alive, layers, light: file.light });
     return textures.firstRow * TEXTURE_WIDTH;
@@ -52,27 +53,27 @@ export class GpuMemory {
     this.layers.delete(uri);
   }
 
-  /** Whether all of a scene is here. */
+  /** Return true if all of a scene is uploaded. */
   holds({ current, previous, layers }: Scene): boolean {
     return [current, previous].every((shown) => shown === null || this.groups.has(shown.group)) && layers.every((uri) => this.layers.has(uri));
   }
 
-  /** Those of a scene that are here. */
+  /** Return the uploaded layers of a scene. */
   layersOf(scene: Scene): PointTextures[] {
     return scene.layers.flatMap((uri) => this.layers.get(uri) ?? []);
   }
 
-  /** A group's points; null where it is not here. */
+  /** Return the textures of a group; null if it is not uploaded. */
   group(index: number): PointTextures | null {
     return this.groups.get(index)?.textures ?? null;
   }
 
-  /** Red, green and blue by which a scene's light differs from its keyframe's. */
+  /** Return the red, green and blue factors of a scene's light, relative to its keyframe. */
   lightOf({ current }: Scene): Vec3 {
     return current ? lightAt(this.groups.get(current.group)!.light, current.frame) : [1, 1, 1];
   }
 
-  /** Let static points show in the groups of a scene in which they are alive. */
+  /** Upload which static points are alive in the groups of a scene. */
   flagStatics(scene: Scene): void {
     const key = `${scene.layers} ${scene.current?.group} ${scene.previous?.group}`;
     if (key === this.flagsKey) return;
@@ -97,6 +98,6 @@ export class GpuMemory {
   private upload(file: DecodedFile): PointTextures {
     const firstRow = this.rows.take(rowsOf(file.points.count));
     this.target.reserve(this.rows.end);
-    return new PointTextures(this.gl, firstRow, file.points, file.offsets);
+    return new PointTextures(this.gl, firstRow, file.points, file.kind === "group" ? file.offsets : null);
   }
 }

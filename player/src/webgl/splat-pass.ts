@@ -1,9 +1,9 @@
 /** Second pass: the splats of the target, each a quad, from far to near. */
-import type { Eye } from "./eye";
+import type { Eye } from "../draw/eye";
 import { Program } from "./program";
 import { splatFragment, splatVertex } from "./shaders";
 import { integerTexture, type SplatTarget } from "./splat-target";
-import { TEXTURE_WIDTH } from "./texture-layout";
+import { TEXTURE_WIDTH } from "../draw/texture-layout";
 import { rowsOf } from "./textures";
 
 export class SplatPass {

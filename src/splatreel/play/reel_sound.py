@@ -1,4 +1,4 @@
-"""The sound of a reel: samples at a time, and in a film."""
+"""Sound of a reel: decoded samples, and the sound track of a film."""
 
 from __future__ import annotations
 
@@ -16,27 +16,39 @@ from splatreel.errors import ReelError
 
 _CACHED_SEGMENTS = 4
 _BITS_A_SECOND = 96_000
-"""Of a channel of a film's sound."""
+"""Bit rate of a film's sound per channel."""
 
 
 class ReelSound:
-    """Reads what it needs and decodes it. rate: samples a second. position: where it comes from, world units; None: everywhere."""
+    """Decoder of a reel's sound.
+
+    `rate` is in samples per second. `position` is the source in world units, or None for sound from everywhere.
+    """
 
     def __init__(self, reel: ReelReader, sound: Sound) -> None:
+        """Prepare to read the segments of `sound`. Nothing is read yet."""
         self._reel, self._sound = reel, sound
         self._files: OrderedDict[str, bytes] = OrderedDict()
         self.rate, self.channels, self.position = sound.rate, sound.channels, sound.position
 
     @property
     def duration(self) -> float:
-        """Seconds; up to a packet longer than the reel."""
+        """Duration in seconds. It exceeds that of the reel by up to a packet."""
         last = self._sound.segments[-1]
         return last.start + last.seconds
 
     def samples(self, start: float, seconds: float) -> np.ndarray:
-        """[round(seconds * rate), channels] float32 from a time of the reel on; silence where it has no sound.
+        """Decode a range of time. The samples do not depend on where the range starts.
 
-        The samples do not depend on where one starts. Raises `ReelError` for damaged files and for sound that is not Opus.
+        Args:
+            start: Start in seconds of the reel.
+            seconds: Duration.
+
+        Returns:
+            [round(seconds * rate), channels] float32, silent where the reel has no sound.
+
+        Raises:
+            ReelError: A file is damaged, or the sound is not Opus.
         """
         first, count = round(start * self.rate), max(round(seconds * self.rate), 0)
         out = np.zeros((count, self.channels), np.float32)
@@ -54,7 +66,7 @@ class ReelSound:
             for time, part in decode_sound(init, segments, self.channels):
                 at, most = time - first, most - len(part)
                 if most < 0:
-                    raise ReelError("is longer than the manifest says.")
+                    raise ReelError("The sound is longer than the manifest says.")
                 part = part[max(-at, 0) : max(count - at, 0)]
                 out[max(at, 0) : max(at, 0) + len(part)] = part
         except ReelError as error:
@@ -70,16 +82,17 @@ class ReelSound:
 
 
 class FilmSound:
-    """A film's track of AAC, written along with the pictures. start: the second of the reel at which the film begins."""
+    """AAC track of a film, written along with its frames."""
 
     def __init__(self, container: OutputContainer, sound: ReelSound, start: float) -> None:
+        """Add the track to a container. start: time of the reel at which the film begins, in seconds."""
         self._container, self._sound, self._start, self._done = container, sound, start, 0
         self._layout = "mono" if sound.channels == 1 else "stereo"
         self._stream = container.add_stream("aac", rate=sound.rate, layout=self._layout)
         self._stream.bit_rate = _BITS_A_SECOND * sound.channels
 
     def write(self, end: float) -> None:
-        """All up to a second of the film."""
+        """Write the samples up to `end`, in seconds of the film."""
         count = round(end * self._sound.rate) - self._done
         samples = self._sound.samples(self._start + self._done / self._sound.rate, count / self._sound.rate)
         frame = av.AudioFrame.from_ndarray(np.ascontiguousarray(samples.T), "fltp", self._layout)
@@ -88,5 +101,5 @@ class FilmSound:
         self._done += count
 
     def finish(self) -> None:
-        """What the encoder still holds."""
+        """Write the samples that the encoder still holds."""
         self._container.mux(self._stream.encode())

@@ -1,5 +1,5 @@
 /** A picture beside the one on screen, laid over it by a weight: points of two groups hide each other, their pictures do not. */
-import type { Eye } from "./eye";
+import type { Eye } from "../draw/eye";
 import { Program } from "./program";
 import { fadeFragment, fadeVertex } from "./shaders";
 
@@ -39,8 +39,8 @@ export class CrossFade {
     gl.clear(gl.COLOR_BUFFER_BIT);
   }
 
-  /** Lay the picture over what an eye sees. */
-  lay({ framebuffer, x, y, view }: Eye, weight: number): void {
+  /** Blend the image over the view of an eye. */
+  blend({ framebuffer, x, y, view }: Eye, weight: number): void {
     const { gl } = this;
     gl.bindFramebuffer(gl.FRAMEBUFFER, framebuffer);
     gl.viewport(x, y, view.width, view.height);
