@@ -6,7 +6,7 @@ import torch
 
 from splatreel.errors import UsageError
 from splatreel.recon.encode.importance import weigh
-from splatreel.recon.encode.rate import meet_rate
+from splatreel.recon.encode.reencode import search_coarseness
 from splatreel.scene.camera import Camera
 from splatreel.scene.gaussians import Gaussians
 
@@ -49,10 +49,10 @@ def test_a_rate_is_met() -> None:
         tried.append(coarseness)
         return 3 * coarseness**-0.6
 
-    assert abs(3 * meet_rate(write, 1.7) ** -0.6 / 1.7 - 1) <= 0.05
+    assert abs(3 * search_coarseness(write, 1.7) ** -0.6 / 1.7 - 1) <= 0.05
     assert len(tried) < 10
 
 
 def test_a_rate_that_no_coarseness_has_is_refused() -> None:
     with pytest.raises(UsageError, match=r"9 Mbit/s cannot be met: the nearest tried has 0\.5"):
-        meet_rate(lambda coarseness: 0.5, 9.0)
+        search_coarseness(lambda coarseness: 0.5, 9.0)

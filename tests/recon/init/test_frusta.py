@@ -6,8 +6,8 @@ import pytest
 
 from splatreel.capture.builtin.synthetic import make_cameras
 from splatreel.recon.init import planesweep
-from splatreel.recon.init.frusta import FINE, focused, pixels_apart, shared_depths
-from splatreel.recon.init.initialise import SWEEP_PLANES, SWEEP_WIDTH, depth_ranges, initial_points
+from splatreel.recon.init.frusta import FINE, narrow_ranges, pixels_apart, shared_depths
+from splatreel.recon.init.initial_points import SWEEP_PLANES, SWEEP_WIDTH, depth_ranges, initial_points
 from splatreel.recon.init.triangulate import nearest_cameras
 from splatreel.scene.camera import Camera
 from tests.recon.corner import arc, texture
@@ -45,7 +45,7 @@ def test_planes_follow_the_subject() -> None:
     cameras = telephoto()
     images, truths = zip(*map(relief, cameras), strict=True)
     before = depth_ranges(cameras, NONE)
-    ranges, planes = focused(cameras, before, WIDTH, SWEEP_PLANES)
+    ranges, planes = narrow_ranges(cameras, before, WIDTH, SWEEP_PLANES)
     assert (ranges[:, 0] > 1.5 * before[:, 0]).all()
     assert (ranges[:, 0] < DISTANCE - 3).all()
     assert (ranges[:, 1] > DISTANCE + 3).all()
@@ -60,7 +60,7 @@ def test_neighboring_planes_are_a_pixel_or_two_apart() -> None:
     cameras = telephoto()
     nearest = nearest_cameras(cameras, planesweep.NEIGHBORS)
     before = depth_ranges(cameras, NONE)
-    ranges, planes = focused(cameras, before, WIDTH, SWEEP_PLANES)
+    ranges, planes = narrow_ranges(cameras, before, WIDTH, SWEEP_PLANES)
     others = [cameras[j] for j in nearest[2]]
     assert pixels_apart(cameras[2], others, before[2], SWEEP_PLANES) > 10
     assert pixels_apart(cameras[2], others, ranges[2], int(planes[2])) == pytest.approx(FINE, rel=0.1)
@@ -69,7 +69,7 @@ def test_neighboring_planes_are_a_pixel_or_two_apart() -> None:
 @pytest.mark.parametrize("cameras", [arc(5), ring(6, width=48, height=32), make_cameras(256, 192)])
 def test_other_rigs_are_swept_as_ever(cameras: list[Camera]) -> None:
     before = depth_ranges(cameras, NONE)
-    ranges, planes = focused(cameras, before, min(SWEEP_WIDTH, cameras[0].width), SWEEP_PLANES)
+    ranges, planes = narrow_ranges(cameras, before, min(SWEEP_WIDTH, cameras[0].width), SWEEP_PLANES)
     assert np.array_equal(ranges, before)
     assert (planes == SWEEP_PLANES).all()
 

@@ -1,7 +1,7 @@
 import numpy as np
 
 from splatreel.kernels.image import render_image
-from splatreel.recon.layering.labels import convertible, crowding, separate
+from splatreel.recon.layering.labels import convertible, near_cameras, separate
 from splatreel.scene.clearance import Clearance
 from splatreel.scene.gaussians import Gaussians
 from splatreel.scene.static_points import StaticPoints
@@ -38,8 +38,8 @@ def test_who_stands_close_to_a_camera_would_not_be_seen_if_he_were_static():
     camera, other = look_at([0, 0, -4], width=64, height=48), look_at([0, 0, 4], width=64, height=48)
     points = np.array([[0, 0, -3.5], [2, 0, -3.5], [0, 0, 3.5], [0, 0, 0], [0, 0, -5]])
     clearance = Clearance((0.0, 0.0, 0.0), 0.25)
-    assert crowding(points, [camera], clearance).tolist() == [True, False, False, False, False]
-    assert crowding(points, [camera, other], clearance).tolist() == [True, False, True, False, False]
+    assert near_cameras(points, [camera], clearance).tolist() == [True, False, False, False, False]
+    assert near_cameras(points, [camera, other], clearance).tolist() == [True, False, True, False, False]
 
 
 def test_only_what_shows_where_pictures_change_is_convertible():

@@ -69,7 +69,7 @@ def test_new_points_are_appended_with_tracks(arrival: np.ndarray) -> None:
     np.testing.assert_array_equal(start.dynamic.means[: len(THING)], THING.means)
     np.testing.assert_allclose(start.dynamic.means, start.tracks[0], atol=1e-6)
     assert np.abs(start.tracks[:, : len(THING)] - THING.means).max() < 0.1, "the thing stands still"
-    at_arrival = start.tracks[tracking.LOOK_EVERY, len(THING) :]
+    at_arrival = start.tracks[tracking.CHECK_EVERY, len(THING) :]
     assert np.median(np.linalg.norm(at_arrival - CENTER, axis=1)) < RADIUS + 0.1
     yellow = start.dynamic.sh[len(THING) :, 0]
     assert np.median(yellow[:, 0] - yellow[:, 2]) > 1
@@ -111,16 +111,16 @@ def test_a_burst_that_is_rejected_leaves_room_for_what_comes_later(
 ) -> None:
     """Noise at the first look is too much to take; a ball that is there at the second one is still taken."""
     frames = np.concatenate([arrival, arrival[-1:].repeat(3, 0)])
-    looks, find = [], ChangeDetector.appeared
+    looks, find = [], ChangeDetector.find_appeared
 
-    def appeared(self: ChangeDetector, tracks: list, frame: int, masks: object) -> tuple[Gaussians, np.ndarray]:
+    def find_appeared(self: ChangeDetector, tracks: list, frame: int, masks: object) -> tuple[Gaussians, np.ndarray]:
         looks.append(frame)
         if len(looks) > 1:
             return find(self, tracks, frame, masks)
         noise = blots(tracking.MAX_NEW_POINTS + 1, [-1, -1, 0], [1, 1, 0.5], 0.02, 3)
         return noise, np.zeros((len(noise), 3))
 
-    monkeypatch.setattr(ChangeDetector, "appeared", appeared)
+    monkeypatch.setattr(ChangeDetector, "find_appeared", find_appeared)
     start = started(frames)
     assert looks == [4, 8]
     assert 20 < len(start.dynamic) - len(THING) <= tracking.MAX_NEW_POINTS
@@ -158,14 +158,14 @@ def test_what_rests_and_then_leaves_is_no_longer_static() -> None:
     ball = visitor()
     static = Gaussians.concatenate([WALL, THING, ball])
     start = started(film(True)[::-1].copy(), Gaussians.empty(0), static)
-    assert start.left.shape == (len(static),)
-    assert start.left[-len(ball) :].mean() > 0.6
-    assert start.left[: -len(ball)].mean() < 0.02
-    taken = (start.dynamic.means[:, None] == static.means[start.left]).all(2).any(1)
-    assert taken.sum() == start.left.sum()
+    assert start.departed.shape == (len(static),)
+    assert start.departed[-len(ball) :].mean() > 0.6
+    assert start.departed[: -len(ball)].mean() < 0.02
+    taken = (start.dynamic.means[:, None] == static.means[start.departed]).all(2).any(1)
+    assert taken.sum() == start.departed.sum()
     assert start.tracks.shape == (FRAMES, len(start.dynamic), 3)
     np.testing.assert_array_equal(start.tracks[0, taken], start.dynamic.means[taken])
 
 
 def test_what_stays_is_static() -> None:
-    assert not started(film(False), Gaussians.empty(0), Gaussians.concatenate([WALL, THING])).left.any()
+    assert not started(film(False), Gaussians.empty(0), Gaussians.concatenate([WALL, THING])).departed.any()

@@ -3,7 +3,7 @@
 import numpy as np
 
 from splatreel.kernels.image import render_image
-from splatreel.motion.track import identity
+from splatreel.motion.track import identity_quats
 from splatreel.recon.layering.velocity_prior import VelocityPrior
 from splatreel.scene.gaussians import Gaussians
 from splatreel.scene.group import Group
@@ -17,7 +17,7 @@ def thrown() -> Group:
     """A ball that flies through five frames."""
     ball = visitor()
     dx = np.arange(5, dtype=np.float32)[:, None, None] * STEP * np.ones((len(ball), 1), np.float32)
-    dq = np.repeat(identity(len(ball))[None], 5, axis=0)
+    dq = np.repeat(identity_quats(len(ball))[None], 5, axis=0)
     return Group(0, 0, ball, dx, dq, np.ones(len(WALL), bool))
 
 

@@ -14,8 +14,7 @@ from splatreel.recon.cameras.color_gains import CameraGains
 from splatreel.recon.deform.hashgrid import HashGrid
 from splatreel.recon.deform.trajectory import Trajectory
 from splatreel.recon.layering.tracking import GroupStart
-from splatreel.recon.train.export import GroupResult
-from splatreel.recon.train.group import GroupTrainer
+from splatreel.recon.train.group import GroupResult, GroupTrainer
 from splatreel.recon.train.pictures import Pictures
 from splatreel.recon.train.render import View
 from splatreel.scene.gaussians import Gaussians

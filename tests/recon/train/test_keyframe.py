@@ -9,8 +9,7 @@ import torch
 from splatreel.kernels.image import render_image
 from splatreel.progress import Silent
 from splatreel.recon.cameras.color_gains import CameraGains
-from splatreel.recon.train.average import EVERY
-from splatreel.recon.train.keyframe import KeyframeTrainer, starting_points
+from splatreel.recon.train.keyframe import AVERAGE_EVERY, KeyframeTrainer, starting_points
 from splatreel.recon.train.pictures import Pictures
 from splatreel.recon.train.points import TrainablePoints, default_rates
 from splatreel.recon.train.render import View, deformed
@@ -89,13 +88,13 @@ def test_the_last_iterations_are_averaged(monkeypatch: pytest.MonkeyPatch) -> No
 
     def watched(*arguments):
         taken = step(*arguments)
-        if trainer.done + 1 > 80 and (trainer.done + 1) % EVERY == 0:
+        if trainer.done + 1 > 80 and (trainer.done + 1) % AVERAGE_EVERY == 0:
             seen.append(trainer.points.gaussians().sh.copy())
         return taken
 
     monkeypatch.setattr(trainer, "step", watched)
     trainer.train(pictures(), 100, 100, Silent())
-    assert len(seen) == 20 // EVERY
+    assert len(seen) == 20 // AVERAGE_EVERY
     assert np.ptp(seen, axis=0).max() > 1e-3, "they differ"
     np.testing.assert_allclose(trainer.points.gaussians().sh, np.mean(seen, axis=0), atol=1e-5)
 

@@ -176,8 +176,8 @@ def test_a_state_is_kept_only_if_it_is_finite() -> None:
     state.keep(0, training)
     training.value = np.inf
     with pytest.raises(splat.GaussiansError) as found:
-        state.passed(recovery.KEEP_EVERY, torch.tensor(0.1), training)
-    assert state.go_back(recovery.KEEP_EVERY, found.value, notes) == 0
+        state.check_iteration(recovery.KEEP_EVERY, torch.tensor(0.1), training)
+    assert state.restore(recovery.KEEP_EVERY, found.value, notes) == 0
     assert (training.value, training.kept) == (1.0, [1.0])
 
 

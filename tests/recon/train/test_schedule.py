@@ -36,8 +36,8 @@ def test_a_frame_that_stays_bad_comes_up_more_often_whatever_its_cameras():
     schedule = FrameSchedule(frames=6, cameras=8, iterations=100, progressive=0.0, seed=0)
     for frame in range(6):
         for camera in range(8):  # some cameras see more that is wrong, in every frame
-            schedule.note(frame, camera, torch.tensor((2.0 if frame == 4 else 1.0) * (1 + camera)))
-    wanted = schedule.wanted()
+            schedule.record_loss(frame, camera, torch.tensor((2.0 if frame == 4 else 1.0) * (1 + camera)))
+    wanted = schedule.draws_per_round()
     assert wanted.mean() == pytest.approx(1)
     assert wanted[4] == pytest.approx(2 * wanted[0])
     np.testing.assert_allclose(wanted[[0, 1, 2, 3, 5]], wanted[0])
@@ -48,13 +48,13 @@ def test_a_frame_that_stays_bad_comes_up_more_often_whatever_its_cameras():
 def test_no_frame_is_left_out_or_taken_over():
     schedule = FrameSchedule(frames=4, cameras=1, iterations=10, progressive=0.0, seed=0)
     for frame, loss in enumerate((1e-9, 1.0, 1.0, 1e3)):
-        schedule.note(frame, 0, torch.tensor(loss))
-    wanted = schedule.wanted()
+        schedule.record_loss(frame, 0, torch.tensor(loss))
+    wanted = schedule.draws_per_round()
     assert wanted.max() / wanted.min() <= 6
     assert {schedule.draw(0)[0] for _ in range(60)} == {0, 1, 2, 3}
 
 
 def test_pictures_not_seen_yet_come_up_as_often_as_others():
     schedule = FrameSchedule(frames=3, cameras=2, iterations=10, progressive=0.0, seed=0)
-    schedule.note(0, 0, torch.tensor(0.5))
-    np.testing.assert_allclose(schedule.wanted(), 1)
+    schedule.record_loss(0, 0, torch.tensor(0.5))
+    np.testing.assert_allclose(schedule.draws_per_round(), 1)

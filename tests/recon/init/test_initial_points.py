@@ -5,7 +5,7 @@ import pytest
 
 from splatreel.errors import ReconstructionError
 from splatreel.recon.init import planesweep
-from splatreel.recon.init.initialise import (
+from splatreel.recon.init.initial_points import (
     MAX_POINTS,
     _filled,
     depth_ranges,

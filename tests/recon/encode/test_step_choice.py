@@ -13,7 +13,14 @@ from splatreel.codec.predictive.precision import STEPS, Steps
 from splatreel.config import EncodeConfig
 from splatreel.recon.cameras.group_input import GroupInput
 from splatreel.recon.coverage.trial import Trial
-from splatreel.recon.encode.fineness import COARSEST, FINEST, Slope, encode_group, encode_layer, equal_slopes
+from splatreel.recon.encode.step_choice import (
+    COARSEST,
+    FINEST,
+    Slope,
+    encode_group_by_slope,
+    encode_layer_by_slope,
+    equal_slopes,
+)
 from splatreel.recon.init.layout import Layout
 from splatreel.recon.run.checkpoint import load_arrays, save_arrays
 from splatreel.recon.run.store import Store, StoredGroup, StoredLayer
@@ -83,7 +90,7 @@ def size(steps: Steps) -> float:
 def layer(noise: float, trial: Trial | None = CLOSE, config: EncodeConfig | None = None) -> tuple[bytes, Steps]:
     data, importance = seen(noise), np.ones((len(WALL), 3), np.float32)
     encoder = ReelEncoder(config or EncodeConfig())
-    (file, order), steps = encode_layer(encoder, data, WALL, THING, len(THING), importance, trial)
+    (file, order), steps = encode_layer_by_slope(encoder, data, WALL, THING, len(THING), importance, trial)
     assert sorted(order) == list(range(len(WALL)))
     return file, steps
 
@@ -107,7 +114,7 @@ def test_where_noise_hides_it_the_steps_are_coarser_than_usual() -> None:
 def test_a_group_loses_less_where_it_is_close() -> None:
     data, encoder, static = seen(1.0), ReelEncoder(EncodeConfig()), StaticPoints(WALL, np.ones(len(WALL), bool))
     importance, uri = np.ones((len(THING), 3), np.float32), "groups/0000.safetensors"
-    files, steps = encode_group(encoder, data, moving(), static, importance, CLOSE)
+    files, steps = encode_group_by_slope(encoder, data, moving(), static, importance, CLOSE)
     assert size(steps) < 1
     usual = encoder.group(moving(), importance)[uri]
     losses = [lost(data, decode_group(made, "group"), WALL) for made in (usual, files[uri])]
@@ -122,14 +129,16 @@ def test_steps_follow_the_error_of_the_trial() -> None:
 def test_steps_are_finer_where_the_file_is_a_small_part_of_the_reel() -> None:
     """A byte of a layer counts as one of a group: what a tenth more bytes of the layer cost is little where groups take most."""
     data, importance, encoder = seen(6.0), np.ones((len(WALL), 3), np.float32), ReelEncoder(EncodeConfig())
-    few, many = (size(encode_layer(encoder, data, WALL, THING, n, importance, CLOSE)[1]) for n in (0, 20 * len(WALL)))
+    few, many = (
+        size(encode_layer_by_slope(encoder, data, WALL, THING, n, importance, CLOSE)[1]) for n in (0, 20 * len(WALL))
+    )
     assert many < 0.7 * few
 
 
 def test_a_group_without_moving_points_has_the_usual_steps() -> None:
     data, encoder, static = seen(1.0), ReelEncoder(EncodeConfig()), StaticPoints(WALL, np.ones(len(WALL), bool))
     still = Group(0, 0, THING[:0], np.zeros((4, 0, 3), np.float32), np.zeros((4, 0, 4), np.float32), static.alive)
-    files, steps = encode_group(encoder, data, still, static, np.zeros((0, 3), np.float32), CLOSE)
+    files, steps = encode_group_by_slope(encoder, data, still, static, np.zeros((0, 3), np.float32), CLOSE)
     assert steps == STEPS
     assert files == encoder.group(still)
 

@@ -12,8 +12,8 @@ from splatreel.config import EncodeConfig
 from splatreel.errors import ReelError
 from splatreel.progress import Silent
 from splatreel.recon.encode import importance, publisher
+from splatreel.recon.encode.group_writer import GroupWriter
 from splatreel.recon.encode.header import open_writer
-from splatreel.recon.encode.publisher import Publisher
 from splatreel.recon.encode.reencode import reencode
 from splatreel.recon.run.store import Store, StoredGroup, StoredLayer
 from tests.codec.reels import new_group, points
@@ -58,7 +58,7 @@ def test_groups_that_wait_are_encoded_together_as_one_by_one(
     config = EncodeConfig(renditions=("high", "low"))
     reencode(work, tmp_path / "together", config, CPU, Silent())
     writer = open_writer(Store(work), tmp_path / "single", config, resume=False)
-    one = Publisher(writer, Store(work), CPU)
+    one = GroupWriter(writer, Store(work), CPU)
     for index in range(GROUPS):
         one.publish(index)
     writer.finish()

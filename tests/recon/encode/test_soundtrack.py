@@ -16,7 +16,7 @@ from splatreel.errors import CaptureError, ReconstructionError
 from splatreel.play.timeline import open_reel
 from splatreel.progress import Silent
 from splatreel.recon.encode.reencode import reencode
-from splatreel.recon.encode.sound import hear, load_sound, save_sound
+from splatreel.recon.encode.soundtrack import load_soundtrack, save_soundtrack, select_soundtrack
 from splatreel.recon.pipeline import reconstruct
 from tests import flashes
 from tests.capture.films import film
@@ -109,7 +109,7 @@ def test_what_cannot_be_heard_is_said_before_anything_is_written(folder: Path, t
 @pytest.mark.parametrize("wanted", ["auto", "none"])
 def test_a_silent_run_keeps_nothing(tmp_path: Path, wanted: str) -> None:
     notes = Notes()
-    save_sound(tmp_path, hear(tmp_path, WallCapture(2), wanted, notes))
+    save_soundtrack(tmp_path, select_soundtrack(tmp_path, WallCapture(2), wanted, notes))
     assert notes.lines == ["Sound: none" if wanted == "none" else "Sound: none, no video has any"]
     assert list(tmp_path.iterdir()) == []
 
@@ -118,8 +118,8 @@ def test_it_comes_back_from_the_checkpoint(folder: Path, tmp_path: Path) -> None
     capture = Loud(folder)
     for wanted in (capture.second, str(folder / "near.mp4")):
         work = tmp_path / str(len(wanted))
-        sound = hear(work, capture, wanted, Silent())
-        save_sound(work, sound)
-        assert load_sound(work) == sound == hear(work, WallCapture(2), "auto", Silent())
-    assert load_sound(tmp_path / str(len(str(folder / "near.mp4")))).position is None
-    assert load_sound(work).encoded.samples == flashes.RATE * 0.4
+        sound = select_soundtrack(work, capture, wanted, Silent())
+        save_soundtrack(work, sound)
+        assert load_soundtrack(work) == sound == select_soundtrack(work, WallCapture(2), "auto", Silent())
+    assert load_soundtrack(tmp_path / str(len(str(folder / "near.mp4")))).position is None
+    assert load_soundtrack(work).encoded.samples == flashes.RATE * 0.4
