@@ -1,7 +1,8 @@
-"""Initial points of a scene and its measures, from the first frame alone (paper section 4.1, docs/design.md).
+"""Initial points of a scene, from the first frame only (paper section 4.1, docs/design.md).
 
-The capture's own sparse points are used where it has them, else points triangulated from matched features. Dense depth by plane
-sweep adds what has no features; where even that is unsure, a few points borrow the depth of others: nothing visible starts empty.
+The points are the capture's own sparse points, or points triangulated from matched features. A plane sweep adds surfaces
+without features. Where its depth is uncertain, a few points take the depth of their surroundings, so that no visible place
+starts empty.
 """
 
 from __future__ import annotations
@@ -14,33 +15,39 @@ from scipy.spatial import KDTree
 
 from splatreel.errors import ReconstructionError
 from splatreel.recon.init import planesweep
-from splatreel.recon.init.frusta import focused
+from splatreel.recon.init.frusta import narrow_ranges
 from splatreel.recon.init.planesweep import DepthMap, inside, project, seen_depths, unproject
 from splatreel.recon.init.triangulate import triangulate
 from splatreel.scene.camera import Camera, focus_point
 
 MAX_POINTS = 25_000
 ENOUGH_POINTS = 20
-"""Sparse points a camera must see for its depth range to be taken from them."""
+"""Sparse points that a camera must see for its depth range to follow from them."""
 BEYOND = 4.0
-"""Depths are looked for up to this many times as far as nearly all sparse points: what is seen through windows, or far outdoors, has
-few features. Planes are even in inverse depth, so that they cost little."""
+"""Depths are searched up to this multiple of the depth of nearly all sparse points. Content behind windows or far outdoors has
+few features. Planes are even in inverse depth, so this costs little."""
 SWEEP_WIDTH = 240
 SWEEP_PLANES = 80
 FILL_PIXELS = 8
 FILL_ANCHORS = 6
 COLOR_DISTANCE = 0.5
-"""How many pixels away a difference of one gray level of 255 counts when a depth is borrowed from a neighbor."""
+"""Distance, pixels, that a difference of one gray level of 255 counts as when a depth is taken from a neighbor."""
 RANDOM_POINTS = 10_000
 FLAT = 0.02
-"""Standard deviation (0..1) in a 5x5 patch below which a surface counts as flat and gets fewer points."""
+"""Standard deviation, 0..1, in a 5x5 patch below which a surface is flat and gets fewer points."""
 FREE_SPACE = 0.1
-"""A point is refuted by a trusted depth beyond it by more than this share."""
+"""A trusted depth that is farther than a point by more than this share contradicts the point."""
 
 
 @dataclass(frozen=True)
 class InitialPoints:
-    """points: [P, 3] float32 world. colors: [P, 3] float32 0..1. source: 'capture', 'triangulated' or 'random', then '+swept'."""
+    """Initial points of a scene.
+
+    Attributes:
+        points: [P, 3] float32 world.
+        colors: [P, 3] float32 0..1.
+        source: 'capture', 'triangulated' or 'random', then '+swept'.
+    """
 
     points: np.ndarray
     colors: np.ndarray
@@ -49,7 +56,7 @@ class InitialPoints:
 
 @dataclass(frozen=True)
 class _Cloud:
-    """points: [P, 3] float64. colors: [P, 3] 0..1. grain: [P], world units, the detail a point stands for: a few pixels."""
+    """points: [P, 3] float64. colors: [P, 3] 0..1. grain: [P] world units, size of the detail a point stands for: a few pixels."""
 
     points: np.ndarray
     colors: np.ndarray
@@ -71,11 +78,18 @@ def initial_points(
     near: float | None = None,
     seed: int = 0,
 ) -> InitialPoints:
-    """Where reconstruction starts.
+    """Find the points from which reconstruction starts.
 
-    images: [C, H, W, 3] uint8, the first frame of the training cameras. points: [P, 3] and point_colors: [P, 3] 0..1, the
-    capture's own, if any. near: nothing is closer to a camera than this, world units. Raises `ReconstructionError` if images
-    and cameras do not fit, or the points are not finite.
+    Args:
+        cameras: Training cameras.
+        images: [C, H, W, 3] uint8, first frame of the training cameras.
+        points: [P, 3] sparse points of the capture; None triangulates them.
+        point_colors: [P, 3] 0..1, colors of `points`.
+        near: Minimum distance of content from a camera, world units.
+        seed: Seed of all random choices.
+
+    Raises:
+        ReconstructionError: If images and cameras do not match, or points are not finite.
     """
     _check(cameras, images, points)
     rng = np.random.default_rng(seed)
@@ -91,7 +105,7 @@ def initial_points(
     maps: list[DepthMap] = []
     if len(cameras) > 1:
         width = min(SWEEP_WIDTH, images.shape[2])
-        ranges, planes = focused(cameras, ranges, width, SWEEP_PLANES)
+        ranges, planes = narrow_ranges(cameras, ranges, width, SWEEP_PLANES)
         maps = planesweep.sweep(cameras, images, ranges, width=width, planes=planes)
         source += "+swept"
     needed = min(2, len(cameras) - 1)
@@ -106,11 +120,11 @@ def initial_points(
 
 
 def near_plane(cameras: list[Camera], points: np.ndarray) -> float:
-    """A near plane in front of nearly everything seen, world units.
+    """Return a near plane in front of nearly everything seen, world units.
 
-    A quarter of the depth that one in a hundred of the seen points is closer than, within 0.03 to 0.1 of the median depth. A smaller
-    one lets training glue splats to the lens of a camera that looks into the room from its wall, a larger one hides who walks up
-    to a camera.
+    It is a quarter of the first percentile of the seen depths, clamped to 0.03..0.1 of the median depth. With a nearer plane,
+    training places splats directly in front of a camera that looks into a room from its wall. A farther plane hides people who
+    approach a camera.
     """
     depths = np.concatenate(seen_depths(cameras, np.asarray(points, np.float64)))
     if len(depths) < ENOUGH_POINTS:
@@ -119,10 +133,10 @@ def near_plane(cameras: list[Camera], points: np.ndarray) -> float:
 
 
 def depth_ranges(cameras: list[Camera], points: np.ndarray, near: float | None = None) -> np.ndarray:
-    """Nearest and farthest depth that each camera may see, [C, 2] world units.
+    """Return the nearest and farthest depth that each camera may see, [C, 2] world units.
 
-    From the points in its view, with a margin; a camera that sees too few takes the range of all, and without any the distance to
-    the cameras' common focus decides.
+    The range follows from the points in a camera's view, with a margin. A camera that sees too few takes the range of all
+    points. Without points the distance to the cameras' common focus decides.
     """
     seen = seen_depths(cameras, points)
     pooled = np.concatenate(seen)
@@ -143,20 +157,20 @@ def depth_ranges(cameras: list[Camera], points: np.ndarray, near: float | None =
 def _check(cameras: list[Camera], images: np.ndarray, points: np.ndarray | None) -> None:
     if images.dtype != np.uint8 or images.ndim != 4 or images.shape[0] != len(cameras) or images.shape[3] != 3:
         raise ReconstructionError(
-            f"Initial points: images are {images.dtype} {images.shape}, expected uint8 [{len(cameras)}, H, W, 3]."
+            f"Initial points: images have type {images.dtype} and shape {images.shape}; expected uint8 [{len(cameras)}, H, W, 3]."
         )
     for camera in cameras:
         if (camera.width, camera.height) != (images.shape[2], images.shape[1]):
             raise ReconstructionError(
-                f"Initial points: camera {camera.name!r} is {camera.width}x{camera.height}, its image "
+                f"Initial points: camera {camera.name!r} is {camera.width}x{camera.height}, but its image is "
                 f"{images.shape[2]}x{images.shape[1]}. Resize one of them."
             )
     if points is not None and not np.isfinite(points).all():
-        raise ReconstructionError("Initial points: the capture's points hold NaN or infinity. Remove those points.")
+        raise ReconstructionError("Initial points: the capture's points contain NaN or infinity. Remove these points.")
 
 
 def _focus_distance(cameras: list[Camera]) -> float:
-    """Mean distance of the cameras to the point they look at; at least as far as they are apart."""
+    """Return the mean distance of the cameras to the point they look at, at least the distance between them."""
     centers = np.stack([c.center for c in cameras]).astype(np.float64)
     spread = np.linalg.norm(centers - centers.mean(0), axis=1).max()
     distance = np.linalg.norm(centers - focus_point(cameras), axis=1).mean()
@@ -164,7 +178,7 @@ def _focus_distance(cameras: list[Camera]) -> float:
 
 
 def _finest_grain(cameras: list[Camera], points: np.ndarray) -> np.ndarray:
-    """The size of a pixel of a map, in the nearest camera that sees each point, [P]; the median where none does."""
+    """Return the size [P] of a pixel of a map in the nearest camera that sees each point; the median where no camera does."""
     grain = np.full(len(points), np.inf)
     for camera in cameras:
         pixels, depth = project(camera, points)
@@ -175,7 +189,7 @@ def _finest_grain(cameras: list[Camera], points: np.ndarray) -> np.ndarray:
 
 
 def _seen_surface(depth_map: DepthMap, needed: int, depth_range: np.ndarray) -> _Cloud:
-    """The pixels whose depth `needed` neighbors agree with."""
+    """Return the pixels whose depth at least `needed` neighbors confirm."""
     kept = (depth_map.agreeing >= needed) & (depth_map.depth < 0.98 * depth_range[1])
     gray = cv2.cvtColor(depth_map.image, cv2.COLOR_RGB2GRAY).astype(np.float32) / 255
     variance = cv2.blur(gray * gray, (5, 5)) - cv2.blur(gray, (5, 5)) ** 2
@@ -185,10 +199,10 @@ def _seen_surface(depth_map: DepthMap, needed: int, depth_range: np.ndarray) -> 
 
 
 def _filled(depth_map: DepthMap, needed: int, sparse: np.ndarray) -> _Cloud:
-    """A point every few pixels where no depth is trusted, at the depth of pixels near in place and color.
+    """Return points every few pixels where no depth is trusted, at the depth of pixels near in position and color.
 
-    Of these it is the second farthest: a point that is too far hides behind a surface, one that is too near, as any mean of a thing's
-    depth and of the wall's behind it is, floats before it.
+    The depth is the second farthest of these. A point that is too far hides behind a surface; a point that is too near floats
+    in front of it. A mean of foreground and background depth would be too near.
     """
     camera, image = depth_map.camera, depth_map.image
     trusted = depth_map.agreeing >= needed
@@ -216,7 +230,7 @@ def _filled(depth_map: DepthMap, needed: int, sparse: np.ndarray) -> _Cloud:
 
 
 def _refuted(points: np.ndarray, maps: list[DepthMap], needed: int) -> np.ndarray:
-    """Points that more trusted depths look through than end at, [P] bool."""
+    """Return [P] bool, the points that more trusted depths look through than confirm."""
     balance = np.zeros(len(points), int)
     for m in maps:
         pixels, depth = project(m.camera, points)
@@ -229,7 +243,7 @@ def _refuted(points: np.ndarray, maps: list[DepthMap], needed: int) -> np.ndarra
 
 
 def _random_points(cameras: list[Camera], images: np.ndarray, ranges: np.ndarray, rng: np.random.Generator) -> _Cloud:
-    """Points at random pixels and random inverse depths of all cameras, with those pixels' colors."""
+    """Return points at random pixels and random inverse depths of all cameras, with the colors of the pixels."""
     count = -(-RANDOM_POINTS // len(cameras))
     points, colors = [], []
     for camera, image, (low, high) in zip(cameras, images, ranges, strict=True):
@@ -242,7 +256,7 @@ def _random_points(cameras: list[Camera], images: np.ndarray, ranges: np.ndarray
 
 
 def _thin(cloud: _Cloud, limit: int) -> _Cloud:
-    """Means over voxels, the smallest that `limit` allows; their size follows the points' grain in steps of two."""
+    """Average a cloud over the smallest voxels that `limit` allows. Voxel sizes follow the points' grain in powers of two."""
     level = np.rint(np.log2(cloud.grain)).astype(int)
     low, high = 0.25, 1024.0
     while high / low > 1.05:
@@ -259,7 +273,7 @@ def _thin(cloud: _Cloud, limit: int) -> _Cloud:
 
 
 def _voxels(points: np.ndarray, size: float, level: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """The voxel index of every point [P], and the points in each voxel [V]; voxels are size * 2^level wide."""
+    """Return the voxel index of every point [P], and the number of points per voxel [V]. Voxels are size * 2^level wide."""
     cells = np.floor(points / (size * np.exp2(level))[:, None]).astype(np.int64)
     cells -= cells.min(0)
     extent = cells.max(0) + 1

@@ -1,11 +1,12 @@
-"""Choice of the quantization steps of a layer or a group, by what finer steps would gain in a held-out view.
+"""Choice of the quantization steps of a layer or a group, by the gain of finer steps in a held-out view.
 
-All attributes of a file get the same slope: a byte more buys the same reduction of the squared error, whichever attribute it is spent
-on. Refinement stops where 10 % more bytes gain less than `GAIN`. docs/experiments/2026-11-26-steps-by-slope.md has the measurements.
+All attributes of a file get the same slope: one byte more buys the same reduction of the squared error, whichever attribute it
+is spent on. Refinement stops where 10 % more bytes gain less than `GAIN`. docs/experiments/2026-11-26-steps-by-slope.md has the
+measurements.
 
-Per attribute two numbers are measured at two sets of steps that differ by a factor: the bytes that the factor saves, and the squared
-error that this attribute's quantization causes in training views, with all other attributes as trained. The error grows with the square
-of the step. Bytes fall with the logarithm of the step.
+Two numbers are measured per attribute, at two sets of steps that differ by a factor. The first is the bytes that the factor
+saves. The second is the squared error of this attribute's quantization in training views, with all other attributes as trained.
+The error grows with the square of the step; bytes fall with the logarithm of the step.
 """
 
 from __future__ import annotations
@@ -31,37 +32,39 @@ from splatreel.scene.group import Group
 from splatreel.scene.static_points import StaticPoints
 
 GAIN = 0.03
-"""Decibels that 10 % more bytes of the reel must gain in a held-out view."""
+"""Minimum gain of 10 % more bytes of the reel in a held-out view, dB."""
 GROUPS = 2
-"""Groups that a layer is assumed to be visible in: it is encoded before the length of the film is known."""
+"""Assumed number of groups in which a layer is visible. It is encoded before the length of the video is known."""
 MOVING_BYTES = 3.0
 """Bytes of a dynamic point in one group, as a multiple of those of a static point."""
 LEAST_MOVING = 0.1
-"""Least number of dynamic points per static point that a layer is taken to share the reel with. The layer that all chapters of a long
-video share is encoded before any dynamic point is known."""
+"""Minimum number of dynamic points per static point in a layer's share of the reel. The shared layer of all chapters is
+encoded before any dynamic point is known."""
 HELD_OUT_SHARE = {"rest": 0.25, "shade": 0.25}
-"""Share of an attribute's error in training views that held-out views see; 1 for all others. Training fits view-dependent color and
-shade to the training views, noise included, and coarser steps remove some of that noise."""
+"""Share of an attribute's training-view error that held-out views have; 1 for all others. View-dependent color and shade
+overfit the training views, noise included, and coarser steps remove some of that noise."""
 UNTRIED = 2.0
-"""Squared error of held-out views as a multiple of that of training views, where no trial measured it."""
+"""Squared error of held-out views as a multiple of that of training views, if no trial measured it."""
 RATIO = 1.5
 """Factor between the two sets of steps that are compared."""
 LEAST_SAVED = 0.03
-"""Least share of its bytes that an attribute is taken to save by this factor. The bytes of small sections hardly follow the steps."""
+"""Minimum share of an attribute's bytes that the factor is assumed to save. The bytes of small sections hardly depend on the
+steps."""
 ROUNDS = 2
-"""Measurements; the second one is made at the steps that the first one chose."""
+"""Number of measurements. The second uses the steps that the first one chose."""
 FINEST, COARSEST = 0.2, 4.0
 """Range of the chosen steps, in multiples of `STEPS`."""
 LAYER_VIEWS = 4
 GROUP_MOMENTS, GROUP_VIEWS = 4, 1
-"""Training views that are drawn per measurement: of a layer; moments of a group, and views of each."""
+"""Training views drawn per measurement: `LAYER_VIEWS` of a layer; of a group, `GROUP_VIEWS` at each of `GROUP_MOMENTS`
+moments."""
 PSNR_OF_ONE = 10 / math.log(10)
 """Decibels per relative change of the squared error."""
 
 Encoded = tuple[bytes, np.ndarray]
-"""A file, and the order [N] of its points: the index of each among those encoded."""
+"""A file, and the order [N] of its points: the index of each among the points that were encoded."""
 Shown = tuple[int, int, Gaussians]
-"""A frame of the group, a training view, and the points to draw there."""
+"""A frame of the group, a training view, and the points to draw."""
 
 
 @dataclass(frozen=True)
@@ -78,16 +81,20 @@ class Slope:
 class Subject(Protocol):
     """A layer or a group whose steps are chosen."""
 
-    def encode(self, config: EncodeConfig, steps: Steps) -> Encoded: ...
+    def encode(self, config: EncodeConfig, steps: Steps) -> Encoded:
+        """Encode with these steps."""
+        ...
 
-    def as_trained(self) -> Iterable[Shown]: ...
+    def as_trained(self) -> Iterable[Shown]:
+        """Yield the moments with all attributes as trained."""
+        ...
 
     def decoder(self, encoded: Encoded) -> Callable[[str], Iterable[Shown]]:
         """Return a function that yields the same moments with one attribute as decoded and all others as trained."""
         ...
 
 
-def encode_layer(
+def encode_layer_by_slope(
     encoder: ReelEncoder,
     data: GroupInput,
     points: Gaussians,
@@ -103,8 +110,8 @@ def encode_layer(
         data: Training views of the group.
         points: Static points of the new layer.
         others: All other points that are visible in the first frame.
-        moving: How many of `others` are dynamic.
-        importance: [N, 3], as of `ReelEncoder.layer`.
+        moving: Number of dynamic points among `others`.
+        importance: [N, 3], see `ReelEncoder.layer`.
         trial: Measured quality of a held-out view; None if there was no trial.
 
     Returns:
@@ -117,7 +124,7 @@ def encode_layer(
     return encoder.layer(data.span.index, data.span.first, points, importance, steps), steps
 
 
-def encode_group(
+def encode_group_by_slope(
     encoder: ReelEncoder,
     data: GroupInput,
     group: Group,
@@ -132,8 +139,8 @@ def encode_group(
         data: Training views of the group.
         group: Dynamic points and their motion, as trained.
         static: All static points that `group.alive` refers to.
-        importance: [N, 3], as of `ReelEncoder.group`.
-        trial: As of `encode_layer`.
+        importance: [N, 3], see `ReelEncoder.group`.
+        trial: See `encode_layer_by_slope`.
 
     Returns:
         The result of `ReelEncoder.group`, and the steps that it used.
@@ -197,7 +204,7 @@ class _Group:
 
 
 def _views(data: GroupInput, number: int, count: int) -> list[int]:
-    """Return some cameras, spread over all; others for another number."""
+    """Return `count` cameras spread over all cameras. Another number gives other cameras."""
     apart = max(len(data.cameras) // count, 1)
     return list(range(len(data.cameras)))[number % apart :: apart][:count]
 
@@ -209,8 +216,8 @@ def _choose(encoder: ReelEncoder, data: GroupInput, subject: Subject, trial: Tri
         encoder: Encoder of the reel.
         data: Training views.
         subject: Layer or group.
-        trial: As of `encode_layer`.
-        share: Share of the file in the bytes that the reel spends per group it is visible in.
+        trial: See `encode_layer_by_slope`.
+        share: Share of the file in the bytes that the reel spends per group in which the file is visible.
     """
     if encoder.config.codec != "predictive":
         return STEPS
@@ -238,11 +245,9 @@ def _choose(encoder: ReelEncoder, data: GroupInput, subject: Subject, trial: Tri
 def equal_slopes(steps: Steps, slopes: dict[str, Slope], price: float) -> Steps:
     """Return steps at which one byte more reduces the mean squared error by `price`, for every attribute.
 
-    The error of an attribute is assumed to grow with the square of its step, its bytes to fall with the logarithm.
-
     Args:
         steps: The steps that `slopes` were measured at.
-        slopes: By attribute; attributes without a slope keep their steps.
+        slopes: By attribute. Attributes without a slope keep their steps.
         price: Mean squared error per byte.
     """
     chosen = asdict(steps)
@@ -256,8 +261,8 @@ def equal_slopes(steps: Steps, slopes: dict[str, Slope], price: float) -> Steps:
 def _held_out_error(data: GroupInput, subject: Subject, trained: list[np.ndarray], trial: Trial | None) -> float:
     """Estimate the mean squared error of held-out views.
 
-    The trial is small and quick and overestimates it; the training views underestimate it. The estimate is their geometric mean, at
-    least the training views' error.
+    The trial is small and quick, so it overestimates the error; the training views underestimate it. The estimate is their
+    geometric mean, but at least the error of the training views.
     """
     errors = []
     for (frame, view, _), image in zip(subject.as_trained(), trained, strict=True):
@@ -268,7 +273,7 @@ def _held_out_error(data: GroupInput, subject: Subject, trained: list[np.ndarray
 
 @torch.no_grad()
 def _draw(data: GroupInput, points: Gaussians, view: int) -> np.ndarray:
-    """Return the picture [H, W, 3] of a training view, with its camera's color gain."""
+    """Draw a training view [H, W, 3] with its camera's color gain."""
     camera = data.cameras[view]
     arrays = points.means, points.quats, points.scales, points.opacities, points.sh
     means, quats, scales, opacities, sh = (torch.from_numpy(array).to(data.device) for array in arrays)

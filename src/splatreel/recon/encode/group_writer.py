@@ -1,4 +1,4 @@
-"""Finished groups into a reel, one after the other, from their checkpoints."""
+"""Writing of finished groups from checkpoints to a reel, in order."""
 
 from __future__ import annotations
 
@@ -20,30 +20,30 @@ from splatreel.scene.gaussians import Gaussians
 from splatreel.scene.group import Group
 
 MAX_WORKERS = 8
-"""Groups encoded at a time: each is held in memory."""
+"""Maximum number of groups encoded at a time. Each is held in memory."""
 
-Present = Callable[[ReelWriter, int | None], None]
-"""What a reel has beside its points, such as a poster, is added by what is called after each group with the group's index, and at
-the end, before the reel is declared complete, with None."""
+PresentationHook = Callable[[ReelWriter, int | None], None]
+"""Hook that adds content beside the points, such as a poster. It is called with a group's index after each group, and with
+None at the end, before the reel is declared complete."""
 
 
-def nothing_more(writer: ReelWriter, group: int | None) -> None:
-    """Adds nothing."""
+def no_presentation(writer: ReelWriter, group: int | None) -> None:
+    """Add nothing."""
 
 
 @dataclass(frozen=True)
-class Ready:
-    """A group that is about to be encoded, with what its steps hang on, and the layers born at it, which are encoded."""
+class PreparedGroup:
+    """A group to be encoded, and the encoded layers that are born at it."""
 
     group: Group
     importance: np.ndarray | None
     steps: Steps
-    layers: list[ReadyLayer]
+    layers: list[PreparedLayer]
 
 
 @dataclass(frozen=True)
-class ReadyLayer:
-    """An encoded layer, and the order of its points. until: the group at which it is retired; None: never."""
+class PreparedLayer:
+    """An encoded layer and the order of its points. until: the group at which the layer is retired; None if never."""
 
     points: Gaussians
     data: bytes
@@ -51,11 +51,15 @@ class ReadyLayer:
     until: int | None
 
 
-class Publisher:
-    """Encodes finished groups from their checkpoints, in order from the first.
+class GroupWriter:
+    """Writer of finished groups from checkpoints, in order from the first.
 
-    encoded: take the files that chapters have encoded already, whose settings they are. device: where importance is measured that no
-    checkpoint has. measured: that importance by group, kept from trial to trial.
+    Attributes:
+        writer: Writer of the reel.
+        store: Checkpoints.
+        device: Device on which missing importance is measured.
+        measured: Importance measured here, by group. Another writer of the same store can reuse it.
+        encoded: Write the files that chapters encoded, instead of encoding again.
     """
 
     def __init__(
@@ -71,14 +75,20 @@ class Publisher:
         self._firsts = store.chapter_firsts()
         self._shared = self._order = np.zeros(0, np.int64)
 
-    def publish(self, index: int) -> None:
+    def write(self, index: int) -> None:
+        """Write a group."""
         ready = self._prepare(index)
         self._write(ready, self.store.group(index).encoded_group() if self.encoded else None)
 
-    def publish_all(self, count: int, done: Callable[[int], None]) -> None:
-        """The first `count` groups; several are encoded at a time, in threads, by the predictive codec. done: called with how many."""
+    def write_all(self, count: int, done: Callable[[int], None]) -> None:
+        """Write the first `count` groups. The predictive codec encodes several at a time, in threads.
+
+        Args:
+            count: Number of groups.
+            done: Called with the number of groups written so far.
+        """
         workers = min(os.cpu_count() or 1, MAX_WORKERS) if self.writer.config.codec == "predictive" else 1
-        waiting: deque[tuple[Ready, Future[dict[str, bytes]]]] = deque()
+        waiting: deque[tuple[PreparedGroup, Future[dict[str, bytes]]]] = deque()
         with ThreadPoolExecutor(workers) as pool:
             for index in range(count):
                 ready = self._prepare(index)
@@ -90,11 +100,11 @@ class Publisher:
                     done(before.group.index + 1)
 
     def skip(self, index: int) -> None:
-        """A group that the reel holds already, in the order of its checkpoint."""
+        """Pass over a group that the reel contains already."""
         for shared, layer in self._born(index):
             self._extend(np.arange(len(layer.trained)), shared)
 
-    def _prepare(self, index: int) -> Ready:
+    def _prepare(self, index: int) -> PreparedGroup:
         stored = self.store.group(index).group()
         group = stored.group
         born = self._born(index)
@@ -106,15 +116,15 @@ class Publisher:
                 known = resting[len(self._order) : len(self._order) + len(layer.trained)]
             layers.append(self._ready(index, group.first_frame, layer, known, shared))
             self._extend(layers[-1].order, shared)
-        # The alive bits count in the order that training saw; another encoder may have put the points into another order.
+        # The alive bits are in the order of training; another encoder may order the points differently.
         group = dataclasses.replace(group, alive=group.alive[self._order])
-        return Ready(group, moving, stored.steps, layers)
+        return PreparedGroup(group, moving, stored.steps, layers)
 
     def _born(self, index: int) -> list[tuple[bool, StoredLayer]]:
-        """The layers born at a group, each with whether all chapters share it. Those of the chapter before are retired at its end."""
+        """Return the layers born at a group, each with a flag: shared by all chapters."""
         own, shared = self.store.group(index).layer(), None
         if self._firsts is not None and index in self._firsts:
-            self._order = self._shared
+            self._order = self._shared  # the layers of the previous chapter retire here
             shared = self.store.scene.layer() if index == 0 else None
         return [(s, layer) for s, layer in ((True, shared), (False, own)) if layer is not None and len(layer.trained)]
 
@@ -125,17 +135,17 @@ class Publisher:
 
     def _ready(
         self, index: int, first_frame: int, layer: StoredLayer, importance: np.ndarray | None, shared: bool
-    ) -> ReadyLayer:
+    ) -> PreparedLayer:
         until = None if shared or self._firsts is None else min((f for f in self._firsts if f > index), default=None)
         store = self.store.scene if shared else self.store.group(index)
         data = store.encoded_layer() if self.encoded else None
         if data is not None:
-            return ReadyLayer(layer.trained, data, np.arange(len(layer.trained)), until)
+            return PreparedLayer(layer.trained, data, np.arange(len(layer.trained)), until)
         encoded = self.writer.encoder.layer(index, first_frame, layer.trained, importance, layer.steps)
-        return ReadyLayer(layer.trained, *encoded, until)
+        return PreparedLayer(layer.trained, *encoded, until)
 
     def _importance(self, stored: StoredGroup, born: list[StoredLayer]) -> Importance:
-        """As the run measured it, or measured now."""
+        """Return the importance that the run measured, or measure it now."""
         if stored.importance is not None and all(layer.importance is not None for layer in born):
             return stored.importance, None
         index = stored.group.index
@@ -145,7 +155,7 @@ class Publisher:
             self.measured[index] = group_importance(*reel, static, stored.group, self.device)
         return self.measured[index]
 
-    def _write(self, ready: Ready, files: dict[str, bytes] | None) -> None:
+    def _write(self, ready: PreparedGroup, files: dict[str, bytes] | None) -> None:
         group = ready.group
         for layer in ready.layers:
             encoded = layer.data, layer.order

@@ -1,4 +1,4 @@
-"""Where layers and groups go as soon as they are made: into the reel, or, of a chapter, beside its checkpoints."""
+"""Destination of finished layers and groups: the reel, or the checkpoints of a chapter."""
 
 from __future__ import annotations
 
@@ -12,92 +12,128 @@ from splatreel.codec.group_file import decode_layer
 from splatreel.codec.header import ReelHeader
 from splatreel.codec.writer import ReelWriter
 from splatreel.config import EncodeConfig
-from splatreel.recon.encode.publisher import Present, Publisher
+from splatreel.recon.encode.group_writer import GroupWriter, PresentationHook
 from splatreel.recon.run.store import Store
 from splatreel.scene.gaussians import Gaussians
 from splatreel.scene.group import Group
 
 EncodedLayer = tuple[bytes, np.ndarray]
-"""A layer's file, and the order [N] of its points: which of those given each of them was."""
+"""A layer's file, and the order [N] of its points: the index of each among the points that were encoded."""
 
 
 class Output(Protocol):
-    """What a run hands its layers and groups to. header, encoder: what the reel says, and how it is encoded."""
+    """Destination of a run's layers and groups."""
 
     @property
-    def header(self) -> ReelHeader: ...
+    def header(self) -> ReelHeader:
+        """Header of the reel."""
+        ...
 
     @property
-    def encoder(self) -> ReelEncoder: ...
+    def encoder(self) -> ReelEncoder:
+        """Encoder of layers and groups."""
+        ...
 
     def add_layer(self, group: int, first_frame: int, points: Gaussians, encoded: EncodedLayer) -> Gaussians:
-        """The points decoded, in reel order. encoded: what `encoder.layer` gave for them."""
+        """Add a layer and return its points as decoded, in the order of the reel.
+
+        Args:
+            group: Group at which the layer is born.
+            first_frame: First frame of this group.
+            points: Points as trained.
+            encoded: Result of `encoder.layer` for these points.
+        """
         ...
 
     def add_group(self, group: Group, encoded: dict[str, bytes]) -> None:
-        """encoded: what `encoder.group` gave for it."""
+        """Add a group. encoded: result of `encoder.group`."""
         ...
 
     def restore(self, index: int, last: bool) -> None:
-        """A group that was finished before, and may lack here. last: none follows that was."""
+        """Add a group that an earlier run finished, if it is missing here.
+
+        Args:
+            index: Number of the group.
+            last: No later group was finished.
+        """
         ...
 
 
 class ReelOutput:
-    """Into the reel at once. present: adds what is there beside the points."""
+    """Output to a reel.
 
-    def __init__(self, writer: ReelWriter, publisher: Publisher, present: Present) -> None:
-        self.writer, self.publisher, self.present = writer, publisher, present
+    Attributes:
+        writer: Writer of the reel.
+        group_writer: Writer of groups that an earlier run finished.
+        present: Adds content beside the points, see `PresentationHook`.
+    """
+
+    def __init__(self, writer: ReelWriter, group_writer: GroupWriter, present: PresentationHook) -> None:
+        self.writer, self.group_writer, self.present = writer, group_writer, present
 
     @property
     def header(self) -> ReelHeader:
+        """See `Output`."""
         return self.writer.manifest
 
     @property
     def encoder(self) -> ReelEncoder:
+        """See `Output`."""
         return self.writer.encoder
 
     def add_layer(self, group: int, first_frame: int, points: Gaussians, encoded: EncodedLayer) -> Gaussians:
+        """See `Output`."""
         return self.writer.add_layer(group, first_frame, points, encoded=encoded)[0]
 
     def add_group(self, group: Group, encoded: dict[str, bytes]) -> None:
+        """See `Output`."""
         self.writer.add_group(group, encoded=encoded)
         self.present(self.writer, group.index)
 
     def restore(self, index: int, last: bool) -> None:
+        """See `Output`."""
         if index < self.writer.manifest.end_group:
-            self.publisher.skip(index)
+            self.group_writer.skip(index)
         else:
-            self.publisher.publish(index)
+            self.group_writer.write(index)
         if last:
             self.present(self.writer, index)
 
 
-def untold(group: int) -> None:
-    """Tells nobody."""
+def ignore_group(group: int) -> None:
+    """Ignore a finished group."""
 
 
 class ChapterOutput:
-    """Beside the checkpoints, encoded, for whoever writes the reel: chapters are made in any order, on any machine.
+    """Output of encoded files to the checkpoints of a chapter.
 
-    after_group: called with the index of each group that is finished.
+    Chapters are made in any order, on any machine. A later job writes the reel.
+
+    Attributes:
+        store: Checkpoints.
+        header: Header of the reel.
+        encoder: Encoder of layers and groups.
+        after_group: Called with the index of each finished group.
     """
 
     def __init__(
-        self, store: Store, header: ReelHeader, config: EncodeConfig, after_group: Callable[[int], None] = untold
+        self, store: Store, header: ReelHeader, config: EncodeConfig, after_group: Callable[[int], None] = ignore_group
     ) -> None:
         self.store, self.header, self.after_group = store, header, after_group
         self.encoder = ReelEncoder(config)
 
     def add_layer(self, group: int, first_frame: int, points: Gaussians, encoded: EncodedLayer) -> Gaussians:
+        """See `Output`."""
         self.store.group(group).save_encoded_layer(encoded[0])
         return decode_layer(encoded[0], f"The layer of group {group}")[1]
 
     def add_group(self, group: Group, encoded: dict[str, bytes]) -> None:
+        """See `Output`."""
         self.store.group(group.index).save_encoded_group(encoded)
         self.after_group(group.index)
 
     def restore(self, index: int, last: bool) -> None:
+        """See `Output`."""
         if not self.store.group(index).has_encoded_group():
             stored = self.store.group(index).group()
             self.add_group(stored.group, self.encoder.group(stored.group, stored.importance, stored.steps))

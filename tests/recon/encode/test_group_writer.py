@@ -1,4 +1,4 @@
-"""From checkpoints to reels: importance that the run measured is used again, and threads change nothing."""
+"""Writing of groups from checkpoints: importance is reused, and threads do not change the result."""
 
 from pathlib import Path
 
@@ -11,9 +11,9 @@ from splatreel.codec.verify import verify_reel
 from splatreel.config import EncodeConfig
 from splatreel.errors import ReelError
 from splatreel.progress import Silent
-from splatreel.recon.encode import importance, publisher
+from splatreel.recon.encode import group_writer, importance
+from splatreel.recon.encode.group_writer import GroupWriter
 from splatreel.recon.encode.header import open_writer
-from splatreel.recon.encode.publisher import Publisher
 from splatreel.recon.encode.reencode import reencode
 from splatreel.recon.run.store import Store, StoredGroup, StoredLayer
 from tests.codec.reels import new_group, points
@@ -25,7 +25,7 @@ GROUPS, CPU = 4, torch.device("cpu")
 
 @pytest.fixture
 def work(tmp_path: Path) -> Path:
-    """Checkpoints of groups of 40 moving points, with 30 static ones born at the first and 20 at the third."""
+    """Create checkpoints of groups with 40 dynamic points; 30 static points are born at the first and 20 at the third."""
     store = Store(tmp_path / "work")
     bounds, up = np.array([[-1.0, -1, -1], [1, 1, 1]]), np.array([0.0, -1, 0])
     views = {"camera": camera("start", 0), "cameras": [camera("a", 1)]}
@@ -51,23 +51,23 @@ def no_pictures(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 @pytest.mark.parametrize("workers", [1, 3])
-def test_groups_that_wait_are_encoded_together_as_one_by_one(
+def test_write_all_equals_writing_one_by_one(
     work: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, workers: int
 ) -> None:
-    monkeypatch.setattr(publisher.os, "cpu_count", lambda: workers)
+    monkeypatch.setattr(group_writer.os, "cpu_count", lambda: workers)
     config = EncodeConfig(renditions=("high", "low"))
-    reencode(work, tmp_path / "together", config, CPU, Silent())
+    reencode(work, tmp_path / "threaded", config, CPU, Silent())
     writer = open_writer(Store(work), tmp_path / "single", config, resume=False)
-    one = Publisher(writer, Store(work), CPU)
+    one = GroupWriter(writer, Store(work), CPU)
     for index in range(GROUPS):
-        one.publish(index)
+        one.write(index)
     writer.finish()
-    assert contents(tmp_path / "together") == contents(tmp_path / "single")
-    found = verify_reel(tmp_path / "together")
+    assert contents(tmp_path / "threaded") == contents(tmp_path / "single")
+    found = verify_reel(tmp_path / "threaded")
     assert (found.groups, found.layers, found.points) == (GROUPS, 2, 50 + 40 * GROUPS)
 
 
-def test_a_group_that_cannot_be_encoded_leaves_those_before_it(work: Path, tmp_path: Path) -> None:
+def test_failed_group_keeps_earlier_groups(work: Path, tmp_path: Path) -> None:
     broken = Store(work).group(2)
     stored = broken.group()
     stored.group.dx[1, 3] = np.nan

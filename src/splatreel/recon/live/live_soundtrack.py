@@ -1,4 +1,4 @@
-"""The sound of a live reel: encoded as it is recorded, and published with the groups."""
+"""Soundtrack of a live reel: encoded while it is recorded, and written with the groups."""
 
 from __future__ import annotations
 
@@ -21,19 +21,24 @@ from splatreel.codec.sound import SEGMENT_SECONDS, TYPE, SoundEncoder
 from splatreel.codec.writer import ReelWriter
 from splatreel.errors import SplatreelError
 from splatreel.progress import Progress
-from splatreel.recon.encode.sound import place_of, sound_choice
+from splatreel.recon.encode.soundtrack import camera_position, parse_soundtrack_choice
 from splatreel.recon.run import checkpoint
 
-JUDGED = 10.0
-"""Seconds, at most, by which a camera is chosen."""
+SELECTION_SECONDS = 10.0
+"""Maximum seconds of sound by which a camera is selected."""
 _INIT = "init.mp4"
 
 
-class LiveSound:
-    """One camera's sound, in segments of two seconds, in OUT/work/sound until no group needs them. Use as a context manager.
+class LiveSoundtrack:
+    """Sound of one camera, in segments of two seconds. Use it as a context manager.
 
-    A thread encodes what is there in all cameras, no more: where the capture ends, so does its sound. A run that goes on takes the
-    same camera, and begins where the segments end. camera: None is silent.
+    A thread encodes the sound up to the frames that all cameras have, so that sound and video end together. OUT/work/sound
+    keeps the segments as long as a group needs them. A resumed run takes the same camera, and continues after the last segment.
+
+    Attributes:
+        folder: Folder of the segments.
+        follower: The growing capture.
+        camera: Name of the camera; None is silence.
     """
 
     def __init__(self, work: Path, follower: Follower, wanted: str, progress: Progress) -> None:
@@ -44,28 +49,30 @@ class LiveSound:
         self.camera, self._channels = self._choose(wanted) or (None, 1)
         self._thread = Thread(target=self._encode, name="sound", daemon=True)
 
-    def __enter__(self) -> LiveSound:
+    def __enter__(self) -> LiveSoundtrack:
+        """Start the thread."""
         if self.camera is not None:
             write_atomically(self.folder / _INIT, initialization(self._channels))
             self._thread.start()
         return self
 
     def __exit__(self, *_: object) -> None:
+        """Stop the follower and wait for the thread."""
         self.follower.stop()
         if self.camera is not None:
             self._thread.join()
 
-    def publish(self, writer: ReelWriter) -> None:
-        """Give a reel what there is by now, and of its first groups on."""
-        self._publish(writer, 2 * SEGMENT_SECONDS)
+    def write(self, writer: ReelWriter) -> None:
+        """Write the segments that exist and that the reel's groups need."""
+        self._write_segments(writer, 2 * SEGMENT_SECONDS)
 
     def finish(self, writer: ReelWriter) -> None:
-        """Once the capture has ended: the rest."""
+        """Write the remaining segments, after the capture has ended."""
         if self.camera is not None:
             self._thread.join()
-            self._publish(writer, 0)
+            self._write_segments(writer, 0)
 
-    def _publish(self, writer: ReelWriter, ahead: float) -> None:
+    def _write_segments(self, writer: ReelWriter, ahead: float) -> None:
         files = self._segments()
         if self.camera is None or not files or not writer.manifest.groups:
             return
@@ -78,7 +85,7 @@ class LiveSound:
             uri, start = f"sound/{index:04d}.m4s", float(index * SEGMENT_SECONDS)
             if start < needed:
                 segment = known.get(uri)
-                if segment is None or segment.seconds != seconds:  # the last one may have grown
+                if segment is None or segment.seconds != seconds:  # the last segment may have grown
                     segment = SoundSegment(writer.write_asset(uri, file.read_bytes()), start, seconds)
                 segments.append(segment)
         init = (
@@ -86,7 +93,9 @@ class LiveSound:
             if before is not None
             else writer.write_asset(f"sound/{_INIT}", (self.folder / _INIT).read_bytes())
         )
-        sound = Sound(TYPE, RATE, self._channels, init, tuple(segments), place_of(self.follower.capture, self.camera))
+        sound = Sound(
+            TYPE, RATE, self._channels, init, tuple(segments), camera_position(self.follower.capture, self.camera)
+        )
         sound = sound.since(manifest.first_frame / manifest.fps)
         if sound != before:
             writer.present(replace(manifest.presentation, sound=sound))
@@ -96,26 +105,26 @@ class LiveSound:
                 file.unlink(missing_ok=True)
 
     def _choose(self, wanted: str) -> tuple[str, int] | None:
-        """The camera and its channels."""
+        """Return the camera and its number of channels; None for silence."""
         file = self.folder / "choice.json"
         if file.exists():
-            known = checkpoint.load_checked(file, sound_choice)
+            known = checkpoint.load_checked(file, parse_soundtrack_choice)
             return None if known is None else (known["camera"], known["channels"])
         capture = self.follower.capture
         tracks = {name: track.file for name, track in capture.tracks().items()}
-        seconds = min(self.follower.frames / capture.fps, JUDGED)
+        seconds = min(self.follower.frames / capture.fps, SELECTION_SECONDS)
         chosen = begin_with(wanted, tracks, seconds, capture.path) if self._source is not None else None
-        self.progress.note("Sound: none" if chosen is None else f"Sound: camera {chosen[0]}, as it is recorded")
+        self.progress.note("Sound: none" if chosen is None else f"Sound: camera {chosen[0]}, recorded live")
         if chosen is None:
             checkpoint.save_json(file, None)
         else:
             name, channels = chosen
-            position = place_of(capture, name)
+            position = camera_position(capture, name)
             checkpoint.save_json(file, {"camera": name, "channels": channels, "position": position})
         return chosen
 
     def _segments(self) -> dict[int, tuple[Path, float]]:
-        """By number, each with its seconds: the last one of all may be shorter."""
+        """Return the segment files by number, each with its seconds. The last segment may be shorter."""
         found = {}
         for file in sorted(self.folder.glob("*.m4s")):
             index, _, samples = file.stem.partition("-")
@@ -137,7 +146,7 @@ class LiveSound:
                 first += 1
 
     def _blocks(self, encoder: SoundEncoder) -> Iterator[np.ndarray]:
-        """What is recorded, cut where the capture ends; nothing is given before all cameras are as far."""
+        """Yield the recorded samples, cut at the end of the capture. A block waits until all cameras have its frames."""
         fps, silence = self.follower.capture.fps, np.zeros((RATE // 50, self._channels), np.float32)
         for block in chain(self._recorded(encoder.begin / RATE), repeat(silence)):
             while len(block):
@@ -147,7 +156,7 @@ class LiveSound:
                     break
                 total = self.follower.total
                 if total is None:
-                    return  # nobody wants more
+                    return  # stopped
                 left = round(total / fps * RATE) - encoder.samples
                 yield block[: max(left, 0)]
                 return
@@ -159,10 +168,10 @@ class LiveSound:
         try:
             yield from self._source.sound(self.camera, self._channels, capture.first_frame, seconds)
         except SplatreelError as error:
-            self.progress.note(f"{error} The reel goes on in silence.")
+            self.progress.note(f"{error} The reel continues without sound.")
 
     def _save(self, index: int, data: bytes, samples: int) -> None:
-        """A shorter one of a run that went on is replaced."""
+        """Save a segment. It replaces a shorter version that an earlier run saved."""
         for old in self.folder.glob(f"{index:06d}-*.m4s"):
             old.unlink()
         write_atomically(self.folder / f"{index:06d}-{samples}.m4s", data)

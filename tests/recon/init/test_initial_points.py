@@ -1,3 +1,5 @@
+"""Initial points of a scene."""
+
 from dataclasses import replace
 
 import numpy as np
@@ -5,7 +7,7 @@ import pytest
 
 from splatreel.errors import ReconstructionError
 from splatreel.recon.init import planesweep
-from splatreel.recon.init.initialise import (
+from splatreel.recon.init.initial_points import (
     MAX_POINTS,
     _filled,
     depth_ranges,
@@ -19,11 +21,11 @@ from tests.recon.corner import FLOOR, HEIGHT, WALL, WIDTH, arc, depth_of, pictur
 
 
 def surface_error(points: np.ndarray) -> np.ndarray:
-    """Distance to the floor or the wall, whichever is nearer, [P]."""
+    """Return the distance [P] to the floor or the wall, whichever is nearer."""
     return np.minimum(np.abs(points[:, 1] - FLOOR), np.abs(points[:, 2] - WALL))
 
 
-def test_triangulated_points_lie_on_the_surfaces() -> None:
+def test_triangulated_points_lie_on_surfaces() -> None:
     cameras = arc()
     tracks = triangulate(cameras, pictures(cameras))
     assert len(tracks.points) > 100
@@ -33,12 +35,12 @@ def test_triangulated_points_lie_on_the_surfaces() -> None:
     assert tracks.colors.max() <= 1
 
 
-def test_nothing_is_triangulated_without_texture() -> None:
+def test_triangulate_without_texture_gives_no_points() -> None:
     cameras = arc()
     assert len(triangulate(cameras, np.full((5, HEIGHT, WIDTH, 3), 90, np.uint8)).points) == 0
 
 
-def test_swept_depth_is_right_where_neighbors_agree() -> None:
+def test_sweep_depth_is_right_where_neighbors_agree() -> None:
     cameras = arc()
     maps = planesweep.sweep(cameras, pictures(cameras), np.tile([1.5, 10.0], (5, 1)), width=WIDTH, planes=64)
     for camera, found in zip(cameras, maps, strict=True):
@@ -49,7 +51,7 @@ def test_swept_depth_is_right_where_neighbors_agree() -> None:
         assert (error[trusted] < 0.06).mean() > 0.95
 
 
-def test_points_cover_the_scene_and_carry_its_colours() -> None:
+def test_initial_points_cover_scene_with_colors() -> None:
     cameras = arc(6)
     held_out, training = cameras[2], cameras[:2] + cameras[3:]
     result = initial_points(training, pictures(training))
@@ -67,7 +69,7 @@ def test_points_cover_the_scene_and_carry_its_colours() -> None:
     assert cells.all(), "a part of a new view starts empty"
 
 
-def test_a_bare_strip_is_filled_from_its_surroundings() -> None:
+def test_plain_area_takes_depth_of_surroundings() -> None:
     cameras = arc()
     points = initial_points(cameras, pictures(cameras, bare=0.5)).points
     strip = (np.abs(points[:, 0]) < 0.3) & (points[:, 1] > 0.6) & (points[:, 2] < 5)
@@ -75,8 +77,8 @@ def test_a_bare_strip_is_filled_from_its_surroundings() -> None:
     assert np.median(np.abs(points[strip, 1] - FLOOR)) < 0.1
 
 
-def test_what_borrows_its_depth_floats_between_no_surfaces() -> None:
-    """A flat patch where a near wall meets a far one is at the depth of either."""
+def test_filled_points_do_not_float_between_surfaces() -> None:
+    """A flat patch between a near and a far wall gets the depth of one of them."""
     camera = arc()[0]
     depth = np.where(np.arange(WIDTH) < WIDTH // 2, 2.0, 6.0) * np.ones((HEIGHT, 1))
     unsure = np.abs(np.arange(WIDTH) - WIDTH // 2) < 24
@@ -89,7 +91,7 @@ def test_what_borrows_its_depth_floats_between_no_surfaces() -> None:
     assert {2.0, 6.0} == set(found.round(3).tolist())
 
 
-def test_points_of_the_capture_are_kept() -> None:
+def test_initial_points_keep_capture_points() -> None:
     cameras = arc()
     rng = np.random.default_rng(0)
     own = np.c_[rng.uniform(-1, 1, (200, 2)), np.full(200, WALL)]
@@ -98,7 +100,7 @@ def test_points_of_the_capture_are_kept() -> None:
     assert np.median(surface_error(result.points)) < 0.1
 
 
-def test_a_scene_without_texture_starts_at_random_points_in_view() -> None:
+def test_scene_without_texture_starts_from_random_points() -> None:
     cameras = arc()
     images = np.full((5, HEIGHT, WIDTH, 3), 90, np.uint8)
     result = initial_points(cameras, images, near=0.3)
@@ -110,14 +112,14 @@ def test_a_scene_without_texture_starts_at_random_points_in_view() -> None:
 
 
 @pytest.mark.parametrize("count", [1, 2])
-def test_few_cameras_still_give_points(count: int) -> None:
+def test_initial_points_of_few_cameras(count: int) -> None:
     cameras = arc()[:count]
     result = initial_points(cameras, pictures(cameras))
     assert len(result.points) > 500
     assert np.isfinite(result.points).all()
 
 
-def test_wrong_input_is_refused() -> None:
+def test_initial_points_refuse_wrong_input() -> None:
     cameras = arc()
     images = pictures(cameras)
     with pytest.raises(ReconstructionError, match=r"expected uint8 \[5, H, W, 3\]"):
@@ -128,7 +130,7 @@ def test_wrong_input_is_refused() -> None:
         initial_points(cameras, images, np.array([[np.nan, 0, 0]]))
 
 
-def test_measures_of_a_known_scene() -> None:
+def test_measures_of_known_scene() -> None:
     cameras = arc()
     rng = np.random.default_rng(0)
     points = np.c_[rng.uniform(-1, 1, (4000, 2)), rng.uniform(4, 6, 4000)]
@@ -140,7 +142,7 @@ def test_measures_of_a_known_scene() -> None:
     assert (depth_ranges(cameras, points, near=3.5)[:, 0] >= 3.5).all()
 
 
-def test_measures_without_any_point_come_from_the_cameras() -> None:
+def test_measures_without_points_use_cameras() -> None:
     cameras, none = arc(), np.zeros((0, 3))
     ranges = depth_ranges(cameras, none)
     assert np.isfinite(ranges).all()
@@ -149,7 +151,7 @@ def test_measures_without_any_point_come_from_the_cameras() -> None:
     assert 0 < near_plane(cameras, none) < ranges.max()
 
 
-def test_nearest_cameras_are_the_neighbors_in_the_arc() -> None:
+def test_nearest_cameras_are_neighbors_in_arc() -> None:
     nearest = nearest_cameras(arc(5), 2)
     assert set(nearest[2]) == {1, 3}
     assert nearest[0, 0] == 1

@@ -1,4 +1,4 @@
-"""The sound of a run: chosen and encoded when it begins, kept with the checkpoints for whatever reel is written of them."""
+"""Soundtrack of a run. It is selected and encoded at the start, and kept with the checkpoints for every reel written from them."""
 
 from __future__ import annotations
 
@@ -19,38 +19,50 @@ from splatreel.scene.untrusted import numbers
 
 
 @dataclass(frozen=True)
-class RunSound:
-    """What is heard, and where it comes from, world units; None: from everywhere."""
+class Soundtrack:
+    """An encoded soundtrack.
+
+    Attributes:
+        encoded: Encoded segments.
+        position: Position of the source, world units; None if it is not positional.
+    """
 
     encoded: EncodedSound
     position: Vec3 | None
 
 
-def hear(work: Path, capture: Capture, wanted: str, progress: Progress) -> RunSound | None:
-    """The sound of a capture's frames, which says what it is; of a run that goes on, that with which it began.
+def select_soundtrack(work: Path, capture: Capture, wanted: str, progress: Progress) -> Soundtrack | None:
+    """Select and encode the soundtrack of a capture; a resumed run keeps the one it began with.
 
-    wanted: auto, none, the name of a camera, or a file. Raises `CaptureError` where that has no sound.
+    Args:
+        work: Folder of the checkpoints.
+        capture: The capture.
+        wanted: auto, none, the name of a camera, or a file.
+        progress: Receives a note about the choice.
+
+    Raises:
+        CaptureError: If the camera or file has no sound.
     """
     if _file(work).exists():
-        return load_sound(work)
+        return load_soundtrack(work)
     seconds = capture.frames / capture.fps
     choice = choose(wanted, capture.tracks(), seconds, capture.first_frame / capture.fps, capture.path)
     if choice is None:
-        progress.note("Sound: none" if wanted == "none" else "Sound: none, no video has any")
+        progress.note("Sound: none" if wanted == "none" else "Sound: none, since no video has an audio track")
         return None
     progress.note(f"Sound: {choice}")
-    position = None if choice.camera is None else place_of(capture, choice.camera)
-    return RunSound(encode_sound(choice.samples(seconds), choice.channels), position)
+    position = None if choice.camera is None else camera_position(capture, choice.camera)
+    return Soundtrack(encode_sound(choice.samples(seconds), choice.channels), position)
 
 
-def place_of(capture: Capture, camera: str) -> Vec3:
-    """Where a camera stands, as the manifest says it."""
+def camera_position(capture: Capture, camera: str) -> Vec3:
+    """Return the position of a camera, rounded as in the manifest."""
     x, y, z = (round(value, 6) for value in capture.camera(camera).center.tolist())
     return x, y, z
 
 
-def save_sound(work: Path, sound: RunSound | None) -> None:
-    """Keep it; nothing for None, and for what is kept already."""
+def save_soundtrack(work: Path, sound: Soundtrack | None) -> None:
+    """Save a soundtrack, unless one is saved already. None saves nothing."""
     if sound is None or _file(work).exists():
         return
     encoded = sound.encoded
@@ -61,22 +73,26 @@ def save_sound(work: Path, sound: RunSound | None) -> None:
     checkpoint.save_arrays(_file(work), arrays)
 
 
-def load_sound(work: Path) -> RunSound | None:
-    """What is kept; None where nothing is. Raises `ReconstructionError` for a file that cannot be read."""
+def load_soundtrack(work: Path) -> Soundtrack | None:
+    """Load the saved soundtrack; return None if there is none.
+
+    Raises:
+        ReconstructionError: If a file cannot be read.
+    """
     if not _file(work).exists():
-        return load_live_sound(work)
+        return load_live_soundtrack(work)
     arrays = checkpoint.load_arrays(_file(work))
     channels, samples = arrays["format"].tolist()
     segments = tuple(arrays[name].tobytes() for name in sorted(arrays) if name.startswith("segment"))
     encoded = EncodedSound(channels, arrays["init"].tobytes(), segments, samples)
     position = arrays["position"].tolist()
-    return RunSound(encoded, (position[0], position[1], position[2]) if position else None)
+    return Soundtrack(encoded, (position[0], position[1], position[2]) if position else None)
 
 
-def load_live_sound(work: Path) -> RunSound | None:
-    """Of a capture that was followed, in OUT/work/sound; None where there is none, or its beginning was dropped."""
+def load_live_soundtrack(work: Path) -> Soundtrack | None:
+    """Load the soundtrack of a live capture from OUT/work/sound; return None if there is none or its beginning was dropped."""
     choice = work / "sound" / "choice.json"
-    known = checkpoint.load_checked(choice, sound_choice) if choice.exists() else None
+    known = checkpoint.load_checked(choice, parse_soundtrack_choice) if choice.exists() else None
     files = sorted((work / "sound").glob("*.m4s"))
     if known is None or not files or not files[0].name.startswith("000000-"):
         return None
@@ -84,11 +100,16 @@ def load_live_sound(work: Path) -> RunSound | None:
     init = (work / "sound" / "init.mp4").read_bytes()
     encoded = EncodedSound(known["channels"], init, tuple(file.read_bytes() for file in files), samples)
     x, y, z = known["position"]
-    return RunSound(encoded, (x, y, z))
+    return Soundtrack(encoded, (x, y, z))
 
 
-def sound_choice(value: Any) -> dict[str, Any] | None:
-    """Return the camera, channels and position of a soundtrack; None for silence. Raises KeyError or TypeError for anything else."""
+def parse_soundtrack_choice(value: Any) -> dict[str, Any] | None:
+    """Return the camera, channels and position of a soundtrack; None is silence.
+
+    Raises:
+        KeyError: If a field is missing.
+        TypeError: If a field has another type.
+    """
     if value is None:
         return None
     if not isinstance(value["camera"], str) or type(value["channels"]) is not int:
@@ -97,9 +118,9 @@ def sound_choice(value: Any) -> dict[str, Any] | None:
     return value
 
 
-def publish_sound(work: Path, writer: ReelWriter) -> None:
-    """Give a reel the sound that is kept, before its first group. Where none is, a reel keeps what it has."""
-    sound = load_sound(work)
+def write_soundtrack(work: Path, writer: ReelWriter) -> None:
+    """Write the saved soundtrack to a reel, before its first group. If none is saved, the reel keeps its own."""
+    sound = load_soundtrack(work)
     if sound is not None:
         write_sound(writer, sound.encoded, sound.position)
 

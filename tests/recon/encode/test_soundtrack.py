@@ -1,4 +1,4 @@
-"""The sound of a run: there from the first group on, the same after an interruption, and in every reel that is written of it."""
+"""Soundtrack of a run: present from the first group on, unchanged by an interruption, and in every reel of the run."""
 
 import shutil
 from pathlib import Path
@@ -16,7 +16,7 @@ from splatreel.errors import CaptureError, ReconstructionError
 from splatreel.play.timeline import open_reel
 from splatreel.progress import Silent
 from splatreel.recon.encode.reencode import reencode
-from splatreel.recon.encode.sound import hear, load_sound, save_sound
+from splatreel.recon.encode.soundtrack import load_soundtrack, save_soundtrack, select_soundtrack
 from splatreel.recon.pipeline import reconstruct
 from tests import flashes
 from tests.capture.films import film
@@ -29,7 +29,7 @@ CLICKS = {"cam1": 0.25, "cam2": 0.75}
 
 
 class Loud(WallCapture):
-    """Two of the cameras have videos with sound; the second began half a second earlier, and is farther away."""
+    """Capture of which two cameras have sound. The second began half a second earlier, and is farther away."""
 
     def __init__(self, folder: Path) -> None:
         super().__init__(4, fps=10)
@@ -62,7 +62,7 @@ def loud_at(sound: np.ndarray) -> float:
     return float(np.abs(sound).max(1).argmax() / 48000)
 
 
-def test_the_reel_has_it_where_it_belongs(folder: Path, whole: Path) -> None:
+def test_reel_contains_soundtrack_with_position(folder: Path, whole: Path) -> None:
     reel, capture = open_reel(whole / "reel"), Loud(folder)
     assert verify_reel(whole / "reel").strangers == []
     assert reel.sound.position is not None
@@ -71,9 +71,7 @@ def test_the_reel_has_it_where_it_belongs(folder: Path, whole: Path) -> None:
     assert loud_at(reel.sound.samples(0, reel.duration)) == pytest.approx(0.1, abs=2e-3)
 
 
-def test_a_live_reel_has_it_and_an_interrupted_run_ends_with_the_same_bytes(
-    folder: Path, whole: Path, tmp_path
-) -> None:
+def test_interrupted_run_has_same_soundtrack(folder: Path, whole: Path, tmp_path) -> None:
     def stop(writer: ReelWriter, group: int | None) -> None:
         raise KeyboardInterrupt
 
@@ -88,39 +86,39 @@ def test_a_live_reel_has_it_and_an_interrupted_run_ends_with_the_same_bytes(
     assert content(tmp_path / "reel") == content(whole / "reel")
 
 
-def test_other_reels_of_the_run_have_it_too(whole: Path, tmp_path: Path) -> None:
+def test_reencoded_reel_has_same_soundtrack(whole: Path, tmp_path: Path) -> None:
     reencode(whole / "work", tmp_path / "low", EncodeConfig(coarseness=2.0), torch.device("cpu"), Silent())
     sounds = [ReelReader(reel).manifest.presentation.sound for reel in (whole / "reel", tmp_path / "low")]
     assert sounds[0] == sounds[1] is not None
     verify_reel(tmp_path / "low")
 
 
-def test_another_sound_is_another_run(folder: Path, whole: Path, tmp_path: Path) -> None:
+def test_resume_with_other_sound_is_refused(folder: Path, whole: Path, tmp_path: Path) -> None:
     copy = shutil.copytree(whole, tmp_path / "copy")
     with pytest.raises(ReconstructionError, match='sound is "auto" there, "none" now'):
         reconstruct(Loud(folder), copy, CONFIG, sound="none")
 
 
-def test_what_cannot_be_heard_is_said_before_anything_is_written(folder: Path, tmp_path: Path) -> None:
+def test_missing_sound_fails_before_writing(folder: Path, tmp_path: Path) -> None:
     with pytest.raises(CaptureError, match="neither a file nor such a camera"):
         reconstruct(Loud(folder), tmp_path, CONFIG, sound="cam99")
     assert not list((tmp_path / "work").glob("*.json"))
 
 
 @pytest.mark.parametrize("wanted", ["auto", "none"])
-def test_a_silent_run_keeps_nothing(tmp_path: Path, wanted: str) -> None:
+def test_silent_run_saves_no_soundtrack(tmp_path: Path, wanted: str) -> None:
     notes = Notes()
-    save_sound(tmp_path, hear(tmp_path, WallCapture(2), wanted, notes))
-    assert notes.lines == ["Sound: none" if wanted == "none" else "Sound: none, no video has any"]
+    save_soundtrack(tmp_path, select_soundtrack(tmp_path, WallCapture(2), wanted, notes))
+    assert notes.lines == ["Sound: none" if wanted == "none" else "Sound: none, since no video has an audio track"]
     assert list(tmp_path.iterdir()) == []
 
 
-def test_it_comes_back_from_the_checkpoint(folder: Path, tmp_path: Path) -> None:
+def test_soundtrack_checkpoint_round_trip(folder: Path, tmp_path: Path) -> None:
     capture = Loud(folder)
     for wanted in (capture.second, str(folder / "near.mp4")):
         work = tmp_path / str(len(wanted))
-        sound = hear(work, capture, wanted, Silent())
-        save_sound(work, sound)
-        assert load_sound(work) == sound == hear(work, WallCapture(2), "auto", Silent())
-    assert load_sound(tmp_path / str(len(str(folder / "near.mp4")))).position is None
-    assert load_sound(work).encoded.samples == flashes.RATE * 0.4
+        sound = select_soundtrack(work, capture, wanted, Silent())
+        save_soundtrack(work, sound)
+        assert load_soundtrack(work) == sound == select_soundtrack(work, WallCapture(2), "auto", Silent())
+    assert load_soundtrack(tmp_path / str(len(str(folder / "near.mp4")))).position is None
+    assert load_soundtrack(work).encoded.samples == flashes.RATE * 0.4
