@@ -77,8 +77,12 @@ def measure_points(count: int, repeats: int) -> dict[str, float]:
     def normal(*shape: int) -> np.ndarray:
         return rng.normal(size=shape).astype(np.float32)
 
-    means, quats, log_scales = normal(count, 3) + np.float32([0, 0, 5]), normal(count, 4), 0.3 * normal(count, 3) - 3
-    turns = 0.01 * normal(count, 4) + np.float32([1, 0, 0, 0])
+    means, quats, log_scales = (
+        normal(count, 3) + np.array([0, 0, 5], np.float32),
+        normal(count, 4),
+        0.3 * normal(count, 3) - 3,
+    )
+    turns = 0.01 * normal(count, 4) + np.array([1, 0, 0, 0], np.float32)
     color = normal(count, 1, 3), normal(count, 8, 3)
     changes = 0.01 * normal(count, 3), turns, 0.01 * normal(count, 4)
     moment = deform.DeformedPoints(means, quats, log_scales, normal(count), *color, *changes)

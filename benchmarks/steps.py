@@ -79,8 +79,8 @@ class FirstGroup:
     def measure(self, layer: Steps, group: Steps, factor: float) -> dict:
         """Encode, decode and compare with the held-out cameras. factor: on all steps."""
         config = EncodeConfig(coarseness=COARSENESS * factor)
-        still, order = group_file.encode_layer_by_slope(0, 0, self.layer.trained, config, self.layer.importance, layer)
-        moving, _ = group_file.encode_group_by_slope(self.stored.group, config, self.stored.importance, group)
+        still, order = group_file.encode_layer(0, 0, self.layer.trained, config, self.layer.importance, layer)
+        moving, _ = group_file.encode_group(self.stored.group, config, self.stored.importance, group)
         points = group_file.decode_layer(still, "layer")[1][np.argsort(order)]
         sizes = {"bytes": len(still) + len(moving), "layer_bytes": len(still), "group_bytes": len(moving)}
         return {"factor": factor, **sizes, **self.score(points, group_file.decode_group(moving, "group"))}

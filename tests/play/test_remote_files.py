@@ -50,7 +50,10 @@ def test_a_server_fetches_from_a_bucket_what_it_is_asked_for(bucket, tmp_path):
         bucket.client.put_object(Bucket=bucket.name, Key=f"reel/{group}", Body=b"x" * names[group])
         assert get(f"{server.url}reel/{group}")[0] == 200  # it is kept
         server._http.config.app._files._files.clear()  # pyright: ignore
-        assert get(f"{server.url}reel/{group}")[:2] == (502, b"The remote host of the reel does not deliver this file.\n")
+        assert get(f"{server.url}reel/{group}")[:2] == (
+            502,
+            b"The remote host of the reel does not deliver this file.\n",
+        )
         assert get(server.url)[0] == 200
 
 

@@ -113,7 +113,7 @@ def test_rejected_points_do_not_use_budget(arrival: np.ndarray, monkeypatch: pyt
     frames = np.concatenate([arrival, arrival[-1:].repeat(3, 0)])
     checks, find = [], ChangeDetector.find_appeared
 
-    def find_appeared(self: ChangeDetector, tracks: list, frame: int, masks: object) -> tuple[Gaussians, np.ndarray]:
+    def find_appeared(self: ChangeDetector, tracks: list, frame: int, masks: Any) -> tuple[Gaussians, np.ndarray]:
         checks.append(frame)
         if len(checks) > 1:
             return find(self, tracks, frame, masks)
@@ -138,7 +138,7 @@ def test_track_of_few_frames_adds_no_points(arrival: np.ndarray) -> None:
 
 def test_relit_points_rest_and_add_no_points() -> None:
     """A patch of the wall darkens. As relit points it stays in place, and no points are added."""
-    patch = (np.abs(WALL.means[:, :2] - [0.7, 0]) < 0.6).all(1)
+    patch = np.all(np.abs(WALL.means[:, :2] - [0.7, 0]) < 0.6, axis=1)
     light = np.zeros((FRAMES, patch.sum()), np.float32)
     light[2:] = -1.2
     relit, static = RelitPoints(WALL[patch], light), WALL[~patch]

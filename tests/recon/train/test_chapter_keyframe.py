@@ -79,7 +79,7 @@ def test_removed_object_uncovers_known_points_behind_it() -> None:
 
 
 def test_removed_object_gets_new_points_where_background_is_unknown() -> None:
-    behind = (np.abs(WALL.means[:, :2] - [-0.25, 0]) < [0.6, 0.6]).all(1)
+    behind = np.all(np.abs(WALL.means[:, :2] - [-0.25, 0]) < [0.6, 0.6], axis=1)
     known = Gaussians.concatenate([WALL[~behind], THING])
     found = start(filmed(WALL), known)
     left = Gaussians.concatenate([known[found.alive], found.points])

@@ -81,8 +81,8 @@ def test_loss_on_gradients_adds_to_existing_gradients() -> None:
 
 
 def test_backward_returns_losses_with_gradients() -> None:
-    step = group_step(0)
-    left, right = (Loss(name, lambda step, weight: weight * step.points.means.sum()) for name in ("left", "right"))
+    step = group = group_step(0)
+    left, right = (Loss(name, lambda step, weight: weight * group.points.means.sum()) for name in ("left", "right"))
     nothing = Loss("nothing", lambda step, weight: None)
     found = backward((left, nothing, right), step, GroupConfig())
     assert list(found) == ["left", "right"]

@@ -175,7 +175,7 @@ class Value:
 
 def test_recovery_saves_only_finite_states() -> None:
     training, state, notes = Value(), Recovery(), Notes()
-    state.keep(0, training)
+    state.save_state(0, training)
     training.value = np.inf
     with pytest.raises(splat.GaussiansError) as found:
         state.check_iteration(recovery.KEEP_EVERY, torch.tensor(0.1), training)

@@ -1,5 +1,7 @@
 """Regularizers of motion."""
 
+from typing import Any, cast
+
 import pytest
 import torch
 
