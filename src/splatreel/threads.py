@@ -5,6 +5,7 @@ Kernels, torch, OpenCV and the decoders take turns, so they share one number.
 
 from __future__ import annotations
 
+import functools
 import itertools
 import os
 import sys
@@ -20,8 +21,12 @@ from splatreel.errors import UsageError
 _limit: int | None = None
 
 
+@functools.cache
 def available() -> int:
-    """Return the number of processor cores that this process may use, by its affinity and its share of their time."""
+    """Return the number of processor cores that this process may use, by its affinity and its share of their time.
+
+    The first answer is kept. Reading the limits takes 0.1 ms, as long as a small kernel, and every call of a kernel asks.
+    """
     cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
     quota = cpu_quota()
     return cores if quota is None else max(1, min(cores, int(quota)))

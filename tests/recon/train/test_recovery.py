@@ -63,7 +63,7 @@ def test_keyframe_recovers_last_good_state(monkeypatch: pytest.MonkeyPatch, valu
     trainer = train(notes)
     found = trainer.points.gaussians()
     assert len(notes.notes) == 1
-    assert "training goes on from iteration 50, at 0.5 times its learning rates" in notes.notes[0]
+    assert "training continues from iteration 50, at 0.5 times its learning rates" in notes.notes[0]
     assert notes.done == [25, 50, 75, 75, 100, 120], "from 50 on again"
     assert trainer.recovery.pace == 1, "100 is past it"
     quality, usual = (np.mean([keyframes.psnr(g, camera) for camera in keyframes.CAMERAS]) for g in (found, smooth))

@@ -14,7 +14,7 @@ from splatreel.jit import F1, FLOAT, INT, range_kernel
 from splatreel.kernels.cpu.scalars import ONE, F, U
 
 CHUNK = 4096  # floats of a task
-GRAIN = 4  # tasks that are worth a thread
+GRAIN = 32  # tasks that are worth a thread
 
 
 class Flat(NamedTuple):

@@ -17,7 +17,7 @@ from splatreel.jit import B1, F1, F2, I1, I2, INT, U1, kernel, range_kernel
 from splatreel.kernels.cpu.scalars import HALF, ONE, TWO, ZERO, F
 
 TILE = 16
-GRAIN = 1024  # splats that are worth a thread
+GRAIN = 4096  # splats that are worth a thread
 MIN_ALPHA = F(1 / 255)
 LOG2_E = F(math.log2(math.e))
 LOG2_255 = F(math.log2(255))

@@ -18,7 +18,7 @@ Skin = tuple[np.ndarray, np.ndarray]
 """index [N, K] int64 and share [N, K]: the nodes of every point and their weights."""
 
 
-GRAIN = 1024
+GRAIN = 4096
 """Points that are worth a thread."""
 BANDS = 16
 """Parts of the points that sum up their nodes' gradients on their own, however many threads there are."""

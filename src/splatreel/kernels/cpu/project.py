@@ -18,7 +18,7 @@ from splatreel.kernels.cpu.rows import choose, stack_floats
 from splatreel.kernels.cpu.scalars import HALF, ONE, TWO, ZERO, F
 
 LIMITS = types.UniTuple(FLOAT, 4)
-GRAIN = 512
+GRAIN = 4096
 """Points that are worth a thread."""
 LANES = 16
 """Points in a block."""
