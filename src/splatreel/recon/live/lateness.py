@@ -12,7 +12,7 @@ from splatreel.progress import Progress
 WhenLate = Literal["wait", "draft", "skip"]
 """wait: reconstruct every group in order, with growing latency. draft: use draft settings until caught up. skip: skip groups."""
 
-QUICKER = ("keyframe.refine_iterations", "group.iterations_per_frame")
+DRAFT_SETTINGS = ("keyframe.refine_iterations", "group.iterations_per_frame")
 """Settings of later groups that draft lowers."""
 
 
@@ -62,4 +62,4 @@ def drafted(config: Config) -> Config:
     """Return settings with at most the iterations of draft."""
     values = {"keyframe.refine_iterations": config.keyframe.refine_iterations}
     values["group.iterations_per_frame"] = config.group.iterations_per_frame
-    return changed(config, {name: min(values[name], DRAFT[name]) for name in QUICKER})
+    return changed(config, {name: min(values[name], DRAFT[name]) for name in DRAFT_SETTINGS})
