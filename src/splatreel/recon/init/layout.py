@@ -55,7 +55,7 @@ class Layout:
         numbers(value["up"], 3)
         numbers(value["bounds"], 2, 3)
         if not (is_number(value["near"]) and is_number(value["unit"])):
-            raise TypeError("near or unit is no number")
+            raise TypeError("near or unit is not a number")
         plain = {name: value[name] for name in value if name not in ("clearance", "background")}
         red, green, blue = numbers(value.get("background", [0.0, 0.0, 0.0]), 3).tolist()
         clearance = Clearance.from_dict(value.get("clearance"))
