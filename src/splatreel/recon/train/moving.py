@@ -46,7 +46,7 @@ class Changes:
 
 
 class MovingPoints:
-    """Dynamic points in three parts, whose rows are added and removed merge_snapshots.
+    """Dynamic points in three parts, whose rows are added and removed together.
 
     Attributes:
         canonical: Gaussians at the keyframe.
