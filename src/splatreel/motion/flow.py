@@ -96,6 +96,7 @@ class DisFlow:
     """
 
     def __init__(self) -> None:
+        """Create a flow function. OpenCV objects are created on first use."""
         self._cache = _ThreadCache()
 
     def __call__(

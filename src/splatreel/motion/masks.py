@@ -134,6 +134,13 @@ class GrabCutSegmenter:
     """
 
     def __init__(self, reach: float = 0.03, iterations: int = 2, width: int = 480) -> None:
+        """Create a segmenter.
+
+        Args:
+            reach: Maximum growth of a mask, as a share of the image width.
+            iterations: Iterations of GrabCut.
+            width: Maximum width at which GrabCut runs, pixels.
+        """
         self.reach = reach
         self.iterations = iterations
         self.width = width

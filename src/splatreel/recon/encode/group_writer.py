@@ -70,6 +70,7 @@ class GroupWriter:
         measured: dict[int, Importance] | None = None,
         encoded: bool = False,
     ) -> None:
+        """Create a writer, see the attributes. No group is written or skipped yet."""
         self.writer, self.store, self.device, self.encoded = writer, store, device, encoded
         self.measured = {} if measured is None else measured
         self._firsts = store.chapter_firsts()

@@ -55,6 +55,7 @@ class MovingPoints:
     """
 
     def __init__(self, canonical: TrainablePoints, deformation: Deformation, appearance: Appearance | None) -> None:
+        """Combine the three parts, see the attributes."""
         self.canonical, self.deformation, self.appearance = canonical, deformation, appearance
 
     @staticmethod

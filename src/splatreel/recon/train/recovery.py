@@ -46,6 +46,7 @@ class Recovery:
     """
 
     def __init__(self) -> None:
+        """Start without a saved state, at pace 1."""
         self.pace = 1.0
         self._attempts, self._failed = 0, 0
         self._done = 0
