@@ -86,7 +86,7 @@ def test_light_ignores_change_of_whole_scene() -> None:
 
 
 def test_light_keeps_strongest_changes(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(module, "MOST", 0.01)
+    monkeypatch.setattr(module, "MAX_CHANGED_SHARE", 0.01)
     found = (changes_of_light(WALL, CAMERAS, film(shadow(3, 5)), NEAR) != 0).any(0)
     assert found.sum() == 9
     assert found[INSIDE].sum() == 9
