@@ -6,6 +6,7 @@ import runpy
 import sys
 from pathlib import Path
 
+import numpy as np
 import pytest
 from PIL import Image
 
@@ -37,7 +38,7 @@ def test_draw_reel(monkeypatch: pytest.MonkeyPatch, tmp_path: Path, capsys: pyte
     camera = splatreel.open_reel(GOLDEN).manifest.camera
     with Image.open(tmp_path / "picture.png") as picture:
         assert picture.size == (camera.width, camera.height)
-        assert max(high for _, high in picture.getextrema()) > 50
+        assert np.asarray(picture).max() > 50
     assert "Gaussians at 0.2 s" in capsys.readouterr().out
 
 

@@ -60,7 +60,7 @@ def test_plain_page_plays(page: Page, tmp_path: Path) -> None:  # noqa: F811
         page.goto(site)
         wait_for_picture(page)
         page.get_by_role("button", name="Go to the middle").click()
-        page.wait_for_function("document.getElementById('time').value.startsWith('0.2 of 0.3 s')")
+        page.wait_for_function("document.getElementById('time').value.startsWith('0.2 of 0.5 s')")
 
 
 @pytest.mark.parametrize("name", ["vite", "react"])
@@ -68,4 +68,4 @@ def test_built_page_plays(page: Page, tmp_path: Path, name: str) -> None:  # noq
     with host(build(name, tmp_path)) as site:
         page.goto(site)
         wait_for_picture(page)
-        page.wait_for_function("document.getElementById('status').textContent.includes('0.3 s')")
+        page.wait_for_function("document.getElementById('status').textContent.includes('0.5 s')")
