@@ -65,7 +65,7 @@ screens: $(SETUP)  ## take the player's golden screenshots anew
 	$(BIN)/python -m tests.player.screens
 
 docs: $(DOCS)  ## build the documentation into out/site; a warning is an error
-	$(BIN)/mkdocs build --quiet --strict --site-dir out/site
+	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --quiet --strict --site-dir out/site
 
 wheel: $(SETUP)  ## build the wheel and the source archive into dist
 	$(BIN)/python -m build --no-isolation --outdir dist

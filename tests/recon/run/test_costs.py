@@ -64,7 +64,7 @@ def test_a_single_frame_has_no_motion() -> None:
 
 
 def test_a_long_film_of_chapters() -> None:
-    """`benchmarks/long.py`: 205 s a chapter of 300 frames, the median of twenty, on two threads."""
+    """docs/experiments/2026-11-25-long-film.md: a chapter of 300 frames took 205 s on two threads, the median of twenty."""
     quick = {"keyframe.refine_iterations": 100, "group.iterations_per_frame": 6}
     config, spans = changed(preset("draft"), quick), group_spans(305, 30, 5)
     said = sum(chapter_seconds(Shooting(0.0144, 5, 0.194, 0.96), spans, config).values())
