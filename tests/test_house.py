@@ -129,6 +129,7 @@ ROOMS_OF_RECON = (
     ("stages",),
     ("preparation",),
     ("groups", "shared_scene"),
+    ("plan",),
     ("jobs",),
     ("pipeline",),
     ("live", "machines"),

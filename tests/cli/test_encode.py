@@ -11,7 +11,7 @@ from splatreel.cli.main import main
 from splatreel.codec.reader import ReelReader
 from splatreel.codec.verify import verify_reel
 from splatreel.recon.pipeline import reconstruct
-from splatreel.recon.run.run_lock import hold
+from splatreel.recon.run.run_lock import lock_reel
 from tests.recon.captures import WallCapture
 from tests.recon.small import small
 
@@ -151,7 +151,7 @@ def test_a_folder_without_a_run(run: Path, capsys: pytest.CaptureFixture[str]) -
 
 @pytest.mark.skipif(os.name != "posix", reason="locks of folders")
 def test_of_two_at_once_the_second_is_told(run: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    with hold(Path("other")):
+    with lock_reel(Path("other")):
         assert main(["encode", "run", "--out", "other"]) == 1
         assert (
             "other: another process is writing this reel. Wait for it or choose another --out"

@@ -42,7 +42,7 @@ def test_time_and_memory_are_said_and_nothing_is_written(scene: Path, capsys: py
     assert found is not None
     parts = [float(line.split()[-2]) for line in stages]
     assert sum(parts) == pytest.approx(float(found[1]), abs=1 + 0.5 * len(parts))
-    assert "learning how it moves" in "".join(stages)
+    assert "training the motion" in "".join(stages)
     assert processor == f"Processor: {describe_processor()}."
     assert re.fullmatch(r"Memory: about 0\.\d GB at most; [\d.]+ GB are free\.", last)
     assert [path.name for path in scene.parent.iterdir()] == ["scene"]

@@ -55,8 +55,8 @@ def start(capture: Path, out: Path, title: str) -> subprocess.Popen[str]:
 def test_signals_stop_the_command_and_the_same_command_goes_on(capture: Path, tmp_path: Path) -> None:
     out = tmp_path / "out"
     stops = [
-        ("group 2/2: refining what moves", signal.SIGINT, 130, 1),
-        ("group 2/2: learning how it moves", signal.SIGKILL, -signal.SIGKILL, 1),
+        ("group 2/2: training the keyframe", signal.SIGINT, 130, 1),
+        ("group 2/2: training the motion", signal.SIGKILL, -signal.SIGKILL, 1),
     ]
     for line, number, code, published in stops:
         process = start(capture, out, "A wall")

@@ -25,4 +25,4 @@ def group_input(
     layout = Layout(near, unit, [0.0, -1, 0], [[-1.0, -1, -1], [1.0, 1, 1]], clearance)
     rig, span = Rig.of(cameras), GroupSpan(index, 0, len(images), len(images))
     cpu = torch.device("cpu")
-    return GroupInput(span, images, rig.cameras, rig.gains, rig.time_offsets, None, layout, cpu, seed, False)
+    return GroupInput(span, images, rig, None, layout, cpu, seed, False)

@@ -18,6 +18,7 @@ from splatreel.recon.encode.reencode import reencode
 from splatreel.recon.jobs import ChapteredRun, chapter_job, publish_job, scene_job
 from splatreel.recon.pipeline import Result, plan_run, reconstruct
 from splatreel.recon.run.store import Store
+from splatreel.recon.stages.keyframe_stages import ChapterKeyframe
 from tests.recon.captures import WallCapture
 from tests.recon.small import small
 from tests.recon.test_pipeline import Stop, Trace, content, finish_despite
@@ -58,7 +59,7 @@ def test_what_is_shared_is_the_wall_and_chapters_have_what_passes_before_it(whol
     seen = shared.decoded.opacities > 0.5
     assert np.median(shared.decoded.means[seen, 2]) == pytest.approx(0.95, abs=0.2)
     for chapter in planned(whole.reel.parent).chapters:
-        start = store.group(chapter.first).chapter_start()
+        start = ChapterKeyframe().load(store.group(chapter.first))
         assert start is not None
         assert len(start.points) > 0
         assert start.alive.mean() > 0.5

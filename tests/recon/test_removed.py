@@ -57,7 +57,7 @@ class Thief(Silent):
 def test_a_capture_that_is_removed_in_mid_run_is_named_and_costs_nothing(pictures: Path, tmp_path: Path) -> None:
     whole = reconstruct(open_capture(pictures, held_out=[]), tmp_path / "whole", CONFIG)
     folder, out = pictures / "ims", tmp_path / "out"
-    thief = Thief(folder, "group 1/3: learning how it moves")
+    thief = Thief(folder, "group 1/3: training the motion")
     with pytest.raises(CaptureError, match=r"ims.\d.0000\d\d\.png"):
         reconstruct(open_capture(pictures, held_out=[]), out, CONFIG, progress=thief)
     groups = verify_reel(out / "reel").groups

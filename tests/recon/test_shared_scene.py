@@ -9,6 +9,7 @@ from splatreel.capture.base import Capture
 from splatreel.progress import Silent
 from splatreel.recon.jobs import ChapteredRun, chapter_job, scene_job
 from splatreel.recon.pipeline import plan_run
+from splatreel.recon.stages.keyframe_stages import ChapterKeyframe
 from splatreel.recon.train.chapter_keyframe import ChapterStart
 from splatreel.scene.gaussians import Gaussians
 from tests.recon.captures import HEIGHT, WIDTH, picture
@@ -49,7 +50,7 @@ def made(capture: Capture, out: Path, chapters: list[int]) -> ChapteredRun:
 
 
 def started(run: ChapteredRun, chapter: int) -> ChapterStart:
-    start = run.store.group(run.chapters[chapter].first).chapter_start()
+    start = ChapterKeyframe().load(run.store.group(run.chapters[chapter].first))
     assert start is not None
     return start
 

@@ -24,7 +24,7 @@ class StopAt(Trace):
 
 
 def test_what_a_stage_found_is_not_looked_for_again(tmp_path: Path) -> None:
-    stages = ["building the scene", "telling what moves", "following what moves", "learning how it moves"]
+    stages = ["training the first keyframe", "separating static", "tracking moving points", "training the motion"]
     for done, what in enumerate(stages[1:]):
         trace = StopAt(what)
         with pytest.raises(KeyboardInterrupt):

@@ -56,7 +56,7 @@ def encode(
     from splatreel.progress import console
     from splatreel.recon.encode.reencode import reencode
     from splatreel.recon.run.device import pick_device
-    from splatreel.recon.run.run_lock import hold
+    from splatreel.recon.run.run_lock import lock_reel
 
     _check_folder(run, out)
     options = {
@@ -77,7 +77,7 @@ def encode(
     _check_rate(config, rate, target_mbps, papers)
     progress = console()
     try:
-        with hold(out):
+        with lock_reel(out):
             _check_folder(run, out)  # somebody else may have finished it by now
             reencode(
                 run / "work",

@@ -14,17 +14,6 @@ if TYPE_CHECKING:
     from splatreel.recon.machines.ray_cluster import ClusterOptions
     from splatreel.recon.machines.run_spec import RunSpec
 
-STAGES = {
-    "reading": "reading pictures",
-    "points": "first points, checking cameras",
-    "cameras": "exposures and poses",
-    "keyframe": "keyframes",
-    "layering": "what moves from what rests",
-    "tracking": "following what moves",
-    "group": "learning how it moves",
-    "encode": "writing",
-}
-
 
 def estimated(spec: RunSpec, workers: int | None) -> str:
     """Time and memory of a run, in lines. Writes nothing; raises what the run itself would raise before it starts."""
@@ -114,9 +103,17 @@ def _rounded(seconds: float) -> str:
 
 
 def _stages(found: Estimate) -> list[str]:
-    """Those that take time, in their order."""
-    told = [(words, found.seconds.get(stage, 0.0)) for stage, words in STAGES.items()]
-    return [f"  {words:<31}{format_seconds(seconds):>12}" for words, seconds in told if seconds >= 0.05]
+    """Return a line for each kind of stage that takes time, in their order."""
+    from splatreel.recon.plan import READING
+    from splatreel.recon.preparation import POINTS_TEXT
+    from splatreel.recon.run.job import POINTS
+    from splatreel.recon.stages.group_stages import GROUP_STAGES
+
+    labels = {READING: "reading images", POINTS: POINTS_TEXT} | {stage.name: stage.label for stage in GROUP_STAGES}
+    times = dict.fromkeys(labels.values(), 0.0)
+    for name, label in labels.items():
+        times[label] += found.seconds.get(name, 0.0)
+    return [f"  {label:<37}{format_seconds(seconds):>12}" for label, seconds in times.items() if seconds >= 0.05]
 
 
 def _memory(run: ChapteredRun, found: Estimate) -> list[str]:

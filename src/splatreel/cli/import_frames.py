@@ -62,7 +62,7 @@ def import_frames(
     from splatreel.play.presentation_writer import PresentationWriter
     from splatreel.progress import console
     from splatreel.recon.run.device import pick_device
-    from splatreel.recon.run.run_lock import hold
+    from splatreel.recon.run.run_lock import lock_reel
     from splatreel.sequence.comparison import check_seen
     from splatreel.sequence.frames import open_frames
     from splatreel.sequence.reel import header_of, write_reel
@@ -78,7 +78,7 @@ def import_frames(
     check_no_reel(out)
     progress = console()
     try:
-        with hold(out):
+        with lock_reel(out):
             check_no_reel(out)  # somebody else may have finished it by now
             writer = ReelWriter(out, header, config=EncodeConfig(coarseness=COARSENESS[rate]))
             found = write_reel(

@@ -152,7 +152,8 @@ def _config(site: WebApp) -> uvicorn.Config:
         access_log=False,
         proxy_headers=False,
         server_header=False,
-        limit_concurrency=2 * _most_connections(),  # beyond it uvicorn answers 503; `Connection` makes room at half of it
+        limit_concurrency=2
+        * _most_connections(),  # beyond it uvicorn answers 503; `Connection` makes room at half of it
         backlog=_BACKLOG,
         timeout_keep_alive=IDLE_SECONDS,
         timeout_graceful_shutdown=_SECONDS_TO_CLOSE,

@@ -7,11 +7,14 @@ import pytest
 
 from splatreel.capture.poses import inverted
 from splatreel.errors import ReconstructionError
-from splatreel.recon.cameras.exposure import at_next_keyframe, measure_exposure, take_out, tell_exposure
+from splatreel.recon.cameras.exposure import at_next_keyframe, measure_exposure, report_exposure, take_out
 from splatreel.recon.cameras.findings import Findings
-from splatreel.recon.cameras.rig import Rig, check_first_poses, check_poses_again, tell_offsets
+from splatreel.recon.cameras.rig import Rig, check_first_poses, check_later_poses, report_offsets
 from splatreel.recon.cameras.time_offsets import LearnedOffsets
-from splatreel.recon.run.store import GroupStore, restored_rig
+from splatreel.recon.run.store import GroupStore
+from splatreel.recon.stages.camera_stages import EvenExposures, save_poses
+from splatreel.recon.stages.group_stages import restored_rig
+from splatreel.recon.stages.keyframe_stages import FirstKeyframe
 from splatreel.recon.train.keyframe import KeyframeResult
 from splatreel.scene.gaussians import Gaussians
 from tests.notes import Notes
@@ -31,15 +34,15 @@ def test_exposures_go_on_from_group_to_group_and_a_restored_rig_knows_as_much(tm
     rig = again = replace(Rig.of(CAMERAS), gains=np.random.default_rng(0).random((len(NAMES), 3), np.float32))
     for first, store in ((0, GroupStore(tmp_path / "a")), (3, GroupStore(tmp_path / "b"))):
         frames = CAPTURE.read(first, min(4, 6 - first), NAMES)
-        store.save_exposure(exposure := measure_exposure(rig, frames))
-        tell_exposure(rig, exposure, notes)
+        EvenExposures().save(store, exposure := measure_exposure(rig, frames))
+        report_exposure(rig, exposure, notes)
         take_out(frames, exposure)
         assert np.abs(frames.astype(float) - CAPTURE.read(0, 1, NAMES)[0]).mean() < 1.5
         learned = LearnedOffsets(np.linspace(-0.3, 0.3, len(NAMES)) + first / 150, 0.0)
-        rig = at_next_keyframe(rig, exposure, 3).timed(learned.values)
-        store.save_time_offsets(learned.values)
-        tell_offsets(rig, learned, notes)
-        store.save_keyframe(KeyframeResult(Gaussians.empty(), rig.gains))
+        rig = at_next_keyframe(rig, exposure, 3).with_offsets(learned.values)
+        store.save("delays", {"delays": learned.values})
+        report_offsets(rig, learned, notes)
+        FirstKeyframe().save(store, KeyframeResult(Gaussians.empty(), rig.gains))
         again = restored_rig(again, store, 3)
         assert np.array_equal(again.exposure, rig.exposure)
         assert np.array_equal(again.time_offsets, rig.time_offsets)
@@ -56,8 +59,8 @@ def test_delays_that_groups_do_not_agree_on_are_not_told() -> None:
     said = []
     for _ in range(4):
         offsets = rng.normal(0, 0.15, len(NAMES))
-        rig = rig.timed(offsets)
-        tell_offsets(rig, LearnedOffsets(offsets, 0.0), notes)
+        rig = rig.with_offsets(offsets)
+        report_offsets(rig, LearnedOffsets(offsets, 0.0), notes)
         said.append(len(notes.lines))
     assert said[1:] == [said[0]] * 3
 
@@ -69,8 +72,8 @@ def test_light_is_taken_out_and_goes_on_from_group_to_group(tmp_path: Path) -> N
     frames = np.rint(still * dusk[:, None, None, None, None]).astype(np.uint8)
     for first, store in ((0, GroupStore(tmp_path / "a")), (3, GroupStore(tmp_path / "b"))):
         own = frames[first : first + 4].copy()
-        store.save_exposure(exposure := measure_exposure(rig, own))
-        tell_exposure(rig, exposure, notes)
+        EvenExposures().save(store, exposure := measure_exposure(rig, own))
+        report_exposure(rig, exposure, notes)
         take_out(own, exposure)
         light, rig = exposure.light_factors, at_next_keyframe(rig, exposure, 3)
         assert light is not None
@@ -94,8 +97,8 @@ def test_a_camera_that_was_touched_is_put_right_and_a_stranger_left_out(tmp_path
     frames[:, 6] = frames[:, 6, ::-1, ::-1]
     said = [turned(camera, 1.0) if number == 2 else camera for number, camera in enumerate(CORNER)]
     notes, store = Notes(), GroupStore(tmp_path)
-    store.save_poses(poses := check_first_poses(Rig.of(said), frames, "The capture", notes))
-    rig = Rig.of(said).standing(poses)
+    save_poses(store, poses := check_first_poses(Rig.of(said), frames, "The capture", notes))
+    rig = Rig.of(said).with_poses(poses)
     others = [camera for camera in CORNER if camera.name != "cam6"]
     assert rig.names == [camera.name for camera in others]
     assert np.array_equal(frames[:, poses.kept], np.delete(frames, 6, 1))
@@ -112,14 +115,14 @@ def test_a_camera_that_was_touched_is_put_right_and_a_stranger_left_out(tmp_path
 @pytest.mark.slow
 def test_a_camera_that_is_touched_later_is_put_right_from_the_next_group_on(tmp_path: Path) -> None:
     rig, notes, store = Rig.of([*CORNER[:4], turned(CORNER[4], 1.0), *CORNER[5:]]), Notes(), GroupStore(tmp_path)
-    store.save_poses(poses := check_poses_again(rig, PICTURES, notes))
-    rig = rig.standing(poses)
+    save_poses(store, poses := check_later_poses(rig, PICTURES, notes))
+    rig = rig.with_poses(poses)
     assert apart(rig.cameras[4], CORNER[4]) < 0.3
     restored = restored_rig(Rig.of(CORNER), store, 3)
     assert np.array_equal(restored.cameras[4].viewmat, rig.cameras[4].viewmat)
     frames = PICTURES.copy()
     frames[:, 1] = frames[:, 1, ::-1, ::-1]
-    rig = rig.standing(check_poses_again(rig, frames, notes))
+    rig = rig.with_poses(check_later_poses(rig, frames, notes))
     assert notes.lines[1] == "cam1 no longer shows what its neighbors do: check its video"
     assert len(rig.cameras) == 9
 
@@ -134,7 +137,7 @@ def test_poses_the_other_way_round_are_refused() -> None:
 def test_a_user_is_told_of_poses_that_nobody_can_check() -> None:
     notes = Notes()
     poses = check_first_poses(Rig.of(CORNER), np.full_like(PICTURES, 90), "The capture", notes)
-    assert len(Rig.of(CORNER).standing(poses).cameras) == 9
+    assert len(Rig.of(CORNER).with_poses(poses).cameras) == 9
     assert notes.lines == ["the cameras show too little in common to check their poses: taken as they are said to be"]
     (line,) = Findings({}, [], [], [1]).doubts(["a", "b", "c"])
     assert line == "b: too little in common with the other cameras to check the pose, taken as it is said to be"
@@ -143,7 +146,7 @@ def test_a_user_is_told_of_poses_that_nobody_can_check() -> None:
 def test_where_too_many_are_wrong_the_user_is_told_and_nothing_changes() -> None:
     said = [turned(camera, 1.0) if number % 3 == 1 else camera for number, camera in enumerate(CORNER)]
     notes = Notes()
-    rig = Rig.of(said).standing(check_first_poses(Rig.of(said), PICTURES, "The capture", notes))
+    rig = Rig.of(said).with_poses(check_first_poses(Rig.of(said), PICTURES, "The capture", notes))
     assert all(np.array_equal(now.viewmat, before.viewmat) for now, before in zip(rig.cameras, said, strict=True))
     (line,) = notes.lines
     assert re.match("the poses or lenses of .*cam1.*cam4.*cam7.* do not fit each other, too many to be put right", line)

@@ -115,7 +115,9 @@ def test_groups_are_shown_as_they_are_filmed_and_are_those_of_a_capture_that_was
     assert shown[3].endswith("; all is shown.")
 
 
-@pytest.mark.parametrize("where", ["group 2: learning how it moves", "Group 2 shown", "group 1: building"])
+@pytest.mark.parametrize(
+    "where", ["group 2: training the motion", "Group 2 shown", "group 1: training the first keyframe"]
+)
 def test_a_run_that_was_stopped_goes_on_with_the_frames_that_came_since(
     where: str, tmp_path: Path, whole: dict[str, bytes]
 ) -> None:
@@ -162,7 +164,7 @@ def test_drafts_take_fewer_iterations_until_it_has_caught_up(tmp_path: Path, mon
     source.end()
     director = Director()
     follow(source, tmp_path / "out", director, when_late="draft")
-    iterations = [total for name, total in director.stages if "learning how it moves" in name]
+    iterations = [total for name, total in director.stages if "training the motion" in name]
     frames = LENGTH + OVERLAP
     assert iterations == [frames, frames, frames, frames * CONFIG.group.iterations_per_frame]
 
@@ -174,10 +176,10 @@ def test_what_is_left_out_stands_still_and_the_next_group_is_at_the_edge(tmp_pat
     def burst() -> None:
         source.write(4 * LENGTH)
 
-    director = Director({"group 2: learning how it moves": burst, "Group 6 shown": source.end})
+    director = Director({"group 2: training the motion": burst, "Group 6 shown": source.end})
     source.write(LENGTH)
     reel = ReelReader(follow(source, tmp_path / "out", director, when_late="skip"))
-    made = [name for name, _ in director.stages if "learning how it moves" in name]
+    made = [name for name, _ in director.stages if "training the motion" in name]
     assert [name.split(":")[0] for name in made] == ["group 1", "group 2", "group 6", "group 7"]
     assert [text for text in director.told if "left out" in text and text.startswith("Group")] == [
         f"Group {number} is left out: nothing moves in it." for number in (3, 4, 5)

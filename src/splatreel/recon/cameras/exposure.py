@@ -36,7 +36,7 @@ def measure_exposure(rig: Rig, frames: np.ndarray, reference: np.ndarray | None 
     return Exposure(change + rig.exposure, light + rig.light)
 
 
-def tell_exposure(rig: Rig, found: Exposure, progress: Progress) -> None:
+def report_exposure(rig: Rig, found: Exposure, progress: Progress) -> None:
     """Say how much changes, if one would see it."""
     most = np.abs(found.change).max((0, 2))
     if most.max() > CHANGED:

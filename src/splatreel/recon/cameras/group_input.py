@@ -12,6 +12,7 @@ import torch
 from splatreel import threads
 from splatreel.capture.frame_file import frame_array, give_back
 from splatreel.kernels.image import Backdrop, render_image
+from splatreel.recon.cameras.rig import Rig
 from splatreel.recon.init.layout import Layout
 from splatreel.scene.camera import Camera
 from splatreel.scene.gaussians import Gaussians
@@ -37,14 +38,27 @@ class GroupInput:
 
     span: GroupSpan
     images: np.ndarray
-    cameras: list[Camera]
-    gains: np.ndarray
-    time_offsets: np.ndarray
+    rig: Rig
     light: np.ndarray | None
     layout: Layout
     device: torch.device
     seed: int
     antialias: bool
+
+    @property
+    def cameras(self) -> list[Camera]:
+        """Cameras [C] with the poses that they have in this group."""
+        return self.rig.cameras
+
+    @property
+    def gains(self) -> np.ndarray:
+        """Color gains [C, 3] float32: factors from a rendered picture to the colors of each camera."""
+        return self.rig.gains
+
+    @property
+    def time_offsets(self) -> np.ndarray:
+        """Frames [C] float64 by which each camera is late, as far as earlier groups could tell."""
+        return self.rig.time_offsets
 
     @property
     def near(self) -> float:
@@ -70,7 +84,7 @@ class GroupInput:
         with ThreadPoolExecutor(threads.count()) as pool:
             list(pool.map(lambda pair: cv2.resize(pair[0], size, dst=pair[1], interpolation=cv2.INTER_AREA), pairs))
         give_back(self.images)
-        return replace(self, images=images, cameras=cameras)
+        return replace(self, images=images, rig=replace(self.rig, cameras=cameras))
 
     def draw(self, points: Gaussians, camera: Camera) -> np.ndarray:
         """[H, W, 3] float32, a picture of points as it comes before the camera's color gain; on the CPU, without gradients."""

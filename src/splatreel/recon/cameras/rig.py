@@ -58,7 +58,7 @@ class Rig:
         """[C] float64, frames by which each camera is late."""
         return self.ends[-1] if self.ends else np.zeros(len(self.cameras))
 
-    def standing(self, poses: Poses) -> Rig:
+    def with_poses(self, poses: Poses) -> Rig:
         """The cameras where they stand, without those that were left out."""
         rig, kept = self, poses.kept
         if kept is not None and len(kept) < len(self.cameras):
@@ -70,7 +70,7 @@ class Rig:
         """With the exposures and the light of the capture's first frame."""
         return replace(self, exposure=np.zeros_like(self.exposure), light=np.zeros_like(self.light))
 
-    def timed(self, offsets: np.ndarray) -> Rig:
+    def with_offsets(self, offsets: np.ndarray) -> Rig:
         """With the time offsets [C] at the end of one more group."""
         return replace(self, ends=(*self.ends, offsets))
 
@@ -82,7 +82,7 @@ def check_first_poses(rig: Rig, frames: np.ndarray, origin: str, progress: Progr
     `ReconstructionError` for poses that are not world to camera.
     """
     found = check_poses(rig.cameras, frames)
-    _tell_repairs(rig, found, progress)
+    _report_repairs(rig, found, progress)
     found.refuse(origin)
     for doubt in found.doubts(rig.names):
         progress.note(doubt)
@@ -90,16 +90,16 @@ def check_first_poses(rig: Rig, frames: np.ndarray, origin: str, progress: Progr
     return Poses(_viewmats(rig, found)[kept], np.array(kept))
 
 
-def check_poses_again(rig: Rig, frames: np.ndarray, progress: Progress) -> Poses:
+def check_later_poses(rig: Rig, frames: np.ndarray, progress: Progress) -> Poses:
     """In a later group: cameras that were touched are put right. frames: [2, C, H, W, 3] uint8, two moments of it."""
     found = check_poses(rig.cameras, frames)
-    _tell_repairs(rig, found, progress)
+    _report_repairs(rig, found, progress)
     for number in found.strangers:
         progress.note(f"{rig.names[number]} no longer shows what its neighbors do: check its video")
     return Poses(_viewmats(rig, found))
 
 
-def tell_offsets(rig: Rig, learned: LearnedOffsets, progress: Progress) -> None:
+def report_offsets(rig: Rig, learned: LearnedOffsets, progress: Progress) -> None:
     """Say which camera is out of step, if the pictures tell. rig: with the offsets that were learned."""
     late, off = np.abs(learned.values), learned.uncertainty(list(rig.ends))
     told = late > np.maximum(CERTAIN * off, OUT_OF_STEP)
@@ -110,7 +110,7 @@ def tell_offsets(rig: Rig, learned: LearnedOffsets, progress: Progress) -> None:
         progress.note(f"cameras are out of step, {rig.names[worst]} is {much}: allowed for")
 
 
-def _tell_repairs(rig: Rig, found: Findings, progress: Progress) -> None:
+def _report_repairs(rig: Rig, found: Findings, progress: Progress) -> None:
     for repair in found.repairs(rig.names):
         progress.note(repair)
 

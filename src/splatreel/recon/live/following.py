@@ -20,7 +20,7 @@ from splatreel.progress import Progress, Silent
 from splatreel.recon.cameras.rig import Rig
 from splatreel.recon.encode.header import open_writer
 from splatreel.recon.encode.publisher import Present, Publisher, nothing_more
-from splatreel.recon.groups import Handover, reconstruct_group, restore_group
+from splatreel.recon.groups import reconstruct_group, restore_group
 from splatreel.recon.init.layout import Layout
 from splatreel.recon.live.held import hold_group
 from splatreel.recon.live.lateness import Lateness, WhenLate
@@ -37,6 +37,7 @@ from splatreel.recon.run.memory import check_memory
 from splatreel.recon.run.requirements import check_capture
 from splatreel.recon.run.run_lock import RunLock
 from splatreel.recon.run.store import Store
+from splatreel.recon.stages.stage import AfterGap, FirstOfVideo, Handover, NextGroup, RetiredStatic
 from splatreel.scene.gaussians import Gaussians
 from splatreel.scene.spans import GroupSpan
 
@@ -74,8 +75,8 @@ def reconstruct_following(
         first = next(iter(run.spans(0)), None)
         if first is None:
             raise CaptureError(f"{capture.path}: has no frame. Record again.")
-        job = run.job(first, config)
-        rig, layout = prepare(job, capture, lock)
+        job = run.job(config)
+        rig, layout = prepare(job, capture, first.count // 2, lock)
         keep_epochs(job.store, job.store.finished_groups(first_kept(job.store)) + first_kept(job.store))
         save_header(job, capture, rig, layout, None)
         writer = open_writer(job.store, lock.reel, config.encode, resume=True, first_group=first_kept(job.store))
@@ -119,8 +120,8 @@ class _LiveRun:
     def spans(self, first: int, skip: bool = False) -> LiveSpans:
         return LiveSpans(self.follower, self.config.group.length, self.config.group.overlap, first, skip)
 
-    def job(self, span: GroupSpan, config: Config) -> Job:
-        return Job(config, self.device, self.progress, self.store, [span], endless=True)
+    def job(self, config: Config) -> Job:
+        return Job(config, self.device, self.progress, self.store)
 
     def make(self, rig: Rig, layout: Layout, output: LiveOutput) -> None:
         """All groups that are not finished, as they can be made. rig: as the first group of all finds it."""
@@ -152,19 +153,19 @@ class _LiveRun:
         settings = self.lateness.settings(span.index, live.behind(span))
         self.edge = frames[span.own].copy() if span.own < len(frames) else None
         before = self._begin(span, before)
-        before = reconstruct_group(self.job(span, settings), span, frames, before, layout, output)
+        before = reconstruct_group(self.job(settings), span, frames, before, layout, output)
         self.window.move(output.writer)
         self._tell(span, live)
         return before
 
     def _hold(self, span: GroupSpan, before: Handover, layout: Layout, output: LiveOutput) -> Handover:
         """A group that is left out."""
-        if before.reference is None:
-            edge = self.edge
-            if edge is None:
-                edge = self.follower.capture.read(span.first, 1, before.rig.names)[0]
-            before = replace(before, reference=edge)
-        before = hold_group(self.job(span, self.config), span, self._begin(span, before), layout, output)
+        before = self._begin(span, before)
+        assert isinstance(before, NextGroup)  # the first group of all is never left out
+        edge = before.reference if isinstance(before, AfterGap) else self.edge
+        if edge is None:
+            edge = self.follower.capture.read(span.first, 1, before.rig.names)[0]
+        before = hold_group(self.job(self.config), span, before, edge, layout, output)
         self.window.move(output.writer)
         self.progress.note(f"Group {span.index + 1} is left out: nothing moves in it.")
         return before
@@ -173,7 +174,8 @@ class _LiveRun:
         self.window.begins(span.index, before.rig)
         keep_epochs(self.store, span.index)
         if is_renewed(span.index):
-            return replace(before, trained=trained_points(self.store, span.index - 1))
+            static, trained = before.static, trained_points(self.store, span.index - 1)
+            return replace(before, static=RetiredStatic(static.points, static.alive, trained))
         return before
 
     def _restore(self, rig: Rig, output: LiveOutput) -> tuple[Handover, int]:
@@ -184,7 +186,8 @@ class _LiveRun:
             done -= 1
             self.store.group(done).forget()
         rig = load_rig(self.store, rig)
-        before = Handover(rig, static_before(self.store, first, degree), Gaussians.empty(degree))
+        static = static_before(self.store, first, degree)
+        before: Handover = NextGroup(rig, static, Gaussians.empty(degree), None) if first else FirstOfVideo(rig, static)
         live = self.spans(first)
         output.restore_layers(self.store, first, live)
         for index in range(first, done):
@@ -192,7 +195,7 @@ class _LiveRun:
             self.window.begins(index, before.rig)
             if is_renewed(index):
                 before = replace(before, static=static_before(self.store, index, degree))
-            before = restore_group(self.job(span, self.config), span, before)
+            before = restore_group(self.job(self.config), span, before)
             output.restore(index, last=index + 1 == done)
         return before, done
 

@@ -17,16 +17,17 @@ from splatreel.recon.machines.scaling import (
     chapters_time,
     job_time,
 )
-from splatreel.recon.run.costs import Seconds, Shooting, chapter_seconds, scene_seconds, sequence_seconds, together
+from splatreel.recon.plan import chapter_seconds, scene_seconds, sequence_seconds
 from splatreel.recon.run.machine_speed import MachineSpeed
 from splatreel.recon.run.memory import PROCESS, needed_memory
-from splatreel.scene.camera import Camera
+from splatreel.recon.run.workload import Seconds, Workload, sum_seconds
+from splatreel.recon.stages.group_stages import GROUP_STAGES
 
 LOOKS = 3
 """Frames of the first group that are compared, to see how much moves."""
 LOOKED_AT = 6e6
 """Pixels of all cameras that are looked at of a frame, at most; two cameras at least, six at most."""
-TRAINING = ("keyframe", "group")
+TRAINING = {stage.name for stage in GROUP_STAGES if stage.trains}
 
 
 @dataclass(frozen=True)
@@ -54,18 +55,17 @@ def estimate(run: ChapteredRun, division: Division, speed: MachineSpeed, moving:
     """
     capture, config = run.capture, run.config
     moving = moving_share(capture, run.groups[0].count) if moving is None else moving
-    cameras = capture.training_cameras
-    shooting = Shooting(capture.width * capture.height / 1e6, len(cameras), moving, facing(cameras))
-    trained = min(shooting.megapixels, config.training_megapixels or shooting.megapixels)
+    work = Workload.of(capture, moving)
+    trained = min(work.megapixels, config.training_megapixels or work.megapixels)
     pace = _Pace(speed.training(trained), speed.other, trains_on_gpu=run.device.type == "cuda")
     need = needed_memory(capture, config)
     if len(run.chapters) == 1:
-        seconds = pace.job(sequence_seconds(shooting, run.groups, config), SERIAL_CHAPTER, division.threads)
+        seconds = pace.job(sequence_seconds(work, run.groups, config), SERIAL_CHAPTER, division.threads)
         return Estimate(seconds, need, moving, division)
     cores = division.workers * division.threads
-    seconds = pace.job(scene_seconds(shooting, config), SERIAL_SCENE, cores)
-    of_all = together(chapter_seconds(shooting, chapter.groups, config) for chapter in run.chapters)
-    seconds = together([seconds, pace.chapters(of_all, len(run.chapters), division)])
+    seconds = pace.job(scene_seconds(work, config), SERIAL_SCENE, cores)
+    of_all = sum_seconds(chapter_seconds(work, chapter.groups, config) for chapter in run.chapters)
+    seconds = sum_seconds([seconds, pace.chapters(of_all, len(run.chapters), division)])
     memory = need if division.workers == 1 else round(division.workers * need + PROCESS)
     return Estimate(seconds, memory, moving, division)
 
@@ -111,15 +111,14 @@ def estimate_jobs(
     """
     capture, config = run.capture, run.config
     moving = moving_share(capture, run.groups[0].count) if moving is None else moving
-    cameras = capture.training_cameras
-    shooting = Shooting(capture.width * capture.height / 1e6, len(cameras), moving, facing(cameras))
-    trained = min(shooting.megapixels, config.training_megapixels or shooting.megapixels)
+    work = Workload.of(capture, moving)
+    trained = min(work.megapixels, config.training_megapixels or work.megapixels)
     pace = _Pace(speed.training(trained), speed.other, trains_on_gpu=run.device.type == "cuda")
     count = len(run.chapters)
-    scene, parts = 0.0, [sequence_seconds(shooting, run.groups, config)]
+    scene, parts = 0.0, [sequence_seconds(work, run.groups, config)]
     if count > 1:
-        scene = sum(pace.job(scene_seconds(shooting, config), SERIAL_SCENE, scene_threads).values())
-        parts = [chapter_seconds(shooting, chapter.groups, config) for chapter in run.chapters]
+        scene = sum(pace.job(scene_seconds(work, config), SERIAL_SCENE, scene_threads).values())
+        parts = [chapter_seconds(work, chapter.groups, config) for chapter in run.chapters]
     chapter = max(sum(pace.job(part, SERIAL_CHAPTER, threads).values()) for part in parts)
     at_once = min(at_once or count, count)
     total = scene + math.ceil(count / at_once) * chapter
@@ -135,11 +134,6 @@ def moving_share(capture: Capture, frames: int) -> float:
     names = [names[place] for place in np.linspace(0, len(names) - 1, count).round().astype(int)]
     moments = np.unique(np.linspace(0, frames - 1, LOOKS).round().astype(int))
     return float(changes(np.concatenate([capture.read(int(moment), 1, names) for moment in moments])).mean())
-
-
-def facing(cameras: list[Camera]) -> float:
-    """0..1, see `Shooting`: how long the mean is of the directions that they look in."""
-    return float(np.linalg.norm(np.mean([camera.viewmat[2, :3] for camera in cameras], axis=0)))
 
 
 @dataclass(frozen=True)

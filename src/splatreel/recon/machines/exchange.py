@@ -6,7 +6,7 @@ import re
 from collections.abc import Callable, Iterable
 from pathlib import Path
 
-from splatreel.recon.jobs import part_of
+from splatreel.recon.jobs import chapter_name
 from splatreel.recon.run.job_log import LOGS
 from splatreel.recon.run.store import LAST_OF_GROUP, PUBLISHED_OF_GROUP, Store
 from splatreel.scene.spans import ChapterSpan
@@ -44,7 +44,7 @@ class Exchange:
 
     def fetch_chapter(self, chapter: ChapterSpan) -> None:
         """Whatever is there of a chapter's groups."""
-        self._shared.pull_all(f"{LOGS}/{part_of(chapter.index)}.log", self._work)
+        self._shared.pull_all(f"{LOGS}/{chapter_name(chapter.index)}.log", self._work)
         for span in chapter.groups:
             self._shared.pull_all(f"{self._group(span.index)}/", self._work)
 
@@ -58,7 +58,7 @@ class Exchange:
         folder = self._group(group)
         names = sorted(path.name for path in (self._work / folder).iterdir())
         names.sort(key=lambda name: name == LAST_OF_GROUP)
-        self._send([f"seconds-{part_of(chapter)}.json", *(f"{folder}/{name}" for name in names)])
+        self._send([f"seconds-{chapter_name(chapter)}.json", *(f"{folder}/{name}" for name in names)])
 
     def fetch_finished(self, groups: Iterable[int] | None = None) -> None:
         """Of finished groups what is published of them. groups: those that are finished; None: whichever are."""

@@ -63,7 +63,7 @@ def _make_scene(task: NodeTask, send: Callable[[object], None]) -> None:
 
 
 def _make_chapter(task: NodeTask, chapter: int, send: Callable[[object], None]) -> None:
-    from splatreel.recon.jobs import chapter_job, part_of
+    from splatreel.recon.jobs import chapter_job, chapter_name
     from splatreel.recon.machines.exchange import Exchange
     from splatreel.recon.machines.reports import GroupDone, Reporter, Started
 
@@ -86,7 +86,7 @@ def _make_chapter(task: NodeTask, chapter: int, send: Callable[[object], None]) 
                 _patiently(lambda: chapter_job(run, chapter, Reporter(chapter, send), after_group))
             finally:
                 if exchange is not None:
-                    exchange.send_log(part_of(chapter))
+                    exchange.send_log(chapter_name(chapter))
 
 
 def _guarded(task: NodeTask, action: Callable[[], None]) -> str | None:

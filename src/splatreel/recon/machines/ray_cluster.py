@@ -15,7 +15,7 @@ from typing import Any
 from splatreel.errors import MissingDependencyError, ReconstructionError, UsageError
 from splatreel.progress import Progress, Silent, parts_of
 from splatreel.recon.encode.publisher import Present, nothing_more
-from splatreel.recon.jobs import ChapteredRun, has_scene, keep_tables
+from splatreel.recon.jobs import ChapteredRun, has_scene, save_frame_tables
 from splatreel.recon.machines.driver import Driver
 from splatreel.recon.machines.exchange import Exchange
 from splatreel.recon.machines.node import NodeTask, make_chapter, make_scene
@@ -124,7 +124,7 @@ class _Cluster:
 
     def make(self, present: Present) -> None:
         """The scene, the chapters and the reel."""
-        keep_tables(self.run)
+        save_frame_tables(self.run)
         if self.exchange is not None:
             self.exchange.send_tables()
         if not has_scene(self.run):

@@ -10,7 +10,7 @@ from dataclasses import asdict, dataclass, replace
 
 from splatreel.codec.container import write_atomically
 from splatreel.errors import ReelError, StorageError
-from splatreel.recon.jobs import ChapteredRun, has_chapter, part_of
+from splatreel.recon.jobs import ChapteredRun, chapter_name, has_chapter
 from splatreel.recon.run.job_log import read_log
 from splatreel.storage.opening import open_folder
 
@@ -54,7 +54,7 @@ class RunStatus:
     def look_up(self) -> None:
         """Read what checkpoints and logs say of chapters."""
         for chapter in self._run.chapters:
-            found = read_log(self._run.store.work, part_of(chapter.index))
+            found = read_log(self._run.store.work, chapter_name(chapter.index))
             there = has_chapter(self._run, chapter)
             self.change(
                 chapter.index,

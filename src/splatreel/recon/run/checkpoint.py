@@ -17,6 +17,7 @@ from splatreel.scene.gaussians import Gaussians
 from splatreel.scene.untrusted import read_json
 
 T = TypeVar("T")
+Arrays = dict[str, np.ndarray]
 FIELDS = ("means", "quats", "scales", "opacities", "sh")
 NUMBERS = (*FIELDS, "fineness", "importance", "tracks", "shades")
 """Arrays that are never NaN; others use it for what is not known."""
@@ -40,6 +41,11 @@ def load_arrays(path: Path) -> dict[str, np.ndarray]:
                 f"Delete it and run again."
             )
     return arrays
+
+
+def present(**arrays: np.ndarray | None) -> Arrays:
+    """Return the arrays that are not None."""
+    return {name: array for name, array in arrays.items() if array is not None}
 
 
 def pack(gaussians: Gaussians, prefix: str = "") -> dict[str, np.ndarray]:

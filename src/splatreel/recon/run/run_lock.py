@@ -53,7 +53,7 @@ class RunLock:
     def __exit__(self, *_: object) -> None:
         self._release()
 
-    def keep(self) -> None:
+    def save_record(self) -> None:
         """Say whose folder this is; called when the first checkpoint is about to be written."""
         save_record(self.work, self.record)
 
@@ -92,7 +92,7 @@ class RunLock:
 
 
 @contextmanager
-def hold(reel: Path) -> Iterator[None]:
+def lock_reel(reel: Path) -> Iterator[None]:
     """The right to write a reel that is not that of a run. Entering makes its folder, and removes what a killed process left there.
 
     Raises `InUseError` where another process is writing it.

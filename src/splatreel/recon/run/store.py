@@ -9,10 +9,9 @@ yet, is loaded as None.
 from __future__ import annotations
 
 import json
-from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any
 
 import numpy as np
 
@@ -20,17 +19,10 @@ from splatreel.codec.header import ReelHeader
 from splatreel.codec.predictive.precision import STEPS, Steps
 from splatreel.codec.presentation import Limits, Presentation, parse_presentation
 from splatreel.errors import ReconstructionError
-from splatreel.motion.clean_plates import CleanPlates
-from splatreel.recon.cameras.exposure import Exposure, at_next_keyframe
-from splatreel.recon.cameras.rig import Poses, Rig
 from splatreel.recon.coverage.coverage import Coverage
 from splatreel.recon.init.layout import Layout
-from splatreel.recon.layering.labels import Layers
-from splatreel.recon.layering.relighting import RelitPoints
-from splatreel.recon.layering.tracking import GroupStart
 from splatreel.recon.run import checkpoint
-from splatreel.recon.train.chapter_keyframe import ChapterStart
-from splatreel.recon.train.keyframe import KeyframeResult
+from splatreel.recon.run.checkpoint import Arrays
 from splatreel.scene.gaussians import Gaussians
 from splatreel.scene.group import Group
 from splatreel.scene.untrusted import is_number
@@ -39,8 +31,6 @@ LAST_OF_GROUP = "encoded-group.safetensors"
 """The file of a chapter's group that is written last."""
 PUBLISHED_OF_GROUP = ("layer.safetensors", "encoded-layer.safetensors", "group.safetensors", LAST_OF_GROUP)
 """What a reel is written from."""
-T = TypeVar("T")
-Arrays = dict[str, np.ndarray]
 
 
 @dataclass(frozen=True)
@@ -75,59 +65,17 @@ class GroupStore:
     def __init__(self, folder: Path) -> None:
         self.folder = folder
 
-    def poses(self) -> Poses | None:
-        arrays = self._load("poses")
-        return None if arrays is None else Poses(arrays["viewmats"], arrays.get("kept"))
+    def load(self, name: str) -> Arrays | None:
+        """Return the arrays of a checkpoint; None where there is none."""
+        path = self._path(name)
+        return checkpoint.load_arrays(path) if path.exists() else None
 
-    def save_poses(self, poses: Poses) -> None:
-        self._save("poses", {"viewmats": poses.viewmats} | _present(kept=poses.kept))
-
-    def exposure(self) -> Exposure | None:
-        arrays = self._load("exposure")
-        return None if arrays is None else Exposure(arrays["change"], arrays["light"])
-
-    def save_exposure(self, exposure: Exposure) -> None:
-        self._save("exposure", {"change": exposure.change, "light": exposure.light})
-
-    def keyframe(self) -> KeyframeResult | None:
-        arrays = self._load("keyframe")
-        return None if arrays is None else KeyframeResult(checkpoint.unpack(arrays), arrays["gains"])
-
-    def save_keyframe(self, keyframe: KeyframeResult) -> None:
-        self._save("keyframe", checkpoint.pack(keyframe.points) | {"gains": keyframe.gains})
-
-    def chapter_start(self) -> ChapterStart | None:
-        arrays = self._load("chapter")
-        if arrays is None:
-            return None
-        return ChapterStart(checkpoint.unpack(arrays), arrays["gains"], arrays["alive"])
-
-    def save_chapter_start(self, start: ChapterStart) -> None:
-        self._save("chapter", checkpoint.pack(start.points) | {"gains": start.gains, "alive": start.alive})
-
-    def plates(self) -> CleanPlates | None:
-        arrays = self._load("plates")
-        return None if arrays is None else CleanPlates(arrays["images"], arrays["unknown"])
-
-    def save_plates(self, plates: CleanPlates) -> None:
-        self._save("plates", plates._asdict())
-
-    def layers(self) -> Layers | None:
-        arrays = self._load("layering")
-        if arrays is None:
-            return None
-        settled, dynamic, relit = (checkpoint.unpack(arrays, f"{kind}_") for kind in ("settled", "dynamic", "relit"))
-        return Layers(arrays["alive"], settled, dynamic, RelitPoints(relit, arrays["light"]))
-
-    def save_layers(self, layers: Layers) -> None:
-        kinds = {"settled": layers.settled, "dynamic": layers.dynamic, "relit": layers.relit.points}
-        arrays = {"alive": layers.alive, "light": layers.relit.light}
-        for kind, points in kinds.items():
-            arrays |= checkpoint.pack(points, f"{kind}_")
-        self._save("layering", arrays)
+    def save(self, name: str, arrays: Arrays) -> None:
+        """Write a checkpoint."""
+        checkpoint.save_arrays(self._path(name), arrays)
 
     def layer(self) -> StoredLayer | None:
-        arrays = self._load("layer")
+        arrays = self.load("layer")
         if arrays is None:
             return None
         trained, decoded = (checkpoint.unpack(arrays, f"{kind}_") for kind in ("raw", "decoded"))
@@ -138,19 +86,19 @@ class GroupStore:
 
     def save_layer(self, layer: StoredLayer) -> None:
         arrays = checkpoint.pack(layer.trained, "raw_") | checkpoint.pack(layer.decoded, "decoded_")
-        self._save("layer", arrays | {"steps": layer.steps.to_array()} | _present(importance=layer.importance))
+        self.save("layer", arrays | {"steps": layer.steps.to_array()} | checkpoint.present(importance=layer.importance))
 
     def encoded_layer(self) -> bytes | None:
         """The file of `layer`, in whose order it is."""
-        arrays = self._load("encoded-layer")
+        arrays = self.load("encoded-layer")
         return None if arrays is None else arrays["file"].tobytes()
 
     def save_encoded_layer(self, data: bytes) -> None:
-        self._save("encoded-layer", {"file": np.frombuffer(data, np.uint8)})
+        self.save("encoded-layer", {"file": np.frombuffer(data, np.uint8)})
 
     def encoded_group(self) -> dict[str, bytes] | None:
         """By uri the files of the finished group, the best rendition first."""
-        arrays = self._load("encoded-group")
+        arrays = self.load("encoded-group")
         if arrays is None:
             return None
         order = json.loads(arrays["uris"].tobytes())
@@ -158,28 +106,10 @@ class GroupStore:
 
     def save_encoded_group(self, files: dict[str, bytes]) -> None:
         arrays = {f"file{place}": np.frombuffer(data, np.uint8) for place, data in enumerate(files.values())}
-        self._save("encoded-group", arrays | {"uris": np.frombuffer(json.dumps(list(files)).encode(), np.uint8)})
+        self.save("encoded-group", arrays | {"uris": np.frombuffer(json.dumps(list(files)).encode(), np.uint8)})
 
     def has_encoded_group(self) -> bool:
         return self._path("encoded-group").exists()
-
-    def start(self) -> GroupStart | None:
-        arrays = self._load("tracking")
-        if arrays is None:
-            return None
-        return GroupStart(checkpoint.unpack(arrays), arrays.get("tracks"), arrays.get("shades"), arrays.get("left"))
-
-    def save_start(self, start: GroupStart) -> None:
-        found = _present(tracks=start.tracks, shades=start.shades, left=start.left)
-        self._save("tracking", checkpoint.pack(start.dynamic) | found)
-
-    def time_offsets(self) -> np.ndarray | None:
-        """[C] frames, at the end of the group."""
-        arrays = self._load("delays")
-        return None if arrays is None else arrays["delays"]
-
-    def save_time_offsets(self, offsets: np.ndarray) -> None:
-        self._save("delays", {"delays": offsets})
 
     def forget(self) -> None:
         """Delete what was found but where cameras stand: the group is to be made again. What says that it is finished goes first."""
@@ -202,17 +132,11 @@ class GroupStore:
         group = stored.group
         arrays = checkpoint.pack(group.dynamic) | {"dx": group.dx, "dq": group.dq, "alive": group.alive}
         arrays |= {"first_frame": np.array([group.first_frame]), "steps": stored.steps.to_array()}
-        found = _present(shade=group.shade, light=group.light, importance=stored.importance)
-        self._save("group", arrays | found)
+        found = checkpoint.present(shade=group.shade, light=group.light, importance=stored.importance)
+        self.save("group", arrays | found)
 
     def _path(self, name: str) -> Path:
         return self.folder / f"{name}.safetensors"
-
-    def _load(self, name: str) -> Arrays | None:
-        return checkpoint.load_arrays(self._path(name)) if self._path(name).exists() else None
-
-    def _save(self, name: str, arrays: Arrays) -> None:
-        checkpoint.save_arrays(self._path(name), arrays)
 
 
 def _steps(arrays: Arrays) -> Steps:
@@ -330,30 +254,6 @@ class Store:
         return self.work / "points.safetensors"
 
 
-def restored_rig(rig: Rig, store: GroupStore, own: int) -> Rig:
-    """What a finished group found out about the cameras. own: its frames that are not the next one's, too."""
-    if (poses := store.poses()) is not None:
-        rig = rig.standing(poses)
-    if (keyframe := store.keyframe()) is not None:
-        rig = replace(rig, gains=keyframe.gains)
-    if (start := store.chapter_start()) is not None:
-        rig = replace(rig, gains=start.gains)
-    if (exposure := store.exposure()) is not None:
-        rig = at_next_keyframe(rig, exposure, own)
-    if (offsets := store.time_offsets()) is not None:
-        rig = rig.timed(offsets)
-    return rig
-
-
-def once(load: Callable[[], T | None], find: Callable[[], T], save: Callable[[T], None]) -> T:
-    """What was found before; else it is found now, and kept."""
-    found = load()
-    if found is None:
-        found = find()
-        save(found)
-    return found
-
-
 def _firsts(value: Any) -> list[int]:
     if not isinstance(value, list) or not all(type(first) is int and first >= 0 for first in value):
         raise TypeError("expected numbers of groups")
@@ -368,8 +268,3 @@ def _seconds_of(value: Any) -> dict[str, float]:
     if not isinstance(value, dict) or not all(is_number(seconds) for seconds in value.values()):
         raise TypeError("expected seconds by stage")
     return value
-
-
-def _present(**arrays: np.ndarray | None) -> Arrays:
-    """Those that are there."""
-    return {name: array for name, array in arrays.items() if array is not None}
