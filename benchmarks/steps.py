@@ -25,7 +25,7 @@ from splatreel.evaluation.bd_rate import bd_rate
 from splatreel.evaluation.evaluate import reel_width
 from splatreel.evaluation.metrics import psnr, ssim
 from splatreel.play.timeline import Moment, Timeline
-from splatreel.recon.cameras.exposure import take_out
+from splatreel.recon.cameras.exposure import remove_exposure
 from splatreel.recon.cameras.group_input import GroupInput
 from splatreel.recon.cameras.rig import Rig
 from splatreel.recon.coverage.coverage import Coverage
@@ -63,7 +63,7 @@ class FirstGroup:
         names, group = [camera.name for camera in self.manifest.cameras], self.stored.group
         images = np.ascontiguousarray(self.capture.read(0, group.frames, names))
         if (exposure := EvenExposures().load(self.work)) is not None:
-            take_out(images, exposure)
+            remove_exposure(images, exposure)
         span, keyframe = GroupSpan(0, 0, group.frames, group.frames), FirstKeyframe().load(self.work)
         layout, cpu, antialias = self.store.layout(), torch.device("cpu"), self.manifest.antialias
         rig = replace(Rig.of(list(self.manifest.cameras)), gains=keyframe.gains)

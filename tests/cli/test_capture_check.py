@@ -60,7 +60,7 @@ def check(folder: Path, capsys: pytest.CaptureFixture[str]) -> tuple[int, str, s
 def test_right_poses_can_be_reconstructed(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     code, out, _ = check(write(tmp_path, right), capsys)
     assert code == 0
-    assert "It can be reconstructed, but new views were not tried. Run\n  splatreel reconstruct" in out
+    assert "It can be reconstructed, but no trial of novel views was made. Run\n  splatreel reconstruct" in out
 
 
 def test_poses_that_nothing_confirms_are_no_approval(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -28,7 +28,6 @@ from tests.recon.small import small
 
 CONFIG = small()
 FRAMES = 4
-RUNS = Path(__file__).parent.parent / "data" / "runs"
 
 
 def content(reel: Path) -> dict[str, str]:
@@ -280,16 +279,6 @@ def test_a_run_of_a_version_without_a_setting_goes_on_where_the_setting_is_off(c
         reconstruct(WallCapture(FRAMES), copy, CONFIG)
     reconstruct(WallCapture(FRAMES), copy, small({"keyframe.average_share": 0.0}))
     assert content(copy / "reel") == before
-
-
-def test_a_run_of_0_1_goes_on(copy: Path, whole: Result) -> None:
-    """Its run.json has other names of settings, and some that are constants now."""
-    path = copy / "work" / "run.json"
-    old = json.loads((RUNS / "small.json").read_text())
-    path.write_text(json.dumps(old | {"capture": json.loads(path.read_text())["capture"]}))
-    (copy / "work" / "group0001" / "group.safetensors").unlink()
-    reconstruct(WallCapture(FRAMES), copy, CONFIG)
-    assert content(copy / "reel") == content(whole.reel)
 
 
 def test_a_reel_without_its_checkpoints_is_not_overwritten(copy: Path) -> None:

@@ -19,8 +19,7 @@ if TYPE_CHECKING:
     import numpy as np
 
     from splatreel.capture.base import Capture
-    from splatreel.recon.coverage.coverage import Coverage
-    from splatreel.recon.coverage.verdict import Verdict
+    from splatreel.recon.coverage.coverage import CaptureVerdict, Coverage
     from splatreel.scene.camera import Camera
 
 CHUNK = 8
@@ -88,8 +87,8 @@ def capture_check(
     say(verdict.text(command))
 
 
-def _check(source: Capture, names: list[str], frames: np.ndarray, quick: bool) -> Verdict | None:
-    """Say what is doubtful about a capture, and judge it; None where the packages for that are not installed.
+def _check(source: Capture, names: list[str], frames: np.ndarray, quick: bool) -> CaptureVerdict | None:
+    """Say what is doubtful about a capture, and judge_capture it; None where the packages for that are not installed.
 
     Raises what reconstruction would raise. frames: two moments of the named cameras.
     """
@@ -104,19 +103,19 @@ def _check(source: Capture, names: list[str], frames: np.ndarray, quick: bool) -
     if any(importlib.util.find_spec(name) is None for name in ("cv2", "torch")):
         _say_each(["poses are not compared with the pictures: that needs pip install 'splatreel[recon]'"])
         return None
-    from splatreel.recon.cameras.poses import check_poses
-    from splatreel.recon.coverage.verdict import judge
+    from splatreel.recon.cameras.poses import inspect_poses
+    from splatreel.recon.coverage.coverage import judge_capture
 
     training = [camera.name for camera in source.training_cameras]
     shown = frames[:, [names.index(name) for name in training]]
-    found = check_poses(source.training_cameras, shown)
+    found = inspect_poses(source.training_cameras, shown)
     found.refuse(str(source.origin))
     _say_each([*found.repairs(training), *found.doubts(training)])
     kept = [number for number in range(len(training)) if number not in found.strangers]
-    cameras = [found.mended[n].camera if n in found.mended else source.training_cameras[n] for n in kept]
+    cameras = [found.corrected[n].camera if n in found.corrected else source.training_cameras[n] for n in kept]
     coverage = _cover(source, cameras, shown[0, kept], quick)
     _say_each(coverage.sentences())
-    return judge(coverage, [training[number] for number in found.doubtful])
+    return judge_capture(coverage, [training[number] for number in found.doubtful])
 
 
 def _say_each(sentences: Sequence[str]) -> None:

@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 def estimated(spec: RunSpec, workers: int | None) -> str:
     """Time and memory of a run, in lines. Writes nothing; raises what the run itself would raise before it starts."""
     from splatreel.recon.machines.estimate import estimate
-    from splatreel.recon.machines.here import division_of
+    from splatreel.recon.machines.local_processes import division_of
     from splatreel.recon.run.machine_speed import measure_speed
     from splatreel.recon.run.processor import describe_processor
 

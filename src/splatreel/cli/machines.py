@@ -101,7 +101,7 @@ class Machines:
             from splatreel.recon.machines.batch import run_job
 
             return run_job(spec, self.job, self.share(), progress, present)
-        from splatreel.recon.machines.here import reconstruct_here
+        from splatreel.recon.machines.local_processes import reconstruct_here
 
         return playable(reconstruct_here(spec, workers=self.workers, progress=progress, present=present).reel)
 

@@ -11,7 +11,7 @@ from splatreel.codec.encoder import ReelEncoder
 from splatreel.codec.group_file import decode_layer
 from splatreel.motion.clean_plates import CleanPlates, clean_plates
 from splatreel.motion.lift import shares
-from splatreel.recon.cameras.exposure import measure_exposure, take_out
+from splatreel.recon.cameras.exposure import measure_exposure, remove_exposure
 from splatreel.recon.cameras.group_input import GroupInput
 from splatreel.recon.cameras.rig import Rig
 from splatreel.recon.encode.fineness import encode_layer
@@ -83,7 +83,7 @@ def _prepare_scene(job: Job, capture: Capture, lock: RunLock) -> tuple[Rig, Layo
         coverage = report_coverage(job, capture, rig, frames[0]) if job.config.check_coverage else None
         job.show(POINTS_TEXT, MOMENTS + 1)
         if job.config.even_exposure:
-            take_out(frames, measure_exposure(rig, frames))
+            remove_exposure(frames, measure_exposure(rig, frames))
         plates = clean_plates(frames)
         layout, points, colors = _lay_out(job, rig, plates, frames)
     lock.save_record()

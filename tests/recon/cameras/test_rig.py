@@ -7,8 +7,8 @@ import pytest
 
 from splatreel.capture.poses import inverted
 from splatreel.errors import ReconstructionError
-from splatreel.recon.cameras.exposure import at_next_keyframe, measure_exposure, report_exposure, take_out
-from splatreel.recon.cameras.findings import Findings
+from splatreel.recon.cameras.exposure import at_next_keyframe, measure_exposure, remove_exposure, report_exposure
+from splatreel.recon.cameras.poses import PoseFindings
 from splatreel.recon.cameras.rig import Rig, check_first_poses, check_later_poses, report_offsets
 from splatreel.recon.cameras.time_offsets import LearnedOffsets
 from splatreel.recon.run.store import GroupStore
@@ -36,7 +36,7 @@ def test_exposures_go_on_from_group_to_group_and_a_restored_rig_knows_as_much(tm
         frames = CAPTURE.read(first, min(4, 6 - first), NAMES)
         EvenExposures().save(store, exposure := measure_exposure(rig, frames))
         report_exposure(rig, exposure, notes)
-        take_out(frames, exposure)
+        remove_exposure(frames, exposure)
         assert np.abs(frames.astype(float) - CAPTURE.read(0, 1, NAMES)[0]).mean() < 1.5
         learned = LearnedOffsets(np.linspace(-0.3, 0.3, len(NAMES)) + first / 150, 0.0)
         rig = at_next_keyframe(rig, exposure, 3).with_offsets(learned.values)
@@ -50,8 +50,8 @@ def test_exposures_go_on_from_group_to_group_and_a_restored_rig_knows_as_much(tm
         assert np.array_equal(np.stack(again.ends), np.stack(rig.ends))
     assert "exposures change by up to" in notes.lines[0]
     late = [line for line in notes.lines if "out of step" in line]
-    assert late[0] == f"cameras are out of step, {NAMES[0]} is 0.30 frames early (give or take 0.00): allowed for"
-    assert late[1] == f"cameras are out of step, {NAMES[-1]} is 0.32 frames late (give or take 0.02): allowed for"
+    assert late[0] == f"cameras are out of step, {NAMES[0]} is 0.30 frames early (uncertainty 0.00): corrected"
+    assert late[1] == f"cameras are out of step, {NAMES[-1]} is 0.32 frames late (uncertainty 0.02): corrected"
 
 
 def test_delays_that_groups_do_not_agree_on_are_not_told() -> None:
@@ -74,7 +74,7 @@ def test_light_is_taken_out_and_goes_on_from_group_to_group(tmp_path: Path) -> N
         own = frames[first : first + 4].copy()
         EvenExposures().save(store, exposure := measure_exposure(rig, own))
         report_exposure(rig, exposure, notes)
-        take_out(own, exposure)
+        remove_exposure(own, exposure)
         light, rig = exposure.light_factors, at_next_keyframe(rig, exposure, 3)
         assert light is not None
         assert np.abs(light - dusk[first : first + 4, None]).max() < 0.02
@@ -104,8 +104,8 @@ def test_a_camera_that_was_touched_is_put_right_and_a_stranger_left_out(tmp_path
     assert np.array_equal(frames[:, poses.kept], np.delete(frames, 6, 1))
     assert apart(rig.cameras[2], CORNER[2]) < 0.3
     assert len(rig.gains) == len(rig.time_offsets) == len(rig.exposure) == 8
-    assert notes.lines[0].startswith("cam2 is not where its pose says")
-    assert notes.lines[1].startswith("cam6 shows nothing that its neighbors do")
+    assert notes.lines[0].startswith("cam2 was moved after its calibration")
+    assert notes.lines[1].startswith("cam6 does not show at its pose what its neighbors show")
     again = restored_rig(Rig.of(said), store, 3)
     assert again.names == rig.names
     assert np.array_equal(again.cameras[2].viewmat, rig.cameras[2].viewmat)
@@ -123,7 +123,7 @@ def test_a_camera_that_is_touched_later_is_put_right_from_the_next_group_on(tmp_
     frames = PICTURES.copy()
     frames[:, 1] = frames[:, 1, ::-1, ::-1]
     rig = rig.with_poses(check_later_poses(rig, frames, notes))
-    assert notes.lines[1] == "cam1 no longer shows what its neighbors do: check its video"
+    assert notes.lines[1] == "cam1 no longer shows what its neighbors show: check its video"
     assert len(rig.cameras) == 9
 
 
@@ -138,9 +138,9 @@ def test_a_user_is_told_of_poses_that_nobody_can_check() -> None:
     notes = Notes()
     poses = check_first_poses(Rig.of(CORNER), np.full_like(PICTURES, 90), "The capture", notes)
     assert len(Rig.of(CORNER).with_poses(poses).cameras) == 9
-    assert notes.lines == ["the cameras show too little in common to check their poses: taken as they are said to be"]
-    (line,) = Findings({}, [], [], [1]).doubts(["a", "b", "c"])
-    assert line == "b: too little in common with the other cameras to check the pose, taken as it is said to be"
+    assert notes.lines == ["the cameras show too little in common to check their poses: they are used unchecked"]
+    (line,) = PoseFindings({}, [], [], [1]).doubts(["a", "b", "c"])
+    assert line == "b: too little in common with the other cameras to check the pose, which is used unchecked"
 
 
 def test_where_too_many_are_wrong_the_user_is_told_and_nothing_changes() -> None:
@@ -149,4 +149,4 @@ def test_where_too_many_are_wrong_the_user_is_told_and_nothing_changes() -> None
     rig = Rig.of(said).with_poses(check_first_poses(Rig.of(said), PICTURES, "The capture", notes))
     assert all(np.array_equal(now.viewmat, before.viewmat) for now, before in zip(rig.cameras, said, strict=True))
     (line,) = notes.lines
-    assert re.match("the poses or lenses of .*cam1.*cam4.*cam7.* do not fit each other, too many to be put right", line)
+    assert re.match("the poses or lenses of .*cam1.*cam4.*cam7.* do not fit each other, too many to be corrected", line)

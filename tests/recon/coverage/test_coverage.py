@@ -1,4 +1,4 @@
-"""What to expect of new views: of rigs that cover what they show, and of such that do not."""
+"""Expected quality of novel views: of rigs that cover what they show, and of such that do not."""
 
 from dataclasses import replace
 from pathlib import Path
@@ -56,7 +56,7 @@ def test_cameras_that_have_nothing_in_common_are_told_that_new_views_will_be_unu
     assert found.angle is not None
     assert found.angle <= 10
     said = found.sentences()
-    assert f"new views more than {found.angle:.0f} degrees from a camera will not be usable" in said[-1]
+    assert f"novel views more than {found.angle:.0f} degrees from a camera will not be usable" in said[-1]
     assert any("hardly any points in common with two other cameras: cam0" in sentence for sentence in said)
 
 

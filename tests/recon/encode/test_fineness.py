@@ -27,7 +27,7 @@ from tests.recon.scenes import ring
 
 FRAMES = 4
 CLOSE = Trial("cam00", 10.0, 99.0, 12.0, 12.0)
-"""A trial after which new views are no worse than others."""
+"""A trial after which novel views are no worse than others."""
 
 
 def uneven(points: Gaussians) -> Gaussians:

@@ -14,7 +14,7 @@ from tests.recon.test_pipeline import content
 
 @pytest.fixture(scope="session")
 def scene(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A run of which the scene is there."""
+    """A run whose shared scene is finished."""
     return make_scene(tmp_path_factory.mktemp("machines") / "out")
 
 

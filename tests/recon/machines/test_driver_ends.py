@@ -17,7 +17,7 @@ from pathlib import Path
 from splatreel import threads
 from splatreel.cli.failure import termination
 from splatreel.progress import Silent
-from splatreel.recon.machines.here import reconstruct_here
+from splatreel.recon.machines.local_processes import reconstruct_here
 from tests.recon.machines.runs import spec
 
 class Tell(Silent):

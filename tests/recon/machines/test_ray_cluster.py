@@ -23,7 +23,7 @@ from splatreel.recon.machines.run_spec import RunSpec
 from tests.buckets import CREDENTIALS, Bucket
 from tests.recon.captures import WallCapture
 from tests.recon.machines.runs import CONFIG, FRAMES, spec
-from tests.recon.machines.test_here import Display
+from tests.recon.machines.test_local_processes import Display
 from tests.recon.test_pipeline import content
 
 ray = pytest.importorskip("ray", reason="the tests of clusters need the extra cluster")
@@ -68,13 +68,11 @@ def test_a_node_that_is_lost_changes_nothing(cluster: Any, out: Path, expected: 
     result = reconstruct_on_cluster(spec(out), cluster.address, progress=display)
     assert lost
     (moved,) = [note for note in display.notes if "goes on after the last group" in note]
-    assert re.fullmatch(
-        r"chapter \d/3: \S+ has lost it; \S+ goes on after the last group that was kept \(attempt 2\)", moved
-    )
+    assert re.fullmatch(r"chapter \d/3: \S+ was lost; \S+ continues after the last finished group \(attempt 2\)", moved)
     status = json.loads((out / "status.json").read_text())
     assert (status["state"], sorted(chapter["attempts"] for chapter in status["chapters"])) == ("complete", [1, 1, 2])
     assert content(result.reel) == expected
-    assert display.stages[-1][0] == "making 3 chapters, 2 at a time"
+    assert display.stages[-1][0] == "reconstructing 3 chapters, 2 at a time"
     assert display.steps[-1] == 1000
     assert display.published == sorted(display.published)
     assert not ray.is_initialized()
@@ -132,7 +130,7 @@ def test_tasks_ask_for_what_they_need_of_nodes_that_have_it() -> None:
     assert share_nodes([node(16, gpu=4)], 20, "cpu", need).chapter.gpus == 0
     with pytest.raises(UsageError, match="no node of the Ray cluster has a GPU"):
         share_nodes([node(16)], 20, "cuda", need)
-    with pytest.raises(UsageError, match="no node of the Ray cluster has a CPU"):
+    with pytest.raises(UsageError, match="no node of the Ray cluster offers a CPU"):
         share_nodes([node(0)], 20, "auto", need)
 
 
@@ -171,7 +169,7 @@ def test_a_node_that_an_autoscaler_starts_is_waited_for(monkeypatch: pytest.Monk
     assert asked == [GIB]
     assert told == ["Waiting up to 60 s for a node of the cluster that can hold a chapter"]
     looks.clear()
-    with pytest.raises(UsageError, match="has a CPU to offer"):
+    with pytest.raises(UsageError, match="offers a CPU"):
         wait_for_nodes(there, 4, "auto", GIB, ClusterOptions(), told.append)
 
 

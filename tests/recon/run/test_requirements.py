@@ -25,7 +25,7 @@ def moments(level: int, spread: int = 3) -> np.ndarray:
 @pytest.mark.parametrize(("level", "color"), [(2, "black"), (16, "black"), (253, "white"), (235, "white")])
 def test_cameras_that_show_nothing_are_named(level: int, color: str) -> None:
     capture = WallCapture(2)
-    with pytest.raises(ReconstructionError, match=f"wall: what camera c shows is all {color}. Choose frames"):
+    with pytest.raises(ReconstructionError, match=f"wall: all images of camera c are {color}. Choose frames"):
         check_pictures(capture, NAMES, moments(level))
     with pytest.raises(ReconstructionError, match="what every camera shows"):
         check_pictures(capture, ["c"], moments(level)[:, 2:])

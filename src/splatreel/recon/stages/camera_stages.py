@@ -5,7 +5,13 @@ from __future__ import annotations
 from dataclasses import replace
 
 from splatreel.config import Config
-from splatreel.recon.cameras.exposure import Exposure, at_next_keyframe, measure_exposure, report_exposure, take_out
+from splatreel.recon.cameras.exposure import (
+    Exposure,
+    at_next_keyframe,
+    measure_exposure,
+    remove_exposure,
+    report_exposure,
+)
 from splatreel.recon.cameras.rig import Poses, Rig, check_later_poses
 from splatreel.recon.run.checkpoint import Arrays, present
 from splatreel.recon.run.store import GroupStore
@@ -38,7 +44,7 @@ class EvenExposures(Stage[Exposure]):
     def apply(self, state: GroupState, found: Exposure) -> None:
         """Even the images out, and move the exposures of the rig on to the next keyframe."""
         report_exposure(state.rig, found, state.job.progress)
-        take_out(state.data.images, found)
+        remove_exposure(state.data.images, found)
         state.rig = at_next_keyframe(state.rig, found, state.span.own)
         state.data = replace(state.data, light=found.light_factors)
 

@@ -15,8 +15,8 @@ import torch
 from splatreel import threads
 from splatreel.errors import ReconstructionError, UsageError
 from splatreel.progress import Silent
-from splatreel.recon.machines import here, worker_pool
-from splatreel.recon.machines.here import division_of, places, reconstruct_here
+from splatreel.recon.machines import local_processes, worker_pool
+from splatreel.recon.machines.local_processes import division_of, places, reconstruct_here
 from splatreel.recon.machines.scaling import Division
 from splatreel.recon.machines.worker_pool import Worker, WorkerPool
 from tests.recon.captures import WallCapture
@@ -57,7 +57,7 @@ def test_two_workers_make_the_reel_that_one_makes(out: Path, expected: dict[str,
     result = reconstruct_here(spec(out), workers=2, progress=display)
     assert content(result.reel) == expected
     ((name, span),) = display.stages
-    assert name == "making 3 chapters, 2 at a time"
+    assert name == "reconstructing 3 chapters, 2 at a time"
     assert span[0] < span[1] == 1.0
     assert display.steps[-1] == 1000
     assert display.published == sorted(display.published)
@@ -145,9 +145,9 @@ def test_workers_are_as_many_as_asked_for_or_as_memory_allows(monkeypatch: pytes
     monkeypatch.setattr(threads, "count", lambda: 16)
     assert division_of(a_run("cpu"), 5) == Division(5, 3)
     assert division_of(a_run("cpu", chapters=2), 5) == Division(2, 8)
-    monkeypatch.setattr(here, "free_memory", lambda: 3 << 29)
+    monkeypatch.setattr(local_processes, "free_memory", lambda: 3 << 29)
     assert division_of(a_run("cpu")) == Division(2, 8)
-    monkeypatch.setattr(here, "free_memory", lambda: 0)
+    monkeypatch.setattr(local_processes, "free_memory", lambda: 0)
     assert division_of(a_run("cpu")) == Division(1, 16)
     for workers in (0, 17):
         with pytest.raises(

@@ -6,9 +6,8 @@ import numpy as np
 import pytest
 
 from splatreel.capture.poses import inverted, turned_about
-from splatreel.recon.cameras.findings import Findings
-from splatreel.recon.cameras.poses import check_poses
-from splatreel.recon.cameras.readings import match_nearest, misread
+from splatreel.recon.cameras.pose_conventions import match_nearest, recognize_convention
+from splatreel.recon.cameras.poses import PoseFindings, inspect_poses
 from splatreel.recon.init.features import detect
 from splatreel.scene.camera import Camera
 from tests.recon.corner import arc, pictures
@@ -19,7 +18,7 @@ FEATURES = [detect(picture) for picture in PICTURES]
 
 
 def test_poses_that_are_right_are_read_as_they_are() -> None:
-    assert misread(CAMERAS, FEATURES, match_nearest(CAMERAS, FEATURES)) is None
+    assert recognize_convention(CAMERAS, FEATURES, match_nearest(CAMERAS, FEATURES)) is None
 
 
 @pytest.mark.parametrize(
@@ -32,9 +31,9 @@ def test_poses_that_are_right_are_read_as_they_are() -> None:
 )
 def test_what_is_stored_is_told(stored: Callable[[list[Camera]], list[Camera]], meant: str) -> None:
     """Of a row of cameras that look ahead: the axes of its inverse meet before the cameras as well."""
-    assert check_poses(stored(CAMERAS), np.stack([PICTURES] * 2)) == Findings({}, [], [], [], meant)
+    assert inspect_poses(stored(CAMERAS), np.stack([PICTURES] * 2)) == PoseFindings({}, [], [], [], meant)
 
 
 def test_pictures_of_other_things_tell_nothing() -> None:
     others = [detect(np.roll(picture, (23 * i, 31 * i), (0, 1))) for i, picture in enumerate(PICTURES)]
-    assert misread(CAMERAS, others, match_nearest(CAMERAS, others)) is None
+    assert recognize_convention(CAMERAS, others, match_nearest(CAMERAS, others)) is None
