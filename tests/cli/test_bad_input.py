@@ -189,7 +189,7 @@ ASKED = {
     "--width 0": ["scene", "0 pixels wide", "1 to 16384"],
     "--width=-5": ["scene", "-5 pixels wide", "1 to 16384"],
     "--width 1000000": ["scene", "1000000 pixels wide"],
-    f"--frames 0:{'9' * 5000}": ["--frames '0:999", "is no range of frames"],
+    f"--frames 0:{'9' * 5000}": ["--frames '0:999", "is not a range of frames"],
     "--scale nan": ["scene", "nan", "positive"],
     "--scale 1e9": ["scene", "more than 16384 pixels"],
     "--width 16 --scale 0.5": ["scene", "give one of them"],

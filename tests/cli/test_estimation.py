@@ -81,7 +81,7 @@ def test_what_the_tasks_of_a_batch_system_take(scene: Path, capsys: pytest.Captu
     assert array.startswith("Array: up to 3 tasks (--array=0-2); with all at once the reel takes about ")
     assert not Path("out").exists()
     assert estimate("--follow") == 2
-    assert "--estimate is of captures that are complete" in capsys.readouterr().err
+    assert "--estimate is for complete captures" in capsys.readouterr().err
 
 
 def test_what_a_cluster_takes(scene: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> None:

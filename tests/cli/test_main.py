@@ -96,11 +96,11 @@ def test_wrong_use_exits_with_2(arguments: list[str], capsys: pytest.CaptureFixt
 REFUSALS = [
     (
         ["reconstruct", "CAPTURE", "--out", "OUT", "--frames", "60"],
-        "Error: --frames '60' is no range of frames. Write A:B with A < B, such as 0:60 for the first 60.\n",
+        "Error: --frames '60' is not a range of frames. Write A:B with A < B, such as 0:60 for the first 60.\n",
     ),
     (
         ["reconstruct", "CAPTURE", "--out", "OUT", "--frames", "9:3"],
-        "Error: --frames '9:3' is no range of frames. Write A:B with A < B, such as 0:60 for the first 60.\n",
+        "Error: --frames '9:3' is not a range of frames. Write A:B with A < B, such as 0:60 for the first 60.\n",
     ),
     (
         ["reconstruct", "CAPTURE", "--out", "OUT", "--hold-out", "a,,b"],
@@ -149,7 +149,7 @@ def test_every_error_of_the_family_has_its_exit_code() -> None:
 
 def test_an_interruption_says_how_to_go_on() -> None:
     assert explained(KeyboardInterrupt()) == (
-        "Interrupted. What is finished is kept; continue with the same command:\n"
+        "Interrupted. Finished parts are kept; continue with the same command:\n"
         "  splatreel reconstruct 'my capture' --out o",
         130,
     )
@@ -174,7 +174,7 @@ def test_a_limit_on_files_is_no_full_disk() -> None:
     text, code = explained(OSError(errno.EFBIG, "File too large", "o/film.mp4"))
     assert (code, text.splitlines()[0]) == (
         1,
-        "Error: a file would be larger than the system allows while writing o/film.mp4. What is finished is kept; raise the limit "
+        "Error: a file would be larger than the system allows while writing o/film.mp4. Finished parts are kept; raise the limit "
         "(ulimit -f), then run",
     )
 
@@ -199,7 +199,7 @@ def caused(error: Exception, cause: Exception) -> Exception:
 )
 def test_no_memory(error: Exception) -> None:
     assert explained(error) == (
-        "Error: out of memory. Ask for a smaller picture (--width), fewer frames (--frames) or --quality draft.",
+        "Error: out of memory. Ask for smaller images (--width), fewer frames (--frames) or --quality draft.",
         1,
     )
 
@@ -248,7 +248,7 @@ def test_no_gpu_memory() -> None:
 
 def test_a_package_that_is_not_installed() -> None:
     assert explained(ModuleNotFoundError("No module named 'torch'", name="torch")) == (
-        "Error: the Python package 'torch' is needed for this and not installed. Run\n  pip install 'splatreel[recon]'",
+        "Error: the Python package 'torch' is needed and not installed. Run\n  pip install 'splatreel[recon]'",
         1,
     )
     assert explain(ModuleNotFoundError("No module named 'splatreel.oops'", name="splatreel.oops"), []) is None
@@ -283,12 +283,12 @@ CHAINED.__cause__ = OSError(errno.EMFILE, "Too many open files", "scene/a.mp4")
     [
         (
             CHAINED,
-            "scene/a.mp4: cannot be opened, as this process may have no more files open. Raise that limit (ulimit -n",
+            "scene/a.mp4: cannot be opened, as this process cannot open more files. Raise the limit (ulimit -n",
         ),
-        (OSError(errno.ENFILE, "Too many open files in system"), "this process may have no more files open"),
+        (OSError(errno.ENFILE, "Too many open files in system"), "this process cannot open more files"),
         (
             RuntimeError("can't start new thread"),
-            "the system lets no more threads start. Raise the limit of processes (ulimit -u",
+            "the system starts no more threads. Raise the limit of processes (ulimit -u",
         ),
     ],
 )
@@ -332,5 +332,5 @@ def test_few_open_files_are_no_damage(tmp_path: Path, capfd: pytest.CaptureFixtu
     finally:
         resource.setrlimit(resource.RLIMIT_NOFILE, (soft, hard))
     error = capfd.readouterr().err
-    assert "this process may have no more files open. Raise that limit (ulimit -n" in error
+    assert "this process cannot open more files. Raise the limit (ulimit -n" in error
     assert "damaged" not in error

@@ -58,7 +58,7 @@ def test_settings() -> None:
     config = with_set(Config(), ("group.lambda_arap=0", "keyframe.sh_degree=1"))
     assert (config.group.lambda_arap, config.keyframe.sh_degree) == (0, 1)
     assert with_set(Config(), ()) == Config()
-    with pytest.raises(UsageError, match=r"^--set 'group.tracked' is no setting. Did you mean group.tracks\?"):
+    with pytest.raises(UsageError, match=r"^--set 'group.tracked' is not a setting. Did you mean group.tracks\?"):
         with_set(Config(), ("group.tracked=true",))
     with pytest.raises(UsageError, match=r"^--set group.overlap 5 does not fit group.length 5"):
         with_set(Config(), ("group.length=5",))

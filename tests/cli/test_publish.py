@@ -36,7 +36,7 @@ def test_a_reel_is_published_and_read_from_its_bucket(
     assert main(["publish", str(PREDICTIVE), url]) == 0
     assert capsys.readouterr().out == f"{said}0 of them were sent now\n"
     assert main(["verify", url]) == 0
-    assert capsys.readouterr().out.startswith(f"{url}: whole, every byte is what the manifest says: 2 groups")
+    assert capsys.readouterr().out.startswith(f"{url}: complete and undamaged: 2 groups")
     assert main(["info", f"{url}/manifest.json"]) == 0
     assert "14 frames at 30 a second" in capsys.readouterr().out
     for source, name in ((url, "there"), (str(PREDICTIVE), "here")):

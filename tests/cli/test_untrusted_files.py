@@ -139,7 +139,7 @@ def test_a_manifest_of_millions_of_objects_is_refused_before_they_are_made() -> 
 
 
 def test_a_name_with_a_nul(capsys: pytest.CaptureFixture[str]) -> None:
-    assert "a character NUL" in refused(capsys, "export", str(GOLDEN), "--out", "a\0b")
+    assert "a NUL character" in refused(capsys, "export", str(GOLDEN), "--out", "a\0b")
 
 
 @posix

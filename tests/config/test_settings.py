@@ -32,14 +32,14 @@ def test_several_settings_of_one_section_change_at_once() -> None:
         ("group.lambda_arap", "'group.lambda_arap' has no value. Write NAME=VALUE, such as group.lambda_arap=0."),
         (
             "group.lambda_arp=0",
-            "'group.lambda_arp' is no setting. Did you mean group.lambda_arap or group.lambda_sh or layering.lambda_nn? "
+            "'group.lambda_arp' is not a setting. Did you mean group.lambda_arap or group.lambda_sh or layering.lambda_nn? "
             "`splatreel config` lists all.",
         ),
         (
             "coarse_share=0",
-            "'coarse_share' is no setting. Did you mean keyframe.coarse_share or group.coarse_share? `splatreel config` lists all.",
+            "'coarse_share' is not a setting. Did you mean keyframe.coarse_share or group.coarse_share? `splatreel config` lists all.",
         ),
-        ("group=3", "'group' is no setting. `splatreel config` lists all."),
+        ("group=3", "'group' is not a setting. `splatreel config` lists all."),
         ("group.length=long", "group.length 'long' is not a whole number, 1 or more."),
         ("group.length=2.5", "group.length '2.5' is not a whole number, 1 or more."),
         ("group.length=0", "group.length 0 is out of range. Choose 1 or more."),

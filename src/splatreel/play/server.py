@@ -97,7 +97,7 @@ class Server:
 def serve(
     reel_path: str | Path,
     host: str = "127.0.0.1",
-    port: int = 8000,
+    port: int = 8080,
     open_browser: bool = False,
     cors: bool = False,
     allow_hosts: Iterable[str] = (),

@@ -11,7 +11,7 @@ from typing import Any
 
 import pytest
 
-from splatreel.cli.machines import Machines
+from splatreel.cli.machine_options import MachineOptions
 from splatreel.cli.publish import publishing
 from splatreel.errors import UsageError
 from splatreel.recon.encode.publisher import nothing_more
@@ -80,7 +80,7 @@ def test_a_node_that_is_lost_changes_nothing(cluster: Any, out: Path, expected: 
 
 def made_in(bucket: Bucket, cluster: Any, display: Display) -> dict[str, str]:
     """The reel of the command with `--cluster ADDRESS --out s3://...`, as it is in the driver's folder, which begins empty."""
-    out, machines = bucket.url("run"), Machines(cluster=cluster.address)
+    out, machines = bucket.url("run"), MachineOptions(cluster=cluster.address)
     machines.check(out, follow=False)
     with machines.folder(out) as folder:
         url, run = machines.published(out, None), spec(folder)
@@ -198,12 +198,12 @@ def test_a_cluster_that_is_not_there(tmp_path: Path, monkeypatch: pytest.MonkeyP
     [
         ({"job": "scene", "workers": 2}, "out", "--workers and --job exclude each other"),
         ({"chapter": "0/2"}, "out", "Give --job chapter as well"),
-        ({"job": "chapter", "chapter": "2/2"}, "out", "is no share of the chapters"),
+        ({"job": "chapter", "chapter": "2/2"}, "out", "is not a share of the chapters"),
         ({}, "s3://bucket/run", "which only --cluster writes to"),
     ],
 )
 def test_options_that_do_not_go_together(given: dict[str, Any], out: str, words: str) -> None:
     with pytest.raises(UsageError, match=words):
-        Machines(**given).check(out, follow=False)
+        MachineOptions(**given).check(out, follow=False)
     with pytest.raises(UsageError, match="is already written to s3://bucket/run"):
-        Machines(cluster="auto").published("s3://bucket/run", "s3://other")
+        MachineOptions(cluster="auto").published("s3://bucket/run", "s3://other")

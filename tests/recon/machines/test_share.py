@@ -29,9 +29,7 @@ def test_a_task_of_a_slurm_array_finds_its_share() -> None:
 
 
 def test_who_is_no_task_is_told_what_to_give() -> None:
-    with pytest.raises(
-        UsageError, match="--chapter I/N, or start a Slurm array task, which sets SLURM_ARRAY"
-    ):
+    with pytest.raises(UsageError, match="--chapter I/N, or start a Slurm array task, which sets SLURM_ARRAY"):
         share_of_task({})
     with pytest.raises(UsageError, match="SLURM_ARRAY_TASK_ID 2 is not one of 3 tasks from 1 in steps of 4"):
         share_of_task(slurm(2, 1, 3, SLURM_ARRAY_TASK_STEP="4"))

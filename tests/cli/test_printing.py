@@ -4,7 +4,7 @@ from pathlib import Path
 
 import pytest
 
-from splatreel.cli.output import say, serving
+from splatreel.cli.printing import say, serving
 from splatreel.progress import printable
 
 
