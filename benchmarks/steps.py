@@ -29,7 +29,7 @@ from splatreel.recon.cameras.exposure import remove_exposure
 from splatreel.recon.cameras.group_input import GroupInput
 from splatreel.recon.cameras.rig import Rig
 from splatreel.recon.coverage.coverage import Coverage
-from splatreel.recon.encode.fineness import encode_group, encode_layer
+from splatreel.recon.encode.step_choice import encode_group_by_slope, encode_layer_by_slope
 from splatreel.recon.run.store import Store
 from splatreel.recon.stages.camera_stages import EvenExposures
 from splatreel.recon.stages.keyframe_stages import FirstKeyframe
@@ -72,13 +72,15 @@ class FirstGroup:
         trial, encoder = coverage and coverage.trial, ReelEncoder(EncodeConfig())
         points, moving = self.layer.trained, group.at(0.0)
         importance = self.layer.importance, self.stored.importance
-        layer = encode_layer(encoder, data, points, moving, len(moving), importance[0], trial)[1]
-        return layer, encode_group(encoder, data, group, StaticPoints(points, group.alive), importance[1], trial)[1]
+        layer = encode_layer_by_slope(encoder, data, points, moving, len(moving), importance[0], trial)[1]
+        return layer, encode_group_by_slope(
+            encoder, data, group, StaticPoints(points, group.alive), importance[1], trial
+        )[1]
 
     def measure(self, layer: Steps, group: Steps, factor: float) -> dict:
         """Encode, decode and compare with the held-out cameras. factor: on all steps."""
         config = EncodeConfig(coarseness=COARSENESS * factor)
-        still, order = group_file.encode_layer(0, 0, self.layer.trained, config, self.layer.importance, layer)
+        still, order = group_file.encode_layer_by_slope(0, 0, self.layer.trained, config, self.layer.importance, layer)
         moving, _ = group_file.encode_group(self.stored.group, config, self.stored.importance, group)
         points = group_file.decode_layer(still, "layer")[1][np.argsort(order)]
         sizes = {"bytes": len(still) + len(moving), "layer_bytes": len(still), "group_bytes": len(moving)}

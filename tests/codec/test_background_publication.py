@@ -77,7 +77,7 @@ def test_a_line_that_fails_holds_nobody_up_is_told_once_and_goes_on_when_it_is_b
         assert threading.current_thread() is not threading.main_thread(), "it waits for the line"
         write(*arguments)
 
-    folder.write = write_elsewhere
+    folder.write = write_elsewhere  # pyright: ignore[reportAttributeAccessIssue]
     background = BackgroundPublication(Publication(tmp_path / "reel", folder), told, pauses=(0.01,))
     for index in range(3):
         write_group(writer, index)
@@ -132,6 +132,6 @@ def test_it_can_be_stopped_while_the_line_is_down(tmp_path):
 
 def test_a_bug_is_not_hidden(tmp_path):
     publication = Publication(tmp_path, LocalFolder(tmp_path / "there"))
-    publication.update = lambda: 1 / 0
+    publication.update = lambda: 1 / 0  # pyright: ignore[reportAttributeAccessIssue]
     with pytest.raises(ZeroDivisionError):
         BackgroundPublication(publication, Told()).finish()

@@ -14,7 +14,7 @@ from splatreel.storage.opening import local_path
 if TYPE_CHECKING:
     from splatreel.capture.opening import CaptureSource
     from splatreel.progress import Progress
-    from splatreel.recon.encode.publisher import Present
+    from splatreel.recon.encode.group_writer import PresentationHook
     from splatreel.recon.machines.run_spec import RunSpec
 
 
@@ -46,7 +46,7 @@ class FollowOptions:
             if seconds is not None and not 0 < seconds < math.inf:
                 raise UsageError(f"--{option} {seconds:g}: give seconds, more than 0.")
 
-    def reconstruct(self, source: CaptureSource, spec: RunSpec, progress: Progress, present: Present) -> str:
+    def reconstruct(self, source: CaptureSource, spec: RunSpec, progress: Progress, present: PresentationHook) -> str:
         """Reconstruct the capture while it is written, and return the closing message.
 
         Args:

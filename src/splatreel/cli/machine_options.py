@@ -19,7 +19,7 @@ from splatreel.storage.opening import is_url, local_path
 
 if TYPE_CHECKING:
     from splatreel.progress import Progress
-    from splatreel.recon.encode.publisher import Present
+    from splatreel.recon.encode.group_writer import PresentationHook
     from splatreel.recon.machines.ray_cluster import ClusterOptions
     from splatreel.recon.machines.run_spec import RunSpec
 
@@ -108,7 +108,7 @@ class MachineOptions:
             raise UsageError(f"--publish {publish}: the reel is already written to {out}. Leave out one of them.")
         return f"{out.rstrip('/')}/reel"
 
-    def reconstruct(self, spec: RunSpec, out: str, progress: Progress, present: Present) -> str:
+    def reconstruct(self, spec: RunSpec, out: str, progress: Progress, present: PresentationHook) -> str:
         """Reconstruct a run on the chosen machines, and return the closing message.
 
         Args:
@@ -136,7 +136,7 @@ class MachineOptions:
         return estimation.estimated(spec, self.workers) if self.job is None else estimation.estimated_jobs(spec)
 
     def _reconstruct_on_cluster(
-        self, spec: RunSpec, address: str, out: str, progress: Progress, present: Present
+        self, spec: RunSpec, address: str, out: str, progress: Progress, present: PresentationHook
     ) -> str:
         from splatreel.recon.machines.ray_cluster import reconstruct_on_cluster
 

@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from splatreel.codec.publication import Published
     from splatreel.codec.writer import ReelWriter
     from splatreel.progress import Progress
-    from splatreel.recon.encode.publisher import Present
+    from splatreel.recon.encode.group_writer import PresentationHook
     from splatreel.storage.folder import Folder
 
 
@@ -87,7 +87,9 @@ def describe(url: str, published: Published) -> str:
 
 
 @contextmanager
-def publishing(reel: Path, url: str | None, keep: float, progress: Progress, present: Present) -> Iterator[Present]:
+def publishing(
+    reel: Path, url: str | None, keep: float, progress: Progress, present: PresentationHook
+) -> Iterator[PresentationHook]:
     """Copy a reel after each group in a thread, while the block makes it.
 
     At the end of the block the rest is sent, and the result is reported.

@@ -7,8 +7,8 @@ from pathlib import Path
 import numpy as np
 
 from splatreel.config import EncodeConfig
+from splatreel.evaluation.uncompressed import UncompressedReel
 from splatreel.recon.encode.header import open_writer
-from splatreel.recon.encode.uncompressed import UncompressedReel
 from splatreel.recon.run.store import Store
 from splatreel.scene.gaussians import Gaussians
 from splatreel.scene.group import Group

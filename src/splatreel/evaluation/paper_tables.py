@@ -13,7 +13,7 @@ from splatreel.codec.reader import ReelReader
 from splatreel.config import EncodeConfig
 from splatreel.evaluation.baselines import float32_bytes, write_first_frame, write_unlayered
 from splatreel.evaluation.rate_distortion import PRINTED, RatePoint, Sweep
-from splatreel.recon.encode.uncompressed import UncompressedReel
+from splatreel.evaluation.uncompressed import UncompressedReel
 from splatreel.recon.run.store import Store
 
 FLOATS = PRINTED.with_h265(position_bits=None, quat_bits=None, opacity_bits=None, scale_bits=None, color_bits=None)

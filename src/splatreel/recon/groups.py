@@ -9,7 +9,7 @@ from splatreel.capture.base import Capture
 from splatreel.capture.prefetch import FramePrefetcher
 from splatreel.recon.cameras.group_input import GroupInput
 from splatreel.recon.cameras.rig import Rig
-from splatreel.recon.encode.output import Output
+from splatreel.recon.encode.group_output import Output
 from splatreel.recon.init.layout import Layout
 from splatreel.recon.layering.velocity_prior import VelocityPrior
 from splatreel.recon.run.device import check_room

@@ -20,10 +20,10 @@ from splatreel.codec.writer import ReelWriter
 from splatreel.config import Config
 from splatreel.errors import ReconstructionError
 from splatreel.progress import Progress
+from splatreel.recon.encode.group_output import ChapterOutput, ignore_group
+from splatreel.recon.encode.group_writer import GroupWriter, PresentationHook
 from splatreel.recon.encode.header import open_writer
-from splatreel.recon.encode.output import ChapterOutput, untold
-from splatreel.recon.encode.publisher import Present, Publisher
-from splatreel.recon.encode.sound import hear
+from splatreel.recon.encode.soundtrack import select_soundtrack
 from splatreel.recon.groups import reconstruct_groups
 from splatreel.recon.plan import chapter_plan, scene_plan, sequence_plan
 from splatreel.recon.run.job import Job, Plan
@@ -147,7 +147,7 @@ def scene_job(run: ChapteredRun, progress: Progress) -> None:
         with logged(lock.work, SCENE) as log:
             progress = LoggedProgress(progress, log)
             job = run.job(progress, run.scene_plan(), SCENE)
-            sound = hear(lock.work, run.capture, run.sound, progress)
+            sound = select_soundtrack(lock.work, run.capture, run.sound, progress)
             run.store.save_chapter_firsts([chapter.first for chapter in run.chapters])
             reconstruct_shared_scene(job, run.capture, sound, lock)
 
@@ -159,7 +159,9 @@ def save_frame_tables(run: ChapteredRun) -> None:
         write_atomically(file, pack_tables(tables))
 
 
-def chapter_job(run: ChapteredRun, index: int, progress: Progress, after_group: Callable[[int], None] = untold) -> None:
+def chapter_job(
+    run: ChapteredRun, index: int, progress: Progress, after_group: Callable[[int], None] = ignore_group
+) -> None:
     """Reconstruct one chapter, group after group.
 
     Args:
@@ -197,7 +199,7 @@ def _reconstruct_chapter(run: ChapteredRun, chapter: ChapterSpan, job: Job, outp
     reconstruct_groups(job, list(chapter.groups), run.capture, layout, before, output, plates.images)
 
 
-def publish_job(run: ChapteredRun, progress: Progress, present: Present) -> None:
+def publish_job(run: ChapteredRun, progress: Progress, present: PresentationHook) -> None:
     """Write the reel from all chapters.
 
     Raises:
@@ -228,16 +230,16 @@ class ChapterPublisher:
         ReconstructionError: The shared scene is not finished.
     """
 
-    def __init__(self, run: ChapteredRun, present: Present) -> None:
+    def __init__(self, run: ChapteredRun, present: PresentationHook) -> None:
         """Open the reel, and skip the groups that it holds already."""
         if not has_scene(run):
             raise _scene_is_missing(run)
         self.run, self.present = run, present
         self.writer: ReelWriter = open_writer(run.store, run.out / "reel", run.config.encode, resume=True)
-        self._publisher = Publisher(self.writer, run.store, run.device, encoded=True)
+        self._group_writer = GroupWriter(self.writer, run.store, run.device, encoded=True)
         self.published = self.writer.manifest.end_group
         for index in range(self.published):
-            self._publisher.skip(index)
+            self._group_writer.skip(index)
         if self.published:
             present(self.writer, self.published - 1)
 
@@ -245,7 +247,7 @@ class ChapterPublisher:
         """Write all encoded groups up to the first that is missing."""
         store, count = self.run.store, len(self.run.groups)
         while self.published < count and store.group(self.published).has_encoded_group():
-            self._publisher.publish(self.published)
+            self._group_writer.write(self.published)
             self.present(self.writer, self.published)
             self.published += 1
 

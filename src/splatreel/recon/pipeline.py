@@ -8,9 +8,9 @@ from pathlib import Path
 from splatreel.capture.base import Capture
 from splatreel.config import Config
 from splatreel.progress import Progress, Silent, parts_of
-from splatreel.recon.encode.output import ReelOutput
-from splatreel.recon.encode.publisher import Present, Publisher, nothing_more
-from splatreel.recon.encode.sound import hear
+from splatreel.recon.encode.group_output import ReelOutput
+from splatreel.recon.encode.group_writer import GroupWriter, PresentationHook, no_presentation
+from splatreel.recon.encode.soundtrack import select_soundtrack
 from splatreel.recon.groups import reconstruct_groups
 from splatreel.recon.jobs import ChapteredRun, ChapterPublisher, chapter_job, scene_job
 from splatreel.recon.preparation import open_reel_writer, prepare, save_header
@@ -46,7 +46,7 @@ def reconstruct(
     sound: str = "auto",
     device: str = "auto",
     progress: Progress | None = None,
-    present: Present = nothing_more,
+    present: PresentationHook = no_presentation,
 ) -> Result:
     """Reconstruct a capture into OUT/reel, with checkpoints in OUT/work. The same call continues an interrupted run.
 
@@ -78,7 +78,7 @@ def plan_run(capture: Capture, out: Path, config: Config, *, sound: str = "auto"
     return ChapteredRun(capture, Path(out), config, sound, pick_device(device))
 
 
-def reconstruct_run(run: ChapteredRun, progress: Progress, present: Present) -> Result:
+def reconstruct_run(run: ChapteredRun, progress: Progress, present: PresentationHook) -> Result:
     """Reconstruct a whole run in this process. Errors are those of `reconstruct`."""
     if len(run.chapters) > 1:
         reconstruct_chapters(run, progress, present)
@@ -92,22 +92,22 @@ def result_of(run: ChapteredRun) -> Result:
     return Result(run.out / "reel", run.store.work, run.store.seconds(), run.device.type)
 
 
-def reconstruct_sequence(run: ChapteredRun, progress: Progress, present: Present) -> None:
+def reconstruct_sequence(run: ChapteredRun, progress: Progress, present: PresentationHook) -> None:
     """Reconstruct a video of one chapter: each group starts from the state of the group before."""
     with run.lock() as lock:
-        soundtrack = hear(lock.work, run.capture, run.sound, progress)
+        soundtrack = select_soundtrack(lock.work, run.capture, run.sound, progress)
         job = run.job(progress, run.sequence_plan())
         rig, layout = prepare(job, run.capture, run.groups[0].count // 2, lock)
         save_header(job, run.capture, rig, layout, soundtrack)
         writer = open_reel_writer(job, lock)
         before = FirstOfVideo(rig, StaticPoints.none(run.config.keyframe.sh_degree))
-        output = ReelOutput(writer, Publisher(writer, job.store, job.device), present)
+        output = ReelOutput(writer, GroupWriter(writer, job.store, job.device), present)
         reconstruct_groups(job, run.groups, run.capture, layout, before, output)
         present(writer, None)
         writer.finish()
 
 
-def reconstruct_chapters(run: ChapteredRun, progress: Progress, present: Present) -> None:
+def reconstruct_chapters(run: ChapteredRun, progress: Progress, present: PresentationHook) -> None:
     """Reconstruct the shared scene, then one chapter after the other. Each group is written when its chapter is finished."""
     of_scene, *of_chapters = parts_of(progress, run.costs())
     with run.lock():

@@ -14,7 +14,7 @@ from typing import Any
 
 from splatreel.errors import MissingDependencyError, ReconstructionError, UsageError
 from splatreel.progress import Progress, Silent, parts_of
-from splatreel.recon.encode.publisher import Present, nothing_more
+from splatreel.recon.encode.group_writer import PresentationHook, no_presentation
 from splatreel.recon.jobs import ChapteredRun, has_scene, save_frame_tables
 from splatreel.recon.machines.driver import Driver
 from splatreel.recon.machines.exchange import Exchange
@@ -71,7 +71,7 @@ def reconstruct_on_cluster(
     url: str | None = None,
     options: ClusterOptions = ClusterOptions(),
     progress: Progress | None = None,
-    present: Present = nothing_more,
+    present: PresentationHook = no_presentation,
 ) -> Result:
     """Reconstruct a run like `pipeline.reconstruct`; nodes of a Ray cluster make the scene and the chapters. The reel is written here.
 
@@ -134,7 +134,7 @@ class _Cluster:
         self.spec = pickle.dumps(spec)
         self.mailbox = _mailbox(ray)
 
-    def make(self, present: Present) -> None:
+    def make(self, present: PresentationHook) -> None:
         """Make the scene, the chapters and the reel."""
         save_frame_tables(self.run)
         if self.exchange is not None:

@@ -1,8 +1,8 @@
 """Checkpoints of a run, OUT/work: the names of the files and of the arrays in them.
 
 Each result is saved as soon as it is computed, so that a run can be killed at any time and continued. Loading a result that is not
-there returns None. Two files are kept elsewhere: run.json (`run_record`) and the sound (`encode/sound.py`). The stages say what their
-own checkpoints hold (`Stage.pack`).
+there returns None. Two files are kept elsewhere: run.json (`run_record`) and the sound (`encode/soundtrack.py`). The stages say
+what their own checkpoints hold (`Stage.pack`).
 """
 
 from __future__ import annotations

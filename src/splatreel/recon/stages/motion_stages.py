@@ -14,7 +14,7 @@ from splatreel.recon.run.checkpoint import Arrays, present
 from splatreel.recon.run.store import GroupStore
 from splatreel.recon.run.workload import Workload
 from splatreel.recon.stages.stage import GroupState, NextGroup, RetiredStatic, Stage
-from splatreel.recon.train.export import GroupResult
+from splatreel.recon.train.group import GroupResult
 from splatreel.recon.train.stages import train_group
 from splatreel.scene.gaussians import Gaussians
 
@@ -111,12 +111,12 @@ class Tracking(Stage[GroupStart]):
     def apply(self, state: GroupState, found: GroupStart) -> None:
         """Take over the tracks. Static points that have left their place are dynamic from here on."""
         state.tracks = found
-        if found.left is not None:
-            state.static = state.static.without(found.left)
+        if found.departed is not None:
+            state.static = state.static.without(found.departed)
 
     def pack(self, found: GroupStart) -> Arrays:
         """Return the tracks as arrays."""
-        return checkpoint.pack(found.dynamic) | present(tracks=found.tracks, shades=found.shades, left=found.left)
+        return checkpoint.pack(found.dynamic) | present(tracks=found.tracks, shades=found.shades, left=found.departed)
 
     def unpack(self, arrays: Arrays) -> GroupStart:
         """Return the tracks from arrays."""

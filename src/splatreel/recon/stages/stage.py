@@ -10,7 +10,7 @@ import numpy as np
 from splatreel.config import Config
 from splatreel.recon.cameras.group_input import GroupInput
 from splatreel.recon.cameras.rig import Rig
-from splatreel.recon.encode.output import Output
+from splatreel.recon.encode.group_output import Output
 from splatreel.recon.layering.labels import Layers
 from splatreel.recon.layering.tracking import GroupStart
 from splatreel.recon.layering.velocity_prior import VelocityPrior
@@ -18,7 +18,7 @@ from splatreel.recon.run.checkpoint import Arrays
 from splatreel.recon.run.job import Job
 from splatreel.recon.run.store import GroupStore
 from splatreel.recon.run.workload import Workload
-from splatreel.recon.train.export import GroupResult
+from splatreel.recon.train.group import GroupResult
 from splatreel.scene.gaussians import Gaussians
 from splatreel.scene.group import Group
 from splatreel.scene.spans import GroupSpan

@@ -5,9 +5,9 @@ from __future__ import annotations
 from splatreel.codec.predictive.precision import STEPS
 from splatreel.config import Config
 from splatreel.recon.cameras.group_input import GroupInput
-from splatreel.recon.encode.fineness import encode_group, encode_layer
+from splatreel.recon.encode.group_output import Output
 from splatreel.recon.encode.importance import group_importance, weigh
-from splatreel.recon.encode.output import Output
+from splatreel.recon.encode.step_choice import encode_group_by_slope, encode_layer_by_slope
 from splatreel.recon.run.job import Job
 from splatreel.recon.run.store import StoredGroup, StoredLayer
 from splatreel.recon.run.workload import Workload
@@ -39,7 +39,7 @@ class WriteLayer(Stage[StaticPoints]):
         seen = Gaussians.concatenate([settled, layers.dynamic, relit, state.static.living])
         others, moving = seen[len(settled) :], len(layers.dynamic) + len(relit)
         importance = weigh([seen], data.cameras, data.near, job.device, data.antialias)[: len(settled)]
-        encoded, steps = encode_layer(output.encoder, data, settled, others, moving, importance, job.trial)
+        encoded, steps = encode_layer_by_slope(output.encoder, data, settled, others, moving, importance, job.trial)
         decoded, order = output.add_layer(data.span.index, data.span.first, settled, encoded), encoded[1]
         job.progress.update(1, points=len(decoded))
         state.store.save_layer(StoredLayer(settled[order], decoded, importance[order], steps))
@@ -90,6 +90,6 @@ def write_group(job: Job, data: GroupInput | None, group: Group, static: StaticP
     if data is None:
         files, steps = encoder.group(group, importance), STEPS
     else:
-        files, steps = encode_group(encoder, data, group, static, importance, job.trial)
+        files, steps = encode_group_by_slope(encoder, data, group, static, importance, job.trial)
     job.store.group(group.index).save_group(StoredGroup(group, importance, steps))
     output.add_group(group, files)
