@@ -154,7 +154,7 @@ def test_captures_that_cannot_be_used(what: str, scene: Path, capsys: pytest.Cap
     assert error == "".join(line for line in capsys.readouterr().err.splitlines(True) if line.startswith("Error: "))
 
 
-def test_a_video_that_jumps_is_taken_up_to_there(scene: Path) -> None:
+def test_video_with_a_jump_is_used_up_to_the_jump(scene: Path) -> None:
     jumped(scene)
     assert open_capture(scene, frames=(0, 2)).read(0, 2, ["cam02"]).shape[0] == 2
     (scene / "splatreel.json").write_text(json.dumps({"starts": {"cam02": 0.0}}))
@@ -170,7 +170,9 @@ def test_black_videos_are_refused_by_both(scene: Path, capsys: pytest.CaptureFix
     assert not Path("out/work/run.json").exists()
 
 
-def test_check_takes_what_reconstruction_takes(scene: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_check_accepts_the_captures_that_reconstruction_accepts(
+    scene: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     remove_cameras(scene, 3)
     assert main(["capture", "check", "scene"]) == 1
     assert "only 2 cameras are left to train on" in capsys.readouterr().err
@@ -210,7 +212,9 @@ def test_options_that_do_not_fit_the_capture(options: str, scene: Path, capsys: 
     assert not Path("out").exists()
 
 
-def test_a_damaged_picture_stops_the_run_but_claims_nothing(scene: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_damaged_image_stops_the_run_without_claiming_the_folder(
+    scene: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     """Its packets are all there, so that only decoding finds it; a repaired copy may be another size."""
     file = scene / "cam02.mp4"
     data = bytearray(file.read_bytes())
@@ -224,7 +228,7 @@ def test_a_damaged_picture_stops_the_run_but_claims_nothing(scene: Path, capsys:
     assert not Path("out/work/run.json").exists()
 
 
-def test_the_folder_of_another_run_is_refused_and_kept(scene: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_folder_of_another_run_is_refused_and_kept(scene: Path, capsys: pytest.CaptureFixture[str]) -> None:
     work = Path("out/work")
     work.mkdir(parents=True)
     (work / "run.json").write_text(json.dumps({"version": 1, "capture": {"frames": "0:300"}, "config": {}}))
@@ -235,7 +239,7 @@ def test_the_folder_of_another_run_is_refused_and_kept(scene: Path, capsys: pyte
     assert json.loads((work / "run.json").read_text())["capture"] == {"frames": "0:300"}
 
 
-def test_an_output_folder_that_is_a_file(scene: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_output_folder_that_is_a_file(scene: Path, capsys: pytest.CaptureFixture[str]) -> None:
     Path("out").write_text("mine")
     assert main(["reconstruct", "scene", "--out", "out"]) == 1
     assert capsys.readouterr().err.startswith("Error: out/work: cannot be written")

@@ -63,7 +63,7 @@ def test_right_poses_can_be_reconstructed(tmp_path: Path, capsys: pytest.Capture
     assert "It can be reconstructed, but no trial of novel views was made. Run\n  splatreel reconstruct" in out
 
 
-def test_poses_that_nothing_confirms_are_no_approval(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_unconfirmed_poses_fail_the_check(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     code, out, error = check(write(tmp_path, elsewhere), capsys)
     assert code == 1
     assert "It can be reconstructed" not in out

@@ -9,7 +9,7 @@ from splatreel.cli.main import main
 from tests.capture import folders
 
 
-def test_calibrate_says_which_cameras_are_placed_left_out_and_doubtful(
+def test_calibrate_reports_placed_left_out_and_doubtful_cameras(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     asked: list[tuple[Path, Path | None]] = []
@@ -33,7 +33,9 @@ def test_calibrate_of_too_few_videos(tmp_path: Path, capsys: pytest.CaptureFixtu
     assert "at least 3 are needed" in capsys.readouterr().err
 
 
-def test_sync_says_when_each_video_starts(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
+def test_sync_reports_the_start_of_each_video(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
     (name,) = {"synchronise", "synchronize"} & set(dir(sync))
     monkeypatch.setattr(sync, name, lambda path, progress: {"a": 0.0, "b": 1.23456})
     assert main(["capture", "sync", "phones"]) == 0
@@ -53,7 +55,7 @@ def test_sync_of_one_video(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -
         ('{"calibration_failed": 3}', "calibration_failed is 3, expected a sentence"),
     ],
 )
-def test_a_note_that_says_what_cannot_be(
+def test_impossible_start_in_note_is_refused(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], note: str, said: str
 ) -> None:
     scene = folders.neu3dv(tmp_path / "scene", count=4, frames=2)

@@ -15,7 +15,7 @@ def test_frames() -> None:
 
 
 @pytest.mark.parametrize("text", ["", ":", "5", "5:", ":5", "5:5", "6:5", "-1:5", "1:2:3", "a:b", "1.0:2"])
-def test_frames_that_are_none(text: str) -> None:
+def test_invalid_frame_ranges_are_refused(text: str) -> None:
     with pytest.raises(UsageError, match="no range of frames"):
         parse_frames(text)
 
@@ -40,7 +40,7 @@ def test_numbers() -> None:
             parse_numbers(text, "--at")
 
 
-def test_the_reel_is_found_inside_the_output_of_a_run(tmp_path: Path) -> None:
+def test_reel_is_found_inside_the_output_of_a_run(tmp_path: Path) -> None:
     assert reel_folder(tmp_path) == tmp_path
     (tmp_path / "reel").mkdir()
     (tmp_path / "reel" / "manifest.json").touch()
@@ -75,7 +75,7 @@ def test_settings() -> None:
         ),
     ],
 )
-def test_options_that_do_not_fit_are_refused_at_once(
+def test_contradicting_options_are_refused_before_work_starts(
     command: list[str], said: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
     assert main(command) == 2
@@ -95,7 +95,7 @@ def test_options_that_do_not_fit_are_refused_at_once(
         ["import", "film", "--out", "reel", "--cameras", ""],
     ],
 )
-def test_an_empty_name_is_not_the_current_folder(
+def test_empty_path_is_refused(
     arguments: list[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     monkeypatch.chdir(tmp_path)
@@ -104,7 +104,7 @@ def test_an_empty_name_is_not_the_current_folder(
     assert list(tmp_path.iterdir()) == []
 
 
-def test_a_text_may_be_empty_which_takes_it_out(capsys: pytest.CaptureFixture[str]) -> None:
+def test_empty_text_removes_it(capsys: pytest.CaptureFixture[str]) -> None:
     for given in (["--title", ""], ["--title="]):
         assert main(["edit", "nowhere", *given]) == 1
         assert "is empty" not in capsys.readouterr().err

@@ -29,5 +29,5 @@ def test_say(capsys: pytest.CaptureFixture[str]) -> None:
     assert capsys.readouterr().out == "a\\x1b[31m!\n"
 
 
-def test_a_command_that_can_be_copied() -> None:
+def test_serve_command_is_quoted_for_the_shell() -> None:
     assert serving(Path("my run/reel")) == "splatreel serve 'my run/reel'"

@@ -25,9 +25,7 @@ from tests.recon.captures import WallCapture
 from tests.recon.small import small
 
 
-def test_a_reel_is_published_and_read_from_its_bucket(
-    bucket, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_reel_is_published_and_read_from_its_bucket(bucket, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     url = bucket.url("reels/golden")
     assert main(["publish", str(PREDICTIVE), url]) == 0
     size = verify_reel(PREDICTIVE).bytes
@@ -45,7 +43,7 @@ def test_a_reel_is_published_and_read_from_its_bucket(
     assert main(["export", url, "--out", str(tmp_path / "page.html")]) == 0
 
 
-def test_the_reel_of_a_reconstruction_goes_to_a_folder(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_reel_of_a_reconstruction_goes_to_a_folder(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     shutil.copytree(GOLDEN, tmp_path / "out" / "reel")
     assert main(["publish", str(tmp_path / "out"), str(tmp_path / "web")]) == 0
     assert verify_reel(tmp_path / "web").groups == 2
@@ -66,14 +64,16 @@ def test_the_reel_of_a_reconstruction_goes_to_a_folder(tmp_path: Path, capsys: p
         (["{reel}", "{reel}/manifest.json"], 1, "cannot be"),
     ],
 )
-def test_what_cannot_be_published(arguments, code, words, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_impossible_publications_are_refused(
+    arguments, code, words, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     shutil.copytree(GOLDEN, tmp_path / "reel")
     names = {name: str(tmp_path / name) for name in ("reel", "web", "empty")}
     assert main(["publish", *(argument.format(**names) for argument in arguments)]) == code
     assert words in capsys.readouterr().err
 
 
-def test_a_line_that_breaks_is_tried_again(monkeypatch, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_broken_connection_is_retried(monkeypatch, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     monkeypatch.setattr(retrying.time, "sleep", lambda _: None)
     breaking = BreakingFolder(opening.open_folder(tmp_path / "web"), {0, 3, 4})
     monkeypatch.setattr(opening, "open_folder", lambda _: breaking)
@@ -102,7 +102,7 @@ main(sys.argv[2:])
 
 @pytest.mark.skipif(sys.platform == "win32", reason="POSIX signals")
 @pytest.mark.parametrize("count", [7, 26, 29], ids=["group", "page", "manifest"])
-def test_a_killed_command_is_continued_by_the_same(bucket, monkeypatch, count: int) -> None:
+def test_killed_command_is_continued_by_the_same(bucket, monkeypatch, count: int) -> None:
     url, command = bucket.url("reel"), ["publish", str(LONG), bucket.url("reel")]
     killed = subprocess.run([sys.executable, "-c", KILLED, str(count), *command], stderr=subprocess.PIPE, check=False)
     assert killed.returncode == -signal.SIGKILL
@@ -118,7 +118,7 @@ def test_a_killed_command_is_continued_by_the_same(bucket, monkeypatch, count: i
 
 
 @pytest.mark.slow
-def test_a_reconstruction_is_published_as_it_grows_and_ends_whatever_the_line_does(
+def test_reconstruction_is_published_while_it_grows_despite_failures(
     bucket, monkeypatch, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     less = {"group.length": 3, "group.iterations_per_frame": 2, "keyframe.refine_iterations": 5}

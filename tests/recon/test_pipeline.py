@@ -62,7 +62,7 @@ class Trace(Silent):
         self.done[self.stages[-1][0]] = done
 
 
-def test_groups_are_published_with_what_moves_in_them(whole: Result) -> None:
+def test_groups_are_written_with_their_moving_points(whole: Result) -> None:
     reel = ReelReader(whole.reel)
     assert verify_reel(whole.reel).groups == 2
     assert not reel.manifest.live
@@ -75,11 +75,11 @@ def test_groups_are_published_with_what_moves_in_them(whole: Result) -> None:
     assert whole.device in ("cpu", "cuda")
 
 
-def test_the_same_run_gives_the_same_reel(whole: Result, tmp_path: Path) -> None:
+def test_same_run_gives_the_same_reel(whole: Result, tmp_path: Path) -> None:
     assert content(reconstruct(WallCapture(FRAMES), tmp_path, CONFIG).reel) == content(whole.reel)
 
 
-def test_a_finished_run_has_nothing_left_to_do(whole: Result, copy: Path) -> None:
+def test_finished_run_does_no_work(whole: Result, copy: Path) -> None:
     before, trace = content(copy / "reel"), Trace()
     again = reconstruct(WallCapture(FRAMES), copy, CONFIG, progress=trace)
     assert trace.stages == []
@@ -87,7 +87,7 @@ def test_a_finished_run_has_nothing_left_to_do(whole: Result, copy: Path) -> Non
     assert again.seconds == whole.seconds
 
 
-def test_progress_knows_the_whole_job(tmp_path: Path) -> None:
+def test_progress_shares_cover_the_whole_job(tmp_path: Path) -> None:
     trace = Trace()
     reconstruct(WallCapture(FRAMES), tmp_path, CONFIG, progress=trace)
     shares = [span for _, _, span in trace.stages if span is not None]
@@ -137,7 +137,7 @@ def finish_despite(attempt: Callable[[], object], trouble: type[BaseException], 
 
 
 @pytest.mark.slow
-def test_interrupted_anywhere_the_run_ends_as_if_it_had_not_been(whole: Result, tmp_path: Path) -> None:
+def test_interrupted_run_ends_with_the_same_reel(whole: Result, tmp_path: Path) -> None:
     seen: set[object] = set()
     met = finish_despite(
         lambda: reconstruct(WallCapture(FRAMES), tmp_path, CONFIG, progress=Stop(seen)),
@@ -151,7 +151,7 @@ def test_interrupted_anywhere_the_run_ends_as_if_it_had_not_been(whole: Result, 
 @pytest.mark.slow
 @pytest.mark.kill
 @pytest.mark.parametrize("when", ["before", "after"])
-def test_killed_at_any_write_the_run_ends_as_if_it_had_not_been(
+def test_run_killed_at_any_write_ends_with_the_same_reel(
     whole: Result, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, when: str
 ) -> None:
     """A process that is killed leaves its temporary files; those must be gone in the end, too."""
@@ -190,7 +190,7 @@ def test_files_of_the_reel_that_were_damaged_are_written_again(whole: Result, co
 
 
 @pytest.mark.slow
-def test_a_full_disk_names_the_file_and_costs_nothing(
+def test_full_disk_is_reported_and_loses_nothing(
     whole: Result, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     full: list[str] = []
@@ -215,7 +215,7 @@ def test_a_full_disk_names_the_file_and_costs_nothing(
     assert content(tmp_path / "reel") == content(whole.reel)
 
 
-def test_parts_that_were_deleted_are_made_again(whole: Result, copy: Path) -> None:
+def test_deleted_checkpoints_are_computed_again(whole: Result, copy: Path) -> None:
     for part in ("work/group0001/group.safetensors", "reel/groups/0001.safetensors"):
         (copy / part).unlink()
         reconstruct(WallCapture(FRAMES), copy, CONFIG)
@@ -227,7 +227,7 @@ def test_parts_that_were_deleted_are_made_again(whole: Result, copy: Path) -> No
     assert trace.stages == []  # encoded again, not trained
 
 
-def test_a_published_file_that_was_cut_is_written_again(whole: Result, copy: Path) -> None:
+def test_published_file_that_was_cut_is_written_again(whole: Result, copy: Path) -> None:
     file = copy / "reel" / "layers" / "0000.safetensors"
     file.write_bytes(file.read_bytes()[:-10])
     reconstruct(WallCapture(FRAMES), copy, CONFIG)
@@ -235,7 +235,7 @@ def test_a_published_file_that_was_cut_is_written_again(whole: Result, copy: Pat
 
 
 @pytest.mark.parametrize("part", ["group0000/group.safetensors", "run.json", "layout.json"])
-def test_a_damaged_checkpoint_is_named_and_nothing_else_is_touched(copy: Path, part: str) -> None:
+def test_damaged_checkpoint_is_named_and_nothing_else_is_touched(copy: Path, part: str) -> None:
     file = copy / "work" / part
     file.write_bytes(b"{damaged")
     before = content(copy)
@@ -258,9 +258,7 @@ REFUSED = [
 
 
 @pytest.mark.parametrize(("capture", "config", "difference"), REFUSED)
-def test_the_folder_of_another_run_is_refused(
-    copy: Path, capture: WallCapture, config: Config, difference: str
-) -> None:
+def test_folder_of_another_run_is_refused(copy: Path, capture: WallCapture, config: Config, difference: str) -> None:
     before = content(copy)
     with pytest.raises(ReconstructionError, match=re.escape(difference)) as raised:
         reconstruct(capture, copy, config)
@@ -269,7 +267,7 @@ def test_the_folder_of_another_run_is_refused(
     assert content(copy) == before
 
 
-def test_a_run_of_a_version_without_a_setting_goes_on_where_the_setting_is_off(copy: Path) -> None:
+def test_run_of_a_version_without_a_setting_goes_on_where_the_setting_is_off(copy: Path) -> None:
     path = copy / "work" / "run.json"
     record = json.loads(path.read_text())
     assert record["config"]["keyframe"].pop("average_share") == CONFIG.keyframe.average_share
@@ -281,7 +279,7 @@ def test_a_run_of_a_version_without_a_setting_goes_on_where_the_setting_is_off(c
     assert content(copy / "reel") == before
 
 
-def test_a_reel_without_its_checkpoints_is_not_overwritten(copy: Path) -> None:
+def test_reel_without_its_checkpoints_is_not_overwritten(copy: Path) -> None:
     shutil.rmtree(copy / "work")
     before = content(copy / "reel")
     with pytest.raises(ReconstructionError, match="holds a reel already"):
@@ -289,7 +287,7 @@ def test_a_reel_without_its_checkpoints_is_not_overwritten(copy: Path) -> None:
     assert content(copy / "reel") == before
 
 
-def test_a_failed_start_claims_nothing(tmp_path: Path) -> None:
+def test_failed_start_does_not_claim_the_folder(tmp_path: Path) -> None:
     """What could not be read may be mended, or something else be reconstructed into the folder."""
 
     class Damaged(WallCapture):
@@ -335,7 +333,7 @@ def test_everything_moves(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> No
     assert min(dynamic) > 1000
 
 
-def test_the_light_changes_everywhere(tmp_path: Path) -> None:
+def test_light_changes_everywhere(tmp_path: Path) -> None:
     capture = WallCapture(3, speed=0, dims=True)
     assert verify_reel(reconstruct(capture, tmp_path / "a", small({"even_exposure": False})).reel).groups == 1
     result = reconstruct(capture, tmp_path / "b", CONFIG)
@@ -368,7 +366,7 @@ def test_captures_that_cannot_be_reconstructed(tmp_path: Path) -> None:
     assert not (tmp_path / "a").exists()
 
 
-def test_an_output_folder_that_is_none(tmp_path: Path) -> None:
+def test_unusable_output_folder_is_refused(tmp_path: Path) -> None:
     file = tmp_path / "file"
     file.write_text("mine")
     with pytest.raises(ReconstructionError, match=f"{re.escape(str(file))}.*Choose another --out"):
@@ -376,12 +374,12 @@ def test_an_output_folder_that_is_none(tmp_path: Path) -> None:
     assert file.read_text() == "mine"
 
 
-def test_an_unknown_device(tmp_path: Path) -> None:
+def test_unknown_device(tmp_path: Path) -> None:
     with pytest.raises(UsageError, match="Unknown device 'tpu'"):
         reconstruct(WallCapture(1), tmp_path, CONFIG, device="tpu")
 
 
-def test_the_record_says_in_words_what_a_run_is(whole: Result) -> None:
+def test_record_is_readable(whole: Result) -> None:
     record = json.loads((whole.work / "run.json").read_text())
     assert record["capture"]["name"] == "wall"
     assert record["config"]["group"]["length"] == 2

@@ -54,7 +54,7 @@ class Thief(Silent):
 
 
 @pytest.mark.slow
-def test_a_capture_that_is_removed_in_mid_run_is_named_and_costs_nothing(pictures: Path, tmp_path: Path) -> None:
+def test_removed_capture_is_reported_and_run_continues_later(pictures: Path, tmp_path: Path) -> None:
     whole = reconstruct(open_capture(pictures, held_out=[]), tmp_path / "whole", CONFIG)
     folder, out = pictures / "ims", tmp_path / "out"
     thief = Thief(folder, "group 1/3: training the motion")

@@ -61,7 +61,7 @@ def cluster(points: Gaussians) -> np.ndarray:
     return (x > -1.7) & (x < -0.5) & (np.abs(y) < 0.7) & (z > -0.5) & (z < 0.4) & (points.opacities > 0.3)
 
 
-def test_what_rests_for_most_of_a_video_is_shared_and_a_chapter_without_it_takes_it_out(tmp_path: Path) -> None:
+def test_scene_holds_mostly_resting_points_and_chapter_removes_absent_ones(tmp_path: Path) -> None:
     run = made(ChangingWall(leaves=8), tmp_path, [0, 2])
     shared = run.store.scene.layer()
     assert shared is not None
@@ -74,7 +74,7 @@ def test_what_rests_for_most_of_a_video_is_shared_and_a_chapter_without_it_takes
     assert run.store.group(run.groups[-1].index).group().group.alive[: len(there)][there].mean() < 0.3
 
 
-def test_light_that_drifts_adds_nothing_to_a_chapter_and_comes_back_when_it_is_played(tmp_path: Path) -> None:
+def test_drifting_light_adds_no_points_and_is_restored_in_playback(tmp_path: Path) -> None:
     run = made(ChangingWall(leaves=FRAMES, brighter=0.04), tmp_path, [0, 2])
     lights = []
     for chapter in (run.chapters[0], run.chapters[2]):

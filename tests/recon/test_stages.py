@@ -23,7 +23,7 @@ class StopAt(Trace):
             raise KeyboardInterrupt
 
 
-def test_what_a_stage_found_is_not_looked_for_again(tmp_path: Path) -> None:
+def test_finished_stage_is_not_run_again(tmp_path: Path) -> None:
     stages = ["training the first keyframe", "separating static", "tracking moving points", "training the motion"]
     for done, what in enumerate(stages[1:]):
         trace = StopAt(what)

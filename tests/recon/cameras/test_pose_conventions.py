@@ -17,7 +17,7 @@ PICTURES = pictures(CAMERAS)
 FEATURES = [detect(picture) for picture in PICTURES]
 
 
-def test_poses_that_are_right_are_read_as_they_are() -> None:
+def test_correct_poses_keep_their_convention() -> None:
     assert recognize_convention(CAMERAS, FEATURES, match_nearest(CAMERAS, FEATURES)) is None
 
 
@@ -29,11 +29,11 @@ def test_poses_that_are_right_are_read_as_they_are() -> None:
         (lambda cameras: inverted(turned_about(cameras)), "camera to world in OpenGL's axes (y up, z backwards)"),
     ],
 )
-def test_what_is_stored_is_told(stored: Callable[[list[Camera]], list[Camera]], meant: str) -> None:
+def test_convention_of_the_poses_is_recognized(stored: Callable[[list[Camera]], list[Camera]], meant: str) -> None:
     """Of a row of cameras that look ahead: the axes of its inverse meet before the cameras as well."""
     assert inspect_poses(stored(CAMERAS), np.stack([PICTURES] * 2)) == PoseFindings({}, [], [], [], meant)
 
 
-def test_pictures_of_other_things_tell_nothing() -> None:
+def test_unrelated_images_show_no_convention() -> None:
     others = [detect(np.roll(picture, (23 * i, 31 * i), (0, 1))) for i, picture in enumerate(PICTURES)]
     assert recognize_convention(CAMERAS, others, match_nearest(CAMERAS, others)) is None

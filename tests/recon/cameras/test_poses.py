@@ -36,18 +36,18 @@ def apart(a: Camera, b: Camera) -> float:
     return float(np.median(np.linalg.norm(pixels[0] - pixels[1], axis=1)))
 
 
-def test_cameras_that_are_right_stay_as_they_are() -> None:
+def test_correct_poses_stay() -> None:
     assert inspect_poses(CAMERAS, moments()) == ALL_RIGHT
     assert inspect_poses(CAMERAS[:3], moments(TRUTH[:3])) == ALL_RIGHT
 
 
-def test_less_than_a_pixel_is_left_alone() -> None:
+def test_errors_below_a_pixel_are_ignored() -> None:
     assert inspect_poses([turned(CAMERAS[0], 0.05), *CAMERAS[1:]], moments()) == ALL_RIGHT
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("degrees", [0.6, 1.0])
-def test_cameras_that_were_touched_are_put_right(degrees: float) -> None:
+def test_moved_cameras_are_corrected(degrees: float) -> None:
     wrong = [turned(camera, degrees) if number in (2, 6) else camera for number, camera in enumerate(CAMERAS)]
     found = inspect_poses(wrong, moments())
     assert set(found.corrected) == {2, 6}
@@ -60,7 +60,7 @@ def test_cameras_that_were_touched_are_put_right(degrees: float) -> None:
         assert corrected.camera.name == CAMERAS[number].name
 
 
-def test_a_camera_that_shows_something_else_is_a_stranger() -> None:
+def test_camera_that_shows_something_else_is_a_stranger() -> None:
     images = TRUTH.copy()
     images[4] = TRUTH[4, ::-1, ::-1]
     found = inspect_poses(CAMERAS, moments(images))
@@ -76,7 +76,7 @@ def beside(camera: Camera, degrees: float) -> Camera:
 
 
 @pytest.mark.slow
-def test_a_camera_that_stands_alone_is_kept_and_said_to_be_unchecked() -> None:
+def test_isolated_camera_is_kept_unchecked() -> None:
     """It shows the other side, on which there is nothing that its neighbors show: no evidence that it is anywhere else."""
     images = TRUTH.copy()
     images[8] = TRUTH[8, ::-1, ::-1]
@@ -85,7 +85,7 @@ def test_a_camera_that_stands_alone_is_kept_and_said_to_be_unchecked() -> None:
         assert found == PoseFindings({}, [], [], [8])
 
 
-def test_three_cameras_with_too_little_in_common_are_not_said_to_misfit() -> None:
+def test_cameras_without_overlap_are_unchecked_not_doubtful() -> None:
     images = np.stack([TRUTH[0], *(texture(seed)[:HEIGHT, :WIDTH].astype(np.uint8) for seed in (8, 9))])
     apart = [CAMERAS[0], beside(CAMERAS[4], 60), beside(CAMERAS[8], -60)]
     assert inspect_poses(apart, moments(images)) == PoseFindings({}, [], [], [0, 1, 2])
@@ -93,14 +93,14 @@ def test_three_cameras_with_too_little_in_common_are_not_said_to_misfit() -> Non
     assert inspect_poses([CAMERAS[0], CAMERAS[4], CAMERAS[8]], moments(images)) == PoseFindings({}, [], [], [0, 1, 2])
 
 
-def test_pictures_that_show_the_same_but_not_where_they_should_are_said_to_misfit() -> None:
+def test_matching_images_at_wrong_poses_are_doubtful() -> None:
     """Their calibration is wrong: they are said to stand far from each other, and have wide lenses."""
     scale = np.array([[0.6, 1, 1], [1, 0.6, 1], [1, 1, 1]])
     wrong = [beside(replace(c, K=c.K * scale), 70.0 * number) for number, c in enumerate(CAMERAS[:5])]
     assert inspect_poses(wrong, moments(TRUTH[:5])) == PoseFindings({}, [], [0, 1, 2, 3, 4])
 
 
-def test_nobody_can_tell_where_every_third_is_wrong() -> None:
+def test_too_many_wrong_poses_are_all_doubtful() -> None:
     wrong = [
         turned(camera, 1.0 if number % 2 else -1.0) if number % 3 == 1 else camera
         for number, camera in enumerate(CAMERAS)
@@ -111,19 +111,19 @@ def test_nobody_can_tell_where_every_third_is_wrong() -> None:
     assert set(found.doubtful) >= {1, 4, 7}
 
 
-def test_what_moves_is_not_taken_for_a_camera_that_does() -> None:
+def test_moving_thing_is_not_mistaken_for_a_moved_camera() -> None:
     """Half of the pictures are elsewhere in the first moment, as they are of cameras that are out of step."""
     frames = moments()
     frames[0, 3, :, : WIDTH // 2] = np.roll(frames[0, 3], 4, axis=1)[:, : WIDTH // 2]
     assert inspect_poses(CAMERAS, frames) == ALL_RIGHT
 
 
-def test_without_features_nothing_is_known_and_nobody_is_touched() -> None:
+def test_images_without_features_change_nothing() -> None:
     found = inspect_poses(CAMERAS, np.full((2, 9, 64, WIDTH, 3), 90, np.uint8))
     assert found == PoseFindings({}, [], [], list(range(9)))
 
 
-def test_the_fewer_features_tell_the_farther_off_must_a_camera_be():
+def test_fewer_features_need_a_larger_error():
     """A dancer before plain walls has few, and her outlines are elsewhere for each camera."""
     few, off = PLENTY // 4, 2 * MOVED
     assert PoseEstimate(CAMERAS[0], gain=2, moved=off, features=PLENTY).wrong

@@ -29,7 +29,7 @@ CORNER = arc(9)
 PICTURES = np.stack([pictures(CORNER)] * 2)
 
 
-def test_exposures_go_on_from_group_to_group_and_a_restored_rig_knows_as_much(tmp_path: Path) -> None:
+def test_exposures_carry_over_and_restored_rig_is_equal(tmp_path: Path) -> None:
     notes = Notes()
     rig = again = replace(Rig.of(CAMERAS), gains=np.random.default_rng(0).random((len(NAMES), 3), np.float32))
     for first, store in ((0, GroupStore(tmp_path / "a")), (3, GroupStore(tmp_path / "b"))):
@@ -54,7 +54,7 @@ def test_exposures_go_on_from_group_to_group_and_a_restored_rig_knows_as_much(tm
     assert late[1] == f"cameras are out of step, {NAMES[-1]} is 0.32 frames late (uncertainty 0.02): corrected"
 
 
-def test_delays_that_groups_do_not_agree_on_are_not_told() -> None:
+def test_inconsistent_time_offsets_are_not_reported() -> None:
     rig, notes, rng = Rig.of(CAMERAS), Notes(), np.random.default_rng(0)
     said = []
     for _ in range(4):
@@ -65,7 +65,7 @@ def test_delays_that_groups_do_not_agree_on_are_not_told() -> None:
     assert said[1:] == [said[0]] * 3
 
 
-def test_light_is_taken_out_and_goes_on_from_group_to_group(tmp_path: Path) -> None:
+def test_light_is_removed_and_carries_over(tmp_path: Path) -> None:
     rig, notes = Rig.of(CAMERAS), Notes()
     dusk = np.array([1, 0.9, 0.8, 0.7, 0.7, 0.7], np.float32)
     still = np.repeat(CAPTURE.read(0, 1, NAMES), 6, 0)
@@ -83,7 +83,7 @@ def test_light_is_taken_out_and_goes_on_from_group_to_group(tmp_path: Path) -> N
     assert [line[:25] for line in notes.lines] == ["the light changes by up t"] * 2
 
 
-def test_of_a_group_that_nothing_was_found_of_the_rig_stays_as_it_was(tmp_path: Path) -> None:
+def test_rig_without_checkpoints_stays(tmp_path: Path) -> None:
     rig = Rig.of(CAMERAS)
     assert restored_rig(rig, GroupStore(tmp_path), 3) == rig
     assert not rig.exposure.any()
@@ -92,7 +92,7 @@ def test_of_a_group_that_nothing_was_found_of_the_rig_stays_as_it_was(tmp_path: 
 
 
 @pytest.mark.slow
-def test_a_camera_that_was_touched_is_put_right_and_a_stranger_left_out(tmp_path: Path) -> None:
+def test_moved_camera_is_corrected_and_stranger_left_out(tmp_path: Path) -> None:
     frames = PICTURES.copy()
     frames[:, 6] = frames[:, 6, ::-1, ::-1]
     said = [turned(camera, 1.0) if number == 2 else camera for number, camera in enumerate(CORNER)]
@@ -113,7 +113,7 @@ def test_a_camera_that_was_touched_is_put_right_and_a_stranger_left_out(tmp_path
 
 
 @pytest.mark.slow
-def test_a_camera_that_is_touched_later_is_put_right_from_the_next_group_on(tmp_path: Path) -> None:
+def test_camera_moved_later_is_corrected_in_the_next_group(tmp_path: Path) -> None:
     rig, notes, store = Rig.of([*CORNER[:4], turned(CORNER[4], 1.0), *CORNER[5:]]), Notes(), GroupStore(tmp_path)
     save_poses(store, poses := check_later_poses(rig, PICTURES, notes))
     rig = rig.with_poses(poses)
@@ -127,14 +127,14 @@ def test_a_camera_that_is_touched_later_is_put_right_from_the_next_group_on(tmp_
     assert len(rig.cameras) == 9
 
 
-def test_poses_the_other_way_round_are_refused() -> None:
+def test_camera_to_world_poses_are_refused() -> None:
     with pytest.raises(
         ReconstructionError, match=r"scene/extri.yml: the poses .* would if they were camera to world\."
     ):
         check_first_poses(Rig.of(inverted(CORNER)), PICTURES, "scene/extri.yml", Notes())
 
 
-def test_a_user_is_told_of_poses_that_nobody_can_check() -> None:
+def test_unverifiable_poses_are_reported() -> None:
     notes = Notes()
     poses = check_first_poses(Rig.of(CORNER), np.full_like(PICTURES, 90), "The capture", notes)
     assert len(Rig.of(CORNER).with_poses(poses).cameras) == 9
@@ -143,7 +143,7 @@ def test_a_user_is_told_of_poses_that_nobody_can_check() -> None:
     assert line == "b: too little in common with the other cameras to check the pose, which is used unchecked"
 
 
-def test_where_too_many_are_wrong_the_user_is_told_and_nothing_changes() -> None:
+def test_too_many_wrong_poses_are_reported_and_kept() -> None:
     said = [turned(camera, 1.0) if number % 3 == 1 else camera for number, camera in enumerate(CORNER)]
     notes = Notes()
     rig = Rig.of(said).with_poses(check_first_poses(Rig.of(said), PICTURES, "The capture", notes))

@@ -17,7 +17,7 @@ from tests.recon.test_pipeline import CONFIG, FRAMES, Stop, content, finish_desp
 
 
 @pytest.mark.slow
-def test_exposures_and_delays_are_followed_from_group_to_group_and_over_interruptions(tmp_path: Path) -> None:
+def test_exposures_and_time_offsets_survive_interruptions(tmp_path: Path) -> None:
     capture = WallCapture(FRAMES, drift=0.08)
     undisturbed = reconstruct(capture, tmp_path / "undisturbed", CONFIG)
     for index, first in enumerate((0, 2)):
@@ -38,9 +38,7 @@ def test_exposures_and_delays_are_followed_from_group_to_group_and_over_interrup
 
 
 @pytest.mark.slow
-def test_cameras_that_do_not_fit_are_mended_or_left_out_over_interruptions(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_corrected_poses_survive_interruptions(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     def findings(cameras: list[Camera], frames: np.ndarray) -> PoseFindings:
         """The second is a stranger, the third was touched; in later groups nothing is found."""
         assert frames.shape[:2] == (2, len(cameras))

@@ -31,13 +31,13 @@ def test_views_are_rated_on_the_scale_of_the_report(psnr: float, word: str) -> N
     assert "20 dB is poor, 30 dB good" in SCALE
 
 
-def test_a_trial_that_fails_limits_the_views() -> None:
+def test_trial_that_fails_limits_the_views() -> None:
     assert "only views within 10 degrees of a camera will be usable. Run\n  CMD" in judge_capture(
         coverage(16.0), []
     ).text("CMD")
 
 
-def test_without_a_trial_nothing_is_said_of_new_views() -> None:
+def test_without_a_trial_novel_views_are_not_mentioned() -> None:
     assert (
         judge_capture(coverage(None), [])
         .text("CMD")
@@ -56,7 +56,7 @@ def test_without_a_trial_nothing_is_said_of_new_views() -> None:
         (coverage(), ["cam0", "cam4"], "the poses or lenses of cam0, cam4 do not fit each other"),
     ],
 )
-def test_evidence_against_a_capture_is_no_approval(found: Coverage, misfits: list[str], said: str) -> None:
+def test_faults_fail_the_verdict(found: Coverage, misfits: list[str], said: str) -> None:
     verdict = judge_capture(found, misfits)
     assert len(verdict.faults) == 1
     assert said in verdict.text("CMD")
@@ -64,5 +64,5 @@ def test_evidence_against_a_capture_is_no_approval(found: Coverage, misfits: lis
     assert "It can be reconstructed" not in verdict.text("CMD")
 
 
-def test_a_good_trial_confirms_poses_of_plain_walls() -> None:
+def test_good_trial_confirms_poses_of_plain_walls() -> None:
     assert judge_capture(coverage(shared=[0] * 5, psnr=31.0), []).faults == []

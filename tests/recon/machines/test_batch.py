@@ -63,7 +63,7 @@ def test_two_tasks_at_once_make_the_reel_that_one_process_makes(out: Path, expec
     assert job(spec(out), "chapter", Share(3, 4)) == f"{out}: task 3 of 4 has none of the 3 chapters."
 
 
-def test_what_a_job_needs_is_said(scene: Path, tmp_path: Path) -> None:
+def test_job_without_its_input_is_refused(scene: Path, tmp_path: Path) -> None:
     with pytest.raises(
         ReconstructionError, match=r"the scene that chapters share is not finished. Run --job scene first"
     ):
@@ -75,7 +75,7 @@ def test_what_a_job_needs_is_said(scene: Path, tmp_path: Path) -> None:
         job(other, "chapter", Share(0, 1))
 
 
-def test_a_video_of_one_chapter_is_made_by_its_chapter(tmp_path: Path) -> None:
+def test_video_of_one_chapter_is_made_by_its_chapter(tmp_path: Path) -> None:
     short = RunSpec(partial(WallCapture, 2), tmp_path, CONFIG, device="cpu")
     assert "has no scene to share" in job(short, "scene")
     assert "none for task 1 of 2" in job(short, "chapter", Share(1, 2))

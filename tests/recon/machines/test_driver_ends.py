@@ -55,7 +55,7 @@ def runs(pid: int) -> bool:
 @pytest.mark.slow
 @pytest.mark.kill
 @pytest.mark.skipif(not sys.platform.startswith("linux"), reason="looks at /proc")
-def test_no_worker_is_left_and_the_run_goes_on(out: Path, expected: dict[str, str]) -> None:
+def test_workers_end_and_the_run_continues(out: Path, expected: dict[str, str]) -> None:
     for number, code in ((signal.SIGKILL, -signal.SIGKILL), (signal.SIGINT, 130)):
         driver, workers = start(out)
         assert len(workers) == 2

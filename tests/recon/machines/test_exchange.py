@@ -45,7 +45,7 @@ def test_each_group_is_listed_once_and_nothing_else(tmp_path: Path, monkeypatch:
     assert (tmp_path / "driver" / "work" / "group0003" / LAST_OF_GROUP).read_text() == f"{LAST_OF_GROUP} of 3"
 
 
-def test_a_bucket_lists_what_begins_so(tmp_path: Path, bucket: Bucket) -> None:
+def test_bucket_lists_by_prefix(tmp_path: Path, bucket: Bucket) -> None:
     exchange = Exchange(bucket.url("run"), tmp_path / "node")
     for group in range(3):
         made(tmp_path / "node", group)

@@ -74,7 +74,7 @@ def test_two_workers_make_the_reel_that_one_makes(out: Path, expected: dict[str,
 @pytest.mark.slow
 @pytest.mark.kill
 @pytest.mark.usefixtures("two_cores")
-def test_a_worker_that_is_killed_is_replaced_once(out: Path, expected: dict[str, str]) -> None:
+def test_worker_that_is_killed_is_replaced_once(out: Path, expected: dict[str, str]) -> None:
     killed = []
 
     def kill(published: int) -> None:
@@ -91,9 +91,7 @@ def test_a_worker_that_is_killed_is_replaced_once(out: Path, expected: dict[str,
 
 @pytest.mark.slow
 @pytest.mark.usefixtures("two_cores")
-def test_a_chapter_that_fails_leaves_the_others_and_is_tried_again_by_the_same_command(
-    out: Path, expected: dict[str, str], tmp_path: Path
-) -> None:
+def test_failed_chapter_is_retried_by_the_same_command(out: Path, expected: dict[str, str], tmp_path: Path) -> None:
     spoilt = tmp_path / "spoilt"
     spoilt.touch()
     with pytest.raises(
@@ -141,7 +139,7 @@ def test_each_gpu_of_a_machine_is_a_worker(monkeypatch: pytest.MonkeyPatch) -> N
     assert places(a_run("cpu"), 3) == [None, None, None]
 
 
-def test_workers_are_as_many_as_asked_for_or_as_memory_allows(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_number_of_workers_follows_option_and_memory(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(threads, "count", lambda: 16)
     assert division_of(a_run("cpu"), 5) == Division(5, 3)
     assert division_of(a_run("cpu", chapters=2), 5) == Division(2, 8)
@@ -162,7 +160,7 @@ class Line:
     def send(self, chapter: int) -> None: ...
 
 
-def test_a_chapter_for_which_there_is_no_memory_waits(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+def test_chapter_waits_for_free_memory(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     pool = WorkerPool(spec(tmp_path), [None] * 4, 1, need=100)
     monkeypatch.setattr(pool, "_start", lambda: pool._workers.append(Worker(None, Line(), None)) or pool._workers[-1])  # pyright: ignore[reportArgumentType]
     pool._waiting.extend(range(4))

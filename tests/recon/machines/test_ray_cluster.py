@@ -54,7 +54,7 @@ def cluster(s3_server: str) -> Iterator[Any]:
 
 
 @pytest.mark.cluster
-def test_a_node_that_is_lost_changes_nothing(cluster: Any, out: Path, expected: dict[str, str]) -> None:
+def test_node_that_is_lost_changes_nothing(cluster: Any, out: Path, expected: dict[str, str]) -> None:
     """All nodes see OUT. The node is lost once chapters are being made on both."""
     lost = []
 
@@ -117,7 +117,7 @@ def node(cpu: int, gpu: int = 0, memory: int = 64 << 30, alive: bool = True) -> 
 GIB = 1 << 30
 
 
-def test_tasks_ask_for_what_they_need_of_nodes_that_have_it() -> None:
+def test_tasks_request_resources_that_nodes_have() -> None:
     need = 2 * GIB
     plan = share_nodes([node(1), node(1), node(4, alive=False)], 3, "auto", need)
     assert plan == ClusterPlan(Resources(1, 0, need), Resources(1, 0, need), 2)
@@ -134,7 +134,7 @@ def test_tasks_ask_for_what_they_need_of_nodes_that_have_it() -> None:
         share_nodes([node(0)], 20, "auto", need)
 
 
-def test_a_small_node_does_not_decide_for_all() -> None:
+def test_small_node_does_not_limit_the_others() -> None:
     need = 9 * GIB
     large = 8 * [node(16, memory=64 * GIB)]
     alone = share_nodes(large, 56, "auto", need)
@@ -146,13 +146,13 @@ def test_a_small_node_does_not_decide_for_all() -> None:
             share_nodes([node(16, memory=memory * GIB)], 20, "auto", need)
 
 
-def test_the_number_of_threads_is_honored() -> None:
+def test_number_of_threads_is_honored() -> None:
     plan = share_nodes(2 * [node(16)], 20, "auto", GIB, threads=3)
     assert (plan.chapter.cores, plan.scene.cores, plan.at_once) == (3, 3, 10)
     assert share_nodes([node(2)], 20, "auto", GIB, threads=3).chapter.cores == 2
 
 
-def test_a_node_that_an_autoscaler_starts_is_waited_for(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_node_that_an_autoscaler_starts_is_waited_for(monkeypatch: pytest.MonkeyPatch) -> None:
     looks: list[int] = []
     asked: list[int] = []
     told: list[str] = []
@@ -178,7 +178,7 @@ def test_ray_client_is_refused(tmp_path: Path) -> None:
         pass
 
 
-def test_a_cluster_that_is_not_there(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_unreachable_cluster_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.delenv("RAY_ADDRESS", raising=False)
     assert os.environ.get("RAY_ADDRESS") is None
     opened: list[int] = []

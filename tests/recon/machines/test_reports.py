@@ -6,7 +6,7 @@ from splatreel.errors import CaptureError
 from splatreel.recon.machines.reports import INTERVAL, Noted, Reached, Reporter, describe_error
 
 
-def test_how_far_a_chapter_is_is_told_now_and_then() -> None:
+def test_progress_reports_are_limited_in_rate() -> None:
     now, sent = [0.0], []
     reporter = Reporter(3, sent.append, lambda: now[0])
     reporter.stage("first", 10, (0.2, 0.6))
@@ -23,7 +23,7 @@ def test_how_far_a_chapter_is_is_told_now_and_then() -> None:
     assert pickle.loads(pickle.dumps(sent)) == sent
 
 
-def test_an_error_is_told_describe_error_and_where_nobody_foresaw_it() -> None:
+def test_unexpected_error_is_described_with_its_place() -> None:
     assert describe_error(CaptureError("cam00.mp4: is\n  damaged.")) == "cam00.mp4: is damaged."
     with pytest.raises(ZeroDivisionError) as caught:
         _ = 1 / 0

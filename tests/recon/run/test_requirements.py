@@ -32,7 +32,7 @@ def test_cameras_that_show_nothing_are_named(level: int, color: str) -> None:
 
 
 @pytest.mark.parametrize("level", [30, 128, 225])
-def test_what_is_grey_or_dark_for_a_moment_only_is_taken(level: int) -> None:
+def test_gray_or_briefly_dark_images_are_accepted(level: int) -> None:
     capture = WallCapture(2)
     check_pictures(capture, NAMES, moments(level))
     frames = moments(2)
@@ -40,7 +40,7 @@ def test_what_is_grey_or_dark_for_a_moment_only_is_taken(level: int) -> None:
     check_pictures(capture, NAMES, frames)
 
 
-def test_a_black_capture_is_refused_before_it_is_trained(tmp_path: Path) -> None:
+def test_black_capture_is_refused_before_it_is_trained(tmp_path: Path) -> None:
     class Black(WallCapture):
         def _read_into(self, out: np.ndarray, first: int, cameras: list[str]) -> None:
             out[:] = 0
