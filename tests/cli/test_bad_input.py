@@ -1,4 +1,4 @@
-"""Captures and folders that cannot be used, at the command line: one block that names the file and the way out, and nothing lost."""
+"""Command-line errors for captures and folders that cannot be used: one block that names the file and the remedy."""
 
 import json
 import os
@@ -18,7 +18,7 @@ from tests.capture import folders
 
 @pytest.fixture(scope="module")
 def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Five cameras, cam00 held out, three frames."""
+    """Return a capture of five cameras and three frames, with cam00 held out."""
     return folders.neu3dv(tmp_path_factory.mktemp("made") / "scene", count=5, frames=3)
 
 
@@ -71,7 +71,7 @@ def cut_film(scene: Path) -> None:
 
 
 def jumped(scene: Path) -> None:
-    """Its third frame comes five frames late."""
+    """Delay the third frame by five frames."""
     with av.open(str(scene / "cam02.mp4"), "w") as container:
         stream = container.add_stream("libx264", rate=30)
         stream.height, stream.width, stream.pix_fmt = folders.HEIGHT, folders.WIDTH, "yuv444p"

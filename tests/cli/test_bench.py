@@ -13,7 +13,7 @@ from tests.evaluation import scenes
 
 @pytest.fixture
 def requests(monkeypatch: pytest.MonkeyPatch) -> list[dict]:
-    """What captures were opened with."""
+    """Arguments that captures were opened with."""
     asked: list[dict] = []
 
     def open_capture(path: Path, **request: object) -> scenes.FilmedCapture:

@@ -1,4 +1,4 @@
-"""`splatreel capture check` judges what it prints: of right poses, and of poses that nothing confirms."""
+"""`splatreel capture check` on correct poses and on poses that the images do not confirm."""
 
 import json
 from collections.abc import Callable
@@ -39,7 +39,7 @@ def right(views: list[Camera]) -> list[np.ndarray]:
 
 
 def elsewhere(views: list[Camera]) -> list[np.ndarray]:
-    """Poses of no relation to the pictures."""
+    """Return poses that are unrelated to the images."""
     rng = np.random.default_rng(0)
     turns = [np.linalg.qr(rng.normal(size=(3, 3)))[0] for _ in views]
     made = []

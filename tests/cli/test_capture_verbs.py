@@ -1,4 +1,4 @@
-"""`splatreel capture calibrate` and `capture sync`: what they say of what was found; tests/capture tests how it is found."""
+"""Output of `splatreel capture calibrate` and `capture sync`; tests/capture tests the methods."""
 
 from pathlib import Path
 

@@ -1,4 +1,4 @@
-"""`splatreel config`, and --set, which changes what it lists."""
+"""`splatreel config`, and --set, which changes the listed settings."""
 
 import json
 from pathlib import Path

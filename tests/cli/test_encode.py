@@ -1,4 +1,4 @@
-"""`splatreel encode`: another reel of a run, and never over one that somebody has."""
+"""`splatreel encode` writes another reel of a run, and never overwrites an existing one."""
 
 import json
 import os
@@ -168,7 +168,7 @@ def test_second_encode_at_the_same_time_is_refused(run: Path, capsys: pytest.Cap
 
 
 def test_settings_of_a_codec(run: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    """One of the paper's codec asks for that codec, as its options do."""
+    """A setting of the paper's codec selects that codec, like its options."""
     assert (
         main(["encode", "run", "--out", "six", "--set", "encode.h265.scale_bits=6", "--set", "encode.sh_entries=0"])
         == 0

@@ -1,4 +1,4 @@
-"""`splatreel import`: what it says, and that no reel is written over."""
+"""`splatreel import`: its output, and protection of existing reels."""
 
 import json
 import re

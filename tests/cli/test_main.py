@@ -1,4 +1,4 @@
-"""The command line as a user meets it: exit codes, and the exact text of what goes wrong."""
+"""The command line as a user sees it: exit codes, and the exact text of errors."""
 
 import contextlib
 import errno
@@ -44,7 +44,7 @@ def run(*arguments: str, cwd: Path | None = None) -> subprocess.CompletedProcess
 
 
 def processor_seconds() -> float:
-    """Return what the processes took that this one has started and waited for."""
+    """Return the processor time of all finished child processes."""
     times = os.times()
     return times.children_user + times.children_system
 

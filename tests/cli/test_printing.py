@@ -1,4 +1,4 @@
-"""What is printed: nothing that commands a terminal, and commands that can be copied."""
+"""Printed text: no control sequences, and commands that can be copied."""
 
 from pathlib import Path
 

@@ -152,7 +152,7 @@ def write_capture(folder: Path) -> Path:
 
 
 def watch_groups(monkeypatch: pytest.MonkeyPatch, url: str) -> list[int]:
-    """How many groups are published after each that was made: waits for them, and fails where they do not come."""
+    """Count the published groups after each group that was made, and wait for them."""
     import time
 
     from splatreel.codec.reader import ReelReader

@@ -176,7 +176,7 @@ def test_edit_refuses_impossible_texts(tmp_path: Path, capsys: pytest.CaptureFix
 
 @pytest.fixture
 def forged(tmp_path: Path) -> Path:
-    """A reel whose texts are those of somebody who wants to take over the terminal."""
+    """A reel whose texts contain terminal control sequences."""
     reel = shutil.copytree(GOLDEN, tmp_path / "reel")
     change(reel, generator="\x1b]0;owned\x07\x1b[2J", title="caf\u00e9 \u202egnp.exe", author="\u9b5a")
     return reel

@@ -1,4 +1,4 @@
-"""Files that are not what they should be, given to commands: an error that names the file, at once, and no traceback."""
+"""Damaged or hostile files given to commands: an error that names the file, at once and without a traceback."""
 
 import json
 import os

@@ -1,4 +1,4 @@
-"""Runs that an earlier version began: settings that it did not have are taken for turned off."""
+"""Runs of an earlier version: settings that it did not have count as turned off."""
 
 import json
 from pathlib import Path

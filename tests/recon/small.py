@@ -1,4 +1,4 @@
-"""Settings for tests that reconstruct: a `standard` so small that it is quick, and the plain method without what goes beyond it."""
+"""Settings for tests that reconstruct: `standard` with few iterations, and the plain method of the paper."""
 
 from typing import Any
 

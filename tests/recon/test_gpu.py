@@ -1,4 +1,4 @@
-"""Reconstruction on CUDA, with a stand-in for the GPU: nothing meets that is on two devices, and iterations do not wait."""
+"""Reconstruction on CUDA with a stand-in for the GPU: tensors stay on one device, and iterations do not wait."""
 
 from collections import Counter
 from pathlib import Path
@@ -47,7 +47,7 @@ def waits(monkeypatch: pytest.MonkeyPatch) -> dict[str, list[Counter[str]]]:
 
 
 def quality(result: Result, capture: WallCapture) -> float:
-    """PSNR of what was trained, before encoding, over all frames and cameras."""
+    """Return the PSNR before encoding, over all frames and cameras."""
     scenes, names, errors = uncompressed_frames(result.work, result.reel), [c.name for c in capture.cameras], []
     for frame in range(FRAMES):
         for camera, truth in zip(capture.cameras, capture.read(frame, 1, names)[0], strict=True):

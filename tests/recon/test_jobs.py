@@ -1,4 +1,4 @@
-"""Videos of several chapters: what they share, and that it is of no matter who makes them, in which order, and how often cut off."""
+"""Videos of several chapters: their shared scene, and equal results in any order and after interruptions."""
 
 import shutil
 from itertools import pairwise
@@ -138,7 +138,7 @@ def test_run_of_chapters_is_encoded_again_from_its_checkpoints(whole: Result, tm
 
 @pytest.mark.slow
 def test_chapter_starts_without_shared_points(tmp_path: Path) -> None:
-    """Where every picture changes all the time, no plate is known."""
+    """If every image changes all the time, no plate is known."""
     capture = WallCapture(FRAMES, dims=True)
     result = reconstruct(capture, tmp_path, small({"chapter_frames": 4, "even_exposure": False}))
     verify_reel(result.reel)
@@ -152,7 +152,7 @@ def test_chapter_frames_does_not_affect_short_videos(tmp_path: Path) -> None:
 
 
 class DuskCapture(WallCapture):
-    """It gets dark, so slowly that within a group next to nothing changes."""
+    """A capture that darkens so slowly that hardly anything changes within a group."""
 
     def _read_into(self, out: np.ndarray, first: int, cameras: list[str]) -> None:
         super()._read_into(out, first, cameras)

@@ -1,4 +1,4 @@
-"""An iteration of a group that draws and compares only the tiles something moves in has the gradients of one that does all of it."""
+"""Layer-aware drawing: iterations that draw only tiles with moving points have the same gradients as complete ones."""
 
 import numpy as np
 import pytest

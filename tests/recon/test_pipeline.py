@@ -1,4 +1,4 @@
-"""Whole reconstructions of tiny captures: what comes out, and what is left of it when they are cut off, fed nonsense or mixed up."""
+"""Whole reconstructions of tiny captures: their results, also after interruptions and for invalid input."""
 
 import errno
 import hashlib
@@ -38,18 +38,18 @@ def content(reel: Path) -> dict[str, str]:
 
 @pytest.fixture(scope="module")
 def whole(tmp_path_factory: pytest.TempPathFactory) -> Result:
-    """The run that nothing disturbs."""
+    """An undisturbed run."""
     return reconstruct(WallCapture(FRAMES), tmp_path_factory.mktemp("whole"), CONFIG)
 
 
 @pytest.fixture
 def copy(whole: Result, tmp_path: Path) -> Path:
-    """A finished run to spoil."""
+    """A copy of a finished run, to be damaged."""
     return shutil.copytree(whole.reel.parent, tmp_path / "copy")
 
 
 class Trace(Silent):
-    """Remembers the stages."""
+    """Progress that records the stages."""
 
     def __init__(self) -> None:
         self.stages: list[tuple[str, int, Span | None]] = []
@@ -99,7 +99,7 @@ def test_progress_shares_cover_the_whole_job(tmp_path: Path) -> None:
 
 
 class Stop(Silent):
-    """Raises at the first report nobody has seen before: each run gets one step further than the last."""
+    """Progress that raises at the first new report, so that each run gets one step further."""
 
     def __init__(self, seen: set[object]) -> None:
         self.seen = seen

@@ -1,4 +1,4 @@
-"""A capture that is taken away while it is reconstructed, and comes back."""
+"""A capture that is removed during its reconstruction, and restored."""
 
 import json
 import shutil
@@ -43,7 +43,7 @@ def pictures(tmp_path: Path) -> Path:
 
 
 class Thief(Silent):
-    """Moves a folder away as soon as a stage begins."""
+    """Progress that moves a folder away when a stage begins."""
 
     def __init__(self, folder: Path, stage: str) -> None:
         self.folder, self.stolen = folder, stage

@@ -1,4 +1,4 @@
-"""Videos in which something changes slowly, or once: what chapters share of them, and what each finds for itself."""
+"""Videos that change slowly or once: the shared scene, and the points of each chapter."""
 
 from pathlib import Path
 
@@ -40,7 +40,7 @@ class ChangingWall(Capture):
 
 
 def made(capture: Capture, out: Path, chapters: list[int]) -> ChapteredRun:
-    """The shared scene, and some of the chapters."""
+    """Reconstruct the shared scene and some of the chapters."""
     run = plan_run(capture, out, CONFIG, device="cpu")
     assert [chapter.groups[0].first for chapter in run.chapters] == [0, 4, 8]
     scene_job(run, Silent())
@@ -56,7 +56,7 @@ def started(run: ChapteredRun, chapter: int) -> ChapterStart:
 
 
 def cluster(points: Gaussians) -> np.ndarray:
-    """[N] bool: where it stands, and seen."""
+    """Return [N] bool: visible points at the place of the cluster."""
     x, y, z = points.means.T
     return (x > -1.7) & (x < -0.5) & (np.abs(y) < 0.7) & (z > -0.5) & (z < 0.4) & (points.opacities > 0.3)
 

@@ -1,4 +1,4 @@
-"""What the stages of a group look at, in pictures that are not too large."""
+"""The input of a group's stages, with smaller images."""
 
 import numpy as np
 import pytest

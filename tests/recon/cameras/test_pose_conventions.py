@@ -1,4 +1,4 @@
-"""Poses that were stored the other way round, or in other axes: the pictures tell, also where the rig alone does not."""
+"""Poses stored as camera to world or in other axes, recognized by the images."""
 
 from collections.abc import Callable
 

@@ -14,20 +14,20 @@ ALL_RIGHT = PoseFindings({}, [], [])
 
 
 def turned(camera: Camera, degrees: float) -> Camera:
-    """As if somebody had touched it after its calibration."""
+    """Return a camera that was turned after its calibration."""
     motion = np.eye(4)
     motion[:3, :3] = cv2.Rodrigues(np.radians(degrees) * np.array([0.8, 0.5, 0.3]))[0]
     return replace(camera, viewmat=motion @ camera.viewmat)
 
 
 def moments(images: np.ndarray = TRUTH, noise: float = 2.0) -> np.ndarray:
-    """Two noisy ones."""
+    """Return two noisy copies of the images."""
     noisy = images + np.random.default_rng(0).normal(0, noise, (2, *images.shape))
     return noisy.clip(0, 255).astype(np.uint8)
 
 
 def apart(a: Camera, b: Camera) -> float:
-    """Median pixels between what two cameras show of the same places."""
+    """Return the median distance in pixels of what two cameras show of the same places."""
     places = np.stack(np.meshgrid([-2, 0, 2], [-1, 0, 1], [4, 6], indexing="ij"), -1).reshape(-1, 3)
     pixels = []
     for camera in (a, b):
@@ -68,7 +68,7 @@ def test_camera_that_shows_something_else_is_a_stranger() -> None:
 
 
 def beside(camera: Camera, degrees: float) -> Camera:
-    """As if it stood elsewhere around the scene, five units before the others."""
+    """Return a camera at another place around the scene, five units in front of the others."""
     motion, about = np.eye(4), np.eye(4)
     motion[:3, :3] = cv2.Rodrigues(np.radians(degrees) * np.array([0.0, 1, 0]))[0]
     about[2, 3] = 5

@@ -1,4 +1,4 @@
-"""What is learned of cameras, in whole reconstructions that are cut off and continued."""
+"""Findings about the cameras in whole reconstructions that are interrupted and continued."""
 
 from dataclasses import replace
 from pathlib import Path

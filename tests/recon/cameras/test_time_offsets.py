@@ -1,4 +1,4 @@
-"""A scene like that of `test_group`, whose cameras take their pictures out of step."""
+"""Time offsets in a scene like that of `test_group` whose cameras are out of step."""
 
 from typing import Literal
 
@@ -38,7 +38,7 @@ def moved(time: float) -> Gaussians:
 def trained(
     late: np.ndarray, enabled: bool = True, deformation: Model = "trajectory"
 ) -> tuple[GroupTrainer, TimeOffsets]:
-    """A group trained from tracks that know of no delays."""
+    """Train a group from tracks that ignore the time offsets."""
     pictures = np.empty((FRAMES, len(CAMERAS), 32, 48, 3), np.uint8)
     for t in range(FRAMES):
         for c, camera in enumerate(CAMERAS):
@@ -80,7 +80,7 @@ def test_cameras_in_step_stay_in_step() -> None:
 
 
 def told(late: float, curvature: float, seed: int, cameras: int = 8, rounds: int = 130) -> bool:
-    """Whether a rig is said to be out of step by more than a tenth of a frame, whose first camera is late; slopes are noisy."""
+    """Return whether an offset above a tenth of a frame is reported, for noisy slopes."""
     rng, delays = np.random.default_rng(seed), TimeOffsets(cameras)
     true = np.zeros(cameras)
     true[0] = late

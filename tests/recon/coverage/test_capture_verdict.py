@@ -1,4 +1,4 @@
-"""The verdict follows from the evidence: no approval of poor views, of poses that are the same, or that nothing confirms."""
+"""The verdict of `capture check`: poor views, equal poses and unconfirmed poses fail."""
 
 import pytest
 

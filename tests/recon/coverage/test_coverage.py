@@ -1,4 +1,4 @@
-"""Expected quality of novel views: of rigs that cover what they show, and of such that do not."""
+"""Expected quality of novel views, for rigs with good and with poor coverage."""
 
 from dataclasses import replace
 from pathlib import Path

@@ -20,13 +20,13 @@ def scene(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture
 def out(scene: Path, tmp_path: Path) -> Path:
-    """The same, to be gone on with."""
+    """A copy of this run, to be continued."""
     return shutil.copytree(scene, tmp_path / "out")
 
 
 @pytest.fixture(scope="session")
 def expected(scene: Path, tmp_path_factory: pytest.TempPathFactory) -> dict[str, str]:
-    """The files of the reel, made by one process of one thread that nothing disturbs."""
+    """Files of the reel as one undisturbed process makes it."""
     out = shutil.copytree(scene, tmp_path_factory.mktemp("expected") / "out")
     reports: list[Report] = []
     with spec(out).opened() as run, WorkerPool(spec(out), [None], 1, 0) as pool:

@@ -1,4 +1,4 @@
-"""Jobs of a batch system: any number at once, in any order, as often as one likes."""
+"""Jobs of a batch system, at the same time, in any order, and repeated."""
 
 import json
 import multiprocessing
@@ -31,7 +31,7 @@ def read_status(out: Path) -> dict[str, Any]:
 
 
 def task(out: Path, index: int) -> None:
-    """One of two, on a machine of its own."""
+    """Run one of two tasks on a machine of its own."""
     threads.use(1)
     job(spec(out), "chapter", Share(index, 2))
 

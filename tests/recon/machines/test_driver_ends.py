@@ -1,4 +1,4 @@
-"""However the driver ends, its workers end with it, and what they had finished is gone on with."""
+"""Workers end with their driver, however it ends, and the run continues from what they finished."""
 
 import os
 import signal

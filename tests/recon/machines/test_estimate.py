@@ -17,7 +17,7 @@ from tests.recon.small import small
 
 
 def a_run(frames: int, device: str = "cpu", chapter_frames: int = 300) -> Any:
-    """As much of one as is asked for."""
+    """Return a stand-in of a run."""
     config, groups = small({"group.length": 30, "group.overlap": 5}), group_spans(frames, 30, 5)
     return SimpleNamespace(
         capture=WallCapture(frames),

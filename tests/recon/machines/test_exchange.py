@@ -1,4 +1,4 @@
-"""What nodes exchange is listed no more often than there are groups, and only as far as it concerns a node."""
+"""Nodes list shared files once per group, and only the files that they need."""
 
 from pathlib import Path
 

@@ -1,4 +1,4 @@
-"""Chapters made by several processes of this machine: the same reel, whatever happens to them."""
+"""Chapters made by several processes of this machine give the same reel, even if processes are killed."""
 
 import json
 import multiprocessing
@@ -123,7 +123,7 @@ def test_failed_chapter_is_retried_by_the_same_command(out: Path, expected: dict
 
 
 def a_run(device: str, chapters: int = 6) -> Any:
-    """As much of one as is asked for."""
+    """Return a stand-in of a run."""
     config, capture = small({"group.length": 30}), WallCapture(60)
     return SimpleNamespace(device=torch.device(device), chapters=list(range(chapters)), config=config, capture=capture)
 
@@ -155,7 +155,7 @@ def test_number_of_workers_follows_option_and_memory(monkeypatch: pytest.MonkeyP
 
 
 class Line:
-    """The way to a worker that is not there."""
+    """A connection to a worker that does not exist."""
 
     def send(self, chapter: int) -> None: ...
 

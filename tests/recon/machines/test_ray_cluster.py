@@ -1,4 +1,4 @@
-"""A Ray cluster of two nodes on this machine, one of which is lost in the middle of a chapter."""
+"""A Ray cluster of two nodes on this machine, one of which is lost during a chapter."""
 
 import json
 import os
@@ -40,7 +40,7 @@ SMALL = {"num_cpus": 1, "object_store_memory": 80 << 20}
 
 @pytest.fixture(scope="module")
 def cluster(s3_server: str) -> Iterator[Any]:
-    """Of two nodes, which find buckets; the first test takes one away."""
+    """A cluster of two nodes that reach buckets; the first test removes one node."""
     from ray.cluster_utils import Cluster
 
     with pytest.MonkeyPatch.context() as patch:

@@ -1,4 +1,4 @@
-"""Checkpoints in JSON that hold values of other types: an error that names the file and the remedy."""
+"""JSON checkpoints with values of wrong types: the error names the file and the remedy."""
 
 import json
 from collections.abc import Callable

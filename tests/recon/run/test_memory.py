@@ -30,7 +30,7 @@ MEASURED = {
 
 
 def filmed(width: int, height: int, cameras: int, frames: int) -> Any:
-    """As much of a capture as is asked for."""
+    """Return a stand-in of a capture."""
     return SimpleNamespace(
         path="film", width=width, height=height, training_cameras=[None] * cameras, frames=frames, growing=False
     )

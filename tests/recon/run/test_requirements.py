@@ -1,4 +1,4 @@
-"""What a capture must bring: `capture check` asks for the same as reconstruction."""
+"""Requirements of a capture, the same for `capture check` and for reconstruction."""
 
 from pathlib import Path
 
@@ -15,7 +15,7 @@ NAMES = ["a", "b", "c"]
 
 
 def moments(level: int, spread: int = 3) -> np.ndarray:
-    """Two of three cameras, of which the last shows nothing but noise about a gray level."""
+    """Return images of three cameras, the last of which shows only noise around a gray level."""
     rng = np.random.default_rng(0)
     frames = rng.integers(0, 256, (2, 3, 8, 8, 3))
     frames[:, 2] = rng.integers(level - spread, level + spread + 1, frames[:, 2].shape).clip(0, 255)

@@ -1,4 +1,4 @@
-"""A stage that is done is not done again, wherever a run is cut off."""
+"""A finished stage is not run again after an interruption."""
 
 from pathlib import Path
 
