@@ -23,8 +23,8 @@ def test_calibrate_reports_placed_left_out_and_doubtful_cameras(
     assert asked == [(Path("phones"), Path("photos"))]
     said = capsys.readouterr().out
     assert "phones/sparse/0: 3 cameras, placed alike at 3 moments; points are off by 0.46 pixels" in said
-    assert "left out, for they show too little of what the others do to be sure of them: d" in said
-    assert "doubtful, for they see few points: b (12)" in said
+    assert "left out, since they overlap the others too little to be certain: d" in said
+    assert "doubtful, since they see few points: b (12)" in said
 
 
 def test_calibrate_of_too_few_videos(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

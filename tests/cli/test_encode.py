@@ -177,7 +177,7 @@ def test_settings_of_a_codec(run: Path, capsys: pytest.CaptureFixture[str]) -> N
     assert points_of("six") == points_of("same")
     capsys.readouterr()
     refused = {
-        "group.length=3": "--set group.length: is decided when points are trained. Here --set takes settings of encode.",
+        "group.length=3": "--set group.length: takes effect in training only. Give a setting of encode.",
         "encode.h265.crf=52": "--set encode.h265.crf 52 is out of range. Choose 0 to 51.",
     }
     for text, message in refused.items():

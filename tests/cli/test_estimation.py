@@ -53,7 +53,7 @@ def test_estimate_reports_too_little_free_memory(
 ) -> None:
     monkeypatch.setattr(memory, "free_memory", lambda: 2 * 10**8)
     assert estimate() == 0
-    assert "but only 0.2 GB are free: end other programs.\n" in capsys.readouterr().out
+    assert "but only 0.2 GB are free: close other programs.\n" in capsys.readouterr().out
 
 
 def test_too_little_memory_is_refused(

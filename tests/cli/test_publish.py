@@ -29,10 +29,10 @@ def test_reel_is_published_and_read_from_its_bucket(bucket, tmp_path: Path, caps
     url = bucket.url("reels/golden")
     assert main(["publish", str(PREDICTIVE), url]) == 0
     size = verify_reel(PREDICTIVE).bytes
-    said = f"{url}: all of the reel is there, 4 files, {size:,} bytes; "
-    assert capsys.readouterr().out == f"{said}{size:,} of them were sent now\n"
+    said = f"{url}: the whole reel is published, 4 files, {size:,} bytes, of which "
+    assert capsys.readouterr().out == f"{said}{size:,} were sent now\n"
     assert main(["publish", str(PREDICTIVE), url]) == 0
-    assert capsys.readouterr().out == f"{said}0 of them were sent now\n"
+    assert capsys.readouterr().out == f"{said}0 were sent now\n"
     assert main(["verify", url]) == 0
     assert capsys.readouterr().out.startswith(f"{url}: complete and undamaged: 2 groups")
     assert main(["info", f"{url}/manifest.json"]) == 0
@@ -135,7 +135,7 @@ def test_reconstruction_is_published_while_it_grows_despite_failures(
     assert main([*command, "s3://no-such-bucket/reel"]) == 1
     said = capsys.readouterr().err
     assert said.count("It is tried again.") == 1
-    assert f"The reel is whole in {out / 'reel'}, but not at s3://no-such-bucket/reel." in said
+    assert f"The reel is complete in {out / 'reel'}, but not at s3://no-such-bucket/reel." in said
     assert f"splatreel publish {out / 'reel'} s3://no-such-bucket/reel" in said
     assert verify_reel(out / "reel").groups == 2
     assert main([*command, "nix://a/b"]) == 2

@@ -66,7 +66,7 @@ def test_verify_finds_a_flipped_bit(tmp_path: Path, capsys: pytest.CaptureFixtur
     shutil.copytree(GOLDEN, tmp_path / "reel")
     (tmp_path / "reel" / "groups" / "more.bin").write_bytes(b"x")
     assert main(["verify", str(tmp_path)]) == 0
-    assert "the manifest does not name them: expected.json, expected.npz, groups/more.bin" in capsys.readouterr().out
+    assert "that the manifest does not name, which players never read: expected.json, expected.npz, groups/more.bin" in capsys.readouterr().out
     (tmp_path / "reel" / "groups" / "more.bin").unlink()
     file = next((tmp_path / "reel" / "groups").iterdir())
     data = bytearray(file.read_bytes())
@@ -91,7 +91,7 @@ def test_export_to_a_format_that_is_not_written(tmp_path: Path, capsys: pytest.C
     for option in (["--frame", "3"], []):
         assert main(["export", str(GOLDEN), *option, "--out", str(tmp_path / "x.obj")]) == 2
         error = capsys.readouterr().err
-        assert "x.obj: .obj is no format that is written. Name a .ply" in error
+        assert "x.obj: .obj is not an export format. Name a .ply" in error
         assert "--frame" not in error
 
 

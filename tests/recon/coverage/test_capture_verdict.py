@@ -28,7 +28,7 @@ def test_views_are_rated_on_the_scale_of_the_report(psnr: float, word: str) -> N
     assert verdict.faults == []
     assert f"will be {word} (about {psnr:.0f} dB)" in verdict.text("CMD")
     assert ("closer together" in found.sentences()[-1]) == (word == "poor")
-    assert "20 dB is poor, 30 dB good" in SCALE
+    assert "20 dB is poor, 30 dB is good" in SCALE
 
 
 def test_trial_that_fails_limits_the_views() -> None:

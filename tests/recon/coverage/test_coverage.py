@@ -42,7 +42,7 @@ def test_good_coverage_is_reported() -> None:
     assert found.points > 100
     assert min(found.shared) > 20
     said = found.sentences()
-    assert f"{found.trial.psnr:.0f} dB: 20 dB is poor, 30 dB good" in said[-1]
+    assert f"{found.trial.psnr:.0f} dB: 20 dB is poor, 30 dB is good" in said[-1]
     assert not any("hardly any" in sentence for sentence in said)
 
 

@@ -86,7 +86,7 @@ def test_worker_that_is_killed_is_replaced_once(out: Path, expected: dict[str, s
     result = reconstruct_here(spec(out), workers=2, progress=display)
     assert content(result.reel) == expected
     (note,) = [note for note in display.notes if "SIGKILL" in note]
-    assert note.endswith("it is tried again, with 1 at a time in case it was for want of memory")
+    assert note.endswith("it is tried again, with 1 at a time in case memory ran out")
 
 
 @pytest.mark.slow

@@ -67,7 +67,7 @@ def test_node_that_is_lost_changes_nothing(cluster: Any, out: Path, expected: di
     display = Display(lose)
     result = reconstruct_on_cluster(spec(out), cluster.address, progress=display)
     assert lost
-    (moved,) = [note for note in display.notes if "goes on after the last group" in note]
+    (moved,) = [note for note in display.notes if "continues after the last finished group" in note]
     assert re.fullmatch(r"chapter \d/3: \S+ was lost; \S+ continues after the last finished group \(attempt 2\)", moved)
     status = json.loads((out / "status.json").read_text())
     assert (status["state"], sorted(chapter["attempts"] for chapter in status["chapters"])) == ("complete", [1, 1, 2])

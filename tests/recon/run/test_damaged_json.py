@@ -90,7 +90,7 @@ def test_valid_json_is_read(tmp_path: Path) -> None:
 @pytest.mark.parametrize("name", ["raw_means", "decoded_sh", "fineness"])
 def test_nan_in_checkpoints_is_reported(tmp_path: Path, name: str) -> None:
     save_arrays(tmp_path / "layer.safetensors", {name: np.array([[1, np.nan, 2]], np.float32), "other": np.ones(2)})
-    with pytest.raises(ReconstructionError, match=rf"layer\.safetensors: {name} holds 1 values that are no numbers"):
+    with pytest.raises(ReconstructionError, match=rf"layer\.safetensors: {name} holds 1 NaN values"):
         load_arrays(tmp_path / "layer.safetensors")
 
 
