@@ -67,7 +67,7 @@ def open_target(reel: Path, url: str) -> Folder:
 
 
 def checked_hours(hours: float, option: str) -> float:
-    """Raises `UsageError` for less than none, and for what is no number."""
+    """Return hours that an option gives. Raises `UsageError` for a negative or undefined number."""
     if not 0 <= hours < 1e6:
         raise UsageError(f"{option} {hours:g}: give hours, 0 or more.")
     return hours

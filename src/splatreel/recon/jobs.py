@@ -1,6 +1,6 @@
 """The jobs that make a video of several chapters: the shared scene, each chapter, and the reel.
 
-A job reads and writes files in one output folder, and holds a lock on its part of the folder. It does only what is not done yet. A job
+A job reads and writes files in one output folder, and holds a lock on its part of the folder. It skips finished work. A job
 can therefore be repeated, continued, or run on another machine. The scene comes first, then the chapters in any order, then the reel.
 """
 

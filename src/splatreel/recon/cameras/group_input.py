@@ -53,7 +53,7 @@ class GroupInput:
 
     @property
     def gains(self) -> np.ndarray:
-        """Color gains [C, 3] float32: factors from a rendered picture to the colors of each camera."""
+        """Color gains [C, 3] float32: factors from a rendered image to the colors of each camera."""
         return self.rig.gains
 
     @property

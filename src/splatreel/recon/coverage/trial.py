@@ -1,6 +1,6 @@
 """Trial that predicts the quality of novel views: a quick, small reconstruction without one training camera.
 
-Training views do not predict it. With cameras far apart they look as good as ever, while novel views between them are fog. Only a
+Training views do not predict it. With cameras far apart they look good, while novel views between them are fog. Only a
 camera that was left out tells, and training on all cameras leaves none out.
 """
 

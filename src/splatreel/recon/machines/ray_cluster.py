@@ -314,7 +314,7 @@ def _ray_log(path: Path | None) -> Iterator[None]:
 
 
 def _check_port(address: str) -> None:
-    """Raise OSError if nobody listens at HOST:PORT. Ray itself would try for minutes."""
+    """Raise OSError if no process listens at HOST:PORT. Ray itself would try for minutes."""
     host, _, port = address.rpartition(":")
     if host and port.isdecimal() and "/" not in host:
         socket.create_connection((host.strip("[]"), int(port)), timeout=TIMEOUT).close()

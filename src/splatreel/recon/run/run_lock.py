@@ -90,7 +90,7 @@ class RunLock:
             handle = os.open(self.work / f".lock{self.part and f'-{self.part}'}", os.O_RDWR | os.O_CREAT, 0o644)
         except OSError as error:
             raise ReconstructionError(
-                f"{error.filename}: cannot be written ({error.strerror}). Choose another --out, or fix what is in the way."
+                f"{error.filename}: cannot be written ({error.strerror}). Choose another --out, or remove the obstacle."
             ) from error
         if not lock(handle):
             os.close(handle)

@@ -24,7 +24,7 @@ COARSE = 0.25
 USUAL_MEGAPIXELS = 0.0576
 """Megapixels (320x180) at which the usual number of points was measured."""
 USUAL_MOVING = 0.15
-"""Share of changing pixels that is assumed for the progress display, where nobody has measured it."""
+"""Share of changing pixels that is assumed for the progress display, which does not measure it."""
 
 Seconds = dict[str, float]
 """Seconds by the name of a stage."""
