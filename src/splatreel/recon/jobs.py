@@ -199,15 +199,15 @@ def _reconstruct_chapter(run: ChapteredRun, chapter: ChapterSpan, job: Job, outp
     reconstruct_groups(job, list(chapter.groups), run.capture, layout, before, output, plates.images)
 
 
-def publish_job(run: ChapteredRun, progress: Progress, present: PresentationHook) -> None:
+def reel_job(run: ChapteredRun, progress: Progress, present: PresentationHook) -> None:
     """Write the reel from all chapters.
 
     Raises:
         ReconstructionError: A chapter is not finished. The error names it.
     """
     with run.lock():
-        publisher = ChapterPublisher(run, present)
-        publisher.publish_ready()
+        reel = ChapterReelWriter(run, present)
+        reel.write_ready()
         missing = [chapter.index for chapter in run.chapters if not has_chapter(run, chapter)]
         if missing:
             named = ", ".join(str(index + 1) for index in missing[:NAMED_CHAPTERS])
@@ -216,10 +216,10 @@ def publish_job(run: ChapteredRun, progress: Progress, present: PresentationHook
                 f"{run.out}: {len(missing)} of {len(run.chapters)} chapters are not finished ({named}{more}). The reel has the groups "
                 "before them. Run these chapters again, then run this job again."
             )
-        publisher.finish()
+        reel.finish()
 
 
-class ChapterPublisher:
+class ChapterReelWriter:
     """Writes encoded groups of chapters into the reel, in order. The run must be locked.
 
     Args:
@@ -237,19 +237,19 @@ class ChapterPublisher:
         self.run, self.present = run, present
         self.writer: ReelWriter = open_writer(run.store, run.out / "reel", run.config.encode, resume=True)
         self._group_writer = GroupWriter(self.writer, run.store, run.device, encoded=True)
-        self.published = self.writer.manifest.end_group
-        for index in range(self.published):
+        self.written = self.writer.manifest.end_group
+        for index in range(self.written):
             self._group_writer.skip(index)
-        if self.published:
-            present(self.writer, self.published - 1)
+        if self.written:
+            present(self.writer, self.written - 1)
 
-    def publish_ready(self) -> None:
+    def write_ready(self) -> None:
         """Write all encoded groups up to the first that is missing."""
         store, count = self.run.store, len(self.run.groups)
-        while self.published < count and store.group(self.published).has_encoded_group():
-            self._group_writer.write(self.published)
-            self.present(self.writer, self.published)
-            self.published += 1
+        while self.written < count and store.group(self.written).has_encoded_group():
+            self._group_writer.write(self.written)
+            self.present(self.writer, self.written)
+            self.written += 1
 
     def finish(self) -> None:
         """Declare the reel complete."""

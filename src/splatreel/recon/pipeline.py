@@ -12,7 +12,7 @@ from splatreel.recon.encode.group_output import ReelOutput
 from splatreel.recon.encode.group_writer import GroupWriter, PresentationHook, no_presentation
 from splatreel.recon.encode.soundtrack import select_soundtrack
 from splatreel.recon.groups import reconstruct_groups
-from splatreel.recon.jobs import ChapteredRun, ChapterPublisher, chapter_job, scene_job
+from splatreel.recon.jobs import ChapteredRun, ChapterReelWriter, chapter_job, scene_job
 from splatreel.recon.preparation import open_reel_writer, prepare, save_header
 from splatreel.recon.run.device import pick_device
 from splatreel.recon.run.memory import check_memory
@@ -112,9 +112,9 @@ def reconstruct_chapters(run: ChapteredRun, progress: Progress, present: Present
     of_scene, *of_chapters = parts_of(progress, run.costs())
     with run.lock():
         scene_job(run, of_scene)
-        publisher = ChapterPublisher(run, present)
+        reel = ChapterReelWriter(run, present)
         for chapter, part in zip(run.chapters, of_chapters, strict=True):
-            publisher.publish_ready()
+            reel.write_ready()
             chapter_job(run, chapter.index, part)
-        publisher.publish_ready()
-        publisher.finish()
+        reel.write_ready()
+        reel.finish()

@@ -5,7 +5,7 @@ import pytest
 
 from splatreel.progress import Silent
 from splatreel.recon.encode.group_writer import no_presentation
-from splatreel.recon.jobs import publish_job
+from splatreel.recon.jobs import reel_job
 from splatreel.recon.machines.reports import Report
 from splatreel.recon.machines.worker_pool import WorkerPool
 from tests.recon.machines.runs import make_scene, spec
@@ -31,5 +31,5 @@ def expected(scene: Path, tmp_path_factory: pytest.TempPathFactory) -> dict[str,
     reports: list[Report] = []
     with spec(out).opened() as run, WorkerPool(spec(out), [None], 1, 0) as pool:
         pool.make(range(3), reports.append)
-        publish_job(run, Silent(), no_presentation)
+        reel_job(run, Silent(), no_presentation)
     return content(out / "reel")

@@ -6,7 +6,7 @@ from splatreel.codec.reader import ReelReader
 from splatreel.errors import ReconstructionError
 from splatreel.progress import Progress, parts_of
 from splatreel.recon.encode.group_writer import PresentationHook
-from splatreel.recon.jobs import ChapteredRun, chapter_job, has_scene, publish_job, scene_job
+from splatreel.recon.jobs import ChapteredRun, chapter_job, has_scene, reel_job, scene_job
 from splatreel.recon.machines.run_spec import RunSpec
 from splatreel.recon.machines.share import JobName, Share
 from splatreel.recon.machines.status import RunStatus
@@ -70,7 +70,7 @@ def _make_chapters(run: ChapteredRun, chapters: range, progress: Progress, prese
 
 def _finish(run: ChapteredRun, progress: Progress, present: PresentationHook) -> None:
     if len(run.chapters) > 1:
-        publish_job(run, progress, present)
+        reel_job(run, progress, present)
     elif run.store.finished_groups() == len(run.groups):
         reconstruct_sequence(run, progress, present)
     else:

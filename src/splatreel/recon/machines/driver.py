@@ -7,7 +7,7 @@ import socket
 from splatreel.errors import ReconstructionError
 from splatreel.progress import Progress
 from splatreel.recon.encode.group_writer import PresentationHook
-from splatreel.recon.jobs import ChapteredRun, ChapterPublisher, has_chapter
+from splatreel.recon.jobs import ChapteredRun, ChapterReelWriter, has_chapter
 from splatreel.recon.machines.reports import ChapterEnded, GroupDone, Noted, Reached, Report, Started
 from splatreel.recon.machines.status import RunStatus
 
@@ -41,8 +41,8 @@ class Driver:
         self._attempts = [0] * len(run.chapters)
         self.failed: dict[int, str] = {}
         self._notes: set[str] = set()
-        self._publisher = ChapterPublisher(run, present)
-        self._publisher.publish_ready()
+        self._reel = ChapterReelWriter(run, present)
+        self._reel.write_ready()
         self.todo = [chapter.index for chapter in run.chapters if not has_chapter(run, chapter)]
         scene, *self._costs = run.costs()
         self._whole = scene + sum(self._costs)
@@ -56,7 +56,7 @@ class Driver:
 
     def __enter__(self) -> Driver:
         """Write the status."""
-        self.status.published = self._publisher.published
+        self.status.published = self._reel.written
         self.status.write()
         return self
 
@@ -80,12 +80,12 @@ class Driver:
                     self.progress.note(f"{self._name(chapter)}: {text}")
                 self._notes.add(text)
             case GroupDone():
-                self._publisher.publish_ready()
+                self._reel.write_ready()
             case ChapterEnded(chapter, error):
                 self._end_chapter(chapter, error)
         done = (self._share(self._scene) - self._begin) / max(1 - self._begin, 1e-9)
-        self.progress.update(min(round(STEPS * done), STEPS - 1), published=self._publisher.published)
-        self.status.published = self._publisher.published
+        self.progress.update(min(round(STEPS * done), STEPS - 1), published=self._reel.written)
+        self.status.published = self._reel.written
         self.status.write(at_once=isinstance(report, Started | ChapterEnded))
 
     def _start_chapter(self, chapter: int, node: str) -> None:
@@ -105,14 +105,14 @@ class Driver:
         Raises:
             ReconstructionError: Chapters have failed. The error gives their errors.
         """
-        self._publisher.publish_ready()
-        self.status.published = self._publisher.published
+        self._reel.write_ready()
+        self.status.published = self._reel.written
         if self.failed:
             self.status.state = "failed"
             self.status.write()
             raise ReconstructionError(self._failures())
-        self.progress.update(STEPS, published=self._publisher.published)
-        self._publisher.finish()
+        self.progress.update(STEPS, published=self._reel.written)
+        self._reel.finish()
         self.status.state = "complete"
         self.status.write()
 
@@ -121,7 +121,7 @@ class Driver:
         if error is None:
             self._shares[chapter] = 1.0
             self.status.change(chapter, done=1.0)
-            self._publisher.publish_ready()
+            self._reel.write_ready()
         else:
             self.failed[chapter] = error
             self.progress.note(f"{self._name(chapter)} failed: {error}")

@@ -8,7 +8,7 @@ from pathlib import Path
 
 from splatreel.recon.jobs import chapter_name
 from splatreel.recon.run.job_log import LOGS
-from splatreel.recon.run.store import LAST_OF_GROUP, PUBLISHED_OF_GROUP, Store
+from splatreel.recon.run.store import LAST_OF_GROUP, REEL_FILES_OF_GROUP, Store
 from splatreel.scene.spans import ChapterSpan
 from splatreel.storage.retrying import untold
 from splatreel.storage.shared_folder import SharedFolder
@@ -76,7 +76,7 @@ class Exchange:
             folders = {self._group(group) for group in groups}
             there = {name: file for folder in folders for name, file in self._shared.files(f"{folder}/").items()}
         for folder in sorted(folders):
-            names = (f"{folder}/{name}" for name in PUBLISHED_OF_GROUP)
+            names = (f"{folder}/{name}" for name in REEL_FILES_OF_GROUP)
             self._shared.pull([name for name in names if name in there], self._work, there)
 
     def _group(self, index: int) -> str:

@@ -28,7 +28,7 @@ from splatreel.scene.untrusted import is_number
 
 LAST_OF_GROUP = "encoded-group.safetensors"
 """File of a chapter's group that is written last."""
-PUBLISHED_OF_GROUP = ("layer.safetensors", "encoded-layer.safetensors", "group.safetensors", LAST_OF_GROUP)
+REEL_FILES_OF_GROUP = ("layer.safetensors", "encoded-layer.safetensors", "group.safetensors", LAST_OF_GROUP)
 """Files of a group that a reel is written from."""
 
 
