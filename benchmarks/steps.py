@@ -66,6 +66,8 @@ class FirstGroup:
             remove_exposure(images, exposure)
         span, keyframe = GroupSpan(0, 0, group.frames, group.frames), FirstKeyframe().load(self.work)
         layout, cpu, antialias = self.store.layout(), torch.device("cpu"), self.manifest.antialias
+        if keyframe is None or layout is None or self.layer.importance is None or self.stored.importance is None:
+            raise SystemExit("The run lacks a keyframe, a layout or measured importances.")
         rig = replace(Rig.of(list(self.manifest.cameras)), gains=keyframe.gains)
         data = GroupInput(span, images, rig, group.light, layout, cpu, 0, antialias)
         coverage: Coverage | None = self.store.coverage()
@@ -80,7 +82,7 @@ class FirstGroup:
     def measure(self, layer: Steps, group: Steps, factor: float) -> dict:
         """Encode, decode and compare with the held-out cameras. factor: on all steps."""
         config = EncodeConfig(coarseness=COARSENESS * factor)
-        still, order = group_file.encode_layer_by_slope(0, 0, self.layer.trained, config, self.layer.importance, layer)
+        still, order = group_file.encode_layer(0, 0, self.layer.trained, config, self.layer.importance, layer)
         moving, _ = group_file.encode_group(self.stored.group, config, self.stored.importance, group)
         points = group_file.decode_layer(still, "layer")[1][np.argsort(order)]
         sizes = {"bytes": len(still) + len(moving), "layer_bytes": len(still), "group_bytes": len(moving)}

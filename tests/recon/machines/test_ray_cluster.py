@@ -85,8 +85,7 @@ def made_in(bucket: Bucket, cluster: Any, display: Display) -> dict[str, str]:
     with machines.folder(out) as folder:
         url, run = machines.published(out, None), spec(folder)
         with publishing(folder / "reel", url, 24.0, display, no_presentation) as present:
-            output = {"sound": run.sound, "device": run.device, "progress": display, "present": present}
-            said = machines.reconstruct(run.open_capture, folder, run.config, out, output)  # pyright: ignore[reportArgumentType]
+            said = machines.reconstruct(run, out, display, present)
         assert said == f"{out}/reel: the reel is complete."
         return content(folder / "reel")
 
