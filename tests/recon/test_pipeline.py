@@ -17,6 +17,7 @@ import pytest
 from splatreel.codec.reader import ReelReader
 from splatreel.codec.verify import verify_reel
 from splatreel.config import Config
+from splatreel.config.records import ADDED_SETTINGS
 from splatreel.errors import CaptureError, ReconstructionError, ReelError, SplatreelError, UsageError
 from splatreel.evaluation.uncompressed import uncompressed_frames
 from splatreel.kernels.image import render_image
@@ -267,7 +268,8 @@ def test_folder_of_another_run_is_refused(copy: Path, capture: WallCapture, conf
     assert content(copy) == before
 
 
-def test_run_of_a_version_without_a_setting_goes_on_where_the_setting_is_off(copy: Path) -> None:
+def test_run_without_an_added_setting_continues_with_it_turned_off(copy: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(ADDED_SETTINGS, "keyframe.average_share", 0.0)
     path = copy / "work" / "run.json"
     record = json.loads(path.read_text())
     assert record["config"]["keyframe"].pop("average_share") == CONFIG.keyframe.average_share
@@ -349,7 +351,7 @@ def test_light_changes_everywhere(tmp_path: Path) -> None:
 def test_pictures_that_do_not_fit_into_memory(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     capture = WallCapture(FRAMES)
     monkeypatch.setattr("splatreel.recon.run.memory.physical_memory", lambda: 60_000)
-    with pytest.raises(ReconstructionError, match=r"wall: pictures of 48x32 by 4 cameras, .* Use a machine with more"):
+    with pytest.raises(ReconstructionError, match=r"wall: images of 48x32 by 4 cameras, .* Use a machine with more"):
         reconstruct(capture, tmp_path / "a", CONFIG)
     assert not (tmp_path / "a").exists()
 
