@@ -166,7 +166,7 @@ def test_black_videos_are_refused_by_both(scene: Path, capsys: pytest.CaptureFix
     folders.write_video(scene / "cam03.mp4", [np.zeros((folders.HEIGHT, folders.WIDTH, 3), np.uint8)] * 3)
     for command in (["reconstruct", "scene", "--out", "out"], ["capture", "check", "scene"]):
         assert main(command) == 1
-        assert "Error: scene: all images of camera cam03 are black. Choose frames" in capsys.readouterr().err
+        assert "Error: scene: all images of camera cam03 are black. Choose other frames" in capsys.readouterr().err
     assert not Path("out/work/run.json").exists()
 
 
@@ -181,7 +181,7 @@ def test_check_accepts_the_captures_that_reconstruction_accepts(
     assert "show too little in common to check their poses" in said
     assert "will not be usable" in said
     assert "Error: scene: Do not reconstruct it as it is:\n  - the images do not confirm the poses" in error
-    assert error.endswith("all the same, run\n  splatreel reconstruct scene --out OUT --hold-out none\n")
+    assert error.endswith("To try anyway, run\n  splatreel reconstruct scene --out OUT --hold-out none\n")
 
 
 ASKED = {

@@ -239,7 +239,7 @@ except Exception as error:
         file.write_bytes(file.read_bytes()[:40] + b"damaged")
     text = subprocess.run(command, env=environment, capture_output=True, text=True, check=True).stdout
     assert f"the compiled code in {tmp_path}" in text
-    assert "Delete that folder" in text
+    assert "Delete this folder" in text
     assert "splatreel demo --out 'a b'" in text
 
 

@@ -16,7 +16,7 @@ def test_frames() -> None:
 
 @pytest.mark.parametrize("text", ["", ":", "5", "5:", ":5", "5:5", "6:5", "-1:5", "1:2:3", "a:b", "1.0:2"])
 def test_invalid_frame_ranges_are_refused(text: str) -> None:
-    with pytest.raises(UsageError, match="no range of frames"):
+    with pytest.raises(UsageError, match="not a range of frames"):
         parse_frames(text)
 
 
@@ -31,7 +31,7 @@ def test_numbers() -> None:
     assert parse_numbers(None, "--at") is None
     assert parse_numbers("28, 0", "--at") == [28, 0]
     for text, fault in (
-        ("0,x", "'x' is no frame"),
+        ("0,x", "'x' is not a frame"),
         ("0:3", "'0:3' is no frame"),
         ("3,3", "names '3' twice"),
         ("-1", "no frame"),

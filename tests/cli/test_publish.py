@@ -50,7 +50,7 @@ def test_reel_of_a_reconstruction_goes_to_a_folder(tmp_path: Path, capsys: pytes
     document = (tmp_path / "out" / "reel" / "manifest.json").read_text().replace('"live": false', '"live": true')
     (tmp_path / "out" / "reel" / "manifest.json").write_text(document)
     assert main(["publish", str(tmp_path / "out"), str(tmp_path / "web"), "--keep", "0"]) == 0
-    assert "the reel is not finished: the same command sends what is added" in capsys.readouterr().out
+    assert "the reel is not finished: run the same command again to send what is added" in capsys.readouterr().out
 
 
 @pytest.mark.parametrize(

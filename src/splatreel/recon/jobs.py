@@ -178,6 +178,8 @@ def chapter_job(
         if has_chapter(run, chapter):
             return
         with logged(run.store.work, chapter_name(index)) as log:
+            if not has_scene(run):
+                raise _scene_is_missing(run)
 
             def report_group(group: int) -> None:
                 log.write(f"group {group + 1}/{len(run.groups)} is kept")

@@ -29,7 +29,7 @@ CPU = torch.device("cpu")
 def few_iterations(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(trial, "ITERATIONS", 60)
     monkeypatch.setattr(trial, "POINTS", 2000)
-    monkeypatch.setattr(trial, "WIDTH", 96)
+    monkeypatch.setattr(trial, "TRIAL_WIDTH", 96)
 
 
 def test_good_coverage_is_reported() -> None:

@@ -196,9 +196,9 @@ def test_unreachable_cluster_is_refused(tmp_path: Path, monkeypatch: pytest.Monk
     ("given", "out", "words"),
     [
         ({"job": "scene", "workers": 2}, "out", "--workers and --job exclude each other"),
-        ({"chapter": "0/2"}, "out", "Give --job chapter as well"),
+        ({"chapter": "0/2"}, "out", "Add --job chapter"),
         ({"job": "chapter", "chapter": "2/2"}, "out", "is not a share of the chapters"),
-        ({}, "s3://bucket/run", "which only --cluster writes to"),
+        ({}, "s3://bucket/run", "only --cluster writes elsewhere"),
     ],
 )
 def test_options_that_do_not_go_together(given: dict[str, Any], out: str, words: str) -> None:

@@ -55,9 +55,7 @@ def test_refusal_names_a_width_that_fits(monkeypatch: pytest.MonkeyPatch) -> Non
     capture, config = filmed(2560, 1920, 40, 300), Config()
     for room in (2**33, 2**35):
         monkeypatch.setattr(memory, "total_memory", lambda room=room: room)
-        with pytest.raises(
-            ReconstructionError, match=r"film: images of 2560x1920 by 40 .* --width \d+ fits"
-        ) as raised:
+        with pytest.raises(ReconstructionError, match=r"film: images of 2560x1920 by 40 .* --width \d+ fits") as raised:
             check_memory(capture, config)
         width = int(str(raised.value).split("--width ")[1].split()[0])
         fits = filmed(width, round(1920 * width / 2560), 40, 300)

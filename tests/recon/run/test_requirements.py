@@ -25,7 +25,7 @@ def moments(level: int, spread: int = 3) -> np.ndarray:
 @pytest.mark.parametrize(("level", "color"), [(2, "black"), (16, "black"), (253, "white"), (235, "white")])
 def test_cameras_that_show_nothing_are_named(level: int, color: str) -> None:
     capture = WallCapture(2)
-    with pytest.raises(ReconstructionError, match=f"wall: all images of camera c are {color}. Choose frames"):
+    with pytest.raises(ReconstructionError, match=f"wall: all images of camera c are {color}. Choose other frames"):
         check_pictures(capture, NAMES, moments(level))
     with pytest.raises(ReconstructionError, match="what every camera shows"):
         check_pictures(capture, ["c"], moments(level)[:, 2:])
@@ -45,7 +45,7 @@ def test_black_capture_is_refused_before_it_is_trained(tmp_path: Path) -> None:
         def _read_into(self, out: np.ndarray, first: int, cameras: list[str]) -> None:
             out[:] = 0
 
-    with pytest.raises(ReconstructionError, match="all black"):
+    with pytest.raises(ReconstructionError, match="all images of every camera are black"):
         reconstruct(Black(4), tmp_path / "run", CONFIG, device="cpu")
     assert not list(tmp_path.rglob("*.safetensors"))
 
