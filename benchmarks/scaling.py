@@ -254,7 +254,7 @@ def measure(case: Case, film: Path, out: Path) -> Row:
     threads.use(case.threads)
     keep_freed_memory()
     from splatreel.capture.opening import open_capture
-    from splatreel.recon.machines.here import reconstruct_here
+    from splatreel.recon.machines.local_processes import reconstruct_here
     from splatreel.recon.machines.run_spec import RunSpec
     from splatreel.recon.run.store import Store
 

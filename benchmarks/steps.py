@@ -6,7 +6,7 @@ python benchmarks/steps.py RUN CAPTURE --name kitchen
 """
 
 from collections.abc import Iterator
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from pathlib import Path
 
 import numpy as np
@@ -25,11 +25,14 @@ from splatreel.evaluation.bd_rate import bd_rate
 from splatreel.evaluation.evaluate import reel_width
 from splatreel.evaluation.metrics import psnr, ssim
 from splatreel.play.timeline import Moment, Timeline
-from splatreel.recon.cameras.exposure import take_out
+from splatreel.recon.cameras.exposure import remove_exposure
 from splatreel.recon.cameras.group_input import GroupInput
+from splatreel.recon.cameras.rig import Rig
 from splatreel.recon.coverage.coverage import Coverage
 from splatreel.recon.encode.step_choice import encode_group_by_slope, encode_layer_by_slope
 from splatreel.recon.run.store import Store
+from splatreel.recon.stages.camera_stages import EvenExposures
+from splatreel.recon.stages.keyframe_stages import FirstKeyframe
 from splatreel.scene.gaussians import Gaussians
 from splatreel.scene.group import Group
 from splatreel.scene.spans import GroupSpan
@@ -59,14 +62,14 @@ class FirstGroup:
         """Return the steps of the layer and of the group that this revision chooses."""
         names, group = [camera.name for camera in self.manifest.cameras], self.stored.group
         images = np.ascontiguousarray(self.capture.read(0, group.frames, names))
-        if (exposure := self.work.exposure()) is not None:
-            take_out(images, exposure)
-        span, late = GroupSpan(0, 0, group.frames, group.frames), np.zeros(len(names))
-        keyframe, layout, cpu = self.work.keyframe(), self.store.layout(), torch.device("cpu")
+        if (exposure := EvenExposures().load(self.work)) is not None:
+            remove_exposure(images, exposure)
+        span, keyframe = GroupSpan(0, 0, group.frames, group.frames), FirstKeyframe().load(self.work)
+        layout, cpu, antialias = self.store.layout(), torch.device("cpu"), self.manifest.antialias
         if keyframe is None or layout is None or self.layer.importance is None or self.stored.importance is None:
             raise SystemExit("The run lacks a keyframe, a layout or measured importances.")
-        cameras, antialias = list(self.manifest.cameras), self.manifest.antialias
-        data = GroupInput(span, images, cameras, keyframe.gains, late, group.light, layout, cpu, 0, antialias)
+        rig = replace(Rig.of(list(self.manifest.cameras)), gains=keyframe.gains)
+        data = GroupInput(span, images, rig, group.light, layout, cpu, 0, antialias)
         coverage: Coverage | None = self.store.coverage()
         trial, encoder = coverage and coverage.trial, ReelEncoder(EncodeConfig())
         points, moving = self.layer.trained, group.at(0.0)

@@ -25,7 +25,7 @@ if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
 TOGETHER = (
     "tests/recon/machines/test_batch.py",
     "tests/recon/machines/test_driver_ends.py",
-    "tests/recon/machines/test_here.py",
+    "tests/recon/machines/test_local_processes.py",
 )
 TOGETHER += ("tests/recon/machines/test_ray_cluster.py",)
 """Files whose tests share what is expensive to make once a process: the run and the reel of `recon/machines/conftest.py`."""

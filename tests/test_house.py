@@ -135,6 +135,7 @@ ROOMS_OF_RECON = (
     ("stages",),
     ("preparation",),
     ("groups", "shared_scene"),
+    ("plan",),
     ("jobs",),
     ("pipeline",),
     ("live", "machines"),

@@ -44,7 +44,7 @@ def test_a_run_that_is_let_finish_has_points_of_every_group(
     reconstructed: Callable[[Progress], dict[str, Any]],
 ) -> None:
     found = reconstructed(Silent())
-    learning = [stage for stage in found["stages"] if "learning how it moves" in stage["stage"]]
+    learning = [stage for stage in found["stages"] if "training the motion" in stage["stage"]]
     at = [seconds for seconds, _ in found["psnr_at"]]
     assert found["finished"]
     assert len(learning) == 2

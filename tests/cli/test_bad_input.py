@@ -1,4 +1,4 @@
-"""Captures and folders that cannot be used, at the command line: one block that names the file and the way out, and nothing lost."""
+"""Command-line errors for captures and folders that cannot be used: one block that names the file and the remedy."""
 
 import json
 import os
@@ -18,7 +18,7 @@ from tests.capture import folders
 
 @pytest.fixture(scope="module")
 def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Five cameras, cam00 held out, three frames."""
+    """Return a capture of five cameras and three frames, with cam00 held out."""
     return folders.neu3dv(tmp_path_factory.mktemp("made") / "scene", count=5, frames=3)
 
 
@@ -71,7 +71,7 @@ def cut_film(scene: Path) -> None:
 
 
 def jumped(scene: Path) -> None:
-    """Its third frame comes five frames late."""
+    """Delay the third frame by five frames."""
     with av.open(str(scene / "cam02.mp4"), "w") as container:
         stream = container.add_stream("libx264", rate=30)
         stream.height, stream.width, stream.pix_fmt = folders.HEIGHT, folders.WIDTH, "yuv444p"
@@ -154,7 +154,7 @@ def test_captures_that_cannot_be_used(what: str, scene: Path, capsys: pytest.Cap
     assert error == "".join(line for line in capsys.readouterr().err.splitlines(True) if line.startswith("Error: "))
 
 
-def test_a_video_that_jumps_is_taken_up_to_there(scene: Path) -> None:
+def test_video_with_a_jump_is_used_up_to_the_jump(scene: Path) -> None:
     jumped(scene)
     assert open_capture(scene, frames=(0, 2)).read(0, 2, ["cam02"]).shape[0] == 2
     (scene / "splatreel.json").write_text(json.dumps({"starts": {"cam02": 0.0}}))
@@ -166,11 +166,13 @@ def test_black_videos_are_refused_by_both(scene: Path, capsys: pytest.CaptureFix
     folders.write_video(scene / "cam03.mp4", [np.zeros((folders.HEIGHT, folders.WIDTH, 3), np.uint8)] * 3)
     for command in (["reconstruct", "scene", "--out", "out"], ["capture", "check", "scene"]):
         assert main(command) == 1
-        assert "Error: scene: what camera cam03 shows is all black. Choose frames" in capsys.readouterr().err
+        assert "Error: scene: all images of camera cam03 are black. Choose other frames" in capsys.readouterr().err
     assert not Path("out/work/run.json").exists()
 
 
-def test_check_takes_what_reconstruction_takes(scene: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_check_accepts_the_captures_that_reconstruction_accepts(
+    scene: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     remove_cameras(scene, 3)
     assert main(["capture", "check", "scene"]) == 1
     assert "only 2 cameras are left to train on" in capsys.readouterr().err
@@ -178,8 +180,8 @@ def test_check_takes_what_reconstruction_takes(scene: Path, capsys: pytest.Captu
     said, error = capsys.readouterr()
     assert "show too little in common to check their poses" in said
     assert "will not be usable" in said
-    assert "Error: scene: Do not reconstruct it as it is:\n  - the pictures do not confirm the poses" in error
-    assert error.endswith("all the same, run\n  splatreel reconstruct scene --out OUT --hold-out none\n")
+    assert "Error: scene: Do not reconstruct it as it is:\n  - the images do not confirm the poses" in error
+    assert error.endswith("To try anyway, run\n  splatreel reconstruct scene --out OUT --hold-out none\n")
 
 
 ASKED = {
@@ -189,7 +191,7 @@ ASKED = {
     "--width 0": ["scene", "0 pixels wide", "1 to 16384"],
     "--width=-5": ["scene", "-5 pixels wide", "1 to 16384"],
     "--width 1000000": ["scene", "1000000 pixels wide"],
-    f"--frames 0:{'9' * 5000}": ["--frames '0:999", "is no range of frames"],
+    f"--frames 0:{'9' * 5000}": ["--frames '0:999", "is not a range of frames"],
     "--scale nan": ["scene", "nan", "positive"],
     "--scale 1e9": ["scene", "more than 16384 pixels"],
     "--width 16 --scale 0.5": ["scene", "give one of them"],
@@ -210,7 +212,9 @@ def test_options_that_do_not_fit_the_capture(options: str, scene: Path, capsys: 
     assert not Path("out").exists()
 
 
-def test_a_damaged_picture_stops_the_run_but_claims_nothing(scene: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_damaged_image_stops_the_run_without_claiming_the_folder(
+    scene: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     """Its packets are all there, so that only decoding finds it; a repaired copy may be another size."""
     file = scene / "cam02.mp4"
     data = bytearray(file.read_bytes())
@@ -224,7 +228,7 @@ def test_a_damaged_picture_stops_the_run_but_claims_nothing(scene: Path, capsys:
     assert not Path("out/work/run.json").exists()
 
 
-def test_the_folder_of_another_run_is_refused_and_kept(scene: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_folder_of_another_run_is_refused_and_kept(scene: Path, capsys: pytest.CaptureFixture[str]) -> None:
     work = Path("out/work")
     work.mkdir(parents=True)
     (work / "run.json").write_text(json.dumps({"version": 1, "capture": {"frames": "0:300"}, "config": {}}))
@@ -235,7 +239,7 @@ def test_the_folder_of_another_run_is_refused_and_kept(scene: Path, capsys: pyte
     assert json.loads((work / "run.json").read_text())["capture"] == {"frames": "0:300"}
 
 
-def test_an_output_folder_that_is_a_file(scene: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_output_folder_that_is_a_file(scene: Path, capsys: pytest.CaptureFixture[str]) -> None:
     Path("out").write_text("mine")
     assert main(["reconstruct", "scene", "--out", "out"]) == 1
     assert capsys.readouterr().err.startswith("Error: out/work: cannot be written")

@@ -13,7 +13,7 @@ from tests.evaluation import scenes
 
 @pytest.fixture
 def requests(monkeypatch: pytest.MonkeyPatch) -> list[dict]:
-    """What captures were opened with."""
+    """Arguments that captures were opened with."""
     asked: list[dict] = []
 
     def open_capture(path: Path, **request: object) -> scenes.FilmedCapture:
@@ -24,7 +24,7 @@ def requests(monkeypatch: pytest.MonkeyPatch) -> list[dict]:
     return asked
 
 
-def test_the_oracle_and_the_distance_of_a_reel(
+def test_oracle_and_the_distance_of_a_reel(
     requests: list[dict], tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     scenes.write_reel(tmp_path / "run" / "reel")
@@ -45,10 +45,10 @@ def test_the_oracle_and_the_distance_of_a_reel(
         (["--at", "0,99"], "Frames [99] were asked for; capture has frames 0 to 4. Choose among these."),
         (["--every", "0"], "--every 0 is out of range. Choose 1 or more."),
         (["--iterations", "0"], "keyframe.first_iterations 0 is out of range. Choose 1 or more."),
-        (["--at", "0:3"], "--at '0:3': '0:3' is no frame. Write numbers with commas between them, such as 0,14."),
+        (["--at", "0:3"], "--at '0:3': '0:3' is not a frame. Write numbers with commas between them, such as 0,14."),
     ],
 )
-def test_values_that_make_no_sense(
+def test_impossible_values_are_refused(
     requests: list[dict], options: list[str], fault: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     assert main(["bench", "oracle", "capture", "--out", str(tmp_path / "out"), *options]) == 2

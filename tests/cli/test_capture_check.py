@@ -1,4 +1,4 @@
-"""`splatreel capture check` judges what it prints: of right poses, and of poses that nothing confirms."""
+"""`splatreel capture check` on correct poses and on poses that the images do not confirm."""
 
 import json
 from collections.abc import Callable
@@ -39,7 +39,7 @@ def right(views: list[Camera]) -> list[np.ndarray]:
 
 
 def elsewhere(views: list[Camera]) -> list[np.ndarray]:
-    """Poses of no relation to the pictures."""
+    """Return poses that are unrelated to the images."""
     rng = np.random.default_rng(0)
     turns = [np.linalg.qr(rng.normal(size=(3, 3)))[0] for _ in views]
     made = []
@@ -60,10 +60,10 @@ def check(folder: Path, capsys: pytest.CaptureFixture[str]) -> tuple[int, str, s
 def test_right_poses_can_be_reconstructed(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     code, out, _ = check(write(tmp_path, right), capsys)
     assert code == 0
-    assert "It can be reconstructed, but new views were not tried. Run\n  splatreel reconstruct" in out
+    assert "It can be reconstructed, but no trial of novel views was made. Run\n  splatreel reconstruct" in out
 
 
-def test_poses_that_nothing_confirms_are_no_approval(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_unconfirmed_poses_fail_the_check(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     code, out, error = check(write(tmp_path, elsewhere), capsys)
     assert code == 1
     assert "It can be reconstructed" not in out

@@ -1,4 +1,4 @@
-"""`splatreel capture calibrate` and `capture sync`: what they say of what was found; tests/capture tests how it is found."""
+"""Output of `splatreel capture calibrate` and `capture sync`; tests/capture tests the methods."""
 
 from pathlib import Path
 
@@ -9,7 +9,7 @@ from splatreel.cli.main import main
 from tests.capture import folders
 
 
-def test_calibrate_says_which_cameras_are_placed_left_out_and_doubtful(
+def test_calibrate_reports_placed_left_out_and_doubtful_cameras(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     asked: list[tuple[Path, Path | None]] = []
@@ -23,8 +23,8 @@ def test_calibrate_says_which_cameras_are_placed_left_out_and_doubtful(
     assert asked == [(Path("phones"), Path("photos"))]
     said = capsys.readouterr().out
     assert "phones/sparse/0: 3 cameras, placed alike at 3 moments; points are off by 0.46 pixels" in said
-    assert "left out, for they show too little of what the others do to be sure of them: d" in said
-    assert "doubtful, for they see few points: b (12)" in said
+    assert "left out, since they overlap the others too little to be certain: d" in said
+    assert "doubtful, since they see few points: b (12)" in said
 
 
 def test_calibrate_of_too_few_videos(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -33,7 +33,9 @@ def test_calibrate_of_too_few_videos(tmp_path: Path, capsys: pytest.CaptureFixtu
     assert "at least 3 are needed" in capsys.readouterr().err
 
 
-def test_sync_says_when_each_video_starts(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
+def test_sync_reports_the_start_of_each_video(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
     (name,) = {"synchronise", "synchronize"} & set(dir(sync))
     monkeypatch.setattr(sync, name, lambda path, progress: {"a": 0.0, "b": 1.23456})
     assert main(["capture", "sync", "phones"]) == 0
@@ -53,7 +55,7 @@ def test_sync_of_one_video(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -
         ('{"calibration_failed": 3}', "calibration_failed is 3, expected a sentence"),
     ],
 )
-def test_a_note_that_says_what_cannot_be(
+def test_impossible_start_in_note_is_refused(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], note: str, said: str
 ) -> None:
     scene = folders.neu3dv(tmp_path / "scene", count=4, frames=2)

@@ -1,4 +1,4 @@
-"""`splatreel config`, and --set, which changes what it lists."""
+"""`splatreel config`, and --set, which changes the listed settings."""
 
 import json
 from pathlib import Path
@@ -13,14 +13,14 @@ from tests.capture import folders
 from tests.recon.captures import WallCapture
 
 
-def test_every_setting_is_listed_as_it_can_be_set(capsys: pytest.CaptureFixture[str]) -> None:
+def test_config_lists_every_setting_in_the_form_of_set(capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["config"]) == 0
     text = capsys.readouterr().out
     lines = [line.strip() for line in text.splitlines() if " = " in line]
     assert [line.partition(" = ")[0] for line in lines] == list(sorted_by_section())
     values = parse_settings([line.replace(" = ", "=") for line in lines])
     assert values == {name: setting.of(Config()) for name, setting in settings().items()}
-    assert "group: Group reconstruction, paper section 4.2" in text
+    assert "group: Settings of the motion of dynamic points within a group (paper section 4.2)" in text
     assert max(len(line) for line in text.splitlines()) <= 120
 
 
@@ -29,7 +29,7 @@ def sorted_by_section() -> list[str]:
     return sorted(settings(), key=lambda name: "." in name)
 
 
-def test_other_qualities_show_what_is_usual(capsys: pytest.CaptureFixture[str]) -> None:
+def test_other_qualities_show_standard_values(capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["config", "--quality", "paper"]) == 0
     text = capsys.readouterr().out
     assert "  group.iterations_per_frame = 400   (standard: 110)\n" in text
@@ -49,7 +49,7 @@ def test_json(capsys: pytest.CaptureFixture[str]) -> None:
     }
 
 
-def test_what_is_set_is_part_of_the_run(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_set_values_are_part_of_the_run_record(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     source, folder = WallCapture(2), tmp_path / "capture"
     folder.mkdir()
     for camera in source.cameras:

@@ -20,7 +20,7 @@ def tiny(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(demo, "configure", lambda *_: config)
 
 
-def test_it_tries_no_new_views_unless_asked_to() -> None:
+def test_demo_makes_no_trial_of_novel_views_by_default() -> None:
     config = demo.demo_config("standard", 3)
     assert (config.seed, config.check_coverage) == (3, False)
     assert dataclasses.replace(config, check_coverage=True) == dataclasses.replace(preset("standard"), seed=3)
@@ -29,7 +29,7 @@ def test_it_tries_no_new_views_unless_asked_to() -> None:
 
 @pytest.mark.slow
 @pytest.mark.smoke
-def test_the_demo_makes_a_reel_and_a_report_and_is_continued(
+def test_demo_makes_a_reel_and_a_report_and_is_continued(
     tiny: None, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     arguments = ["demo", "--out", str(tmp_path / "demo"), "--width", "64", "--height", "48", "--frames", "8"]

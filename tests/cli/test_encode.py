@@ -1,4 +1,4 @@
-"""`splatreel encode`: another reel of a run, and never over one that somebody has."""
+"""`splatreel encode` writes another reel of a run, and never overwrites an existing one."""
 
 import json
 import os
@@ -11,7 +11,7 @@ from splatreel.cli.main import main
 from splatreel.codec.reader import ReelReader
 from splatreel.codec.verify import verify_reel
 from splatreel.recon.pipeline import reconstruct
-from splatreel.recon.run.run_lock import hold
+from splatreel.recon.run.run_lock import lock_reel
 from tests.recon.captures import WallCapture
 from tests.recon.small import small
 
@@ -39,7 +39,7 @@ def test_other_settings_make_another_reel(run: Path, capsys: pytest.CaptureFixtu
     assert verify_reel("original").points == verify_reel(run / "reel").points
 
 
-def test_what_the_run_says_is_kept_and_the_pictures_are_those_of_the_new_reel(run: Path) -> None:
+def test_texts_of_the_run_are_kept_and_images_are_new(run: Path) -> None:
     assert main(["edit", "run", "--title", "A wall", "--licence", "CC0-1.0"]) == 0
     assert main(["encode", "run", "--out", "low", "--rate", "low"]) == 0
     old, new = (ReelReader(reel).manifest.presentation for reel in ("run/reel", "low"))
@@ -99,7 +99,7 @@ def test_options_of_another_codec(run: Path, options: list[str]) -> None:
     assert not Path("x").exists()
 
 
-def test_one_that_was_cut_off_is_made_anew(run: Path) -> None:
+def test_interrupted_encode_starts_over(run: Path) -> None:
     assert main(["encode", "run", "--out", "other"]) == 0
     manifest = Path("other/manifest.json")
     manifest.write_text(json.dumps(json.loads(manifest.read_text()) | {"live": True}))
@@ -116,7 +116,9 @@ def test_one_that_was_cut_off_is_made_anew(run: Path) -> None:
         ("second/reel", "holds a reel already. Choose another folder, or delete that reel"),
     ],
 )
-def test_reels_there_are_stay(run: Path, out: str, reason: str, capsys: pytest.CaptureFixture[str]) -> None:
+def test_existing_reels_are_not_overwritten(
+    run: Path, out: str, reason: str, capsys: pytest.CaptureFixture[str]
+) -> None:
     shutil.copytree(run, "second")
     manifest = Path("second/reel/manifest.json")
     manifest.write_text(json.dumps(json.loads(manifest.read_text()) | {"live": True}))  # as while it is reconstructed
@@ -142,7 +144,7 @@ def test_values_out_of_range(run: Path, options: list[str], range: str, capsys: 
     assert not Path("x").exists()
 
 
-def test_a_folder_without_a_run(run: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_folder_without_a_run(run: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["encode", "run/reel", "--out", "x"]) == 1
     assert capsys.readouterr().err == (
         "Error: run/reel/work: contains no finished group. Run splatreel reconstruct first.\n"
@@ -150,8 +152,8 @@ def test_a_folder_without_a_run(run: Path, capsys: pytest.CaptureFixture[str]) -
 
 
 @pytest.mark.skipif(os.name != "posix", reason="locks of folders")
-def test_of_two_at_once_the_second_is_told(run: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    with hold(Path("other")):
+def test_second_encode_at_the_same_time_is_refused(run: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    with lock_reel(Path("other")):
         assert main(["encode", "run", "--out", "other"]) == 1
         assert (
             "other: another process is writing this reel. Wait for it or choose another --out"
@@ -166,7 +168,7 @@ def test_of_two_at_once_the_second_is_told(run: Path, capsys: pytest.CaptureFixt
 
 
 def test_settings_of_a_codec(run: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    """One of the paper's codec asks for that codec, as its options do."""
+    """A setting of the paper's codec selects that codec, like its options."""
     assert (
         main(["encode", "run", "--out", "six", "--set", "encode.h265.scale_bits=6", "--set", "encode.sh_entries=0"])
         == 0
@@ -175,7 +177,7 @@ def test_settings_of_a_codec(run: Path, capsys: pytest.CaptureFixture[str]) -> N
     assert points_of("six") == points_of("same")
     capsys.readouterr()
     refused = {
-        "group.length=3": "--set group.length: is decided when points are trained. Here --set takes settings of encode.",
+        "group.length=3": "--set group.length: takes effect in training only. Give a setting of encode.",
         "encode.h265.crf=52": "--set encode.h265.crf 52 is out of range. Choose 0 to 51.",
     }
     for text, message in refused.items():

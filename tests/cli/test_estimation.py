@@ -34,7 +34,7 @@ def estimate(*options: str) -> int:
     return main(["reconstruct", "scene", "--out", "out", "--device", "cpu", "--estimate", *options])
 
 
-def test_time_and_memory_are_said_and_nothing_is_written(scene: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_estimate_prints_time_and_memory_and_writes_nothing(scene: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert estimate("--threads", "1") == 0
     first, *stages, processor, last = capsys.readouterr().out.splitlines()
     said = r"scene: 3 frames of 3 cameras, 48x32, take about (\d+) s from the beginning \(1 thread\), if nothing else runs:"
@@ -42,18 +42,18 @@ def test_time_and_memory_are_said_and_nothing_is_written(scene: Path, capsys: py
     assert found is not None
     parts = [float(line.split()[-2]) for line in stages]
     assert sum(parts) == pytest.approx(float(found[1]), abs=1 + 0.5 * len(parts))
-    assert "learning how it moves" in "".join(stages)
+    assert "training the motion" in "".join(stages)
     assert processor == f"Processor: {describe_processor()}."
     assert re.fullmatch(r"Memory: about 0\.\d GB at most; [\d.]+ GB are free\.", last)
     assert [path.name for path in scene.parent.iterdir()] == ["scene"]
 
 
-def test_memory_that_others_have(
+def test_estimate_reports_too_little_free_memory(
     scene: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(memory, "free_memory", lambda: 2 * 10**8)
     assert estimate() == 0
-    assert "but only 0.2 GB are free: end other programs.\n" in capsys.readouterr().out
+    assert "but only 0.2 GB are free: close other programs.\n" in capsys.readouterr().out
 
 
 def test_too_little_memory_is_refused(
@@ -70,7 +70,7 @@ def test_too_little_memory_is_refused(
     assert not Path("out").exists()
 
 
-def test_what_the_tasks_of_a_batch_system_take(scene: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_estimate_of_batch_tasks(scene: Path, capsys: pytest.CaptureFixture[str]) -> None:
     small = ("--set", "group.length=1", "--set", "group.overlap=0", "--set", "chapter_frames=1")
     assert estimate("--threads", "1", "--job", "chapter", *small) == 0  # of no task of an array
     first, scene_job, chapter, _, task, array = capsys.readouterr().out.splitlines()
@@ -81,10 +81,10 @@ def test_what_the_tasks_of_a_batch_system_take(scene: Path, capsys: pytest.Captu
     assert array.startswith("Array: up to 3 tasks (--array=0-2); with all at once the reel takes about ")
     assert not Path("out").exists()
     assert estimate("--follow") == 2
-    assert "--estimate is of captures that are complete" in capsys.readouterr().err
+    assert "--estimate is for complete captures" in capsys.readouterr().err
 
 
-def test_what_a_cluster_takes(scene: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> None:
+def test_estimate_on_cluster(scene: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(threads, "_limit", None)
     node = {"Alive": True, "Resources": {"CPU": 2, "memory": 64 << 30}}
     monkeypatch.setattr(ray_cluster, "connected", lambda _: nullcontext(SimpleNamespace(nodes=lambda: [node, node])))

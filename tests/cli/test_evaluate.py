@@ -20,7 +20,7 @@ def reel(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     return scenes.write_reel(tmp_path / "run" / "reel")
 
 
-def test_it_prints_the_summary_and_writes_the_report(
+def test_evaluate_prints_summary_and_writes_report(
     reel: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     assert main(["evaluate", str(reel.parent), "capture", "--out", str(tmp_path / "out")]) == 0
@@ -38,6 +38,6 @@ def test_json_goes_to_standard_output_alone(reel: Path, tmp_path: Path, capsys: 
     assert "comparing with " in captured.err
 
 
-def test_a_camera_that_is_not_there(reel: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_unknown_camera_is_refused(reel: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["evaluate", str(reel), "capture", "--out", str(tmp_path), "--cameras", "cam99"]) == 1
     assert "there is no camera 'cam99'" in capsys.readouterr().err

@@ -1,4 +1,4 @@
-"""`splatreel import`: what it says, and that no reel is written over."""
+"""`splatreel import`: its output, and protection of existing reels."""
 
 import json
 import re
@@ -22,7 +22,7 @@ def film(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> str:
     return "film"
 
 
-def test_a_reel_is_made_and_compared_with_the_files(film: str, capsys: pytest.CaptureFixture[str]) -> None:
+def test_reel_is_made_and_compared_with_the_files(film: str, capsys: pytest.CaptureFixture[str]) -> None:
     file = Path("cameras.json")
     file.write_text(json.dumps([entry(camera, index) for index, camera in enumerate(cameras())]))
     assert main(["import", film, "--out", "reel", "--cameras", str(file), "--fps", "25", "--title", "A ball"]) == 0
@@ -41,7 +41,7 @@ def test_a_reel_is_made_and_compared_with_the_files(film: str, capsys: pytest.Ca
     assert "a ring of cameras" not in said
 
 
-def test_without_cameras_it_says_which_way_is_up(film: str, capsys: pytest.CaptureFixture[str]) -> None:
+def test_import_without_cameras_reports_the_up_axis(film: str, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["import", film, "--out", "guessed"]) == 0
     assert "with -y up. If that is wrong, name the cameras" in capsys.readouterr().out
     assert main(["import", film, "--out", "told", "--up", "z"]) == 0
@@ -61,7 +61,7 @@ def test_lower_rates_are_smaller_and_farther_from_the_files(film: str, capsys: p
     assert ReelReader("high").manifest.presentation.title == "film"
 
 
-def test_a_reel_is_not_written_over_and_what_was_cut_off_is_made_anew(
+def test_import_keeps_existing_reels_and_restarts_interrupted_ones(
     film: str, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     def cut_off(self: SequenceEncoder, *_: object) -> None:
@@ -77,7 +77,7 @@ def test_a_reel_is_not_written_over_and_what_was_cut_off_is_made_anew(
     assert Path("reel/manifest.json").read_bytes() == before
 
 
-def test_the_reel_of_a_run_is_not_written_over_while_it_is_made(film: str, capsys: pytest.CaptureFixture[str]) -> None:
+def test_reel_of_a_run_is_not_written_over_while_it_is_made(film: str, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["import", film, "--out", "run/reel"]) == 0
     Path("run/work").mkdir()
     file = Path("run/reel/manifest.json")
@@ -99,7 +99,7 @@ def test_the_reel_of_a_run_is_not_written_over_while_it_is_made(film: str, capsy
         (["film", "--cameras", "film"], "film: holds none of these"),
     ],
 )
-def test_what_cannot_be_done_is_told_and_leaves_nothing(
+def test_impossible_imports_are_refused_and_leave_no_files(
     film: str, arguments: list[str], said: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
     assert main(["import", *arguments, "--out", "reel"]) != 0

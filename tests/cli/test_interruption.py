@@ -52,11 +52,11 @@ def start(capture: Path, out: Path, title: str) -> subprocess.Popen[str]:
 @pytest.mark.slow
 @pytest.mark.kill
 @pytest.mark.skipif(sys.platform == "win32", reason="POSIX signals")
-def test_signals_stop_the_command_and_the_same_command_goes_on(capture: Path, tmp_path: Path) -> None:
+def test_signals_stop_the_command_and_the_same_command_continues(capture: Path, tmp_path: Path) -> None:
     out = tmp_path / "out"
     stops = [
-        ("group 2/2: refining what moves", signal.SIGINT, 130, 1),
-        ("group 2/2: learning how it moves", signal.SIGKILL, -signal.SIGKILL, 1),
+        ("group 2/2: training the keyframe", signal.SIGINT, 130, 1),
+        ("group 2/2: training the motion", signal.SIGKILL, -signal.SIGKILL, 1),
     ]
     for line, number, code, published in stops:
         process = start(capture, out, "A wall")
@@ -108,7 +108,7 @@ def test_sigterm_ends_like_ctrl_c(monkeypatch: pytest.MonkeyPatch, capsys: pytes
     assert signal.getsignal(signal.SIGTERM) is before
 
 
-def test_a_signal_waits_until_a_callback_of_llvm_is_done(tmp_path: Path) -> None:
+def test_signal_waits_until_a_callback_of_llvm_is_done(tmp_path: Path) -> None:
     """There exceptions are dropped, and LLVM crashes."""
     done: list[int] = []
     scope = {"os": os, "signal": signal, "time": time, "done": done}
@@ -155,7 +155,7 @@ BUSY = """
 @pytest.mark.skipif(sys.platform == "win32", reason="POSIX signals")
 @pytest.mark.parametrize(("number", "code"), [(signal.SIGTERM, 143), (signal.SIGINT, 130)])
 @pytest.mark.parametrize("stuck", [DEAF, BUSY])
-def test_a_command_that_cannot_end_by_itself_ends_all_the_same(stuck: str, number: int, code: int) -> None:
+def test_busy_command_exits_after_the_grace_period(stuck: str, number: int, code: int) -> None:
     command = [sys.executable, "-c", STUCK.format(stuck=stuck), "encode", "run"]
     environment = os.environ | {"PYTHONPATH": os.pathsep.join(sys.path)}
     process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, env=environment)
@@ -193,7 +193,7 @@ except Terminated:
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="POSIX signals")
-def test_colmap_does_not_take_a_signal_for_a_crash() -> None:
+def test_colmap_does_not_mistake_a_signal_for_a_crash() -> None:
     pytest.importorskip("pycolmap")
     process = subprocess.Popen(
         [sys.executable, "-c", COLMAP], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True

@@ -40,7 +40,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 @pytest.mark.slow
 @pytest.mark.skipif(os.name != "posix", reason="locales")
 @pytest.mark.parametrize("setting", SETTINGS)
-def test_commands_say_what_they_can(folder: Path, setting: str, tmp_path: Path) -> None:
+def test_commands_print_in_any_locale(folder: Path, setting: str, tmp_path: Path) -> None:
     reel, film, out = str(folder / "reel"), str(folder / "film"), str(tmp_path / NAME)
     author = NAME if setting != "C" else "Kueche"  # bytes that are no text there are refused as such
     done = [

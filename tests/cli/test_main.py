@@ -1,4 +1,4 @@
-"""The command line as a user meets it: exit codes, and the exact text of what goes wrong."""
+"""The command line as a user sees it: exit codes, and the exact text of errors."""
 
 import contextlib
 import errno
@@ -44,7 +44,7 @@ def run(*arguments: str, cwd: Path | None = None) -> subprocess.CompletedProcess
 
 
 def processor_seconds() -> float:
-    """Return what the processes took that this one has started and waited for."""
+    """Return the processor time of all finished child processes."""
     times = os.times()
     return times.children_user + times.children_system
 
@@ -65,7 +65,7 @@ def test_help_is_quick_and_names_every_verb() -> None:
     assert processor_seconds() - before < 5  # 0.4 s on a fast machine
 
 
-def test_the_command_line_loads_nothing_heavy() -> None:
+def test_command_line_loads_nothing_heavy() -> None:
     code = "import sys, splatreel.cli.main as m; m.build(); print(sorted({'numpy', 'numba', 'torch', 'av'} & set(sys.modules)))"
     result = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert result.stdout.strip() == "[]"
@@ -96,11 +96,11 @@ def test_wrong_use_exits_with_2(arguments: list[str], capsys: pytest.CaptureFixt
 REFUSALS = [
     (
         ["reconstruct", "CAPTURE", "--out", "OUT", "--frames", "60"],
-        "Error: --frames '60' is no range of frames. Write A:B with A < B, such as 0:60 for the first 60.\n",
+        "Error: --frames '60' is not a range of frames. Write A:B with A < B, such as 0:60 for the first 60.\n",
     ),
     (
         ["reconstruct", "CAPTURE", "--out", "OUT", "--frames", "9:3"],
-        "Error: --frames '9:3' is no range of frames. Write A:B with A < B, such as 0:60 for the first 60.\n",
+        "Error: --frames '9:3' is not a range of frames. Write A:B with A < B, such as 0:60 for the first 60.\n",
     ),
     (
         ["reconstruct", "CAPTURE", "--out", "OUT", "--hold-out", "a,,b"],
@@ -111,11 +111,13 @@ REFUSALS = [
 
 
 @pytest.mark.parametrize(("arguments", "expected"), REFUSALS)
-def test_values_that_make_no_sense(arguments: list[str], expected: str, capsys: pytest.CaptureFixture[str]) -> None:
+def test_impossible_values_are_refused(arguments: list[str], expected: str, capsys: pytest.CaptureFixture[str]) -> None:
     assert error_of(capsys, *arguments) == (2, expected)
 
 
-def test_what_is_not_there(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
+def test_missing_files_are_reported(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
     monkeypatch.chdir(tmp_path)
     code, text = error_of(capsys, "capture", "check", "nowhere")
     assert code == 1
@@ -128,7 +130,7 @@ def test_what_is_not_there(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, caps
         )
 
 
-def test_a_failing_command_shows_one_block_and_no_traceback(tmp_path: Path) -> None:
+def test_failing_command_shows_one_block_and_no_traceback(tmp_path: Path) -> None:
     result = run("info", "nowhere", cwd=tmp_path)
     assert result.returncode == 1
     assert result.stdout == ""
@@ -147,9 +149,9 @@ def test_every_error_of_the_family_has_its_exit_code() -> None:
     assert explained(errors.CaptureError("b")) == ("Error: b", 1)
 
 
-def test_an_interruption_says_how_to_go_on() -> None:
+def test_interruption_message_names_the_command_to_continue() -> None:
     assert explained(KeyboardInterrupt()) == (
-        "Interrupted. What is finished is kept; continue with the same command:\n"
+        "Interrupted. Finished parts are kept; continue with the same command:\n"
         "  splatreel reconstruct 'my capture' --out o",
         130,
     )
@@ -162,7 +164,7 @@ def test_an_interruption_says_how_to_go_on() -> None:
         RuntimeError("Error while serializing: IoError(Os { code: 28, message: No space left on device })"),
     ],
 )
-def test_a_full_disk(error: Exception) -> None:
+def test_full_disk(error: Exception) -> None:
     text, code = explained(error)
     assert code == 1
     assert text.startswith("Error: the disk is full")
@@ -170,11 +172,11 @@ def test_a_full_disk(error: Exception) -> None:
     assert text.endswith("then run\n  splatreel reconstruct 'my capture' --out o")
 
 
-def test_a_limit_on_files_is_no_full_disk() -> None:
+def test_file_size_limit_is_not_reported_as_full_disk() -> None:
     text, code = explained(OSError(errno.EFBIG, "File too large", "o/film.mp4"))
     assert (code, text.splitlines()[0]) == (
         1,
-        "Error: a file would be larger than the system allows while writing o/film.mp4. What is finished is kept; raise the limit "
+        "Error: a file would be larger than the system allows while writing o/film.mp4. Finished parts are kept; raise the limit "
         "(ulimit -f), then run",
     )
 
@@ -197,15 +199,15 @@ def caused(error: Exception, cause: Exception) -> Exception:
         ),
     ],
 )
-def test_no_memory(error: Exception) -> None:
+def test_out_of_memory_is_reported_with_advice(error: Exception) -> None:
     assert explained(error) == (
-        "Error: out of memory. Ask for a smaller picture (--width), fewer frames (--frames) or --quality draft.",
+        "Error: out of memory. Ask for smaller images (--width), fewer frames (--frames) or --quality draft.",
         1,
     )
 
 
 @pytest.mark.parametrize("verb", [*LIGHTER, "info", "verify", "bench"])
-def test_advice_names_options_that_the_verb_has(verb: str) -> None:
+def test_advice_names_only_options_of_the_verb(verb: str) -> None:
     text, _ = explain(RuntimeError("CUDA out of memory."), verb.split()) or ("", 0)
     named = set(re.findall("--[a-z]+", text))
     assert named == set(LIGHTER.get(verb, ()))
@@ -215,7 +217,7 @@ def test_advice_names_options_that_the_verb_has(verb: str) -> None:
         assert named <= set(re.findall("--[a-z]+", help.getvalue()))
 
 
-def test_a_damaged_cache_of_compiled_code_is_named(tmp_path: Path) -> None:
+def test_damaged_cache_of_compiled_code_is_named(tmp_path: Path) -> None:
     """Numba reads what it finds; a text file in place of its index is enough."""
     code = "import numba\n@numba.njit(cache=True)\ndef one():\n    return 1\none()\n"
     script = code.replace(
@@ -237,7 +239,7 @@ except Exception as error:
         file.write_bytes(file.read_bytes()[:40] + b"damaged")
     text = subprocess.run(command, env=environment, capture_output=True, text=True, check=True).stdout
     assert f"the compiled code in {tmp_path}" in text
-    assert "Delete that folder" in text
+    assert "Delete this folder" in text
     assert "splatreel demo --out 'a b'" in text
 
 
@@ -246,9 +248,9 @@ def test_no_gpu_memory() -> None:
     assert (text.startswith("Error: out of GPU memory."), "or --device cpu." in text, code) == (True, True, 1)
 
 
-def test_a_package_that_is_not_installed() -> None:
+def test_package_that_is_not_installed() -> None:
     assert explained(ModuleNotFoundError("No module named 'torch'", name="torch")) == (
-        "Error: the Python package 'torch' is needed for this and not installed. Run\n  pip install 'splatreel[recon]'",
+        "Error: the Python package 'torch' is needed and not installed. Run\n  pip install 'splatreel[recon]'",
         1,
     )
     assert explain(ModuleNotFoundError("No module named 'splatreel.oops'", name="splatreel.oops"), []) is None
@@ -263,7 +265,7 @@ def test_other_trouble_with_files() -> None:
     assert explained(PermissionError(errno.EACCES, "Permission denied", "/o")) == ("Error: /o: Permission denied.", 1)
 
 
-def test_a_bug_keeps_its_traceback(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_unexpected_error_keeps_its_traceback(monkeypatch: pytest.MonkeyPatch) -> None:
     assert explain(ValueError("broken"), []) is None
 
     def broken() -> None:
@@ -283,16 +285,16 @@ CHAINED.__cause__ = OSError(errno.EMFILE, "Too many open files", "scene/a.mp4")
     [
         (
             CHAINED,
-            "scene/a.mp4: cannot be opened, as this process may have no more files open. Raise that limit (ulimit -n",
+            "scene/a.mp4: cannot be opened, as this process cannot open more files. Raise the limit (ulimit -n",
         ),
-        (OSError(errno.ENFILE, "Too many open files in system"), "this process may have no more files open"),
+        (OSError(errno.ENFILE, "Too many open files in system"), "this process cannot open more files"),
         (
             RuntimeError("can't start new thread"),
-            "the system lets no more threads start. Raise the limit of processes (ulimit -u",
+            "the system starts no more threads. Raise the limit of processes (ulimit -u",
         ),
     ],
 )
-def test_limits_of_the_system_are_told_whatever_they_were_taken_for(error: Exception, said: str) -> None:
+def test_system_limits_are_reported_through_other_errors(error: Exception, said: str) -> None:
     found = explain(error, ["info", "reel"])
     assert found is not None
     assert said in found[0]
@@ -301,7 +303,7 @@ def test_limits_of_the_system_are_told_whatever_they_were_taken_for(error: Excep
     assert "memory." not in found[0]
 
 
-def test_an_interruption_of_native_code_is_one() -> None:
+def test_interrupted_native_code_counts_as_interruption() -> None:
     error, middle = SystemError("returned a result with an exception set"), SystemError("returned a result")
     error.__cause__, middle.__cause__ = middle, Terminated()
     found = explain(error, ["info", "reel"])
@@ -316,7 +318,7 @@ def test_an_interruption_of_native_code_is_one() -> None:
 
 
 @pytest.mark.skipif(os.name != "posix", reason="limits of processes")
-def test_few_open_files_are_no_damage(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
+def test_open_file_limit_is_not_reported_as_damage(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
     """With few files left to open, a capture of whole videos is not called damaged."""
     import resource
 
@@ -332,5 +334,5 @@ def test_few_open_files_are_no_damage(tmp_path: Path, capfd: pytest.CaptureFixtu
     finally:
         resource.setrlimit(resource.RLIMIT_NOFILE, (soft, hard))
     error = capfd.readouterr().err
-    assert "this process may have no more files open. Raise that limit (ulimit -n" in error
+    assert "this process cannot open more files. Raise the limit (ulimit -n" in error
     assert "damaged" not in error

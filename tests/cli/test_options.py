@@ -15,8 +15,8 @@ def test_frames() -> None:
 
 
 @pytest.mark.parametrize("text", ["", ":", "5", "5:", ":5", "5:5", "6:5", "-1:5", "1:2:3", "a:b", "1.0:2"])
-def test_frames_that_are_none(text: str) -> None:
-    with pytest.raises(UsageError, match="no range of frames"):
+def test_invalid_frame_ranges_are_refused(text: str) -> None:
+    with pytest.raises(UsageError, match="not a range of frames"):
         parse_frames(text)
 
 
@@ -31,7 +31,7 @@ def test_numbers() -> None:
     assert parse_numbers(None, "--at") is None
     assert parse_numbers("28, 0", "--at") == [28, 0]
     for text, fault in (
-        ("0,x", "'x' is no frame"),
+        ("0,x", "'x' is not a frame"),
         ("0:3", "'0:3' is no frame"),
         ("3,3", "names '3' twice"),
         ("-1", "no frame"),
@@ -40,7 +40,7 @@ def test_numbers() -> None:
             parse_numbers(text, "--at")
 
 
-def test_the_reel_is_found_inside_the_output_of_a_run(tmp_path: Path) -> None:
+def test_reel_is_found_inside_the_output_of_a_run(tmp_path: Path) -> None:
     assert reel_folder(tmp_path) == tmp_path
     (tmp_path / "reel").mkdir()
     (tmp_path / "reel" / "manifest.json").touch()
@@ -58,7 +58,7 @@ def test_settings() -> None:
     config = with_set(Config(), ("group.lambda_arap=0", "keyframe.sh_degree=1"))
     assert (config.group.lambda_arap, config.keyframe.sh_degree) == (0, 1)
     assert with_set(Config(), ()) == Config()
-    with pytest.raises(UsageError, match=r"^--set 'group.tracked' is no setting. Did you mean group.tracks\?"):
+    with pytest.raises(UsageError, match=r"^--set 'group.tracked' is not a setting. Did you mean group.tracks\?"):
         with_set(Config(), ("group.tracked=true",))
     with pytest.raises(UsageError, match=r"^--set group.overlap 5 does not fit group.length 5"):
         with_set(Config(), ("group.length=5",))
@@ -75,7 +75,7 @@ def test_settings() -> None:
         ),
     ],
 )
-def test_options_that_do_not_fit_are_refused_at_once(
+def test_contradicting_options_are_refused_before_work_starts(
     command: list[str], said: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
     assert main(command) == 2
@@ -95,7 +95,7 @@ def test_options_that_do_not_fit_are_refused_at_once(
         ["import", "film", "--out", "reel", "--cameras", ""],
     ],
 )
-def test_an_empty_name_is_not_the_current_folder(
+def test_empty_path_is_refused(
     arguments: list[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     monkeypatch.chdir(tmp_path)
@@ -104,7 +104,7 @@ def test_an_empty_name_is_not_the_current_folder(
     assert list(tmp_path.iterdir()) == []
 
 
-def test_a_text_may_be_empty_which_takes_it_out(capsys: pytest.CaptureFixture[str]) -> None:
+def test_empty_text_removes_it(capsys: pytest.CaptureFixture[str]) -> None:
     for given in (["--title", ""], ["--title="]):
         assert main(["edit", "nowhere", *given]) == 1
         assert "is empty" not in capsys.readouterr().err

@@ -25,18 +25,16 @@ from tests.recon.captures import WallCapture
 from tests.recon.small import small
 
 
-def test_a_reel_is_published_and_read_from_its_bucket(
-    bucket, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_reel_is_published_and_read_from_its_bucket(bucket, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     url = bucket.url("reels/golden")
     assert main(["publish", str(PREDICTIVE), url]) == 0
     size = verify_reel(PREDICTIVE).bytes
-    said = f"{url}: all of the reel is there, 4 files, {size:,} bytes; "
-    assert capsys.readouterr().out == f"{said}{size:,} of them were sent now\n"
+    said = f"{url}: the whole reel is published, 4 files, {size:,} bytes, of which "
+    assert capsys.readouterr().out == f"{said}{size:,} were sent now\n"
     assert main(["publish", str(PREDICTIVE), url]) == 0
-    assert capsys.readouterr().out == f"{said}0 of them were sent now\n"
+    assert capsys.readouterr().out == f"{said}0 were sent now\n"
     assert main(["verify", url]) == 0
-    assert capsys.readouterr().out.startswith(f"{url}: whole, every byte is what the manifest says: 2 groups")
+    assert capsys.readouterr().out.startswith(f"{url}: complete and undamaged: 2 groups")
     assert main(["info", f"{url}/manifest.json"]) == 0
     assert "14 frames at 30 a second" in capsys.readouterr().out
     for source, name in ((url, "there"), (str(PREDICTIVE), "here")):
@@ -45,14 +43,14 @@ def test_a_reel_is_published_and_read_from_its_bucket(
     assert main(["export", url, "--out", str(tmp_path / "page.html")]) == 0
 
 
-def test_the_reel_of_a_reconstruction_goes_to_a_folder(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_reel_of_a_reconstruction_goes_to_a_folder(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     shutil.copytree(GOLDEN, tmp_path / "out" / "reel")
     assert main(["publish", str(tmp_path / "out"), str(tmp_path / "web")]) == 0
     assert verify_reel(tmp_path / "web").groups == 2
     document = (tmp_path / "out" / "reel" / "manifest.json").read_text().replace('"live": false', '"live": true')
     (tmp_path / "out" / "reel" / "manifest.json").write_text(document)
     assert main(["publish", str(tmp_path / "out"), str(tmp_path / "web"), "--keep", "0"]) == 0
-    assert "the reel is not finished: the same command sends what is added" in capsys.readouterr().out
+    assert "the reel is not finished: run the same command again to send what is added" in capsys.readouterr().out
 
 
 @pytest.mark.parametrize(
@@ -66,14 +64,16 @@ def test_the_reel_of_a_reconstruction_goes_to_a_folder(tmp_path: Path, capsys: p
         (["{reel}", "{reel}/manifest.json"], 1, "cannot be"),
     ],
 )
-def test_what_cannot_be_published(arguments, code, words, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_impossible_publications_are_refused(
+    arguments, code, words, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     shutil.copytree(GOLDEN, tmp_path / "reel")
     names = {name: str(tmp_path / name) for name in ("reel", "web", "empty")}
     assert main(["publish", *(argument.format(**names) for argument in arguments)]) == code
     assert words in capsys.readouterr().err
 
 
-def test_a_line_that_breaks_is_tried_again(monkeypatch, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_broken_connection_is_retried(monkeypatch, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     monkeypatch.setattr(retrying.time, "sleep", lambda _: None)
     breaking = BreakingFolder(opening.open_folder(tmp_path / "web"), {0, 3, 4})
     monkeypatch.setattr(opening, "open_folder", lambda _: breaking)
@@ -102,7 +102,7 @@ main(sys.argv[2:])
 
 @pytest.mark.skipif(sys.platform == "win32", reason="POSIX signals")
 @pytest.mark.parametrize("count", [7, 26, 29], ids=["group", "page", "manifest"])
-def test_a_killed_command_is_continued_by_the_same(bucket, monkeypatch, count: int) -> None:
+def test_killed_command_is_continued_by_the_same(bucket, monkeypatch, count: int) -> None:
     url, command = bucket.url("reel"), ["publish", str(LONG), bucket.url("reel")]
     killed = subprocess.run([sys.executable, "-c", KILLED, str(count), *command], stderr=subprocess.PIPE, check=False)
     assert killed.returncode == -signal.SIGKILL
@@ -118,7 +118,7 @@ def test_a_killed_command_is_continued_by_the_same(bucket, monkeypatch, count: i
 
 
 @pytest.mark.slow
-def test_a_reconstruction_is_published_as_it_grows_and_ends_whatever_the_line_does(
+def test_reconstruction_is_published_while_it_grows_despite_failures(
     bucket, monkeypatch, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     less = {"group.length": 3, "group.iterations_per_frame": 2, "keyframe.refine_iterations": 5}
@@ -135,7 +135,7 @@ def test_a_reconstruction_is_published_as_it_grows_and_ends_whatever_the_line_do
     assert main([*command, "s3://no-such-bucket/reel"]) == 1
     said = capsys.readouterr().err
     assert said.count("It is tried again.") == 1
-    assert f"The reel is whole in {out / 'reel'}, but not at s3://no-such-bucket/reel." in said
+    assert f"The reel is complete in {out / 'reel'}, but not at s3://no-such-bucket/reel." in said
     assert f"splatreel publish {out / 'reel'} s3://no-such-bucket/reel" in said
     assert verify_reel(out / "reel").groups == 2
     assert main([*command, "nix://a/b"]) == 2
@@ -152,7 +152,7 @@ def write_capture(folder: Path) -> Path:
 
 
 def watch_groups(monkeypatch: pytest.MonkeyPatch, url: str) -> list[int]:
-    """How many groups are published after each that was made: waits for them, and fails where they do not come."""
+    """Count the published groups after each group that was made, and wait for them."""
     import time
 
     from splatreel.codec.reader import ReelReader

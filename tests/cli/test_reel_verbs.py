@@ -53,7 +53,7 @@ def test_info_as_json(capsys: pytest.CaptureFixture[str]) -> None:
     assert values["bytes"] == sum(f.stat().st_size for f in files)
 
 
-def test_info_tells_of_sound(capsys: pytest.CaptureFixture[str]) -> None:
+def test_info_describes_sound(capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["info", str(GOLDEN.parent / "golden-sound")]) == 0
     assert "sound: 4.00 s, 1 channel, 51 kbit/s, heard from 1, 0, 0" in capsys.readouterr().out
     assert main(["info", str(GOLDEN)]) == 0
@@ -62,11 +62,12 @@ def test_info_tells_of_sound(capsys: pytest.CaptureFixture[str]) -> None:
 
 def test_verify_finds_a_flipped_bit(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["verify", str(GOLDEN)]) == 0
-    assert "whole" in capsys.readouterr().out
+    assert "complete and undamaged" in capsys.readouterr().out
     shutil.copytree(GOLDEN, tmp_path / "reel")
     (tmp_path / "reel" / "groups" / "more.bin").write_bytes(b"x")
     assert main(["verify", str(tmp_path)]) == 0
-    assert "the manifest does not name them: expected.json, expected.npz, groups/more.bin" in capsys.readouterr().out
+    ignored = "that the manifest does not name, which players never read: expected.json, expected.npz, groups/more.bin"
+    assert ignored in capsys.readouterr().out
     (tmp_path / "reel" / "groups" / "more.bin").unlink()
     file = next((tmp_path / "reel" / "groups").iterdir())
     data = bytearray(file.read_bytes())
@@ -91,7 +92,7 @@ def test_export_to_a_format_that_is_not_written(tmp_path: Path, capsys: pytest.C
     for option in (["--frame", "3"], []):
         assert main(["export", str(GOLDEN), *option, "--out", str(tmp_path / "x.obj")]) == 2
         error = capsys.readouterr().err
-        assert "x.obj: .obj is no format that is written. Name a .ply" in error
+        assert "x.obj: .obj is not an export format. Name a .ply" in error
         assert "--frame" not in error
 
 
@@ -144,7 +145,7 @@ def test_export_of_a_page(tmp_path: Path, capsys: pytest.CaptureFixture[str]) ->
     assert "holds the whole reel" in capsys.readouterr().err
 
 
-def test_edit_changes_what_a_reel_says(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_edit_changes_the_texts_of_a_reel(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     reel = tmp_path / "run" / "reel"
     shutil.copytree(GOLDEN, reel)
     assert main(["edit", str(tmp_path / "run"), "--title", " Balls ", "--author", "Ä. Nobody", "--licence", "CC0"]) == 0
@@ -161,7 +162,7 @@ def test_edit_changes_what_a_reel_says(tmp_path: Path, capsys: pytest.CaptureFix
     assert "  title: Balls\n" in capsys.readouterr().out
 
 
-def test_edit_says_what_it_cannot(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_edit_refuses_impossible_texts(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     shutil.copytree(GOLDEN, tmp_path / "reel")
     before = (tmp_path / "reel" / "manifest.json").read_bytes()
     assert main(["edit", str(tmp_path / "reel")]) == 2
@@ -176,7 +177,7 @@ def test_edit_says_what_it_cannot(tmp_path: Path, capsys: pytest.CaptureFixture[
 
 @pytest.fixture
 def forged(tmp_path: Path) -> Path:
-    """A reel whose texts are those of somebody who wants to take over the terminal."""
+    """A reel whose texts contain terminal control sequences."""
     reel = shutil.copytree(GOLDEN, tmp_path / "reel")
     change(reel, generator="\x1b]0;owned\x07\x1b[2J", title="caf\u00e9 \u202egnp.exe", author="\u9b5a")
     return reel
@@ -202,7 +203,7 @@ def test_texts_of_a_reel_do_not_reach_the_terminal_as_commands(
 
 
 @pytest.mark.parametrize("encoding", ["ascii", "cp1252"])
-def test_info_where_the_terminal_has_few_characters(forged: Path, encoding: str) -> None:
+def test_info_in_an_ascii_terminal(forged: Path, encoding: str) -> None:
     command = [sys.executable, "-m", "splatreel", "info", str(forged)]
     found = subprocess.run(command, capture_output=True, env=os.environ | {"PYTHONIOENCODING": encoding}, check=True)
     text = found.stdout.decode(encoding)
@@ -210,7 +211,7 @@ def test_info_where_the_terminal_has_few_characters(forged: Path, encoding: str)
     assert "####" in text
 
 
-def test_half_a_character_is_refused(forged: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_unpaired_surrogate_is_refused(forged: Path, capsys: pytest.CaptureFixture[str]) -> None:
     change(forged, title="\ud800")
     assert main(["info", str(forged)]) == 1
     assert r"manifest.json: holds half a character (\ud800)" in capsys.readouterr().err
@@ -223,7 +224,7 @@ def test_half_a_character_is_refused(forged: Path, capsys: pytest.CaptureFixture
         ({"camera": {"name": "", "width": 8, "height": 8, "K": [0] * 9, "viewmat": [0] * 16}}, "focal lengths 0 and 0"),
     ],
 )
-def test_a_manifest_that_cannot_be_exported(
+def test_manifest_that_cannot_be_exported(
     forged: Path, fields: dict, message: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
     change(forged, **fields)
@@ -232,7 +233,7 @@ def test_a_manifest_that_cannot_be_exported(
 
 
 @pytest.mark.parametrize("width", ["0", "-3", "15", "1000000"])
-def test_a_film_of_no_possible_size(width: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_film_of_no_possible_size(width: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["export", str(GOLDEN), "--out", str(tmp_path / "film.mp4"), f"--width={width}"]) == 2
     assert f"--width {width}: films are 16 to 8192 pixels wide and high" in capsys.readouterr().err
     assert list(tmp_path.iterdir()) == []

@@ -33,7 +33,7 @@ def test_serve_answers_until_ctrl_c() -> None:
     assert errors == ""
 
 
-def test_serving_what_is_no_reel(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_serving_another_folder_is_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["serve", str(tmp_path)]) == 1
     assert "is not a reel" in capsys.readouterr().err
 
@@ -62,7 +62,9 @@ def test_view_opens_the_browser(monkeypatch: pytest.MonkeyPatch, capsys: pytest.
     assert len(opened) == 1
 
 
-def test_drawing_here_needs_the_extra(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
+def test_view_on_cpu_needs_the_viewer_extra(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
     monkeypatch.setitem(sys.modules, "viser", None)
     assert main(["view", str(GOLDEN), "--renderer", "cpu", "--no-open"]) == 1
     assert "pip install 'splatreel[viewer]'" in capsys.readouterr().err

@@ -16,7 +16,7 @@ def room(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return make_capture(tmp_path_factory.mktemp("room") / "room", width=16, height=16, frames=20)
 
 
-def test_check_says_what_would_be_heard(room: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_check_reports_the_soundtrack(room: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["capture", "check", str(room), "--quick"]) == 1, "16 pixels show nothing that cameras agree on"
     assert "sound: camera cam12 (the loudest without distortion)" in capsys.readouterr().out
 
@@ -28,7 +28,7 @@ def test_check_says_what_would_be_heard(room: Path, capsys: pytest.CaptureFixtur
         ("splatreel.json", "its sound cannot be decoded"),
     ],
 )
-def test_what_has_no_sound_is_refused_at_once(
+def test_missing_sound_is_refused_before_training(
     room: Path,
     tmp_path: Path,
     monkeypatch: pytest.MonkeyPatch,
@@ -43,7 +43,7 @@ def test_what_has_no_sound_is_refused_at_once(
     assert "group 1" not in error
 
 
-def test_a_film_of_some_frames_has_their_sound(tmp_path: Path) -> None:
+def test_film_of_some_frames_has_their_sound(tmp_path: Path) -> None:
     film = tmp_path / "film.mp4"
     assert main(["export", str(flashes.GOLDEN), "--out", str(film), "--frames", "100:150", "--width", "32"]) == 0
     found = flashes.onsets(np.concatenate(list(read_sound(film, 1, RATE))))

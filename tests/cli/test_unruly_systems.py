@@ -27,7 +27,7 @@ def film(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> str:
 
 
 @pytest.mark.skipif(os.name != "posix", reason="POSIX signals")
-def test_a_command_that_is_stopped_for_a_while_goes_on(film: str) -> None:
+def test_command_that_is_stopped_for_a_while_goes_on(film: str) -> None:
     assert main(["import", film, "--out", "undisturbed"]) == 0
     command = [sys.executable, "-m", "splatreel", "import", film, "--out", "stopped"]
     environment = os.environ | {"PYTHONPATH": os.pathsep.join(sys.path)}
@@ -60,7 +60,7 @@ def test_files_stay_where_the_clock_is_set_back(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("number", range(4))
-def test_a_file_that_cannot_be_moved_leaves_nothing_half_made(
+def test_file_that_cannot_be_moved_leaves_nothing_half_made(
     film: str, number: int, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     assert main(["import", film, "--out", "undisturbed"]) == 0

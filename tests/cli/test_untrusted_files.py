@@ -1,4 +1,4 @@
-"""Files that are not what they should be, given to commands: an error that names the file, at once, and no traceback."""
+"""Damaged or hostile files given to commands: an error that names the file, at once and without a traceback."""
 
 import json
 import os
@@ -60,7 +60,7 @@ def test_arrays_of_odd_types(
     assert f"{tmp_path / 'params.npz'}: {next(iter(changes))} is of" in said
 
 
-def test_an_encrypted_archive(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_encrypted_archive(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     params(tmp_path / "params.npz")
     with zipfile.ZipFile(tmp_path / "params.npz") as file:
         first = file.infolist()[0]
@@ -71,14 +71,14 @@ def test_an_encrypted_archive(tmp_path: Path, capsys: pytest.CaptureFixture[str]
     assert "encrypted" in refused(capsys, "import", str(tmp_path), "--out", str(tmp_path / "reel"))
 
 
-def test_a_first_frame_without_points(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_first_frame_without_points(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     write_ply(tmp_path / "frame0.ply", Gaussians.empty(0))
     write_ply(tmp_path / "frame1.ply", frame(1))
     assert "first frame holds no point" in refused(capsys, "import", str(tmp_path), "--out", str(tmp_path / "reel"))
 
 
 @posix
-def test_a_pipe_among_the_frames_is_not_waited_for(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_pipe_among_the_frames_is_not_waited_for(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     write_film(tmp_path, [frame(0)])
     os.mkfifo(tmp_path / "frame0001.ply")
     assert "frame0001.ply" in refused(capsys, "import", str(tmp_path), "--out", str(tmp_path / "reel"))
@@ -92,7 +92,9 @@ def test_a_pipe_among_the_frames_is_not_waited_for(tmp_path: Path, capsys: pytes
         ("[" + "{}," * 20_000 + "{}]", "expected a list of up to 10000 cameras"),
     ],
 )
-def test_cameras_that_are_none(tmp_path: Path, capsys: pytest.CaptureFixture[str], text: str, said: str) -> None:
+def test_invalid_camera_files_are_refused(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], text: str, said: str
+) -> None:
     film, file = write_film(tmp_path / "film", [frame(0)]), tmp_path / "cameras.json"
     file.write_text(text)
     found = refused(capsys, "import", str(film), "--out", str(tmp_path / "reel"), "--cameras", str(file))
@@ -116,7 +118,7 @@ def test_camera_paths_that_never_end(tmp_path: Path, capsys: pytest.CaptureFixtu
     given = {"device": Path("/dev/zero"), "pipe": file}.get(kind) or camera_path(file, 1e6)
     film = tmp_path / "film.mp4"
     said = refused(capsys, "export", str(GOLDEN), "--out", str(film), "--path", str(given))
-    assert ("1,000,000 at most" if kind == "long" else "pipe or a device") in said
+    assert ("at most 1,000,000" if kind == "long" else "pipe or a device") in said
     assert not film.exists()
 
 
@@ -129,17 +131,17 @@ def test_views_along_a_path_are_made_when_they_are_drawn() -> None:
     assert len(shots[1:3]) == 2
     with pytest.raises(IndexError):
         shots[900_001]
-    with pytest.raises(UsageError, match="1,000,000 at most"):
+    with pytest.raises(UsageError, match="at most 1,000,000"):
         film_along_path(CameraPath([Keyframe(0, 0, pose), Keyframe(1e6, 5, pose)]), lens, 30)
 
 
-def test_a_manifest_of_millions_of_objects_is_refused_before_they_are_made() -> None:
+def test_manifest_of_millions_of_objects_is_refused_before_they_are_made() -> None:
     with pytest.raises(ReelError, match="more than 2,000,000 values"):
         parse_object(b'{"layers": [' + b"{}," * 2_000_000 + b"{}]}")
 
 
-def test_a_name_with_a_nul(capsys: pytest.CaptureFixture[str]) -> None:
-    assert "a character NUL" in refused(capsys, "export", str(GOLDEN), "--out", "a\0b")
+def test_name_with_a_nul(capsys: pytest.CaptureFixture[str]) -> None:
+    assert "a NUL character" in refused(capsys, "export", str(GOLDEN), "--out", "a\0b")
 
 
 @posix

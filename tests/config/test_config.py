@@ -25,7 +25,7 @@ LEAST = {
 
 
 @pytest.mark.parametrize("name", LEAST)
-def test_a_count_below_its_least_is_refused_by_name_and_value(name: str) -> None:
+def test_too_small_value_is_refused_with_its_name(name: str) -> None:
     least = LEAST[name]
     with pytest.raises(UsageError, match=rf"^{name} {least - 1} is out of range. Choose {least} or more"):
         changed(Config(), {name: least - 1})
@@ -34,7 +34,7 @@ def test_a_count_below_its_least_is_refused_by_name_and_value(name: str) -> None
 
 
 @pytest.mark.parametrize("name", [name for name in LEAST if name != "group.length"])
-def test_the_least_count_is_taken(name: str) -> None:
+def test_smallest_value_is_accepted(name: str) -> None:
     assert changed(Config(), {name: LEAST[name]}) != changed(Config(), {name: LEAST[name] + 1})
 
 
@@ -56,37 +56,37 @@ def test_the_least_count_is_taken(name: str) -> None:
         (H265Config, {"crf": 52}, "encode.h265.crf 52 is out of range. Choose 0 to 51."),
     ],
 )
-def test_each_section_checks_what_it_is_given(section: type, values: dict[str, Any], message: str) -> None:
+def test_each_section_checks_its_values(section: type, values: dict[str, Any], message: str) -> None:
     with pytest.raises(UsageError) as error:
         section(**values)
     assert str(error.value) == message
 
 
-def test_an_overlap_as_long_as_a_group_is_refused() -> None:
+def test_overlap_as_long_as_a_group_is_refused() -> None:
     with pytest.raises(UsageError, match=r"group\.overlap 5 does not fit group\.length 5"):
         Config(group=GroupConfig(length=5, overlap=5))
     assert Config(group=GroupConfig(length=1, overlap=0)).group.length == 1
 
 
-def test_a_change_by_replace_is_judged_too() -> None:
+def test_replaced_values_are_checked() -> None:
     with pytest.raises(UsageError, match="seed -1"):
         dataclasses.replace(Config(), seed=-1)
 
 
-def test_every_quality_has_a_preset_of_its_own_and_no_other_has_one() -> None:
+def test_every_quality_has_its_own_preset() -> None:
     presets = [preset(quality) for quality in get_args(Quality)]
     assert len({p.to_json() for p in presets}) == 3
     with pytest.raises(UsageError, match="Unknown quality 'best'"):
         preset("best")  # pyright: ignore[reportArgumentType]
 
 
-def test_the_defaults_are_standard_and_the_paper_is_three_tables() -> None:
+def test_defaults_are_standard_and_paper_is_three_tables() -> None:
     assert preset("standard") == Config()
     assert changed(Config(), TABLE_11) == Config(), "standard has the paper's Table 11"
     assert not set(TABLE_11) & set(SECTION_5_1) | set(SECTION_5_1) & set(BEYOND_THE_PAPER)
 
 
-def test_the_written_form_tells_configurations_apart() -> None:
+def test_json_differs_for_different_configs() -> None:
     written = json.loads(Config(seed=3).to_json())
     assert written["seed"] == 3
     assert written["group"]["length"] == Config().group.length

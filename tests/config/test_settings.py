@@ -5,13 +5,13 @@ from splatreel.config.settings import changed, parse_settings, settings
 from splatreel.errors import UsageError
 
 
-def test_every_setting_has_a_document_of_its_own() -> None:
+def test_every_setting_is_documented() -> None:
     docs = [setting.doc for setting in settings().values()]
     assert all(len(doc) > 10 and doc.endswith(".") for doc in docs)
     assert len(set(docs)) > len(docs) - 3
 
 
-def test_every_default_is_a_value_that_can_be_written() -> None:
+def test_every_default_can_be_parsed_from_text() -> None:
     for name, setting in settings().items():
         value = setting.of(Config())
         text = ",".join(value) if isinstance(value, tuple) else str(value).lower()
@@ -32,14 +32,14 @@ def test_several_settings_of_one_section_change_at_once() -> None:
         ("group.lambda_arap", "'group.lambda_arap' has no value. Write NAME=VALUE, such as group.lambda_arap=0."),
         (
             "group.lambda_arp=0",
-            "'group.lambda_arp' is no setting. Did you mean group.lambda_arap or group.lambda_sh or layering.lambda_nn? "
+            "'group.lambda_arp' is not a setting. Did you mean group.lambda_arap or group.lambda_sh or layering.lambda_nn? "
             "`splatreel config` lists all.",
         ),
         (
             "coarse_share=0",
-            "'coarse_share' is no setting. Did you mean keyframe.coarse_share or group.coarse_share? `splatreel config` lists all.",
+            "'coarse_share' is not a setting. Did you mean keyframe.coarse_share or group.coarse_share? `splatreel config` lists all.",
         ),
-        ("group=3", "'group' is no setting. `splatreel config` lists all."),
+        ("group=3", "'group' is not a setting. `splatreel config` lists all."),
         ("group.length=long", "group.length 'long' is not a whole number, 1 or more."),
         ("group.length=2.5", "group.length '2.5' is not a whole number, 1 or more."),
         ("group.length=0", "group.length 0 is out of range. Choose 1 or more."),
@@ -49,12 +49,12 @@ def test_several_settings_of_one_section_change_at_once() -> None:
         ("layering.flow=sift", "layering.flow 'sift' is unknown. Choose one of dis, raft."),
     ],
 )
-def test_what_is_no_setting_is_refused(text: str, message: str) -> None:
+def test_unknown_settings_and_values_are_refused(text: str, message: str) -> None:
     with pytest.raises(UsageError) as error:
         parse_settings([text])
     assert str(error.value) == message
 
 
-def test_nothing_is_set_twice() -> None:
+def test_setting_given_twice_is_refused() -> None:
     with pytest.raises(UsageError, match=r"group\.length is set twice"):
         parse_settings(["group.length=3", "group.length=4"])

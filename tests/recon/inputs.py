@@ -1,4 +1,4 @@
-"""What the stages of a group look at, of small films."""
+"""Inputs of the stages of a group, for small films."""
 
 import numpy as np
 import torch
@@ -21,8 +21,8 @@ def group_input(
     clearance: Clearance = NONE,
     seed: int = 0,
 ) -> GroupInput:
-    """Of a group that lasts as long as its images [T, C, H, W, 3], by cameras of which nothing is known but where they stand."""
+    """Return the input of a group with images [T, C, H, W, 3], of cameras of which only the poses are known."""
     layout = Layout(near, unit, [0.0, -1, 0], [[-1.0, -1, -1], [1.0, 1, 1]], clearance)
     rig, span = Rig.of(cameras), GroupSpan(index, 0, len(images), len(images))
     cpu = torch.device("cpu")
-    return GroupInput(span, images, rig.cameras, rig.gains, rig.time_offsets, None, layout, cpu, seed, False)
+    return GroupInput(span, images, rig, None, layout, cpu, seed, False)

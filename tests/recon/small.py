@@ -1,4 +1,4 @@
-"""Settings for tests that reconstruct: a `standard` so small that it is quick, and the plain method without what goes beyond it."""
+"""Settings for tests that reconstruct: `standard` with few iterations, and the plain method of the paper."""
 
 from typing import Any
 
@@ -18,7 +18,7 @@ FEW: dict[str, Any] = {
     "layering.flow_frames": 2,
     "check_coverage": False,
 }
-"""Few iterations and short groups. What new views will be like is not tried: that is a reconstruction of its own."""
+"""Few iterations and short groups. No trial of novel views is made: that is a reconstruction of its own."""
 
 
 def small(changes: dict[str, Any] | None = None) -> Config:

@@ -1,4 +1,4 @@
-"""Reconstruction on CUDA, with a stand-in for the GPU: nothing meets that is on two devices, and iterations do not wait."""
+"""Reconstruction on CUDA with a stand-in for the GPU: tensors stay on one device, and iterations do not wait."""
 
 from collections import Counter
 from pathlib import Path
@@ -47,7 +47,7 @@ def waits(monkeypatch: pytest.MonkeyPatch) -> dict[str, list[Counter[str]]]:
 
 
 def quality(result: Result, capture: WallCapture) -> float:
-    """PSNR of what was trained, before encoding, over all frames and cameras."""
+    """Return the PSNR before encoding, over all frames and cameras."""
     scenes, names, errors = uncompressed_frames(result.work, result.reel), [c.name for c in capture.cameras], []
     for frame in range(FRAMES):
         for camera, truth in zip(capture.cameras, capture.read(frame, 1, names)[0], strict=True):
@@ -57,7 +57,7 @@ def quality(result: Result, capture: WallCapture) -> float:
 
 
 @pytest.mark.slow
-def test_a_run_on_a_gpu_is_as_one_on_the_cpu(tmp_path: Path, waits: dict[str, list[Counter[str]]]) -> None:
+def test_run_on_a_gpu_is_as_one_on_the_cpu(tmp_path: Path, waits: dict[str, list[Counter[str]]]) -> None:
     capture = WallCapture(FRAMES)
     on_cpu = reconstruct(capture, tmp_path / "cpu", CONFIG, device="cpu")
     for counted in waits.values():
@@ -77,7 +77,7 @@ def test_a_run_on_a_gpu_is_as_one_on_the_cpu(tmp_path: Path, waits: dict[str, li
 
 
 @pytest.mark.parametrize("device", ["cpu", "auto"])
-def test_a_gpu_without_gsplat_is_left_alone(tmp_path: Path, device: str) -> None:
+def test_gpu_without_gsplat_is_left_alone(tmp_path: Path, device: str) -> None:
     with without_gsplat():
         result = reconstruct(WallCapture(FRAMES), tmp_path / "run", CONFIG, device=device)
         for kept in result.work.glob("group*/layer.safetensors"):  # so that encoding has to measure as well
@@ -89,7 +89,7 @@ def test_a_gpu_without_gsplat_is_left_alone(tmp_path: Path, device: str) -> None
 
 
 @pytest.mark.slow
-def test_the_hash_grid_learns_the_same_on_a_gpu() -> None:
+def test_hash_grid_learns_the_same_on_a_gpu() -> None:
     generator = torch.Generator().manual_seed(0)
     means, wanted = torch.rand(40, 3, generator=generator), torch.rand(40, 3, generator=generator) / 10
 
@@ -124,7 +124,7 @@ def test_values_that_are_not_finite_are_found_where_nobody_waits_for_them(device
             points.gaussians()
 
 
-def test_a_gpu_that_does_not_train_is_asked_whether_values_are_finite() -> None:
+def test_gpu_that_does_not_train_is_asked_whether_values_are_finite() -> None:
     """So that training views, which are measured when a group is done, tell of offsets that are not."""
     with gpu():
         points = torch.full((2, 3), torch.nan, device="cuda", requires_grad=True)

@@ -1,4 +1,4 @@
-"""Videos of several chapters: what they share, and that it is of no matter who makes them, in which order, and how often cut off."""
+"""Videos of several chapters: their shared scene, and equal results in any order and after interruptions."""
 
 import shutil
 from itertools import pairwise
@@ -15,9 +15,10 @@ from splatreel.play.timeline import Timeline
 from splatreel.progress import Silent
 from splatreel.recon.encode.group_writer import no_presentation
 from splatreel.recon.encode.reencode import reencode
-from splatreel.recon.jobs import ChapteredRun, chapter_job, publish_job, scene_job
+from splatreel.recon.jobs import ChapteredRun, chapter_job, reel_job, scene_job
 from splatreel.recon.pipeline import Result, plan_run, reconstruct
 from splatreel.recon.run.store import Store
+from splatreel.recon.stages.keyframe_stages import ChapterKeyframe
 from tests.recon.captures import WallCapture
 from tests.recon.small import small
 from tests.recon.test_pipeline import Stop, Trace, content, finish_despite
@@ -35,7 +36,7 @@ def whole(tmp_path_factory: pytest.TempPathFactory) -> Result:
     return reconstruct(WallCapture(FRAMES), tmp_path_factory.mktemp("whole"), CONFIG)
 
 
-def test_a_chapter_has_layers_of_its_own_beside_those_that_all_share(whole: Result) -> None:
+def test_chapter_has_layers_of_its_own_beside_those_that_all_share(whole: Result) -> None:
     run = planned(whole.reel.parent)
     assert [chapter.first for chapter in run.chapters] == [0, 2, 3]
     verify_reel(whole.reel)
@@ -51,20 +52,20 @@ def test_a_chapter_has_layers_of_its_own_beside_those_that_all_share(whole: Resu
     assert not manifest.live
 
 
-def test_what_is_shared_is_the_wall_and_chapters_have_what_passes_before_it(whole: Result) -> None:
+def test_scene_holds_the_wall_and_chapters_the_moving_cluster(whole: Result) -> None:
     store = Store(whole.work)
     shared = store.scene.layer()
     assert shared is not None
     seen = shared.decoded.opacities > 0.5
     assert np.median(shared.decoded.means[seen, 2]) == pytest.approx(0.95, abs=0.2)
     for chapter in planned(whole.reel.parent).chapters:
-        start = store.group(chapter.first).chapter_start()
+        start = ChapterKeyframe().load(store.group(chapter.first))
         assert start is not None
         assert len(start.points) > 0
         assert start.alive.mean() > 0.5
 
 
-def test_a_group_shows_only_the_layers_that_live_at_it(whole: Result) -> None:
+def test_group_shows_only_layers_of_its_chapter(whole: Result) -> None:
     reel = ReelReader(whole.reel)
     for index in range(len(reel.manifest.groups)):
         points, _ = reel.static(index)
@@ -81,20 +82,20 @@ def test_chapters_are_made_in_any_order_by_jobs_that_can_be_repeated(whole: Resu
         chapter_job(planned(tmp_path), index, Silent())
     scene_job(planned(tmp_path), Silent())
     for _ in range(2):
-        publish_job(planned(tmp_path), Silent(), no_presentation)
+        reel_job(planned(tmp_path), Silent(), no_presentation)
         assert content(tmp_path / "reel") == content(whole.reel)
 
 
-def test_what_is_missing_is_said(tmp_path: Path) -> None:
+def test_missing_parts_are_named(tmp_path: Path) -> None:
     with pytest.raises(ReconstructionError, match="scene that chapters share is not finished"):
         chapter_job(planned(tmp_path), 1, Silent())
     scene_job(planned(tmp_path), Silent())
     chapter_job(planned(tmp_path), 1, Silent())
     with pytest.raises(ReconstructionError, match=r"2 of 3 chapters are not finished \(1, 3\)"):
-        publish_job(planned(tmp_path), Silent(), no_presentation)
+        reel_job(planned(tmp_path), Silent(), no_presentation)
 
 
-def test_a_chapter_belongs_to_one_process_at_a_time(tmp_path: Path) -> None:
+def test_chapter_belongs_to_one_process_at_a_time(tmp_path: Path) -> None:
     scene_job(planned(tmp_path), Silent())
 
     class Second(Silent):
@@ -108,7 +109,7 @@ def test_a_chapter_belongs_to_one_process_at_a_time(tmp_path: Path) -> None:
 
 
 @pytest.mark.slow
-def test_interrupted_anywhere_the_run_ends_as_if_it_had_not_been(whole: Result, tmp_path: Path) -> None:
+def test_interrupted_run_ends_with_the_same_reel(whole: Result, tmp_path: Path) -> None:
     seen: set[object] = set()
     met = finish_despite(
         lambda: reconstruct(WallCapture(FRAMES), tmp_path, CONFIG, progress=Stop(seen)),
@@ -120,7 +121,7 @@ def test_interrupted_anywhere_the_run_ends_as_if_it_had_not_been(whole: Result, 
 
 
 @pytest.mark.slow
-def test_progress_knows_the_whole_job(tmp_path: Path) -> None:
+def test_progress_shares_cover_the_whole_job(tmp_path: Path) -> None:
     trace = Trace()
     reconstruct(WallCapture(FRAMES), tmp_path, CONFIG, progress=trace)
     shares = [span for _, _, span in trace.stages if span is not None]
@@ -130,20 +131,20 @@ def test_progress_knows_the_whole_job(tmp_path: Path) -> None:
     assert all(a[1] <= b[0] + 1e-9 for a, b in pairwise(shares))
 
 
-def test_a_run_of_chapters_is_encoded_again_from_its_checkpoints(whole: Result, tmp_path: Path) -> None:
+def test_run_of_chapters_is_encoded_again_from_its_checkpoints(whole: Result, tmp_path: Path) -> None:
     reel = reencode(whole.work, tmp_path / "reel", CONFIG.encode, torch.device("cpu"), Silent())
     assert content(reel) == content(whole.reel)
 
 
 @pytest.mark.slow
-def test_without_shared_points_a_chapter_begins_from_nothing(tmp_path: Path) -> None:
-    """Where every picture changes all the time, no plate is known."""
+def test_chapter_starts_without_shared_points(tmp_path: Path) -> None:
+    """If every image changes all the time, no plate is known."""
     capture = WallCapture(FRAMES, dims=True)
     result = reconstruct(capture, tmp_path, small({"chapter_frames": 4, "even_exposure": False}))
     verify_reel(result.reel)
 
 
-def test_the_setting_decides_nothing_for_a_short_video(tmp_path: Path) -> None:
+def test_chapter_frames_does_not_affect_short_videos(tmp_path: Path) -> None:
     first = reconstruct(WallCapture(4), tmp_path / "a", CONFIG)
     content_of = content(first.reel)
     assert content(reconstruct(WallCapture(4), tmp_path / "a", small({"chapter_frames": 300})).reel) == content_of
@@ -151,7 +152,7 @@ def test_the_setting_decides_nothing_for_a_short_video(tmp_path: Path) -> None:
 
 
 class DuskCapture(WallCapture):
-    """It gets dark, so slowly that within a group next to nothing changes."""
+    """A capture that darkens so slowly that hardly anything changes within a group."""
 
     def _read_into(self, out: np.ndarray, first: int, cameras: list[str]) -> None:
         super()._read_into(out, first, cameras)

@@ -1,4 +1,4 @@
-"""An iteration of a group that draws and compares only the tiles something moves in has the gradients of one that does all of it."""
+"""Layer-aware drawing: iterations that draw only tiles with moving points have the same gradients as complete ones."""
 
 import numpy as np
 import pytest
@@ -89,7 +89,7 @@ def test_gradients_are_those_of_the_whole_picture(seed: int) -> None:
         assert 0 < np.mean(shares) < 1
 
 
-def test_the_loss_changes_as_that_of_the_whole_picture() -> None:
+def test_loss_changes_as_that_of_the_whole_picture() -> None:
     """The two differ by what nothing that moves can change."""
     group = trainer(0, speed=0.1)
     apart = []

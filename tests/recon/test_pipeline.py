@@ -1,4 +1,4 @@
-"""Whole reconstructions of tiny captures: what comes out, and what is left of it when they are cut off, fed nonsense or mixed up."""
+"""Whole reconstructions of tiny captures: their results, also after interruptions and for invalid input."""
 
 import errno
 import hashlib
@@ -17,6 +17,7 @@ import pytest
 from splatreel.codec.reader import ReelReader
 from splatreel.codec.verify import verify_reel
 from splatreel.config import Config
+from splatreel.config.records import ADDED_SETTINGS
 from splatreel.errors import CaptureError, ReconstructionError, ReelError, SplatreelError, UsageError
 from splatreel.evaluation.uncompressed import uncompressed_frames
 from splatreel.kernels.image import render_image
@@ -28,7 +29,6 @@ from tests.recon.small import small
 
 CONFIG = small()
 FRAMES = 4
-RUNS = Path(__file__).parent.parent / "data" / "runs"
 
 
 def content(reel: Path) -> dict[str, str]:
@@ -39,18 +39,18 @@ def content(reel: Path) -> dict[str, str]:
 
 @pytest.fixture(scope="module")
 def whole(tmp_path_factory: pytest.TempPathFactory) -> Result:
-    """The run that nothing disturbs."""
+    """An undisturbed run."""
     return reconstruct(WallCapture(FRAMES), tmp_path_factory.mktemp("whole"), CONFIG)
 
 
 @pytest.fixture
 def copy(whole: Result, tmp_path: Path) -> Path:
-    """A finished run to spoil."""
+    """A copy of a finished run, to be damaged."""
     return shutil.copytree(whole.reel.parent, tmp_path / "copy")
 
 
 class Trace(Silent):
-    """Remembers the stages."""
+    """Progress that records the stages."""
 
     def __init__(self) -> None:
         self.stages: list[tuple[str, int, Span | None]] = []
@@ -63,7 +63,7 @@ class Trace(Silent):
         self.done[self.stages[-1][0]] = done
 
 
-def test_groups_are_published_with_what_moves_in_them(whole: Result) -> None:
+def test_groups_are_written_with_their_moving_points(whole: Result) -> None:
     reel = ReelReader(whole.reel)
     assert verify_reel(whole.reel).groups == 2
     assert not reel.manifest.live
@@ -76,11 +76,11 @@ def test_groups_are_published_with_what_moves_in_them(whole: Result) -> None:
     assert whole.device in ("cpu", "cuda")
 
 
-def test_the_same_run_gives_the_same_reel(whole: Result, tmp_path: Path) -> None:
+def test_same_run_gives_the_same_reel(whole: Result, tmp_path: Path) -> None:
     assert content(reconstruct(WallCapture(FRAMES), tmp_path, CONFIG).reel) == content(whole.reel)
 
 
-def test_a_finished_run_has_nothing_left_to_do(whole: Result, copy: Path) -> None:
+def test_finished_run_does_no_work(whole: Result, copy: Path) -> None:
     before, trace = content(copy / "reel"), Trace()
     again = reconstruct(WallCapture(FRAMES), copy, CONFIG, progress=trace)
     assert trace.stages == []
@@ -88,7 +88,7 @@ def test_a_finished_run_has_nothing_left_to_do(whole: Result, copy: Path) -> Non
     assert again.seconds == whole.seconds
 
 
-def test_progress_knows_the_whole_job(tmp_path: Path) -> None:
+def test_progress_shares_cover_the_whole_job(tmp_path: Path) -> None:
     trace = Trace()
     reconstruct(WallCapture(FRAMES), tmp_path, CONFIG, progress=trace)
     shares = [span for _, _, span in trace.stages if span is not None]
@@ -100,7 +100,7 @@ def test_progress_knows_the_whole_job(tmp_path: Path) -> None:
 
 
 class Stop(Silent):
-    """Raises at the first report nobody has seen before: each run gets one step further than the last."""
+    """Progress that raises at the first new report, so that each run gets one step further."""
 
     def __init__(self, seen: set[object]) -> None:
         self.seen = seen
@@ -138,7 +138,7 @@ def finish_despite(attempt: Callable[[], object], trouble: type[BaseException], 
 
 
 @pytest.mark.slow
-def test_interrupted_anywhere_the_run_ends_as_if_it_had_not_been(whole: Result, tmp_path: Path) -> None:
+def test_interrupted_run_ends_with_the_same_reel(whole: Result, tmp_path: Path) -> None:
     seen: set[object] = set()
     met = finish_despite(
         lambda: reconstruct(WallCapture(FRAMES), tmp_path, CONFIG, progress=Stop(seen)),
@@ -152,7 +152,7 @@ def test_interrupted_anywhere_the_run_ends_as_if_it_had_not_been(whole: Result, 
 @pytest.mark.slow
 @pytest.mark.kill
 @pytest.mark.parametrize("when", ["before", "after"])
-def test_killed_at_any_write_the_run_ends_as_if_it_had_not_been(
+def test_run_killed_at_any_write_ends_with_the_same_reel(
     whole: Result, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, when: str
 ) -> None:
     """A process that is killed leaves its temporary files; those must be gone in the end, too."""
@@ -191,7 +191,7 @@ def test_files_of_the_reel_that_were_damaged_are_written_again(whole: Result, co
 
 
 @pytest.mark.slow
-def test_a_full_disk_names_the_file_and_costs_nothing(
+def test_full_disk_is_reported_and_loses_nothing(
     whole: Result, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     full: list[str] = []
@@ -216,7 +216,7 @@ def test_a_full_disk_names_the_file_and_costs_nothing(
     assert content(tmp_path / "reel") == content(whole.reel)
 
 
-def test_parts_that_were_deleted_are_made_again(whole: Result, copy: Path) -> None:
+def test_deleted_checkpoints_are_computed_again(whole: Result, copy: Path) -> None:
     for part in ("work/group0001/group.safetensors", "reel/groups/0001.safetensors"):
         (copy / part).unlink()
         reconstruct(WallCapture(FRAMES), copy, CONFIG)
@@ -228,7 +228,7 @@ def test_parts_that_were_deleted_are_made_again(whole: Result, copy: Path) -> No
     assert trace.stages == []  # encoded again, not trained
 
 
-def test_a_published_file_that_was_cut_is_written_again(whole: Result, copy: Path) -> None:
+def test_published_file_that_was_cut_is_written_again(whole: Result, copy: Path) -> None:
     file = copy / "reel" / "layers" / "0000.safetensors"
     file.write_bytes(file.read_bytes()[:-10])
     reconstruct(WallCapture(FRAMES), copy, CONFIG)
@@ -236,7 +236,7 @@ def test_a_published_file_that_was_cut_is_written_again(whole: Result, copy: Pat
 
 
 @pytest.mark.parametrize("part", ["group0000/group.safetensors", "run.json", "layout.json"])
-def test_a_damaged_checkpoint_is_named_and_nothing_else_is_touched(copy: Path, part: str) -> None:
+def test_damaged_checkpoint_is_named_and_nothing_else_is_touched(copy: Path, part: str) -> None:
     file = copy / "work" / part
     file.write_bytes(b"{damaged")
     before = content(copy)
@@ -259,9 +259,7 @@ REFUSED = [
 
 
 @pytest.mark.parametrize(("capture", "config", "difference"), REFUSED)
-def test_the_folder_of_another_run_is_refused(
-    copy: Path, capture: WallCapture, config: Config, difference: str
-) -> None:
+def test_folder_of_another_run_is_refused(copy: Path, capture: WallCapture, config: Config, difference: str) -> None:
     before = content(copy)
     with pytest.raises(ReconstructionError, match=re.escape(difference)) as raised:
         reconstruct(capture, copy, config)
@@ -270,7 +268,8 @@ def test_the_folder_of_another_run_is_refused(
     assert content(copy) == before
 
 
-def test_a_run_of_a_version_without_a_setting_goes_on_where_the_setting_is_off(copy: Path) -> None:
+def test_run_without_an_added_setting_continues_with_it_turned_off(copy: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(ADDED_SETTINGS, "keyframe.average_share", 0.0)
     path = copy / "work" / "run.json"
     record = json.loads(path.read_text())
     assert record["config"]["keyframe"].pop("average_share") == CONFIG.keyframe.average_share
@@ -282,17 +281,7 @@ def test_a_run_of_a_version_without_a_setting_goes_on_where_the_setting_is_off(c
     assert content(copy / "reel") == before
 
 
-def test_a_run_of_0_1_goes_on(copy: Path, whole: Result) -> None:
-    """Its run.json has other names of settings, and some that are constants now."""
-    path = copy / "work" / "run.json"
-    old = json.loads((RUNS / "small.json").read_text())
-    path.write_text(json.dumps(old | {"capture": json.loads(path.read_text())["capture"]}))
-    (copy / "work" / "group0001" / "group.safetensors").unlink()
-    reconstruct(WallCapture(FRAMES), copy, CONFIG)
-    assert content(copy / "reel") == content(whole.reel)
-
-
-def test_a_reel_without_its_checkpoints_is_not_overwritten(copy: Path) -> None:
+def test_reel_without_its_checkpoints_is_not_overwritten(copy: Path) -> None:
     shutil.rmtree(copy / "work")
     before = content(copy / "reel")
     with pytest.raises(ReconstructionError, match="holds a reel already"):
@@ -300,7 +289,7 @@ def test_a_reel_without_its_checkpoints_is_not_overwritten(copy: Path) -> None:
     assert content(copy / "reel") == before
 
 
-def test_a_failed_start_claims_nothing(tmp_path: Path) -> None:
+def test_failed_start_does_not_claim_the_folder(tmp_path: Path) -> None:
     """What could not be read may be mended, or something else be reconstructed into the folder."""
 
     class Damaged(WallCapture):
@@ -346,7 +335,7 @@ def test_everything_moves(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> No
     assert min(dynamic) > 1000
 
 
-def test_the_light_changes_everywhere(tmp_path: Path) -> None:
+def test_light_changes_everywhere(tmp_path: Path) -> None:
     capture = WallCapture(3, speed=0, dims=True)
     assert verify_reel(reconstruct(capture, tmp_path / "a", small({"even_exposure": False})).reel).groups == 1
     result = reconstruct(capture, tmp_path / "b", CONFIG)
@@ -362,7 +351,7 @@ def test_the_light_changes_everywhere(tmp_path: Path) -> None:
 def test_pictures_that_do_not_fit_into_memory(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     capture = WallCapture(FRAMES)
     monkeypatch.setattr("splatreel.recon.run.memory.physical_memory", lambda: 60_000)
-    with pytest.raises(ReconstructionError, match=r"wall: pictures of 48x32 by 4 cameras, .* Use a machine with more"):
+    with pytest.raises(ReconstructionError, match=r"wall: images of 48x32 by 4 cameras, .* Use a machine with more"):
         reconstruct(capture, tmp_path / "a", CONFIG)
     assert not (tmp_path / "a").exists()
 
@@ -379,7 +368,7 @@ def test_captures_that_cannot_be_reconstructed(tmp_path: Path) -> None:
     assert not (tmp_path / "a").exists()
 
 
-def test_an_output_folder_that_is_none(tmp_path: Path) -> None:
+def test_unusable_output_folder_is_refused(tmp_path: Path) -> None:
     file = tmp_path / "file"
     file.write_text("mine")
     with pytest.raises(ReconstructionError, match=f"{re.escape(str(file))}.*Choose another --out"):
@@ -387,12 +376,12 @@ def test_an_output_folder_that_is_none(tmp_path: Path) -> None:
     assert file.read_text() == "mine"
 
 
-def test_an_unknown_device(tmp_path: Path) -> None:
+def test_unknown_device(tmp_path: Path) -> None:
     with pytest.raises(UsageError, match="Unknown device 'tpu'"):
         reconstruct(WallCapture(1), tmp_path, CONFIG, device="tpu")
 
 
-def test_the_record_says_in_words_what_a_run_is(whole: Result) -> None:
+def test_record_is_readable(whole: Result) -> None:
     record = json.loads((whole.work / "run.json").read_text())
     assert record["capture"]["name"] == "wall"
     assert record["config"]["group"]["length"] == 2

@@ -1,4 +1,4 @@
-"""A capture that is taken away while it is reconstructed, and comes back."""
+"""A capture that is removed during its reconstruction, and restored."""
 
 import json
 import shutil
@@ -43,7 +43,7 @@ def pictures(tmp_path: Path) -> Path:
 
 
 class Thief(Silent):
-    """Moves a folder away as soon as a stage begins."""
+    """Progress that moves a folder away when a stage begins."""
 
     def __init__(self, folder: Path, stage: str) -> None:
         self.folder, self.stolen = folder, stage
@@ -54,10 +54,10 @@ class Thief(Silent):
 
 
 @pytest.mark.slow
-def test_a_capture_that_is_removed_in_mid_run_is_named_and_costs_nothing(pictures: Path, tmp_path: Path) -> None:
+def test_removed_capture_is_reported_and_run_continues_later(pictures: Path, tmp_path: Path) -> None:
     whole = reconstruct(open_capture(pictures, held_out=[]), tmp_path / "whole", CONFIG)
     folder, out = pictures / "ims", tmp_path / "out"
-    thief = Thief(folder, "group 1/3: learning how it moves")
+    thief = Thief(folder, "group 1/3: training the motion")
     with pytest.raises(CaptureError, match=r"ims.\d.0000\d\d\.png"):
         reconstruct(open_capture(pictures, held_out=[]), out, CONFIG, progress=thief)
     groups = verify_reel(out / "reel").groups

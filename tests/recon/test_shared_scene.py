@@ -1,4 +1,4 @@
-"""Videos in which something changes slowly, or once: what chapters share of them, and what each finds for itself."""
+"""Videos that change slowly or once: the shared scene, and the points of each chapter."""
 
 from pathlib import Path
 
@@ -9,6 +9,7 @@ from splatreel.capture.base import Capture
 from splatreel.progress import Silent
 from splatreel.recon.jobs import ChapteredRun, chapter_job, scene_job
 from splatreel.recon.pipeline import plan_run
+from splatreel.recon.stages.keyframe_stages import ChapterKeyframe
 from splatreel.recon.train.chapter_keyframe import ChapterStart
 from splatreel.scene.gaussians import Gaussians
 from tests.recon.captures import HEIGHT, WIDTH, picture
@@ -39,7 +40,7 @@ class ChangingWall(Capture):
 
 
 def made(capture: Capture, out: Path, chapters: list[int]) -> ChapteredRun:
-    """The shared scene, and some of the chapters."""
+    """Reconstruct the shared scene and some of the chapters."""
     run = plan_run(capture, out, CONFIG, device="cpu")
     assert [chapter.groups[0].first for chapter in run.chapters] == [0, 4, 8]
     scene_job(run, Silent())
@@ -49,18 +50,18 @@ def made(capture: Capture, out: Path, chapters: list[int]) -> ChapteredRun:
 
 
 def started(run: ChapteredRun, chapter: int) -> ChapterStart:
-    start = run.store.group(run.chapters[chapter].first).chapter_start()
+    start = ChapterKeyframe().load(run.store.group(run.chapters[chapter].first))
     assert start is not None
     return start
 
 
 def cluster(points: Gaussians) -> np.ndarray:
-    """[N] bool: where it stands, and seen."""
+    """Return [N] bool: visible points at the place of the cluster."""
     x, y, z = points.means.T
     return (x > -1.7) & (x < -0.5) & (np.abs(y) < 0.7) & (z > -0.5) & (z < 0.4) & (points.opacities > 0.3)
 
 
-def test_what_rests_for_most_of_a_video_is_shared_and_a_chapter_without_it_takes_it_out(tmp_path: Path) -> None:
+def test_scene_holds_mostly_resting_points_and_chapter_removes_absent_ones(tmp_path: Path) -> None:
     run = made(ChangingWall(leaves=8), tmp_path, [0, 2])
     shared = run.store.scene.layer()
     assert shared is not None
@@ -73,7 +74,7 @@ def test_what_rests_for_most_of_a_video_is_shared_and_a_chapter_without_it_takes
     assert run.store.group(run.groups[-1].index).group().group.alive[: len(there)][there].mean() < 0.3
 
 
-def test_light_that_drifts_adds_nothing_to_a_chapter_and_comes_back_when_it_is_played(tmp_path: Path) -> None:
+def test_drifting_light_adds_no_points_and_is_restored_in_playback(tmp_path: Path) -> None:
     run = made(ChangingWall(leaves=FRAMES, brighter=0.04), tmp_path, [0, 2])
     lights = []
     for chapter in (run.chapters[0], run.chapters[2]):

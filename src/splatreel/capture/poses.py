@@ -2,7 +2,7 @@
 
 A matrix that is no rotation, or that mirrors, is refused. Of which way it goes the matrix alone does not tell: the sparse points, where
 there are any, must lie before the cameras; without them only doubts can be had, for a rig may film outwards. Pictures decide then
-(`recon/cameras/readings.py`).
+(`recon/cameras/pose_conventions.py`).
 """
 
 from __future__ import annotations

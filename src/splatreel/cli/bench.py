@@ -1,4 +1,4 @@
-"""`splatreel bench`: how fast the parts are on this machine, and how good single frames can become."""
+"""`splatreel bench`: measurements of speed on this machine, and of the best possible quality of single frames."""
 
 from __future__ import annotations
 
@@ -6,11 +6,11 @@ import dataclasses
 import json as json_format
 from pathlib import Path
 
-from tyro.conf import Positional
+from tyro.conf import OmitArgPrefixes, Positional
 from tyro.extras import SubcommandApp
 
-from splatreel.cli.options import parse_frames, parse_held_out, parse_names, parse_numbers, reel_folder
-from splatreel.cli.output import say
+from splatreel.cli.options import CaptureOptions, parse_frames, parse_names, parse_numbers, reel_folder
+from splatreel.cli.printing import say
 from splatreel.cli.reconstruct import Device, configure
 from splatreel.config import Quality
 from splatreel.errors import UsageError
@@ -25,15 +25,15 @@ def kernels(
     threads: int | None = None,
     json: bool = False,
 ) -> None:
-    """Time rendering and training steps, and what threads and motion layering gain.
+    """Time rendering and training steps, and the gain by threads and motion layering.
 
     Args:
-        points: Gaussians in the picture.
-        width: Width of the picture in pixels.
-        height: Height of the picture in pixels.
-        repeats: How often; the median counts.
-        threads: How many threads to use; as many as there are cores by default.
-        json: Print one JSON object a line.
+        points: Number of Gaussians in the image.
+        width: Width of the image in pixels.
+        height: Height of the image in pixels.
+        repeats: Number of repeats; the median counts.
+        threads: Number of threads; by default one per core.
+        json: Print one JSON object per line.
     """
     use_threads(threads)
     from splatreel.evaluation.bench import bench_kernels
@@ -55,20 +55,20 @@ def codec(
     out: Path | None = None,
     json: bool = False,
 ) -> None:
-    """Time encoding and decoding a group; or, of a run, how many bytes and how much quality each codec's settings give.
+    """Time the encoding and decoding of a group; or, for a run, measure bytes and quality of each codec's settings.
 
     Args:
         run: Output folder of `reconstruct` or `demo`, to encode in many ways without training.
         capture: Folder of the capture that the run was made from.
-        points: Dynamic points of the group that is timed.
-        frames: Frames of that group.
-        repeats: How often; the median counts.
-        every: Of a run's frames, every how many are compared with the held-out cameras.
+        points: Number of dynamic points of the group that is timed.
+        frames: Number of frames of that group.
+        repeats: Number of repeats; the median counts.
+        every: Distance of the frames of a run that are compared with the held-out cameras.
         width: Width of the capture's images, in pixels; by default that of the reel's cameras.
         span: Frames of the capture that the run was made of, as A:B.
-        tables: Also the paper's Tables 4, 8, 9 and 10, with the run's numbers.
-        out: Folder that gets codec.md, codec.svg and codec.jsonl, from which the same command continues.
-        json: Print one JSON object a line.
+        tables: Print also the paper's Tables 4, 8, 9 and 10 with the numbers of the run.
+        out: Folder for codec.md, codec.svg and codec.jsonl, from which the same command continues.
+        json: Print one JSON object per line.
     """
     if run is None:
         from splatreel.evaluation.bench import bench_codec
@@ -121,23 +121,23 @@ def oracle(
     seed: int = 0,
     threads: int | None = None,
 ) -> None:
-    """Reconstruct single frames, each on its own: what geometry and cameras allow. The same command continues.
+    """Reconstruct single frames independently, to measure the quality that geometry and cameras allow. The same command continues.
 
     Args:
         capture: Folder of the videos or images and their cameras.
-        out: OUT/oracle.json gets each frame as it is finished, OUT/oracle.md the tables.
-        at: Which frames to reconstruct, as 0,14,28, counted from the first of --frames.
-        every: Where --at is not given: every how many frames one is reconstructed.
+        out: OUT/oracle.json gets each frame when it is finished, OUT/oracle.md the tables.
+        at: Frames to reconstruct, as 0,14,28, counted from the first of --frames.
+        every: Distance of the frames to reconstruct, if --at is not given.
         width: Width of the images, in pixels; by default that of the reel's cameras, else their own.
         scale: Size of the images, as a share of their own, instead of the width.
-        frames: Frames of the capture to choose from, as A:B (B is left out), the same as the reel was made of; all by default.
-        hold_out: Names of cameras to compare with, as NAME,NAME; what the format says by default.
-        quality: How long to train.
-        iterations: Iterations of each frame; by default the quality's for its first keyframe.
+        frames: Frames A to B - 1 of the capture, as A:B, the same as the reel was made of; by default all.
+        hold_out: Names of the cameras to compare with, as NAME,NAME; by default those of the format.
+        quality: Preset of settings; it decides how long training takes.
+        iterations: Iterations of each frame; by default those of the quality for its first keyframe.
         reel: Reel of the same frames, or the output folder of its run, to compare with.
-        device: Where to train; auto takes a CUDA GPU if there is one.
-        seed: Seed of everything random.
-        threads: How many threads to use; as many as there are cores by default.
+        device: Device that trains; auto uses a CUDA GPU if there is one.
+        seed: Seed of all random numbers.
+        threads: Number of threads; by default one per core.
     """
     use_threads(threads)
     span, held_out, chosen = parse_frames(frames), parse_names(hold_out, "--hold-out"), parse_numbers(at, "--at")
@@ -169,10 +169,7 @@ def reconstruct(
     capture: Positional[Path],
     /,
     out: Path,
-    width: int | None = None,
-    scale: float | None = None,
-    frames: str | None = None,
-    hold_out: str | None = None,
+    images: OmitArgPrefixes[CaptureOptions] = CaptureOptions(),  # noqa: B008 - it is frozen
     quality: Quality = "standard",
     against: Quality | None = None,
     loop: int | None = None,
@@ -182,36 +179,32 @@ def reconstruct(
     threads: int | None = None,
     json: bool = False,
 ) -> None:
-    """Time a reconstruction, and what motion layering and threads gain in it. The same command continues.
+    """Time a reconstruction, and the gain by motion layering and threads. The same command continues.
 
     Args:
         capture: Folder of the videos or images and their cameras.
-        out: OUT/QUALITY gets the reel; a line for each measurement is added to OUT/bench.jsonl.
-        width: Width of the images to train on, in pixels; their own by default.
-        scale: Size of the images to train on, as a share of their own, instead of the width.
-        frames: Which frames, as A:B (B is left out); 0:35, one group, is quick. All by default.
-        hold_out: Names of cameras to keep for evaluation, as NAME,NAME, or none; what the format says by default.
-        quality: How long to train.
-        against: Another quality to compare it with, which may take hours if it is `paper`.
-        loop: Reconstruct once more with the frames played over and over for so many, to see whether memory grows.
-        repeats: How often iterations are timed; the median counts.
-        device: Where to train; auto takes a CUDA GPU if there is one.
-        seed: Seed of everything random.
-        threads: How many threads to use; as many as there are cores by default.
-        json: Print one JSON object a line.
+        out: OUT/QUALITY gets the reel; OUT/bench.jsonl gets a line for each measurement.
+        images: Size, frames and cameras to train on.
+        quality: Preset of settings; it decides how long training takes.
+        against: Another quality to compare with. The quality paper may take hours.
+        loop: Reconstruct once more with the frames repeated up to this number, to see whether memory grows.
+        repeats: Number of repeats of timed iterations; the median counts.
+        device: Device that trains; auto uses a CUDA GPU if there is one.
+        seed: Seed of all random numbers.
+        threads: Number of threads; by default one per core.
+        json: Print one JSON object per line.
     """
     use_threads(threads)
-    span, held_out = parse_frames(frames), parse_held_out(hold_out)
+    request = images.source(capture)
     if repeats < 1 or against == quality:
         raise UsageError("bench reconstruct needs --repeats 1 or more, and an --against that is another quality.")
     configs = {name: configure(name, None, None, seed) for name in (quality, against) if name is not None}
-    from splatreel.capture.opening import open_capture
     from splatreel.evaluation.provenance import append, label
     from splatreel.evaluation.speed import bench_reconstruct
     from splatreel.progress import console
     from splatreel.recon.run.device import pick_device
 
-    source = open_capture(capture, width=width, scale=scale, frames=span, held_out=held_out)
+    source = request()
     made, progress = label(source, pick_device(device).type), console()
     try:
         limits = {"loop": loop, "repeats": repeats}
@@ -224,7 +217,7 @@ def reconstruct(
 
 
 def show(rows: list[dict[str, float | int | str]], json: bool) -> None:
-    """Print measurements, one a line."""
+    """Print measurements, one per line."""
     for row in rows:
         if json:
             say(json_format.dumps(row))
@@ -235,9 +228,9 @@ def show(rows: list[dict[str, float | int | str]], json: bool) -> None:
 
 
 def build() -> SubcommandApp:
-    """The kinds of measurement."""
+    """Return the app with all kinds of measurements."""
     app = SubcommandApp()
-    app.__doc__ = "Measure how fast the parts are on this machine, and how good single frames can become."
+    app.__doc__ = "Measure speed on this machine, and the best possible quality of single frames."
     app.command(kernels)
     app.command(codec)
     app.command(oracle)

@@ -12,19 +12,18 @@ from typing import TYPE_CHECKING
 from tyro.conf import Positional
 
 from splatreel.cli.options import CaptureAddress, parse_frames, parse_held_out
-from splatreel.cli.output import say
+from splatreel.cli.printing import say
 from splatreel.errors import ReconstructionError
 
 if TYPE_CHECKING:
     import numpy as np
 
     from splatreel.capture.base import Capture
-    from splatreel.recon.coverage.coverage import Coverage
-    from splatreel.recon.coverage.verdict import Verdict
+    from splatreel.recon.coverage.coverage import CaptureVerdict, Coverage
     from splatreel.scene.camera import Camera
 
 CHUNK = 8
-"""Frames of all cameras held in memory at a time."""
+"""Number of frames of all cameras that are in memory at a time."""
 
 
 def capture_check(
@@ -35,16 +34,16 @@ def capture_check(
     hold_out: str | None = None,
     quick: bool = False,
 ) -> None:
-    """Read a capture through and say what it holds and whether it can be reconstructed, before hours are spent on it.
+    """Read a whole capture, and report what it holds and whether it can be reconstructed.
 
-    Fails if the evidence speaks against it: poses that do not fit each other or the pictures, or two cameras with the same pose.
+    Fails if the poses do not fit each other or the images, or if two cameras have the same pose.
 
     Args:
         capture: Folder or address of the videos or images and their cameras.
-        width: Width to read it at, in pixels; its own by default.
-        frames: Which frames, as A:B; all by default.
-        hold_out: Names of cameras to keep for evaluation, as `reconstruct` takes them.
-        quick: Leave out the trial of what new views will be like, which takes some seconds.
+        width: Width of the images to read, in pixels; by default their own.
+        frames: Frames A to B - 1, as A:B; by default all.
+        hold_out: Names of the cameras to keep for evaluation, as `reconstruct` takes them.
+        quick: Leave out the trial that predicts the quality of novel views, which takes some seconds.
     """
     import numpy as np
 
@@ -76,22 +75,29 @@ def capture_check(
     say(f"  {len(names)} cameras and {points}; kept for evaluation, not trained on: {held_out}")
     say(f"  {source.frames} frames at {source.fps:g} a second, {source.width} x {source.height} pixels")
     say(f"  sound: {sound or 'none'}")
-    verdict = _check(source, names, np.concatenate(moments), quick)
+    verdict = _judge(source, names, np.concatenate(moments), quick)
     given = {"--width": width, "--frames": frames, "--hold-out": hold_out}
     options = [part for option, value in given.items() if value is not None for part in (option, str(value))]
     command = shlex.join(["splatreel", "reconstruct", str(capture), "--out", "OUT", *options])
     if verdict is None:
-        say(f"It can be read; nothing was tried. Run\n  {command}")
+        say(f"It can be read; nothing else was checked. Run\n  {command}")
         return
     if verdict.faults:
         raise ReconstructionError(f"{capture}: {verdict.text(command)}")
     say(verdict.text(command))
 
 
-def _check(source: Capture, names: list[str], frames: np.ndarray, quick: bool) -> Verdict | None:
-    """Say what is doubtful about a capture, and judge it; None where the packages for that are not installed.
+def _judge(source: Capture, names: list[str], frames: np.ndarray, quick: bool) -> CaptureVerdict | None:
+    """Report doubts about a capture, and judge it; None where packages for that are not installed.
 
-    Raises what reconstruction would raise. frames: two moments of the named cameras.
+    Args:
+        source: The capture.
+        names: Names of its cameras.
+        frames: Images of two moments of these cameras.
+        quick: True leaves out the trial of novel views.
+
+    Raises:
+        ReconstructionError: Reconstruction would refuse the capture.
     """
     from splatreel.config import Config
     from splatreel.recon.run.memory import check_memory
@@ -102,21 +108,21 @@ def _check(source: Capture, names: list[str], frames: np.ndarray, quick: bool) -
     check_pictures(source, names, frames)
     _say_each(source.doubts)
     if any(importlib.util.find_spec(name) is None for name in ("cv2", "torch")):
-        _say_each(["poses are not compared with the pictures: that needs pip install 'splatreel[recon]'"])
+        _say_each(["poses are not compared with the images, which needs pip install 'splatreel[recon]'"])
         return None
-    from splatreel.recon.cameras.poses import check_poses
-    from splatreel.recon.coverage.verdict import judge
+    from splatreel.recon.cameras.poses import inspect_poses
+    from splatreel.recon.coverage.coverage import judge_capture
 
     training = [camera.name for camera in source.training_cameras]
     shown = frames[:, [names.index(name) for name in training]]
-    found = check_poses(source.training_cameras, shown)
+    found = inspect_poses(source.training_cameras, shown)
     found.refuse(str(source.origin))
     _say_each([*found.repairs(training), *found.doubts(training)])
     kept = [number for number in range(len(training)) if number not in found.strangers]
-    cameras = [found.mended[n].camera if n in found.mended else source.training_cameras[n] for n in kept]
+    cameras = [found.corrected[n].camera if n in found.corrected else source.training_cameras[n] for n in kept]
     coverage = _cover(source, cameras, shown[0, kept], quick)
     _say_each(coverage.sentences())
-    return judge(coverage, [training[number] for number in found.doubtful])
+    return judge_capture(coverage, [training[number] for number in found.doubtful])
 
 
 def _say_each(sentences: Sequence[str]) -> None:
@@ -125,7 +131,7 @@ def _say_each(sentences: Sequence[str]) -> None:
 
 
 def _cover(source: Capture, cameras: list[Camera], images: np.ndarray, quick: bool) -> Coverage:
-    """Measure how cameras cover the scene. images: [C, H, W, 3] uint8, the first frame of the cameras. quick: without a trial."""
+    """Measure how cameras cover the scene. `images`: [C, H, W, 3] uint8 of the first frame. `quick` leaves out the trial."""
     from splatreel.progress import console
     from splatreel.recon.coverage.coverage import cover
     from splatreel.recon.run.device import pick_device
@@ -137,14 +143,14 @@ def _cover(source: Capture, cameras: list[Camera], images: np.ndarray, quick: bo
 
 
 def capture_calibrate(capture: Positional[Path], /, also: Path | None = None) -> None:
-    """Find out where the cameras of a folder of videos stand and what their lenses do, from some of their frames, by COLMAP.
+    """Find the poses and lenses of the cameras of a folder of videos by COLMAP, from some of the frames.
 
-    Writes the model sparse/0 into the folder, unless the frames do not agree. Where the videos do not start together, run
-    `capture sync` before.
+    Writes the model sparse/0 into the folder, unless the frames contradict each other. If the videos do not start together, run
+    `capture sync` first.
 
     Args:
-        capture: Folder of the videos, one a camera.
-        also: Folder of photographs, of a camera that is walked from each camera's view to the next: they connect cameras far apart.
+        capture: Folder of the videos, one per camera.
+        also: Folder of photographs by a camera that was carried from each camera's view to the next. They connect cameras far apart.
     """
     from splatreel.capture.calibrate import MODEL, calibrate
     from splatreel.progress import console
@@ -154,22 +160,22 @@ def capture_calibrate(capture: Positional[Path], /, also: Path | None = None) ->
     agreed = f", placed alike at {found.moments} moments" if found.moments > 1 else ""
     say(f"{capture / MODEL}: {len(found.placed)} cameras{agreed}; points are off by {found.error:.2f} pixels")
     if found.lost:
-        say(f"  left out, for they show too little of what the others do to be sure of them: {', '.join(found.lost)}")
+        say(f"  left out, since they overlap the others too little to be certain: {', '.join(found.lost)}")
     if found.doubtful:
-        say(f"  doubtful, for they see few points: {', '.join(f'{n} ({found.placed[n]})' for n in found.doubtful)}")
+        say(f"  doubtful, since they see few points: {', '.join(f'{n} ({found.placed[n]})' for n in found.doubtful)}")
 
 
 def capture_sync(capture: Positional[Path], /) -> None:
-    """Find out by their sound when the videos of a folder start, and note it in its splatreel.json.
+    """Find by their sound when the videos of a folder start, and write it to the folder's splatreel.json.
 
     Args:
-        capture: Folder of the videos, one a camera.
+        capture: Folder of the videos, one per camera.
     """
     from splatreel.capture.sync import synchronize
     from splatreel.progress import console
 
     with closing(console()) as progress:
         starts = synchronize(capture, progress)
-    say(f"{capture / 'splatreel.json'}: seconds of each video at which all of them start")
+    say(f"{capture / 'splatreel.json'}: second of each video at which all videos have started")
     for name, start in starts.items():
         say(f"  {name} {start:.3f}")

@@ -7,19 +7,19 @@ import shutil
 import textwrap
 from typing import Any
 
-from splatreel.cli.output import say
+from splatreel.cli.printing import say
 from splatreel.config import Config, Quality, preset
 from splatreel.config.settings import sections, settings
 
 WIDEST = 120
-"""Columns of the list; wider lines are hard to read."""
+"""Largest number of columns of the list. Wider lines are hard to read."""
 
 
 def config(quality: Quality = "standard", json: bool = False) -> None:
-    """List every setting of a reconstruction, with its value and what it does; --set changes them.
+    """List every setting of a reconstruction with its value and its documentation. --set changes settings.
 
     Args:
-        quality: Whose values to show; where they are not those of standard, these are shown as well.
+        quality: Preset whose values are shown, with those of standard where they differ.
         json: Print everything as JSON.
     """
     chosen, standard = preset(quality), Config()
@@ -30,7 +30,9 @@ def config(quality: Quality = "standard", json: bool = False) -> None:
         }
         return say(json_format.dumps({"quality": quality, "settings": rows}, indent=1))
     width = min(shutil.get_terminal_size((WIDEST, 24)).columns, WIDEST)
-    say(f"What --quality {quality} does. Change any of it with --set NAME=VALUE, such as --set group.lambda_arap=0.")
+    say(
+        f"Settings of --quality {quality}. Change any of them with --set NAME=VALUE, such as --set group.lambda_arap=0."
+    )
     for section, purpose in sections().items():
         say("\n" + textwrap.fill(f"{section or 'general'}: {purpose}", width, subsequent_indent="    "))
         for setting in settings().values():
@@ -43,7 +45,7 @@ def config(quality: Quality = "standard", json: bool = False) -> None:
 
 
 def shown(value: Any) -> str:
-    """A value as --set takes it."""
+    """Return a value in the form that --set takes."""
     if isinstance(value, tuple):
         return ",".join(value) or "none"
     return str(value).lower() if value is None or isinstance(value, bool) else str(value)

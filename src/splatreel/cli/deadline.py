@@ -1,8 +1,8 @@
-"""Ends the command a few seconds after Ctrl-C or SIGTERM, whatever native code or a worker thread is doing then.
+"""Exit a few seconds after Ctrl-C or SIGTERM, even if native code or a worker thread is still busy.
 
-Python's own handler runs between two instructions of the main thread, and what is open is closed by exceptions. Where that takes too
-long, since a library computes or a thread is waited for, the process exits. Everything that a command writes stands that: files are
-moved into place whole, and what a killed command left is removed by the next one.
+Python's own handler runs between two instructions of the main thread, and exceptions close what is open. If this takes too long,
+because a library computes or a thread is waited for, the process exits. All files that a command writes survive this: they are
+moved into place when they are complete, and the next command removes the remains of a killed one.
 """
 
 from __future__ import annotations
@@ -16,16 +16,16 @@ from contextlib import contextmanager
 GRACE = 3.0
 """Seconds that a command gets to end by itself."""
 _END = b"\0"
-"""Written after the last signal that counts; no signal has this number."""
+"""Byte written after the last signal that counts. No signal has this number."""
 
 
 @contextmanager
 def deadline(say: Callable[[int], tuple[str, int]], lasting: bool) -> Iterator[None]:
-    """Exit the process `GRACE` seconds after a signal that arrives inside.
+    """Exit the process `GRACE` seconds after a signal that arrives in the block.
 
     Args:
-        say: Takes the number of the signal. Returns the last words for standard error, and the exit code.
-        lasting: The process ends with this block: its threads that are still at work then must not hold it up.
+        say: Takes the number of the signal. Returns the text for standard error, and the exit code.
+        lasting: True if the process ends with this block. Threads that are still busy then must not delay it.
     """
     if os.name != "posix" or threading.current_thread() is not threading.main_thread():
         yield
@@ -35,7 +35,7 @@ def deadline(say: Callable[[int], tuple[str, int]], lasting: bool) -> Iterator[N
     watch = _Watch(read, say)
     try:
         watch.start()
-    except RuntimeError:  # the system lets no thread start: what needs none goes on
+    except RuntimeError:  # the system starts no more threads; the command may still work without
         os.close(read)
         os.close(write)
         yield
@@ -47,7 +47,7 @@ def deadline(say: Callable[[int], tuple[str, int]], lasting: bool) -> Iterator[N
         signal.set_wakeup_fd(before, warn_on_full_buffer=False)
         if not lasting:
             watch.ended.set()
-        os.write(write, _END)  # behind the signals that arrived before
+        os.write(write, _END)  # after the signals that arrived before
         if not lasting:
             watch.join()
             os.close(read)
@@ -55,13 +55,15 @@ def deadline(say: Callable[[int], tuple[str, int]], lasting: bool) -> Iterator[N
 
 
 class _Watch(threading.Thread):
-    """Waits for the bytes that the interpreter writes when a signal arrives, which needs no turn of the main thread."""
+    """Thread that waits for the bytes that the interpreter writes when a signal arrives, without a turn of the main thread."""
 
     def __init__(self, read: int, say: Callable[[int], tuple[str, int]]) -> None:
+        """Remember the pipe and the message."""
         super().__init__(name="splatreel deadline", daemon=True)
         self.read, self.say, self.ended = read, say, threading.Event()
 
     def run(self) -> None:
+        """Wait for a signal, then exit after the grace period."""
         while True:
             for number in os.read(self.read, 64):
                 if number in (signal.SIGINT, signal.SIGTERM):

@@ -1,4 +1,4 @@
-"""`splatreel demo`: the whole way on the built-in capture."""
+"""`splatreel demo`: film, reconstruct, evaluate and play the built-in scene."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ import time
 from pathlib import Path
 
 from splatreel.cli.options import Set, with_set
-from splatreel.cli.output import say, serving
+from splatreel.cli.printing import say, serving
 from splatreel.cli.reconstruct import Device, configure, with_renditions
 from splatreel.config import Config, Quality
 from splatreel.threads import use as use_threads
@@ -33,19 +33,19 @@ def demo(
     settings: Set = (),
     threads: int | None = None,
 ) -> None:
-    """Film a small scene, reconstruct it, evaluate the decoded reel and play it in the browser.
+    """Film a small scene, reconstruct it, evaluate the decoded reel, and play it in the browser.
 
     Args:
-        out: OUT/capture, OUT/work, OUT/reel and OUT/report.json are made here; the same command continues.
-        serve: Serve the player at the end, until Ctrl-C; without a terminal the demo just ends.
-        quality: How long to train.
-        device: Where to train; auto takes a CUDA GPU if there is one.
+        out: Folder that gets OUT/capture, OUT/work, OUT/reel and OUT/report.json. After an interruption, the same command continues.
+        serve: Serve the player at the end, until Ctrl-C. Without a terminal the demo just ends.
+        quality: Preset of settings; it decides how long training takes.
+        device: Device that trains; auto uses a CUDA GPU if there is one.
         width: Width of the videos in pixels, even.
         height: Height of the videos in pixels, even.
-        frames: Length of the videos, 30 frames a second.
-        seed: Seed of everything random.
-        settings: Any setting that `splatreel config` lists, such as group.lambda_arap=0; as often as you like.
-        threads: How many threads to use; as many as there are cores by default.
+        frames: Number of frames of the videos, at 30 frames a second.
+        seed: Seed of all random numbers.
+        settings: Any setting that `splatreel config` lists, such as group.lambda_arap=0; may be repeated.
+        threads: Number of threads; by default one per core.
     """
     use_threads(threads)
     config = with_renditions(with_set(demo_config(quality, seed), settings), ())
@@ -94,7 +94,7 @@ def demo(
         progress.close()
     capture.close()
     say(report.to_markdown())
-    say(f"Report: {out / 'report.json'}\nPictures, beside the cameras' own: {out / 'pictures'}\nReel: {result.reel}")
+    say(f"Report: {out / 'report.json'}\nImages beside the cameras' own: {out / 'pictures'}\nReel: {result.reel}")
     if serve and sys.stdout.isatty():
         from splatreel.cli.serve import serve as serve_reel
 
@@ -104,5 +104,5 @@ def demo(
 
 
 def demo_config(quality: Quality, seed: int) -> Config:
-    """Return the preset without the trial of new views: the cameras of the built-in scene are known to suffice."""
+    """Return a preset without the trial of novel views: the cameras of the built-in scene are known to suffice."""
     return dataclasses.replace(configure(quality, None, None, seed), check_coverage=False)

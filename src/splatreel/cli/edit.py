@@ -7,23 +7,25 @@ from pathlib import Path
 from tyro.conf import OmitArgPrefixes, Positional
 
 from splatreel.cli.options import reel_folder
-from splatreel.cli.output import say
-from splatreel.cli.words import Words
+from splatreel.cli.printing import say
+from splatreel.cli.reel_texts import ReelTexts
 from splatreel.errors import UsageError
 
 
-def edit(reel: Positional[Path], /, words: OmitArgPrefixes[Words] = Words()) -> None:  # noqa: B008 - it is frozen
-    """Say of a reel what it is called, who made it, what it shows, and on what terms it may be used.
+def edit(reel: Positional[Path], /, texts: OmitArgPrefixes[ReelTexts] = ReelTexts()) -> None:  # noqa: B008 - it is frozen
+    """Change the title, author, description or license of a reel.
 
     Args:
         reel: Folder of the reel.
+        texts: The new texts.
     """
     from splatreel.codec.edit import edit_reel
 
-    given = words.given()
+    given = texts.given()
     if not given:
-        raise UsageError("Nothing to change. Give --title, --author, --description or --licence.")
+        raise UsageError("Nothing to change. Give --title, --author, --description or --license.")
     folder = reel_folder(reel)
     manifest = edit_reel(folder, given)
     for name in given:
-        say(f"{folder}: {name} {getattr(manifest.presentation, name) or 'taken out'}")
+        option = "license" if name == "licence" else name
+        say(f"{folder}: {option} {getattr(manifest.presentation, name) or 'removed'}")

@@ -9,7 +9,7 @@ from tyro.conf import Positional
 
 from splatreel.cli.info import describe
 from splatreel.cli.options import Set, check_no_reel, parse_renditions, parse_set
-from splatreel.cli.output import say
+from splatreel.cli.printing import say
 from splatreel.cli.reconstruct import Codec
 from splatreel.config import COARSENESS, EncodeConfig, Rate
 from splatreel.config.settings import changed
@@ -40,23 +40,24 @@ def encode(
         run: Output folder of `reconstruct` or `demo`, with its work folder.
         out: Folder of the new reel.
         codec: predictive, or h265 as in the paper, which the options from --crf on are for.
-        rate: Of the predictive codec: high has twice the precision of medium, low about half its bytes.
-        renditions: Rates, such as high,medium,low, that all groups are written in for a player to choose from; layers are the best's.
-        target_mbps: Megabits a second of video that the whole reel shall have, instead of a rate; met within 5 %.
+        rate: Rate of the predictive codec: high has twice the precision of medium, low about half its bytes.
+        renditions: Rates, such as high,medium,low, that all groups are written in for a player to choose from. Layers have the best
+            one.
+        target_mbps: Megabits per second of video of the whole reel, instead of a rate; met within 5 %.
         crf: Quality of the lossy offset tracks; lower is better and larger.
         position_bits: Bits of a coordinate of a point.
         scale_bits: Bits of a scale.
         sh_entries: Size of the codebook of view-dependent color; 0 drops it.
-        source: What of the motion becomes video: ofs, the offsets; ori, where points are; dif, differences from frame to frame; or
-            raw, offsets as float32. The web player plays ofs only.
-        settings: Any setting of encode that `splatreel config` lists, such as encode.h265.crf_rotation=30; as often as you like.
+        source: Form of the motion that becomes video: ofs, offsets; ori, positions; dif, differences from frame to frame; raw, offsets
+            as float32. The web player plays ofs only.
+        settings: Any setting of encode that `splatreel config` lists, such as encode.h265.crf_rotation=30; may be repeated.
     """
     from splatreel.codec.info import reel_info
     from splatreel.play.presentation_writer import PresentationWriter
     from splatreel.progress import console
     from splatreel.recon.encode.reencode import reencode
     from splatreel.recon.run.device import pick_device
-    from splatreel.recon.run.run_lock import hold
+    from splatreel.recon.run.run_lock import lock_reel
 
     _check_folder(run, out)
     options = {
@@ -66,7 +67,7 @@ def encode(
         "h265.source": source,
     }
     options |= {"sh_entries": sh_entries, "codec": codec}
-    asked = _asked(options, settings)
+    asked = _given_options(options, settings)
     papers = sorted(option for name, (option, _) in asked.items() if name.startswith("h265."))
     start = EncodeConfig(
         codec="h265" if papers else "predictive",
@@ -77,8 +78,8 @@ def encode(
     _check_rate(config, rate, target_mbps, papers)
     progress = console()
     try:
-        with hold(out):
-            _check_folder(run, out)  # somebody else may have finished it by now
+        with lock_reel(out):
+            _check_folder(run, out)  # another process may have finished it meanwhile
             reencode(
                 run / "work",
                 out,
@@ -86,15 +87,15 @@ def encode(
                 pick_device("auto"),
                 progress,
                 target_mbps,
-                PresentationWriter(_words_of(run)),
+                PresentationWriter(_texts_of(run)),
             )
     finally:
         progress.close()
     say(describe(str(out), reel_info(out)))
 
 
-def _asked(options: dict[str, Any], settings: tuple[str, ...]) -> dict[str, tuple[str, Any]]:
-    """By name in `EncodeConfig` each setting that is asked for: the option that does, and the value."""
+def _given_options(options: dict[str, Any], settings: tuple[str, ...]) -> dict[str, tuple[str, Any]]:
+    """Return the options that are given, by name in `EncodeConfig`: the option and its value."""
     found: dict[str, tuple[str, Any]] = {}
     for name, value in options.items():
         if value is not None:
@@ -103,13 +104,13 @@ def _asked(options: dict[str, Any], settings: tuple[str, ...]) -> dict[str, tupl
             found[name] = option, value
     for name, value in parse_set(settings).items():
         if not name.startswith("encode."):
-            raise UsageError(f"--set {name}: is decided when points are trained. Here --set takes settings of encode.")
+            raise UsageError(f"--set {name}: takes effect in training only. Give a setting of encode.")
         found[name.removeprefix("encode.")] = f"--set {name}", value
     return found
 
 
-def _words_of(run: Path) -> dict[str, str]:
-    """What the run's own reel says for people, if there still is one."""
+def _texts_of(run: Path) -> dict[str, str]:
+    """Return the texts of the run's own reel, if it still exists."""
     from splatreel.codec.presentation import MAX_TEXT
     from splatreel.codec.reader import ReelReader
 

@@ -1,11 +1,11 @@
-"""What `splatreel reconstruct --estimate` says instead of making a reel."""
+"""Text of `splatreel reconstruct --estimate`."""
 
 from __future__ import annotations
 
 import math
 from typing import TYPE_CHECKING
 
-from splatreel.cli.output import counted
+from splatreel.cli.printing import counted
 from splatreel.progress import format_seconds
 
 if TYPE_CHECKING:
@@ -14,22 +14,15 @@ if TYPE_CHECKING:
     from splatreel.recon.machines.ray_cluster import ClusterOptions
     from splatreel.recon.machines.run_spec import RunSpec
 
-STAGES = {
-    "reading": "reading pictures",
-    "points": "first points, checking cameras",
-    "cameras": "exposures and poses",
-    "keyframe": "keyframes",
-    "layering": "what moves from what rests",
-    "tracking": "following what moves",
-    "group": "learning how it moves",
-    "encode": "writing",
-}
-
 
 def estimated(spec: RunSpec, workers: int | None) -> str:
-    """Time and memory of a run, in lines. Writes nothing; raises what the run itself would raise before it starts."""
+    """Return time and memory of a run on this machine, in lines. Nothing is written.
+
+    Raises:
+        SplatreelError: As the run itself would raise it before it starts.
+    """
     from splatreel.recon.machines.estimate import estimate
-    from splatreel.recon.machines.here import division_of
+    from splatreel.recon.machines.local_processes import division_of
     from splatreel.recon.run.machine_speed import measure_speed
     from splatreel.recon.run.processor import describe_processor
 
@@ -40,7 +33,11 @@ def estimated(spec: RunSpec, workers: int | None) -> str:
 
 
 def estimated_jobs(spec: RunSpec) -> str:
-    """Time, memory and number of the tasks of a batch system, in lines. Writes nothing; raises as `estimated` does."""
+    """Return time, memory and number of the tasks of a batch system, in lines. Nothing is written.
+
+    Raises:
+        SplatreelError: As the run itself would raise it before it starts.
+    """
     from splatreel import threads
     from splatreel.recon.machines.estimate import estimate_jobs
     from splatreel.recon.run.machine_speed import measure_speed
@@ -51,7 +48,7 @@ def estimated_jobs(spec: RunSpec) -> str:
         gibibytes = math.ceil(1.2 * found.memory / 2**30)
         return "\n".join(
             [
-                _what(run, found.chapters),
+                _heading(run, found.chapters),
                 f"  --job scene    about {_rounded(found.scene)}" if found.scene else "  --job scene    nothing to do",
                 f"  --job chapter  about {_rounded(found.chapter)} a chapter",
                 "  --job finish   about a minute",
@@ -65,7 +62,11 @@ def estimated_jobs(spec: RunSpec) -> str:
 
 
 def estimated_on_cluster(spec: RunSpec, address: str, options: ClusterOptions) -> str:
-    """Time and memory on a Ray cluster as it is now, in lines. Writes nothing; raises as `estimated` does, and `UsageError`."""
+    """Return time and memory on a Ray cluster in its present state, in lines. Nothing is written.
+
+    Raises:
+        SplatreelError: As the run itself would raise it before it starts.
+    """
     from splatreel.recon.machines.estimate import estimate_jobs
     from splatreel.recon.machines.ray_cluster import connected
     from splatreel.recon.machines.ray_nodes import share_nodes
@@ -80,7 +81,7 @@ def estimated_on_cluster(spec: RunSpec, address: str, options: ClusterOptions) -
         shown = f"  the scene      about {_rounded(found.scene)} on a node, with {counted(scene, 'thread')}"
         return "\n".join(
             [
-                _what(run, found.chapters),
+                _heading(run, found.chapters),
                 *([shown] if found.scene else []),
                 f"  a chapter      about {_rounded(found.chapter)}, with {counted(chapter, 'thread')}",
                 f"  all            about {_rounded(found.total)}, with {found.at_once} of {found.chapters} chapters at a time",
@@ -90,7 +91,7 @@ def estimated_on_cluster(spec: RunSpec, address: str, options: ClusterOptions) -
         )
 
 
-def _what(run: ChapteredRun, chapters: int) -> str:
+def _heading(run: ChapteredRun, chapters: int) -> str:
     capture = run.capture
     return (
         f"{capture.path}: {counted(capture.frames, 'frame')} of {counted(len(capture.training_cameras), 'camera')}, "
@@ -109,30 +110,38 @@ def _time(run: ChapteredRun, found: Estimate) -> str:
 
 
 def _rounded(seconds: float) -> str:
-    """Seconds of what takes minutes are not known."""
+    """Return a time, rounded to minutes if it takes minutes."""
     return format_seconds(seconds if seconds < 60 else 60 * round(seconds / 60)).replace(" 00 s", "")
 
 
 def _stages(found: Estimate) -> list[str]:
-    """Those that take time, in their order."""
-    told = [(words, found.seconds.get(stage, 0.0)) for stage, words in STAGES.items()]
-    return [f"  {words:<31}{format_seconds(seconds):>12}" for words, seconds in told if seconds >= 0.05]
+    """Return a line for each kind of stage that takes time, in their order."""
+    from splatreel.recon.plan import READING
+    from splatreel.recon.preparation import POINTS_TEXT
+    from splatreel.recon.run.job import POINTS
+    from splatreel.recon.stages.group_stages import GROUP_STAGES
+
+    labels = {READING: "reading images", POINTS: POINTS_TEXT} | {stage.name: stage.label for stage in GROUP_STAGES}
+    times = dict.fromkeys(labels.values(), 0.0)
+    for name, label in labels.items():
+        times[label] += found.seconds.get(name, 0.0)
+    return [f"  {label:<37}{format_seconds(seconds):>12}" for label, seconds in times.items() if seconds >= 0.05]
 
 
 def _memory(run: ChapteredRun, found: Estimate) -> list[str]:
     from splatreel.recon.run.memory import FITS, fitting_width, free_memory
 
-    free, said = free_memory(), f"Memory: about {found.memory / 1e9:.1f} GB at most"
+    free, text = free_memory(), f"Memory: about {found.memory / 1e9:.1f} GB at most"
     if free is None:
-        return [f"{said}."]
+        return [f"{text}."]
     if found.memory <= free:
-        return [f"{said}; {free / 1e9:.1f} GB are free."]
+        return [f"{text}; {free / 1e9:.1f} GB are free."]
     width = fitting_width(run.capture, run.config, FITS * free)
     smaller = "" if width is None else f", or choose --width {width}, which fits"
-    return [f"{said}, but only {free / 1e9:.1f} GB are free: end other programs{smaller}."]
+    return [f"{text}, but only {free / 1e9:.1f} GB are free: close other programs{smaller}."]
 
 
 def _notes(run: ChapteredRun) -> list[str]:
     if run.device.type != "cuda":
         return []
-    return ["Training on a GPU was never timed: the time is a guess, from one step of it."]
+    return ["Training on a GPU was never timed: the time is a guess from one training step."]

@@ -7,7 +7,7 @@ from pathlib import Path
 from tyro.conf import Positional
 
 from splatreel.cli.options import CaptureAddress, megabytes, parse_frames, parse_names, reel_folder
-from splatreel.cli.output import say
+from splatreel.cli.printing import say
 from splatreel.threads import use as use_threads
 
 
@@ -25,20 +25,20 @@ def evaluate(
     json: bool = False,
     max_memory: int | None = None,
 ) -> None:
-    """Compare a reel with the cameras that it has not seen, or with those that it was trained on, which the report then says.
+    """Compare a reel with the held-out cameras of its capture, or with named cameras. The report says if they are training views.
 
     Args:
         reel: Folder of the reel.
         capture: Folder or address of the capture that it was made from.
-        out: Where report.json, report.md and the pictures go.
-        cameras: Names of the cameras to compare with, as NAME,NAME; the capture's held-out ones by default.
+        out: Folder for report.json, report.md and the images.
+        cameras: Names of the cameras to compare with, as NAME,NAME; by default the held-out ones.
         width: Width to compare at, in pixels; by default that of the reel's cameras.
         scale: Size to compare at, as a share of the capture's, instead of the width.
-        frames: Frames of the capture that the reel was made of, as A:B, if not all.
-        rendition: Which one, of a reel that has several; by default the best.
-        threads: How many threads to use; as many as there are cores by default.
+        frames: Frames of the capture that the reel was made of, as A:B; by default all.
+        rendition: Rendition to compare, for a reel that has several; by default the best.
+        threads: Number of threads; by default one per core.
         json: Print report.json instead of the summary.
-        max_memory: Megabytes that decoding a file may take; by default what one of its length honestly needs.
+        max_memory: Megabytes that decoding a file may take; by default what a correct file of its length needs.
     """
     use_threads(threads)
     span, names, most = parse_frames(frames), parse_names(cameras, "--cameras"), megabytes(max_memory)

@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Literal
 
 from splatreel.cli.options import ReelAddress, megabytes, parse_frames, reel_folder
-from splatreel.cli.output import say
+from splatreel.cli.printing import say
 from splatreel.errors import UsageError
 from splatreel.scene.atomic import sweep
 
@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     from splatreel.play.timeline import Timeline
 
 WIDEST = 8192
-"""Pixels of a film's side, about what H.264 allows."""
+"""Largest side of a film in pixels, about what H.264 allows."""
 FORMATS = (".ply", ".spz", ".glb")
 
 
@@ -30,23 +30,23 @@ def export(
     format: Literal["ply", "spz", "glb"] = "ply",
     max_memory: int | None = None,
 ) -> None:
-    """Write a reel for others: as one page that plays anywhere, as a film, or frames as PLY, SPZ or glTF files for other programs.
+    """Export a reel as one page that plays anywhere, as a film, or as PLY, SPZ or glTF files for other programs.
 
     Args:
         reel: Folder of the reel, or its URL: http(s), s3://BUCKET/REEL and the like (needs splatreel[cloud]).
-        out: F.html for one page with player and reel; F.ply, F.spz or F.glb for one frame, a folder for a file a frame; F.mp4 for a
+        out: F.html for one page with player and reel; F.ply, F.spz or F.glb for one frame; a folder for one file per frame; F.mp4 for a
             film through the capture's cameras, with the reel's sound.
-        frame: Which frame, counted from 0; for one file.
-        frames: A:B, frames A to B - 1; by default all. For a folder or a film.
-        rendition: Which one, of a reel that has several; by default the best.
+        frame: Frame to export, counted from 0; for one file.
+        frames: Frames A to B - 1, as A:B; by default all. For a folder or a film.
+        rendition: Rendition to export, for a reel that has several; by default the best.
         width: Width of the film in pixels; by default that of the reel's own camera.
         path: Camera path of the film, a JSON file that the player saved; by default through the capture's cameras.
-        format: Of the files in a folder: ply as 3DGS writes it, spz (small, 8 bits), glb (glTF with KHR_gaussian_splatting).
-        max_memory: Megabytes that decoding a file may take; by default what one of its length honestly needs.
+        format: Format of the files in a folder: ply as 3DGS writes it, spz (small, 8 bits), glb (glTF with KHR_gaussian_splatting).
+        max_memory: Megabytes that decoding a file may take; by default what a correct file of its length needs.
     """
     if out.suffix not in (*FORMATS, ".html", ".mp4", ""):
         raise UsageError(
-            f"--out {out}: {out.suffix} is no format that is written. Name a .ply, .spz or .glb file, an .mp4 film, an .html "
+            f"--out {out}: {out.suffix} is not an export format. Name a .ply, .spz or .glb file, an .mp4 film, an .html "
             "page or a folder."
         )
     if out.suffix == ".html":
@@ -59,9 +59,7 @@ def export(
     source = open_reel(reel_folder(reel), rendition, megabytes(max_memory))
     start, total = source.manifest.first_frame, source.manifest.frames
     if path is not None and (out.suffix != ".mp4" or frames is not None):
-        raise UsageError(
-            "--path is for films (--out F.mp4), and says itself which times of the reel they show: leave out --frames."
-        )
+        raise UsageError("--path is for films (--out F.mp4), and holds the times that they show: leave out --frames.")
     if (out.suffix in FORMATS) != (frame is not None):
         raise UsageError("One file takes --frame N; a folder of them, or a film (.mp4), takes --frames A:B or nothing.")
     first, end = (frame, frame + 1) if frame is not None else parse_frames(frames) or (start, total)

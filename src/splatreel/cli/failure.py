@@ -1,4 +1,4 @@
-"""What the command line says, and returns, when something goes wrong: one readable block, no traceback."""
+"""Error messages and exit codes of the command line: one readable block instead of a traceback."""
 
 from __future__ import annotations
 
@@ -14,15 +14,15 @@ from types import FrameType
 from splatreel.errors import SplatreelError
 
 EXTRAS = {"torch": "recon", "cv2": "recon", "pycolmap": "recon", "gsplat": "cuda", "viser": "viewer"}
-"""Which extra of the package brings an optional module."""
+"""Extra of the package that installs an optional module."""
 
 ADVICE = {
-    "--width": "a smaller picture (--width)",
+    "--width": "smaller images (--width)",
     "--frames": "fewer frames (--frames)",
     "--quality": "--quality draft",
     "--device": "--device cpu",
 }
-"""What takes less memory."""
+"""Advice that saves memory, by option."""
 LIGHTER = {
     **dict.fromkeys(
         ("reconstruct", "demo", "bench reconstruct", "bench oracle"), ("--width", "--frames", "--quality", "--device")
@@ -30,23 +30,23 @@ LIGHTER = {
     **dict.fromkeys(("evaluate", "export"), ("--width", "--frames")),
     **dict.fromkeys(("view", "bench codec", "bench kernels"), ("--width",)),
 }
-"""By verb those of its options."""
+"""Options of each verb that save memory."""
 
 INTERRUPTED, TERMINATED = 130, 143
-"""What shells return for a program ended by Ctrl-C, and by SIGTERM."""
+"""Exit codes that shells use for a program ended by Ctrl-C, and by SIGTERM."""
 AGAIN = 0.05
-"""Seconds after which a signal is looked at again that arrived while kernels were compiled or loaded."""
+"""Seconds after which a signal is sent again that arrived while kernels were compiled or loaded."""
 
 
 class Terminated(KeyboardInterrupt):
-    """SIGTERM: `kill`, a batch system out of time, a container that is stopped. What handles Ctrl-C handles it too."""
+    """SIGTERM, from `kill`, a batch system out of time, or a container that stops. It is handled like Ctrl-C."""
 
 
 @contextmanager
 def termination() -> Iterator[None]:
-    """SIGTERM raises `Terminated`, so that what is open is closed. Only the main thread may ask for that; others go without.
+    """Raise `Terminated` on SIGTERM, so that open files are closed. This works in the main thread only.
 
-    While kernels are compiled or loaded, neither that nor Ctrl-C raises anything before it is done.
+    While kernels are compiled or loaded, SIGTERM and Ctrl-C raise nothing until this is done.
     """
     if threading.current_thread() is not threading.main_thread():
         yield
@@ -73,7 +73,7 @@ def termination() -> Iterator[None]:
 
 
 def _in_compiler(frame: FrameType | None) -> bool:
-    """Return whether a frame was called by LLVM's binding or by compiled code: they drop exceptions, and go on with what is missing."""
+    """Return True if a frame was called by LLVM's binding or compiled code, which would drop an exception."""
     while frame is not None:
         file = frame.f_code.co_filename.replace("\\", "/")
         if "llvmlite" in file or file.endswith("numba/core/serialize.py"):
@@ -83,7 +83,7 @@ def _in_compiler(frame: FrameType | None) -> bool:
 
 
 def explain(error: BaseException, arguments: Sequence[str]) -> tuple[str, int] | None:
-    """The text for standard error and the exit code, or None for an error nobody foresaw: a bug, worth a traceback."""
+    """Return the text for standard error and the exit code; None for an unexpected error, which deserves a traceback."""
     command = shlex.join(["splatreel", *arguments])
     if (interrupt := _interrupt(error)) is not None:
         return interruption(signal.SIGTERM if isinstance(interrupt, Terminated) else signal.SIGINT, arguments)
@@ -97,33 +97,33 @@ def explain(error: BaseException, arguments: Sequence[str]) -> tuple[str, int] |
         what, remedy = "the disk is full", "free some space"
         if _is_too_large(error):
             what, remedy = "a file would be larger than the system allows", "raise the limit (ulimit -f)"
-        text = f"Error: {what}{place}. What is finished is kept; {remedy}, then run\n  {command}"
+        text = f"Error: {what}{place}. Finished parts are kept; {remedy}, then run\n  {command}"
         return text, 1
     if _is_out_of_memory(error):
         gpu = "CUDA" in str(error)
         return f"Error: out of {'GPU ' if gpu else ''}memory. {_lighter(arguments, gpu)}", 1
     if (folder := _damaged_cache(error)) is not None:
         return (
-            f"Error: the compiled code in {folder} is damaged. Delete that folder, it is made anew; then run\n  {command}",
+            f"Error: the compiled code in {folder} is damaged. Delete this folder, which is created again; then run\n  {command}",
             1,
         )
     if isinstance(error, ModuleNotFoundError) and error.name in EXTRAS:
         extra = f"pip install 'splatreel[{EXTRAS[error.name]}]'"
-        return f"Error: the Python package {error.name!r} is needed for this and not installed. Run\n  {extra}", 1
+        return f"Error: the Python package {error.name!r} is needed and not installed. Run\n  {extra}", 1
     if isinstance(error, OSError) and error.filename is not None:
         return f"Error: {error.filename}: {error.strerror}.", 1
     return None
 
 
 def interruption(number: int, arguments: Sequence[str]) -> tuple[str, int]:
-    """Return what to say after a signal, and the exit code."""
+    """Return the text and the exit code after a signal."""
     command = shlex.join(["splatreel", *arguments])
     code = TERMINATED if number == signal.SIGTERM else INTERRUPTED
-    return f"Interrupted. What is finished is kept; continue with the same command:\n  {command}", code
+    return f"Interrupted. Finished parts are kept; continue with the same command:\n  {command}", code
 
 
 def _lighter(arguments: Sequence[str], gpu: bool) -> str:
-    """What to ask of a verb instead, by the options that it has."""
+    """Return advice that saves memory, by the options of the verb."""
     names = LIGHTER.get(" ".join(arguments[: 2 if arguments[:1] == ["bench"] else 1]), ())
     ways = [ADVICE[name] for name in names if gpu or name != "--device"]
     if not ways:
@@ -132,27 +132,29 @@ def _lighter(arguments: Sequence[str], gpu: bool) -> str:
 
 
 def _interrupt(error: BaseException | None) -> KeyboardInterrupt | None:
-    """Return the interruption that an error comes from: native code and imports that are interrupted make errors of their own of it."""
+    """Return the interruption that caused an error: native code and imports turn interruptions into errors of their own."""
     while error is not None and not isinstance(error, KeyboardInterrupt):
         error = error.__cause__ or error.__context__
     return error
 
 
 def _system_limit(error: BaseException | None) -> str | None:
-    """Return the limit of the system that an error comes from, however it was told since, and what to do; None if it does not."""
+    """Return the limit of the system that caused an error, with a remedy; None for other errors."""
     found: BaseException | None = error
     while found is not None:
         if isinstance(found, OSError) and found.errno in (errno.EMFILE, errno.ENFILE):
             where = f"{found.filename}: cannot be opened, as " if found.filename else ""
-            return f"{where}this process may have no more files open. Raise that limit (ulimit -n 1024)"
+            return f"{where}this process cannot open more files. Raise the limit (ulimit -n 1024)"
         if isinstance(found, RuntimeError) and "can't start new thread" in str(found):
-            return "the system lets no more threads start. Raise the limit of processes (ulimit -u) or of memory (ulimit -v)"
+            return (
+                "the system starts no more threads. Raise the limit of processes (ulimit -u) or of memory (ulimit -v)"
+            )
         found = found.__cause__ or found.__context__
     return None
 
 
 def _damaged_cache(error: BaseException) -> str | None:
-    """The folder of numba's cache, if reading it failed."""
+    """Return the folder of numba's cache if reading it failed."""
     trace, folder = error.__traceback__, None
     while trace is not None:
         frame = trace.tb_frame
@@ -163,19 +165,19 @@ def _damaged_cache(error: BaseException) -> str | None:
 
 
 def _is_disk_full(error: BaseException) -> bool:
-    """Also where a library made its own exception of the system's error."""
+    """Return True if the disk is full, also where a library turned the system's error into its own."""
     if _is_too_large(error) or (isinstance(error, OSError) and error.errno in (errno.ENOSPC, errno.EDQUOT)):
         return True
     return isinstance(error, Exception) and any(s in str(error) for s in ("No space left on device", "os error 28"))
 
 
 def _is_too_large(error: BaseException) -> bool:
-    """A limit on files, as batch systems set."""
+    """Return True if a file exceeds the size limit that batch systems set."""
     return isinstance(error, OSError) and error.errno == errno.EFBIG
 
 
 def _is_out_of_memory(error: BaseException) -> bool:
-    """Python's own error, the system's, torch's RuntimeErrors for the CPU and for CUDA, and libraries that cannot be loaded."""
+    """Return True for errors of Python, the system, torch (CPU and CUDA), and libraries that cannot be loaded."""
     if isinstance(error, MemoryError) or (isinstance(error, OSError) and error.errno == errno.ENOMEM):
         return True
     signs = ("can't allocate memory", "not enough memory", "CUDA out of memory", "annot allocate memory")

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Literal
 from tyro.conf import Positional
 
 from splatreel.cli.options import check_no_reel
-from splatreel.cli.output import playable, say
+from splatreel.cli.printing import playable, say
 from splatreel.config import COARSENESS, EncodeConfig, Rate
 from splatreel.errors import UsageError
 from splatreel.threads import use as use_threads
@@ -34,22 +34,22 @@ def import_frames(
 ) -> None:
     """Make a reel of Gaussians that another program trained: numbered PLY files, or the params.npz of Dynamic 3D Gaussians.
 
-    What stays the same from frame to frame is stored once. That is recognized where all files hold the same points in the same
+    Gaussians that stay the same from frame to frame are stored once. They are recognized if all files hold the same points in the same
     order, or at least the very same points where nothing moves. At the end the reel is compared with the files.
 
     Args:
-        frames: Folder with a PLY file a frame (frame0000.ply, frame0001.ply, ...), or with params.npz.
+        frames: Folder with one PLY file per frame (frame0000.ply, frame0001.ply, ...), or with params.npz.
         out: Folder of the new reel.
-        fps: Frames a second.
-        cameras: What the film was made from: cameras.json as 3DGS writes it, or the capture. The reel then starts at one of them,
-            holds viewers near them, and spends its bytes on what they see; without it, on what a ring around everything sees.
-        up: Which way is up: x, -x, y, -y, z or -z; by default as the cameras stand, or -y without them.
-        rate: high loses hardly anything; medium and low are smaller.
-        title: What the player says the reel is.
-        antialiased: The points were trained to be drawn as Mip-Splatting does, blurred by 0.1 square pixels and fainter for it.
-        gaps: What to do where the numbers of the files leave some out. refuse: nothing is made; hold: the frame before is shown for
-            as long.
-        threads: How many threads to use; as many as there are cores by default.
+        fps: Frames per second.
+        cameras: Cameras that the film was made from: cameras.json as 3DGS writes it, or the capture. The reel then starts at one of
+            them, keeps viewers near them, and spends its bytes on what they see. By default a ring of cameras around everything is
+            assumed.
+        up: Axis that points up: x, -x, y, -y, z or -z; by default that of the cameras, or -y without cameras.
+        rate: high has hardly any loss; medium and low are smaller.
+        title: Title of the reel in the player.
+        antialiased: The points were trained to be drawn like Mip-Splatting does, blurred by 0.1 square pixels and fainter.
+        gaps: Handling of missing file numbers. refuse: make nothing; hold: show the frame before for as long.
+        threads: Number of threads; by default one per core.
     """
     if not 0 < fps <= 1000:
         raise UsageError(f"--fps {fps:g}: give frames a second, more than 0 and at most 1000.")
@@ -62,7 +62,7 @@ def import_frames(
     from splatreel.play.presentation_writer import PresentationWriter
     from splatreel.progress import console
     from splatreel.recon.run.device import pick_device
-    from splatreel.recon.run.run_lock import hold
+    from splatreel.recon.run.run_lock import lock_reel
     from splatreel.sequence.comparison import check_seen
     from splatreel.sequence.frames import open_frames
     from splatreel.sequence.reel import header_of, write_reel
@@ -78,8 +78,8 @@ def import_frames(
     check_no_reel(out)
     progress = console()
     try:
-        with hold(out):
-            check_no_reel(out)  # somebody else may have finished it by now
+        with lock_reel(out):
+            check_no_reel(out)  # another process may have finished it meanwhile
             writer = ReelWriter(out, header, config=EncodeConfig(coarseness=COARSENESS[rate]))
             found = write_reel(
                 film, writer, progress, pick_device("auto"), limits, PresentationWriter(words, {"title": frames.name})
@@ -89,23 +89,23 @@ def import_frames(
     size = sum(file.bytes for file in writer.manifest.files)
     say(
         f"{len(film)} frames in {size / 1e6:.2f} MB, {film.size / size:,.0f} times smaller than the {film.size / 1e6:,.0f} MB of "
-        f"{frames}. Its pictures have {found.psnr:.1f} dB PSNR against those of the files (mean of {found.pictures})."
+        f"{frames}. Its images have {found.psnr:.1f} dB PSNR against those of the files (mean of {found.pictures})."
     )
     _say_doubts(found, rate)
     if views is None:
         say(
-            f"It is seen from a ring of cameras, with {up or '-y'} up. If that is wrong, name the cameras that the film was made from "
-            "(--cameras), or another --up."
+            f"A ring of cameras was assumed, with {up or '-y'} up. If that is wrong, name the cameras of the film (--cameras), "
+            "or another --up."
         )
     say(playable(out))
 
 
 def _say_doubts(found: Comparison, rate: Rate) -> None:
-    """Name cameras that see nothing, and the cause of a reel that can be told from its film."""
+    """Name cameras that see nothing, and the cause of a visible loss."""
     from splatreel.sequence.comparison import CLOSE
 
     if found.blind:
         say(f"Cameras that see nothing of the film: {', '.join(found.blind)}.")
     if found.psnr < CLOSE:
         rated = f"the rate is {rate}, and --rate high loses less." if rate != "high" else "it was lost in encoding."
-        say(f"Warning: below {CLOSE:.0f} dB the reel can be told from the film. The cause: {found.cause or rated}")
+        say(f"Warning: below {CLOSE:.0f} dB the reel differs visibly from the film. The cause: {found.cause or rated}")

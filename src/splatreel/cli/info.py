@@ -8,7 +8,7 @@ from collections import Counter
 from typing import TYPE_CHECKING
 
 from splatreel.cli.options import ReelAddress, reel_folder
-from splatreel.cli.output import say
+from splatreel.cli.printing import say
 
 if TYPE_CHECKING:
     from splatreel.codec.info import ReelInfo
@@ -17,11 +17,11 @@ if TYPE_CHECKING:
 
 
 def info(reel: ReelAddress, /, rendition: str | None = None, json: bool = False) -> None:
-    """Say what a reel holds, and where its bytes are.
+    """Show what a reel holds, and where its bytes are.
 
     Args:
         reel: Folder of the reel, or its URL: http(s), s3://BUCKET/REEL and the like (needs splatreel[cloud]).
-        rendition: Which one to look at, of a reel that has several; by default the best.
+        rendition: Rendition to look at, for a reel that has several; by default the best.
         json: Print everything as JSON.
     """
     from splatreel.codec.info import reel_info
@@ -36,7 +36,7 @@ def info(reel: ReelAddress, /, rendition: str | None = None, json: bool = False)
 
 
 def describe(name: str, found: ReelInfo) -> str:
-    """The summary of a reel: the whole, the groups, the sections."""
+    """Return the summary of a reel: totals, groups and sections."""
     manifest = found.manifest
     width, height = manifest.camera.width, manifest.camera.height
     count = manifest.frames - manifest.first_frame
@@ -60,7 +60,7 @@ def describe(name: str, found: ReelInfo) -> str:
             for name, size in found.rendition_bytes.items()
         ]
         lines.append(f"  groups in renditions: {', '.join(rates)}")
-    lines += presented(manifest)
+    lines += presentation_lines(manifest)
     lines += group_lines(manifest)
     points = {"layer": manifest.layers, "group": manifest.groups}
     for kind, sections in found.section_bytes.items():
@@ -72,7 +72,7 @@ def describe(name: str, found: ReelInfo) -> str:
 
 
 def group_lines(manifest: Manifest) -> list[str]:
-    """A line for each group: what is its own, and what was born at it."""
+    """Return a line for each group about its dynamic points and its new static points."""
     points, sizes = Counter[int](), Counter[int]()
     for layer in manifest.layers:
         points[layer.group] += layer.points
@@ -89,8 +89,8 @@ def group_lines(manifest: Manifest) -> list[str]:
     ]
 
 
-def presented(manifest: Manifest) -> list[str]:
-    """What there is beside the points."""
+def presentation_lines(manifest: Manifest) -> list[str]:
+    """Return lines about texts, images and sound of a reel."""
     from splatreel.codec.presentation import MAX_TEXT
 
     said = manifest.presentation
@@ -103,12 +103,12 @@ def presented(manifest: Manifest) -> list[str]:
     lines = [f"  {name}: {text}" for name, text in texts.items() if text]
     beside = ", ".join(f"{name} {size:,} bytes" for name, size in sizes.items() if size)
     if said.sound:
-        lines.append(f"  {sounding(said.sound)}")
+        lines.append(f"  {describe_sound(said.sound)}")
     return [*lines, *([f"  beside the points: {beside}"] if beside else [])]
 
 
-def sounding(sound: Sound) -> str:
-    """What sound there is."""
+def describe_sound(sound: Sound) -> str:
+    """Return a description of the sound."""
     seconds = sum(segment.seconds for segment in sound.segments)
     rate = 8e-3 * sum(segment.asset.bytes for segment in sound.segments) / seconds
     where = f"heard from {', '.join(f'{x:.3g}' for x in sound.position)}" if sound.position else "from no place"
@@ -117,21 +117,21 @@ def sounding(sound: Sound) -> str:
 
 
 ROWS, BAR = 24, 48
-"""Lines of the chart of the rate, and characters of its longest bar."""
+"""Number of lines of the chart of the rate, and of characters of its longest bar."""
 
 
 def rate_chart(manifest: Manifest) -> list[str]:
-    """Megabits a second that a player fetches while groups play: their own files, and the layers born at them, drawn lighter."""
+    """Return a chart of the megabits per second that a player fetches: group files, and the layers that groups add, drawn lighter."""
     groups, born = manifest.groups, Counter[int]()
     if not groups:
         return []
     for layer in manifest.layers:
         born[layer.group] += layer.bytes
     ends = [group.first_frame for group in groups[1:]] + [manifest.frames]
-    together = -(-len(groups) // ROWS)
+    per_row = -(-len(groups) // ROWS)
     rows = []
-    for first in range(0, len(groups), together):
-        last = min(first + together, len(groups)) - 1
+    for first in range(0, len(groups), per_row):
+        last = min(first + per_row, len(groups)) - 1
         seconds = max(ends[last] - groups[first].first_frame, 1) / manifest.fps
         own = sum(group.bytes for group in groups[first : last + 1])
         layers = sum(born[group.group] for group in groups[first : last + 1])

@@ -1,4 +1,4 @@
-"""The `splatreel` command: parse, call one function, print. One module a verb, which imports what it needs when run."""
+"""The `splatreel` command: one module per verb, which parses, calls one function and prints."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ from splatreel.cli.failure import explain, interruption, termination
 from splatreel.cli.import_frames import import_frames
 from splatreel.cli.info import info
 from splatreel.cli.options import check_arguments
-from splatreel.cli.output import say
+from splatreel.cli.printing import say
 from splatreel.cli.publish import publish
 from splatreel.cli.reconstruct import reconstruct
 from splatreel.cli.serve import serve, view
@@ -36,9 +36,9 @@ DESCRIPTION = "Volumetric video from many static cameras: reconstruct, compress,
 
 
 def build() -> SubcommandApp:
-    """All verbs, in the order in which one meets them."""
+    """Return the app with all verbs, in the order in which users meet them."""
     capture = SubcommandApp()
-    capture.__doc__ = "Get a capture ready, and look at it before using it."
+    capture.__doc__ = "Check, calibrate and synchronize a capture."
     for name, verb in (("check", capture_check), ("calibrate", capture_calibrate), ("sync", capture_sync)):
         capture.command(name=name)(verb)
     app = SubcommandApp()
@@ -54,7 +54,14 @@ def build() -> SubcommandApp:
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Run one command line; returns the exit code: 0 for success only, 2 for wrong use, 130 after Ctrl-C, 143 after SIGTERM."""
+    """Run one command line.
+
+    Args:
+        arguments: Arguments of the command; by default those of the process.
+
+    Returns:
+        The exit code: 0 for success, 1 for errors, 2 for wrong use, 130 after Ctrl-C, 143 after SIGTERM.
+    """
     open_standard_streams()
     alone = arguments is None
     arguments = sys.argv[1:] if arguments is None else list(arguments)
@@ -69,7 +76,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
             check_arguments(arguments)
             build().cli(prog="splatreel", description=DESCRIPTION, args=arguments)
     except BrokenPipeError:
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())  # the reader left; say nothing at exit either
+        os.dup2(
+            os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno()
+        )  # the reader of the pipe is gone; print nothing at exit
         return 1
     except (Exception, KeyboardInterrupt) as error:
         known = explain(error, arguments)

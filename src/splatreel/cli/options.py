@@ -1,45 +1,77 @@
-"""Option values that are more than a number or a path."""
+"""Types and parsers of option values that several verbs share."""
 
 from __future__ import annotations
 
 import re
 from collections.abc import Sequence
-from dataclasses import fields
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Any, overload
+from typing import TYPE_CHECKING, Annotated, Any, overload
 
 import tyro
 
-from splatreel.cli.words import Words
+from splatreel.cli.reel_texts import TEXT_OPTIONS
 from splatreel.config import COARSENESS, Config, Rate
 from splatreel.config.settings import changed, parse_settings
 from splatreel.errors import UsageError
 
+if TYPE_CHECKING:
+    from splatreel.capture.opening import CaptureSource
+
 Set = Annotated[tuple[str, ...], tyro.conf.UseAppendAction, tyro.conf.arg(name="set", metavar="NAME=VALUE")]
-"""--set NAME=VALUE, as often as one likes."""
+"""Option --set NAME=VALUE, which may be repeated."""
 
 ReelAddress = Annotated[tyro.conf.Positional[str], tyro.conf.arg(metavar="REEL")]
-"""A reel to be read: a folder, or a URL."""
+"""Folder or URL of a reel to read."""
 
 
 CaptureAddress = Annotated[tyro.conf.Positional[str], tyro.conf.arg(metavar="CAPTURE")]
-"""A capture to be read: a folder, or an address such as s3://BUCKET/CAPTURE."""
+"""Folder of a capture to read, or an address such as s3://BUCKET/CAPTURE."""
+
+
+@dataclass(frozen=True)
+class CaptureOptions:
+    """Images of a capture to train on."""
+
+    width: int | None = None
+    """Width of the images to train on, in pixels; by default their own."""
+    scale: float | None = None
+    """Size of the images to train on, as a share of their own, instead of the width."""
+    frames: str | None = None
+    """Frames A to B - 1, as A:B; by default all."""
+    hold_out: str | None = None
+    """Names of the cameras to keep for evaluation, as NAME,NAME; none trains on all; by default those of the format."""
+
+    def source(self, path: str | Path) -> CaptureSource:
+        """Return how to open a capture.
+
+        Raises:
+            UsageError: Frames or names are not written correctly.
+        """
+        frames, held_out = parse_frames(self.frames), parse_held_out(self.hold_out)
+        from splatreel.capture.opening import CaptureSource
+
+        request = {"width": self.width, "scale": self.scale, "frames": frames, "held_out": held_out}
+        return CaptureSource(path, request)
 
 
 def check_arguments(arguments: Sequence[str]) -> None:
-    """Raise `UsageError` for a character NUL, and for an empty argument that is not the text of a reel: as a path it means here."""
-    texts = {f"--{field.name}" for field in fields(Words)}
+    """Refuse a NUL character, and an empty argument other than the text of a reel: as a path it would mean the current folder.
+
+    Raises:
+        UsageError: There is such an argument.
+    """
     before = ""
     for argument in arguments:
         name, _, value = argument.partition("=")
         if "\0" in argument:
-            raise UsageError("An argument holds a character NUL, which no name of a file can. Leave it out.")
-        if not argument and before not in texts:
+            raise UsageError("An argument holds a NUL character, which no file name can hold. Leave it out.")
+        if not argument and before not in TEXT_OPTIONS:
             what = before if before.startswith("--") else "An argument"
             raise UsageError(
                 f"{what} is empty. Write a name, or . for the current folder; is a variable of the shell not set?"
             )
-        if name.startswith("--") and "=" in argument and not value and name not in texts:
+        if name.startswith("--") and "=" in argument and not value and name not in TEXT_OPTIONS:
             raise UsageError(
                 f"{name} is empty. Write a name, or . for the current folder; is a variable of the shell not set?"
             )
@@ -47,7 +79,11 @@ def check_arguments(arguments: Sequence[str]) -> None:
 
 
 def parse_set(texts: tuple[str, ...]) -> dict[str, Any]:
-    """Settings by name. Raises `UsageError` for what is no setting, or no value of it."""
+    """Return settings by name.
+
+    Raises:
+        UsageError: There is no such setting, or it has no such value.
+    """
     try:
         return parse_settings(texts)
     except UsageError as error:
@@ -55,7 +91,11 @@ def parse_set(texts: tuple[str, ...]) -> dict[str, Any]:
 
 
 def with_set(config: Config, texts: tuple[str, ...]) -> Config:
-    """The config with the settings of --set. Raises `UsageError` where they do not fit."""
+    """Return the config with the settings of --set.
+
+    Raises:
+        UsageError: A setting is not possible.
+    """
     values = parse_set(texts)
     try:
         return changed(config, values)
@@ -64,19 +104,27 @@ def with_set(config: Config, texts: tuple[str, ...]) -> Config:
 
 
 def parse_frames(text: str | None) -> tuple[int, int] | None:
-    """`A:B` as (first, end), end exclusive; None stays None. Raises `UsageError` for anything else."""
+    """Return `A:B` as (first, end), with the end excluded. None stays None.
+
+    Raises:
+        UsageError: The text is not a range.
+    """
     if text is None:
         return None
     match = re.fullmatch(r"([0-9]{1,9}):([0-9]{1,9})", text.strip())
     if match is None or int(match[1]) >= int(match[2]):
         raise UsageError(
-            f"--frames {text!r:.60} is no range of frames. Write A:B with A < B, such as 0:60 for the first 60."
+            f"--frames {text!r:.60} is not a range of frames. Write A:B with A < B, such as 0:60 for the first 60."
         )
     return int(match[1]), int(match[2])
 
 
 def parse_names(text: str | None, option: str) -> list[str] | None:
-    """`0,10,cam03` as a list of names; None stays None. Raises `UsageError` for an empty name or one given twice."""
+    """Return `0,10,cam03` as a list of names. None stays None.
+
+    Raises:
+        UsageError: A name is empty or given twice.
+    """
     if text is None:
         return None
     names = [name.strip() for name in text.split(",")]
@@ -91,30 +139,42 @@ def parse_names(text: str | None, option: str) -> list[str] | None:
 
 
 def parse_held_out(text: str | None) -> list[str] | None:
-    """As `parse_names`; `none` is no camera."""
+    """Return names like `parse_names`; `none` is an empty list."""
     return [] if text is not None and text.strip() == "none" else parse_names(text, "--hold-out")
 
 
 def parse_numbers(text: str | None, option: str) -> list[int] | None:
-    """`0,14,28` as a list of frames; None stays None. Raises `UsageError` for anything else, or a number given twice."""
+    """Return `0,14,28` as a list of frames. None stays None.
+
+    Raises:
+        UsageError: The text is something else, or names a frame twice.
+    """
     names = parse_names(text, option)
     bad = [name for name in names or [] if re.fullmatch(r"[0-9]{1,9}", name) is None]
     if bad:
         raise UsageError(
-            f"{option} {text!r:.60}: {bad[0]!r:.60} is no frame. Write numbers with commas between them, such as 0,14."
+            f"{option} {text!r:.60}: {bad[0]!r:.60} is not a frame. Write numbers with commas between them, such as 0,14."
         )
     return None if names is None else [int(name) for name in names]
 
 
 def megabytes(count: int | None) -> int | None:
-    """--max-memory as bytes; None stays None. Raises `UsageError` for none at all."""
+    """Return --max-memory in bytes. None stays None.
+
+    Raises:
+        UsageError: The number is less than one.
+    """
     if count is not None and count < 1:
         raise UsageError(f"--max-memory {count}: give megabytes, 1 or more.")
     return None if count is None else count * 1_000_000
 
 
 def parse_renditions(text: str | None) -> tuple[Rate, ...]:
-    """`low,high` as rates, best first; None is none. Raises `UsageError` for what is no rate, or fewer than two."""
+    """Return `low,high` as rates, best first. None is an empty tuple.
+
+    Raises:
+        UsageError: A name is not a rate, or there are fewer than two.
+    """
     names = parse_names(text, "--renditions") or []
     if text is not None and (len(names) < 2 or not set(names) <= set(COARSENESS)):
         raise UsageError(f"--renditions {text!r}: name two or more of {','.join(COARSENESS)}.")
@@ -122,15 +182,17 @@ def parse_renditions(text: str | None) -> tuple[Rate, ...]:
 
 
 @overload
-def reel_folder(path: Path) -> Path: ...
+def reel_folder(path: Path) -> Path:
+    """Return the folder of a reel, also for the output folder of `reconstruct` or `demo`. A URL is returned as it is."""
 
 
 @overload
-def reel_folder(path: str) -> str | Path: ...
+def reel_folder(path: str) -> str | Path:
+    """Return the folder of a reel, also for the output folder of `reconstruct` or `demo`. A URL is returned as it is."""
 
 
 def reel_folder(path: str | Path) -> str | Path:
-    """The reel itself, where the output folder of `reconstruct` or `demo` is given instead of its `reel` folder; a URL as it is."""
+    """Return the folder of a reel, also for the output folder of `reconstruct` or `demo`. A URL is returned as it is."""
     from splatreel.storage.opening import is_url
 
     if isinstance(path, str) and is_url(path):
@@ -141,9 +203,12 @@ def reel_folder(path: str | Path) -> str | Path:
 
 
 def check_no_reel(out: Path) -> None:
-    """Raise `UsageError` where writing a reel into --out would destroy one that somebody has made, or is making.
+    """Check that writing a reel into --out destroys no reel.
 
-    One that is still live is what the same command left when it was interrupted, but for that of a run.
+    An unfinished reel is what an interrupted command left, and may be continued, unless it belongs to a run.
+
+    Raises:
+        UsageError: The folder holds a finished reel, or the reel of a run.
     """
     from splatreel.codec.reader import ReelReader
 

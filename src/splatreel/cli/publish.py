@@ -1,4 +1,4 @@
-"""`splatreel publish`, and the same while a reel is being made."""
+"""`splatreel publish`, and publishing while a reel is made."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Annotated
 from tyro.conf import Positional, arg
 
 from splatreel.cli.options import reel_folder
-from splatreel.cli.output import counted, say
+from splatreel.cli.printing import counted, say
 from splatreel.errors import ReelError, UsageError
 
 if TYPE_CHECKING:
@@ -25,12 +25,13 @@ if TYPE_CHECKING:
 def publish(reel: Positional[Path], url: Annotated[Positional[str], arg(metavar="URL")], /, keep: float = 24.0) -> None:
     """Copy a reel to a bucket or another folder, for web pages to play it from there.
 
-    The same command goes on where it was cut off, sends what is new in the reel, and deletes what has not been part of it for long.
+    The same command continues an interrupted copy, sends what is new in the reel, and deletes files that the reel has not needed
+    for long.
 
     Args:
         reel: Folder of the reel, or of the reconstruction that holds it.
-        url: Where to, such as s3://BUCKET/REEL or gs://BUCKET/REEL (needs splatreel[cloud]), or a folder.
-        keep: Hours that files stay there after they are no part of the reel any more: who has it open may still ask for them.
+        url: Destination, such as s3://BUCKET/REEL or gs://BUCKET/REEL (needs splatreel[cloud]), or a folder.
+        keep: Hours that files stay there after the reel does not need them any more. Viewers that have the reel open may ask for them.
     """
     from splatreel.codec.publication import HOUR, Publication
     from splatreel.progress import console
@@ -51,7 +52,12 @@ def publish(reel: Positional[Path], url: Annotated[Positional[str], arg(metavar=
 
 
 def open_target(reel: Path, url: str) -> Folder:
-    """Where a reel is to be copied. Raises `UsageError` or `MissingDependencyError` for an address that cannot be used."""
+    """Return the folder that a reel is to be copied to.
+
+    Raises:
+        UsageError: The address cannot be used.
+        MissingDependencyError: A package for it is not installed.
+    """
     from splatreel.storage.opening import local_path, open_folder
 
     path = local_path(url)
@@ -61,22 +67,22 @@ def open_target(reel: Path, url: str) -> Folder:
 
 
 def checked_hours(hours: float, option: str) -> float:
-    """Raises `UsageError` for less than none, and for what is no number."""
+    """Return hours that an option gives. Raises `UsageError` for a negative or undefined number."""
     if not 0 <= hours < 1e6:
         raise UsageError(f"{option} {hours:g}: give hours, 0 or more.")
     return hours
 
 
 def describe(url: str, published: Published) -> str:
-    """What is there, in words."""
+    """Return a description of what is published."""
     files = counted(published.files, "file")
     lines = [
-        f"{url}: all of the reel is there, {files}, {published.bytes:,} bytes; {published.sent_bytes:,} of them were sent now"
+        f"{url}: the whole reel is published, {files}, {published.bytes:,} bytes, of which {published.sent_bytes:,} were sent now"
     ]
     if published.removed:
         lines.append(f"  {counted(published.removed, 'file')} of earlier versions deleted")
     if published.live:
-        lines.append("  the reel is not finished: the same command sends what is added to it")
+        lines.append("  the reel is not finished: run the same command again to send what is added")
     return "\n".join(lines)
 
 
@@ -84,11 +90,24 @@ def describe(url: str, published: Published) -> str:
 def publishing(
     reel: Path, url: str | None, keep: float, progress: Progress, present: PresentationHook
 ) -> Iterator[PresentationHook]:
-    """While the block makes the reel, it is copied to `url` after each group, in a thread; None: it is not copied.
+    """Copy a reel after each group in a thread, while the block makes it.
 
-    Gives what `reconstruct` is to call instead of `present`. At the end of the block all that is left is sent, and said.
-    Raises `UsageError` or `MissingDependencyError` for an address that cannot be used, before the block begins; `ReelError` at the end
-    where not all is there.
+    At the end of the block the rest is sent, and the result is reported.
+
+    Args:
+        reel: Folder of the reel.
+        url: Destination; None copies nothing.
+        keep: Hours that unneeded files stay there.
+        progress: Display of the progress.
+        present: Adds poster and thumbnails to the reel.
+
+    Returns:
+        The function that `reconstruct` is to call instead of `present`.
+
+    Raises:
+        UsageError: The address cannot be used.
+        MissingDependencyError: A package for it is not installed.
+        ReelError: Not everything could be sent.
     """
     if url is None:
         yield present
@@ -105,7 +124,7 @@ def publishing(
 
     try:
         yield present_and_publish
-        progress.stage(f"sending what is left to {url}", 1)
+        progress.stage(f"sending the rest to {url}", 1)
         published = background.finish()
         progress.update(1)
     except BaseException as error:
@@ -114,7 +133,7 @@ def publishing(
             raise
         again = shlex.join(["splatreel", "publish", str(reel), url])
         raise ReelError(
-            f"{error}\nThe reel is whole in {reel}, but not at {url}. To send what is missing there, run\n  {again}"
+            f"{error}\nThe reel is complete in {reel}, but not at {url}. To send the rest, run\n  {again}"
         ) from error
     if published is not None:
         progress.note(describe(url, published))

@@ -3,16 +3,17 @@
 from __future__ import annotations
 
 import dataclasses
+from dataclasses import dataclass
 from typing import Annotated, Literal
 
 from tyro.conf import OmitArgPrefixes, arg
 
-from splatreel.cli.following import Following
-from splatreel.cli.machines import Machines
-from splatreel.cli.options import CaptureAddress, Set, parse_frames, parse_held_out, parse_renditions, with_set
-from splatreel.cli.output import say
+from splatreel.cli.follow_options import FollowOptions
+from splatreel.cli.machine_options import MachineOptions
+from splatreel.cli.options import CaptureAddress, CaptureOptions, Set, parse_renditions, with_set
+from splatreel.cli.printing import say
 from splatreel.cli.publish import publishing
-from splatreel.cli.words import Words
+from splatreel.cli.reel_texts import ReelTexts
 from splatreel.config import Config, Quality, Rate, preset
 from splatreel.errors import UsageError
 from splatreel.threads import use as use_threads
@@ -22,90 +23,114 @@ Codec = Literal["predictive", "h265"]
 Deformation = Literal["trajectory", "hashgrid"]
 
 
+@dataclass(frozen=True)
+class ConfigOptions:
+    """Settings of the reconstruction."""
+
+    quality: Quality = "standard"
+    """Preset of settings; it decides how long training takes."""
+    codec: Codec | None = None
+    """Codec of the points; by default that of the quality."""
+    renditions: str | None = None
+    """Rates, such as high,medium,low, that all groups are written in for a player to choose from."""
+    deformation: Deformation | None = None
+    """Model of motion; by default that of the quality."""
+    seed: int = 0
+    """Seed of all random numbers."""
+    settings: Set = ()
+    """Any setting that `splatreel config` lists, such as group.lambda_arap=0; may be repeated."""
+
+    def config(self) -> Config:
+        """Return the settings.
+
+        Raises:
+            UsageError: A value is not possible.
+        """
+        config = with_set(configure(self.quality, self.codec, self.deformation, self.seed), self.settings)
+        return with_renditions(config, parse_renditions(self.renditions))
+
+
+@dataclass(frozen=True)
+class PublishOptions:
+    """Copy of the reel in a bucket or another folder."""
+
+    publish: str | None = None
+    """Copy the reel to this address while it grows, such as s3://BUCKET/REEL, as `splatreel publish` does."""
+    publish_keep: float = 24.0
+    """Hours that files stay there after the reel does not need them any more."""
+
+
 def reconstruct(
     capture: CaptureAddress,
     /,
     out: Annotated[str, arg(metavar="PATH")],
-    width: int | None = None,
-    scale: float | None = None,
-    frames: str | None = None,
-    hold_out: str | None = None,
+    frames_and_size: OmitArgPrefixes[CaptureOptions] = CaptureOptions(),  # noqa: B008 - it is frozen
     sound: str = "auto",
-    quality: Quality = "standard",
     device: Device = "auto",
-    codec: Codec | None = None,
-    renditions: str | None = None,
-    deformation: Deformation | None = None,
-    seed: int = 0,
-    settings: Set = (),
     threads: int | None = None,
     estimate: bool = False,
     profile: bool = False,
-    publish: str | None = None,
-    publish_keep: float = 24.0,
-    machines: OmitArgPrefixes[Machines] = Machines(),  # noqa: B008 - it is frozen
-    following: OmitArgPrefixes[Following] = Following(),  # noqa: B008 - it is frozen
-    words: OmitArgPrefixes[Words] = Words(),  # noqa: B008 - it is frozen
+    configuration: OmitArgPrefixes[ConfigOptions] = ConfigOptions(),
+    publication: OmitArgPrefixes[PublishOptions] = PublishOptions(),
+    machines: OmitArgPrefixes[MachineOptions] = MachineOptions(),  # noqa: B008 - it is frozen
+    following: OmitArgPrefixes[FollowOptions] = FollowOptions(),  # noqa: B008 - it is frozen
+    texts: OmitArgPrefixes[ReelTexts] = ReelTexts(),  # noqa: B008 - it is frozen
 ) -> None:
-    """Make a reel of a capture. Interrupt it at will: the same command continues.
+    """Reconstruct a capture into a reel. After an interruption, the same command continues.
 
     Args:
         capture: Folder of the videos or images and their cameras, or an address of it, such as s3://BUCKET/CAPTURE.
-        out: OUT/reel becomes the reel, playable while it grows; OUT/work holds the checkpoints. With --cluster also s3:// and others.
-        width: Width of the images to train on, in pixels; their own by default.
-        scale: Size of the images to train on, as a share of their own, instead of the width.
-        frames: Which frames, as A:B (B is left out); all by default.
-        hold_out: Names of cameras to keep for evaluation, as NAME,NAME; none: all are trained on; what the format says by default.
-        sound: A camera's name; a file of sound or video that begins with the capture; auto: the camera loudest undistorted; none.
-        quality: How long to train.
-        device: Where to train; auto takes a CUDA GPU if there is one.
-        codec: How points are coded; what the quality says by default.
-        renditions: Rates, such as high,medium,low, that all groups are written in for a player to choose from.
-        deformation: How points move; what the quality says by default.
-        seed: Seed of everything random.
-        settings: Any setting that `splatreel config` lists, such as group.lambda_arap=0; as often as you like.
-        threads: How many threads to use; as many as there are cores by default.
-        estimate: Only say how long it would take, and how much memory. Nothing is written.
+        out: OUT/reel gets the reel, playable while it grows; OUT/work gets the checkpoints. With --cluster also s3:// and others.
+        frames_and_size: Size, frames and cameras to train on.
+        sound: Soundtrack: auto, the loudest camera without distortion; the name of a camera; a sound or video file that starts with
+            the capture; or none.
+        device: Device that trains; auto uses a CUDA GPU if there is one.
+        threads: Number of threads; by default one per core.
+        estimate: Only estimate time and memory. Nothing is written.
         profile: Measure where the time goes, and write it to OUT/profile.md.
-        publish: Copy the reel there while it grows, such as to s3://BUCKET/REEL, as `splatreel publish` does.
-        publish_keep: Hours that files stay there after they are no part of the reel any more.
+        configuration: Settings.
+        publication: Copy of the reel.
+        machines: Machines that make a long video.
+        following: Options for a capture that is still being written.
+        texts: Texts of the reel.
     """
     use_threads(threads)
-    span, held_out = parse_frames(frames), parse_held_out(hold_out)
-    config = with_set(configure(quality, codec, deformation, seed), settings)
-    config = with_renditions(config, parse_renditions(renditions))
+    source, config = frames_and_size.source(capture), configuration.config()
     following.check()
     machines.check(out, follow=following.follow, estimate=estimate)
-    from splatreel.capture.opening import CaptureSource
     from splatreel.evaluation.profile import profiled
     from splatreel.kernels.warmup import background_warmup
     from splatreel.play.presentation_writer import PresentationWriter
     from splatreel.progress import console
+    from splatreel.recon.machines.run_spec import RunSpec
 
-    source = CaptureSource(capture, {"width": width, "scale": scale, "frames": span, "held_out": held_out})
-    if estimate:
-        return say(machines.estimated(source, config, sound, device))
-    progress, presents = console(), PresentationWriter(words.given())
-    try:
-        with machines.folder(out) as folder:
-            url = machines.published(out, publish)
+    with machines.folder(out) as folder:
+        spec = RunSpec(source, folder, config, sound, device)
+        if estimate:
+            return say(machines.estimated(spec))
+        progress, presents = console(), PresentationWriter(texts.given())
+        try:
+            url = machines.published(out, publication.publish)
             with (
                 background_warmup(progress),
                 profiled(folder / "profile.md" if profile else None),
-                publishing(folder / "reel", url, publish_keep, progress, presents) as present,
+                publishing(folder / "reel", url, publication.publish_keep, progress, presents) as present,
             ):
-                output = {"sound": sound, "device": device, "progress": progress, "present": present}
                 if following.follow:
-                    done = following.reconstruct(capture, folder, config, source.request, output)
+                    done = following.reconstruct(source, spec, progress, present)
                 else:
-                    done = machines.reconstruct(source, folder, config, out, output)
-    finally:
-        progress.close()
-    say(done)
+                    done = machines.reconstruct(spec, out, progress, present)
+        finally:
+            progress.close()
+    return say(done)
 
 
 def with_renditions(config: Config, renditions: tuple[Rate, ...]) -> Config:
-    """Raises `UsageError` where the codec has none."""
+    """Return the settings with these renditions, or with their own if there are none.
+
+    Raises:
+        UsageError: The codec has no renditions.
+    """
     renditions = renditions or config.encode.renditions
     if renditions and config.encode.codec != "predictive":
         raise UsageError("--renditions are of the predictive codec. Choose --codec predictive.")
@@ -113,7 +138,11 @@ def with_renditions(config: Config, renditions: tuple[Rate, ...]) -> Config:
 
 
 def configure(quality: Quality, codec: Codec | None, deformation: Deformation | None, seed: int) -> Config:
-    """The preset of a quality with what the command line changes. Raises `UsageError` for a seed that is none."""
+    """Return the preset of a quality with the changes of the command line.
+
+    Raises:
+        UsageError: The seed is out of range.
+    """
     if not 0 <= seed < 1 << 32:
         raise UsageError(f"--seed {seed} is out of range. Choose a whole number from 0 to {(1 << 32) - 1}.")
     config = dataclasses.replace(preset(quality), seed=seed)

@@ -6,7 +6,7 @@ import webbrowser
 from typing import TYPE_CHECKING, Literal
 
 from splatreel.cli.options import ReelAddress, megabytes, parse_names, reel_folder
-from splatreel.cli.output import say
+from splatreel.cli.printing import say
 
 if TYPE_CHECKING:
     from splatreel.play.server import Server
@@ -26,9 +26,9 @@ def serve(
     Args:
         reel: Folder of the reel, or of the reconstruction that holds it, or a URL: http(s), s3://BUCKET/REEL and the like.
         host: Address to listen on; 0.0.0.0 lets other machines in.
-        port: Port to listen on; 0 takes any that is free.
+        port: Port to listen on; 0 takes any free one.
         cors: Let pages of other sites read the reel.
-        allow_host: Further names that it may be reached by, such as a proxy's, with commas between them.
+        allow_host: Further host names that requests may name, such as a proxy's, as NAME,NAME.
     """
     from splatreel.play.server import Server
 
@@ -45,15 +45,15 @@ def view(
     width: int = 1280,
     max_memory: int | None = None,
 ) -> None:
-    """Open a reel in the web browser; ends with Ctrl-C.
+    """Open a reel in the web browser, until Ctrl-C.
 
     Args:
         reel: Folder of the reel, or of the reconstruction that holds it, or a URL: http(s), s3://BUCKET/REEL and the like.
-        renderer: webgl draws in the browser; cpu and cuda draw here and stream the pictures, without sound (needs splatreel[viewer]).
-        port: Port to listen on; 0 takes any that is free.
+        renderer: webgl draws in the browser; cpu and cuda draw here and stream the images, without sound (needs splatreel[viewer]).
+        port: Port to listen on; 0 takes any free one.
         open: Open the browser, or only print the address.
-        width: Most pixels across that cpu and cuda draw.
-        max_memory: Megabytes that cpu and cuda may take to decode a file; by default what one of its length honestly needs.
+        width: Largest width in pixels that cpu and cuda draw.
+        max_memory: Megabytes that cpu and cuda may take to decode a file; by default what a correct file of its length needs.
     """
     folder = reel_folder(reel)
     if renderer == "webgl":
@@ -72,7 +72,7 @@ def view(
 
 
 def run(player: Server | Viewer, browser: bool) -> None:
-    """Serve until Ctrl-C, which here is the normal end."""
+    """Serve until Ctrl-C, which is the normal end here."""
     with player:
         say(f"Playing at {player.url} - stop with Ctrl-C", flush=True)
         if browser:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from splatreel.cli.output import counted, say
+from splatreel.cli.printing import counted, say
 from splatreel.threads import use as use_threads
 
 
@@ -10,7 +10,7 @@ def warmup(threads: int | None = None) -> None:
     """Compile all CPU kernels now, so that the first reconstruction on this machine does not wait for them.
 
     Args:
-        threads: Number of processes that compile; one per core by default.
+        threads: Number of processes that compile; by default one per core.
     """
     use_threads(threads)
     from splatreel import threads as limit

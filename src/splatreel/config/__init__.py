@@ -1,4 +1,4 @@
-"""Every setting of a reconstruction. `Config()` is what `--quality standard` runs; draft and paper are differences from it."""
+"""All settings of a reconstruction. `Config()` is what `--quality standard` uses; draft and paper are differences from it."""
 
 from splatreel.config.config import Config
 from splatreel.config.encode import COARSENESS, EncodeConfig, H265Config, Rate

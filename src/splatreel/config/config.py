@@ -1,4 +1,4 @@
-"""All settings together."""
+"""All settings of a reconstruction."""
 
 from __future__ import annotations
 
@@ -16,10 +16,13 @@ from splatreel.config.values import Range, check
 
 @dataclass(frozen=True)
 class Config:
-    """Everything that decides what a reconstruction looks like.
+    """All settings that decide the result of a reconstruction.
 
-    As it stands here it is `--quality standard`. It is plain data, written next to the checkpoints, so that a run continued by the same
-    command can tell that it is the same run. Raises `UsageError` for numbers that no run can have.
+    The defaults are `--quality standard`. The settings are saved beside the checkpoints, so that a run is continued only with the
+    same ones.
+
+    Raises:
+        UsageError: A value is out of range.
     """
 
     layering: LayeringConfig = field(default_factory=LayeringConfig)
@@ -27,29 +30,32 @@ class Config:
     group: GroupConfig = field(default_factory=GroupConfig)
     encode: EncodeConfig = field(default_factory=EncodeConfig)
     correct_colors: bool = True
-    """A color gain of each camera, learned on the training cameras around a mean of one; cameras never seen get none."""
+    """Learn a color gain for each training camera, with a mean of one. Cameras that were never seen need none."""
     check_poses: bool = True
-    """Cameras that were touched after their calibration are put right, and those that show something else left out."""
+    """Correct the poses of cameras that were moved after their calibration, and leave out cameras that show something else."""
     check_coverage: bool = True
-    """Try with a camera left out what new views will be like, before anything is trained; where they do not hold, the reel says so."""
+    """Predict the quality of novel views by a quick trial without one camera, before training. The reel limits its views if the
+    trial fails."""
     even_exposure: bool = True
-    """What a camera's exposure does over time, and the light of the whole scene, is taken out of the images before anything looks at
-    them. The light comes back when the reel is played."""
+    """Remove changes of the cameras' exposures and of the scene's light from the images. The light is restored when the reel is
+    played."""
     antialias: bool = True
-    """Splats thinner than a pixel are drawn fainter (Mip-Splatting): images of any size look alike."""
+    """Draw splats thinner than a pixel fainter (Mip-Splatting), so that the scene looks the same at any image size."""
     background: bool = True
-    """Where nothing is known is the color of the images' borders, not black."""
+    """Fill places that no camera has seen with the color of the images' borders instead of black."""
     training_megapixels: Annotated[float, Range(0)] = 0.7
-    """Of images larger than this, only so many iterations look at full size that they look at so many million pixels in the mean,
-    as many at half size, and so on: what is beside a pixel tells nearly the same. 0: all but coarse ones look at full size."""
+    """Mean megapixels per training iteration. Larger images train mostly on downscaled copies, since neighboring pixels tell nearly
+    the same. 0 trains at full size, except for the coarse share."""
     chapter_frames: Annotated[int, Range(0)] = 300
-    """Frames of a chapter. A video longer than one and a half of these gets static points that are common to all of it, and its
-    chapters start from them each on its own, on as many machines as there are. 0: one chapter, however long."""
+    """Frames of a chapter. A video longer than one and a half chapters gets static points that all chapters share; its chapters
+    then train independently, on several machines if there are any. 0 makes one chapter."""
     seed: Annotated[int, Range(0)] = 0
-    """Of everything random."""
+    """Seed of all random numbers."""
 
     def __post_init__(self) -> None:
+        """Check the values."""
         check(self, "")
 
     def to_json(self) -> str:
+        """Return the settings as JSON."""
         return json.dumps(dataclasses.asdict(self), indent=1, sort_keys=True)

@@ -1,4 +1,4 @@
-"""Settings of the reel's codecs."""
+"""Settings of the codecs of a reel."""
 
 from __future__ import annotations
 
@@ -9,17 +9,17 @@ from splatreel.config.values import Bits, Crf, Range, check
 
 Rate = Literal["high", "medium", "low"]
 COARSENESS: dict[Rate, float] = {"high": 0.3, "medium": 0.65, "low": 2.5}
-"""Of the rates of the predictive codec, best first; low has about half of the bytes of medium."""
+"""Coarseness of each rate of the predictive codec, best first. The rate low has about half of the bytes of medium."""
 
 
 @dataclass(frozen=True)
 class H265Config:
-    """The paper's codec, section 4.3 and Tables 9 and 10. Bits of `None` do not quantize at all: float32, the tables' dashes."""
+    """Settings of the paper's codec (section 4.3, Tables 9 and 10). Bits of none store float32, as the tables' dashes do."""
 
     position_bits: Annotated[int, Range(4, 21)] | None = 20
-    """Bits of a coordinate (QP_DRC); none is float32 without Draco."""
+    """Bits of a coordinate (QP_DRC); none stores float32 without Draco."""
     quat_bits: Bits | None = 8
-    """Bits of a number of a quaternion."""
+    """Bits of a component of a quaternion."""
     opacity_bits: Bits | None = 8
     """Bits of an opacity."""
     scale_bits: Bits | None = 12
@@ -27,47 +27,51 @@ class H265Config:
     log_scales: bool = True
     """Quantize base 2 logarithms of the scales; the paper quantizes the scales themselves."""
     color_bits: Bits | None = 8
-    """Bits of a number of c_base, and of the codebook of c_rest."""
+    """Bits of a component of c_base, and of the codebook of c_rest."""
     weighted_codebook: bool = True
-    """Points whose color the images hang on count more in the codebook of c_rest; in the paper all count alike."""
+    """Weight points by their importance in the codebook of c_rest; in the paper all points count alike."""
     source: Literal["ofs", "ori", "dif", "raw"] = "ofs"
-    """What is coded of the motion (Table 10): offsets, positions and rotations themselves, differences from frame to frame, or
+    """Coded form of the motion (Table 10): ofs, offsets; ori, positions and rotations; dif, differences from frame to frame; raw,
     offsets as float32. The web player plays ofs only."""
     crf: Crf = 20
-    """CRF_265 of the low byte of dx and of dq: the quality of their video; lower is better and larger."""
+    """CRF_265 of the low byte of dx, and of dq: the quality of their video. Lower is better and larger."""
     crf_rotation: Crf | None = None
-    """CRF_265 of dq, where it is another."""
+    """CRF_265 of dq, if it is another one."""
     crf_attributes: Crf | None = None
-    """Code scales, opacities and colors as video of this CRF too, with 8 bits, as V3 does; none is the paper's quantization."""
+    """CRF of a video of scales, opacities and colors with 8 bits, as in V3; none quantizes them as in the paper."""
     fold: bool = True
-    """Store the low byte mirrored where the high byte is odd: a triangle wave instead of a sawtooth."""
+    """Mirror the low byte where the high byte is odd, so that it follows a triangle wave instead of a sawtooth."""
 
     def __post_init__(self) -> None:
+        """Check the values."""
         check(self, "encode.h265.")
 
 
 @dataclass(frozen=True)
 class EncodeConfig:
-    """How a reel is coded: by our predictive codec, or by the paper's."""
+    """Settings of the codec of a reel: the predictive codec, or the paper's codec."""
 
     codec: Literal["predictive", "h265"] = "predictive"
-    """predictive is ours, h265 the paper's, which has settings of its own."""
+    """Codec: predictive, or h265 as in the paper, which has settings of its own."""
     coarseness: Annotated[float, Range(1e-3)] = 0.65
-    """Of the predictive codec: factor on all of its steps. A reconstruction chooses its steps for the default factor.
-    Higher is smaller and worse."""
+    """Factor on all quantization steps of the predictive codec. A reconstruction chooses its steps for the default. Higher is
+    smaller and worse."""
     renditions: tuple[Rate, ...] = ()
-    """Of the predictive codec: rates that every group is written in, best first, in place of a coarseness. Layers are the best's."""
+    """Rates of the predictive codec that every group is written in, best first, instead of a coarseness. Layers have the best one."""
     sh_entries: Annotated[int, Range(0, 65536)] | None = 1024
-    """Size of the codebook of view-dependent color in the h265 codec; none codes that of each point. 0 drops it in both codecs."""
+    """Size of the codebook of view-dependent color in the h265 codec; none codes each point's own. 0 drops this color in both
+    codecs."""
     h265: H265Config = field(default_factory=H265Config)
+    """Settings of the paper's codec."""
 
     def __post_init__(self) -> None:
+        """Check the values."""
         check(self, "encode.")
 
     def with_h265(self, **values: Any) -> EncodeConfig:
-        """With other values of some settings of the paper's codec."""
+        """Return the settings with other values of the paper's codec."""
         return replace(self, h265=replace(self.h265, **values))
 
     def rendition(self, rate: Rate) -> EncodeConfig:
-        """How one of the renditions is encoded."""
+        """Return the settings that one of the renditions is encoded with."""
         return replace(self, coarseness=COARSENESS[rate], renditions=())

@@ -1,4 +1,4 @@
-"""Settings of the reconstruction of a group."""
+"""Settings of the motion of a group."""
 
 from __future__ import annotations
 
@@ -11,39 +11,41 @@ from splatreel.errors import UsageError
 
 @dataclass(frozen=True)
 class GroupConfig:
-    """Group reconstruction, paper section 4.2: how dynamic points move from their keyframe on."""
+    """Settings of the motion of dynamic points within a group (paper section 4.2)."""
 
     length: Count = 30
-    """Frames of a group that are its own."""
+    """Frames of a group without the overlap."""
     overlap: Annotated[int, Range(0)] = 5
-    """Frames that a group shares with the next one, in which they fade into each other; fewer than length."""
+    """Frames that a group shares with the next one, in which the two cross-fade; less than length."""
     deformation: Literal["trajectory", "hashgrid"] = "trajectory"
-    """How points move: each along a spline of its own, or by the paper's 4D hash grid."""
+    """Model of motion: a spline for each point, or the paper's 4D hash grid."""
     iterations_per_frame: Count = 110
-    """Iterations of a group for each of its frames, overlap included."""
+    """Training iterations for each frame of the group, overlap included."""
     coarse_share: Share = 0.25
-    """Share of the iterations that look at images of half size."""
+    """Share of the iterations that use half-size images."""
     lambda_dssim: Share = 0.2
-    """Weight of 1 - SSIM against the absolute difference of colors (lambda)."""
+    """Weight of 1 - SSIM against the absolute color difference (lambda)."""
     lambda_arap: Weight = 0.01
     """Weight of as-rigid-as-possible motion (lambda_arap)."""
     lambda_temporal: Weight = 0.01
-    """Weight of motion that is smooth over time (lambda_temp)."""
+    """Weight of smooth motion over time (lambda_temp)."""
     tracks: bool = True
-    """Start from tracks by optical flow, and from new points where several views lack something."""
+    """Start from optical flow tracks, and add points where several views show something new."""
     appearance: bool = True
-    """Color and opacity of dynamic points change slowly within a group."""
+    """Let color and opacity of dynamic points change slowly within a group."""
     time_offsets: bool = True
-    """Learn when each camera takes its images: rigs are seldom quite in step."""
+    """Learn by how many frames each camera is late."""
     faint_share: Share = 0.01
-    """Twice during training the faintest points are removed that together hold this share of all blending weight; 0 keeps all."""
+    """Share of all blending weight. Twice during training, the faintest points that hold this share together are removed. 0 keeps
+    all."""
     lambda_sh: Weight = 0.05
-    """Weight of the sizes of the points' higher SH bands, summed and divided by the pixels of an image: each camera sees what moves
-    in another pose, and how its color depends on the view is mostly noise."""
+    """Weight of the higher SH bands' magnitude, per pixel of an image. These bands learn mostly noise on moving things, which show
+    each camera another pose."""
     progressive_share: Share = 0.0
-    """Share of the iterations over which frames are let in one after the other; 0 turns progressive sampling off."""
+    """Share of the iterations over which frames are added one by one; 0 uses all frames from the start."""
 
     def __post_init__(self) -> None:
+        """Check the values."""
         check(self, "group.")
         if self.overlap >= self.length:
             raise UsageError(

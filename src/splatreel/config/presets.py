@@ -1,4 +1,4 @@
-"""The qualities: `standard` is `Config()`, the others are differences from it."""
+"""Presets of `--quality`: standard is `Config()`, the others are differences from it."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ TABLE_11: dict[str, Any] = {
     "layering.adapt_gradient": 3e-4,
     "layering.adapt_neighbors": 0.6,
 }
-"""The paper's Table 11, in its order. `standard` has the same values."""
+"""The paper's Table 11, in its order. The preset standard has the same values."""
 
 SECTION_5_1: dict[str, Any] = {
     "keyframe.first_iterations": 20_000,
@@ -41,7 +41,7 @@ SECTION_5_1: dict[str, Any] = {
     "group.progressive_share": 0.5,
     "encode.codec": "h265",
 }
-"""Where the paper does something else than `standard`, its sections 4 and 5.1."""
+"""Settings in which the paper (sections 4 and 5.1) differs from standard."""
 
 BEYOND_THE_PAPER: dict[str, Any] = {
     "layering.adapt_changed_share": 0.0,
@@ -70,7 +70,7 @@ BEYOND_THE_PAPER: dict[str, Any] = {
     "training_megapixels": 0.0,
     "chapter_frames": 0,
 }
-"""What the paper does not have, turned off."""
+"""Settings that turn off everything that the paper does not have."""
 
 PRESETS: dict[Quality, dict[str, Any]] = {
     "draft": DRAFT,
@@ -80,7 +80,11 @@ PRESETS: dict[Quality, dict[str, Any]] = {
 
 
 def preset(quality: Quality) -> Config:
-    """The configuration of one `--quality`. Raises `UsageError` for an unknown name."""
+    """Return the settings of a quality.
+
+    Raises:
+        UsageError: There is no such quality.
+    """
     if quality not in PRESETS:
         raise UsageError(f"Unknown quality {quality!r}. Choose draft, standard or paper.")
     return changed(Config(), PRESETS[quality])

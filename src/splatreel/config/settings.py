@@ -1,4 +1,4 @@
-"""Settings by name, such as `group.lambda_arap`: what there is, with its documentation, and configs with some of them changed."""
+"""Settings by name, such as `group.lambda_arap`: their documentation, and configs with some of them changed."""
 
 from __future__ import annotations
 
@@ -19,14 +19,20 @@ from splatreel.errors import UsageError
 
 T = TypeVar("T")
 NEAREST = 3
-"""Names that an error suggests."""
+"""Number of names that an error suggests."""
 LIKE = 0.7
-"""How much they are like what was asked for, 0..1, as difflib measures it."""
+"""Least similarity of suggested names, 0..1, as difflib measures it."""
 
 
 @dataclass(frozen=True)
 class Setting:
-    """name: with its sections. doc: what it does."""
+    """A setting.
+
+    Attributes:
+        name: Full name, such as `group.lambda_arap`.
+        kind: Type and range of its values.
+        doc: Documentation.
+    """
 
     name: str
     kind: Kind
@@ -34,21 +40,23 @@ class Setting:
 
     @property
     def section(self) -> str:
+        """Name of its section, such as `group`; empty for a general setting."""
         return self.name.rpartition(".")[0]
 
     def of(self, config: Config) -> Any:
+        """Return the value that a config has."""
         return attrgetter(self.name)(config)
 
 
 @cache
 def settings() -> dict[str, Setting]:
-    """All settings by name, in the order of the classes."""
+    """Return all settings by name, in the order of the classes."""
     return {setting.name: setting for setting in _settings_of(Config, "")}
 
 
 @cache
 def sections() -> dict[str, str]:
-    """What each section is for, by name, in the order of the classes; the settings outside of all sections under an empty name."""
+    """Return the purpose of each section by name, in the order of the classes. General settings have an empty section name."""
     return dict(_sections_in(Config, ""))
 
 
@@ -69,7 +77,7 @@ def _settings_of(section: type, prefix: str) -> Iterator[Setting]:
 
 
 def _docs(section: type) -> dict[str, str]:
-    """The string after each field of a class."""
+    """Return the string after each field of a class."""
     body = ast.parse(textwrap.dedent(inspect.getsource(section))).body[0]
     assert isinstance(body, ast.ClassDef)
     found, name = dict[str, str](), None
@@ -82,9 +90,14 @@ def _docs(section: type) -> dict[str, str]:
 
 
 def changed(config: T, values: Mapping[str, Any]) -> T:
-    """A config, or a section of one, with other values of some settings, by name, all at once.
+    """Return a config, or a section of one, with some values changed at once.
 
-    Raises `UsageError` for values that no run can have.
+    Args:
+        config: The config or section.
+        values: New values by name.
+
+    Raises:
+        UsageError: A value is out of range.
     """
     own: dict[str, Any] = {}
     inner: dict[str, dict[str, Any]] = {}
@@ -99,7 +112,11 @@ def changed(config: T, values: Mapping[str, Any]) -> T:
 
 
 def parse_settings(texts: Iterable[str]) -> dict[str, Any]:
-    """`group.tracks=false` and the like, by name. Raises `UsageError` for what is no setting, or no value of it."""
+    """Return the values in texts such as `group.tracks=false`, by name.
+
+    Raises:
+        UsageError: There is no such setting, or it has no such value.
+    """
     found = {}
     for text in texts:
         name, equals, value = text.partition("=")
@@ -107,7 +124,7 @@ def parse_settings(texts: Iterable[str]) -> dict[str, Any]:
         if not equals:
             raise UsageError(f"{text!r:.60} has no value. Write NAME=VALUE, such as group.lambda_arap=0.")
         if name not in settings():
-            raise UsageError(f"{name!r:.60} is no setting. {_suggestion(name)}`splatreel config` lists all.")
+            raise UsageError(f"{name!r:.60} is not a setting. {_suggestion(name)}`splatreel config` lists all.")
         if name in found:
             raise UsageError(f"{name} is set twice.")
         kind = settings()[name].kind
@@ -117,7 +134,7 @@ def parse_settings(texts: Iterable[str]) -> dict[str, Any]:
 
 
 def _suggestion(name: str) -> str:
-    """Settings with that name in a section, else with nearly that name."""
+    """Return settings with the same name in another section, or with a similar name."""
     ends = {known: known.rpartition(".")[2] for known in settings()}
     near = [known for known, end in ends.items() if end == name]
     if not near:

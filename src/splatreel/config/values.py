@@ -1,4 +1,4 @@
-"""What a setting may be: its type, its range, its choices; checked when a config is made, and read from text."""
+"""Types, ranges and choices of settings, checked when a config is made and when a value is read from text."""
 
 from __future__ import annotations
 
@@ -13,29 +13,39 @@ from splatreel.errors import UsageError
 
 @dataclass(frozen=True)
 class Range:
-    """Numbers from low to high, both included. high: None is no limit."""
+    """Numbers from low to high, both included. A high of None is no limit."""
 
     low: float
     high: float | None = None
 
     def holds(self, value: float) -> bool:
+        """Return True if a number is in the range."""
         return self.low <= value and (self.high is None or value <= self.high)
 
     def __str__(self) -> str:
+        """Return the range in words."""
         return f"{self.low} or more" if self.high is None else f"{self.low} to {self.high}"
 
 
 Count = Annotated[int, Range(1)]
 Share = Annotated[float, Range(0, 1)]
 Weight = Annotated[float, Range(0)]
-"""Of a term of a loss, or a threshold; 0 turns it off."""
+"""Weight of a loss, or a threshold; 0 turns it off."""
 Bits = Annotated[int, Range(1, 16)]
 Crf = Annotated[int, Range(0, 51)]
 
 
 @dataclass(frozen=True)
 class Kind:
-    """The type of a setting. choices: all that there are. several: a tuple of them. optional: None is possible."""
+    """Type of a setting.
+
+    Attributes:
+        base: Python type of a single value.
+        limits: Range of a number, if it has one.
+        choices: All possible texts, if there are only some.
+        several: True for a tuple of choices.
+        optional: True if the value may be None.
+    """
 
     base: type
     limits: Range | None = None
@@ -44,7 +54,7 @@ class Kind:
     optional: bool = False
 
     def __str__(self) -> str:
-        """What to write, in words."""
+        """Return in words what may be written."""
         if self.choices:
             text = f"{'some' if self.several else 'one'} of {', '.join(self.choices)}"
         elif self.base is bool:
@@ -56,7 +66,11 @@ class Kind:
         return f"{text}, or none" if self.optional or self.several else text
 
     def check(self, name: str, value: Any) -> None:
-        """Raises `UsageError` for a value that is out of range or no choice."""
+        """Check a value.
+
+        Raises:
+            UsageError: The value is out of range, or not one of the choices.
+        """
         if self.optional and value is None:
             return
         if self.limits is not None and not self.limits.holds(value):
@@ -66,7 +80,11 @@ class Kind:
             raise UsageError(f"{name} {wrong[0]!r} is unknown. Choose {self}.")
 
     def parse(self, name: str, text: str) -> Any:
-        """The value that is written so. Raises `UsageError`."""
+        """Return the value that a text stands for.
+
+        Raises:
+            UsageError: The text is not such a value.
+        """
         text = text.strip()
         if text.lower() == "none" and (self.optional or self.several):
             return () if self.several else None
@@ -99,7 +117,7 @@ def _real(text: str) -> float | None:
 
 
 def kind_of(hint: Any) -> Kind:
-    """The kind of a field, by its annotation."""
+    """Return the kind of a field by its annotation."""
     if get_origin(hint) is Annotated:
         return Kind(get_args(hint)[0], limits=get_args(hint)[1])
     if get_origin(hint) is Literal:
@@ -114,12 +132,16 @@ def kind_of(hint: Any) -> Kind:
 
 @cache
 def kinds(section: type) -> dict[str, Kind]:
-    """By name the kinds of a section's own settings, without those of sections in it."""
+    """Return the kinds of a section's own settings by name, without those of sections in it."""
     hints = get_type_hints(section, include_extras=True)
     return {field.name: kind_of(hints[field.name]) for field in fields(section) if not is_dataclass(hints[field.name])}
 
 
 def check(section: Any, prefix: str) -> None:
-    """Raises `UsageError` for a setting of a section that is out of range or unknown. prefix: such as `group.`."""
+    """Check all settings of a section. `prefix` is put before their names, such as `group.`.
+
+    Raises:
+        UsageError: A value is out of range, or not one of the choices.
+    """
     for name, kind in kinds(type(section)).items():
         kind.check(prefix + name, getattr(section, name))

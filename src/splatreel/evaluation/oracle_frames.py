@@ -9,7 +9,7 @@ from typing import Any
 
 from splatreel.capture.base import Capture
 from splatreel.config import Config
-from splatreel.config.records import updated
+from splatreel.config.records import complete_settings
 from splatreel.errors import UsageError
 from splatreel.evaluation.oracle_report import SingleFrame
 from splatreel.recon.run import checkpoint
@@ -40,7 +40,7 @@ class OracleFrames:
     def _load(self) -> dict[int, SingleFrame]:
         found = checkpoint.load_json(self.path)
         theirs: dict[str, Any] = found if isinstance(found, dict) else {}
-        settings = updated(theirs.get("config"))
+        settings = complete_settings(theirs.get("config"))
         theirs = theirs | {"config": {name: settings.get(name) for name in DECIDING}}
         others = differences({name: theirs.get(name) for name in self.record}, self.record)
         if others:

@@ -6,7 +6,6 @@ import dataclasses
 from collections.abc import Callable
 from pathlib import Path
 
-import numpy as np
 import torch
 
 from splatreel import threads
@@ -23,7 +22,8 @@ from splatreel.recon.cameras.rig import Rig
 from splatreel.recon.layering.tracking import GroupStart
 from splatreel.recon.pipeline import Result, reconstruct
 from splatreel.recon.run.machine_speed import on_one_thread
-from splatreel.recon.run.store import Store, restored_rig
+from splatreel.recon.run.store import Store
+from splatreel.recon.stages.group_stages import restored_rig
 from splatreel.recon.train.density import MEASURE_EVERY
 from splatreel.recon.train.group import GroupTrainer
 from splatreel.recon.train.render import draw
@@ -108,10 +108,8 @@ def trainer_of(capture: Capture, work: Path, config: Config, device: torch.devic
     rig = restored_rig(Rig.of(capture.training_cameras), store.group(0), group.frames)
     images = capture.read(group.first_frame, group.frames, rig.names)
     span = GroupSpan(0, group.first_frame, group.frames, group.frames)
-    offsets = np.zeros(len(rig.cameras))
-    data = GroupInput(
-        span, images, rig.cameras, rig.gains, offsets, None, layout, device, config.seed, config.antialias
-    )
+    rig = dataclasses.replace(rig, ends=())
+    data = GroupInput(span, images, rig, None, layout, device, config.seed, config.antialias)
     config = dataclasses.replace(
         config,
         layering=dataclasses.replace(config.layering, adapt_every=1),

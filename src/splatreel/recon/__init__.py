@@ -1,0 +1,1 @@
+"""Reconstruction of captures into reels."""

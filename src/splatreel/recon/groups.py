@@ -1,129 +1,99 @@
-"""The way of the groups, one after the other: each starts from what the one before hands over."""
+"""Reconstruction of groups, one after the other: each starts from the state that the group before it passed on."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
-
 import numpy as np
+import torch
 
 from splatreel.capture.base import Capture
 from splatreel.capture.prefetch import FramePrefetcher
-from splatreel.recon.cameras.rig import Rig, tell_offsets
+from splatreel.recon.cameras.group_input import GroupInput
+from splatreel.recon.cameras.rig import Rig
 from splatreel.recon.encode.group_output import Output
 from splatreel.recon.init.layout import Layout
-from splatreel.recon.layering.labels import Layers
 from splatreel.recon.layering.velocity_prior import VelocityPrior
+from splatreel.recon.run.device import check_room
 from splatreel.recon.run.job import Job
-from splatreel.recon.run.store import restored_rig
-from splatreel.recon.stages import (
-    chapter_start,
-    keyframe,
-    layering,
-    look_at_group,
-    motion,
-    publish_group,
-    publish_layer,
-    tracking,
-)
-from splatreel.scene.gaussians import Gaussians
+from splatreel.recon.stages.group_stages import GROUP_STAGES, restored_rig
+from splatreel.recon.stages.stage import GroupState, Handover, NextGroup
 from splatreel.scene.group import Group
 from splatreel.scene.spans import GroupSpan
 from splatreel.scene.static_points import StaticPoints
 
 
-@dataclass(frozen=True)
-class Handover:
-    """What a group hands to the next, at whose keyframe it is. dynamic: the points that moved. velocity: how they were going there.
+def reconstruct_groups(
+    job: Job,
+    spans: list[GroupSpan],
+    capture: Capture,
+    layout: Layout,
+    before: Handover,
+    output: Output,
+    plates: np.ndarray | None = None,
+) -> None:
+    """Reconstruct groups in order, from the first that is not finished. A thread decodes the frames of the next group ahead.
 
-    rig: what is known of the cameras. static: all static points so far. The first group finds neither points nor velocity. The first
-    one of a chapter (begins) finds the static points that all chapters share; what is there beside them is not known yet.
-    plates: [C, H, W, 3] uint8, in a chapter, the pictures that the shared points were made from. Exposures and light are measured
-    against them, since what changes slowly is not to be seen within a group.
-    trained: all static points before they were encoded, where those that are still there shall be written anew with the next group.
-    reference: [C, H, W, 3] uint8, the pictures for which the rig's exposures are, where that is not the next keyframe.
+    Args:
+        job: The run, or the chapter.
+        spans: Its groups.
+        capture: The capture that the frames are read from.
+        layout: Measures of the scene.
+        before: State that the first of the groups starts from.
+        output: Destination of finished layers and groups.
+        plates: Images [C, H, W, 3] uint8 of the shared scene, for a chapter.
     """
-
-    rig: Rig
-    static: StaticPoints
-    dynamic: Gaussians
-    velocity: VelocityPrior | None = None
-    plates: np.ndarray | None = None
-    begins: bool = False
-    trained: Gaussians | None = None
-    reference: np.ndarray | None = None
-
-
-def reconstruct_groups(job: Job, capture: Capture, layout: Layout, before: Handover, output: Output) -> None:
-    """The groups of a job, from the first that is not finished; the next one's frames are decoded ahead.
-
-    before: what the first of them starts from.
-    """
-    finished = min(job.store.finished_groups(job.spans[0].index), len(job.spans))
-    for place, span in enumerate(job.spans[:finished]):
+    finished = min(job.store.finished_groups(spans[0].index), len(spans))
+    for place, span in enumerate(spans[:finished]):
         before = restore_group(job, span, before)
         output.restore(span.index, last=place + 1 == finished)
-    todo = job.spans[finished:]
+    todo = spans[finished:]
     with FramePrefetcher(capture, before.rig.names, [(span.first, span.count) for span in todo]) as stretches:
         for span, frames in zip(todo, stretches, strict=True):
-            before = reconstruct_group(job, span, frames, before, layout, output)
+            before = reconstruct_group(job, span, frames, before, layout, output, plates)
 
 
 def reconstruct_group(
-    job: Job, span: GroupSpan, frames: np.ndarray, before: Handover, layout: Layout, output: Output
-) -> Handover:
-    """The way of a group: a keyframe, what of it rests and what moves, where that goes, and how exactly; then it is published.
+    job: Job,
+    span: GroupSpan,
+    frames: np.ndarray,
+    before: Handover,
+    layout: Layout,
+    output: Output,
+    plates: np.ndarray | None = None,
+) -> NextGroup:
+    """Reconstruct one group: train its keyframe, separate static from dynamic points, track and train their motion, write it.
 
-    frames: [T, C, H, W, 3] uint8, given up.
+    Args:
+        job: The run.
+        span: Frames of the group.
+        frames: Images [T, C, H, W, 3] uint8, which this function changes.
+        before: State that the group before it passed on.
+        layout: Measures of the scene.
+        output: Destination of the finished layer and group.
+        plates: Images [C, H, W, 3] uint8 of the shared scene, for a chapter.
+
+    Returns:
+        State for the next group.
     """
-    if before.plates is None:
-        data, rig = look_at_group(job, span, frames, before.rig, layout, before.reference)
-    else:
-        data, rig = look_at_group(job, span, frames, before.rig.evened(), layout, before.plates)
-    if before.begins:
-        first = chapter_start(job, data, before.static)
-        static = before.static.with_alive(first.alive)
-    else:
-        first, static = keyframe(job, data, before.dynamic, before.static), before.static
-    data, rig = replace(data, gains=first.gains), replace(rig, gains=first.gains)
-    layers = layering(job, data, first.points, static)
-    if before.trained is not None:
-        layers, static = renewed(layers, before.trained), StaticPoints.none(job.config.keyframe.sh_degree)
-    static = publish_layer(job, data, layers, static, output)
-    start = tracking(job, data, layers, static, before.velocity)
-    if start.departed is not None:
-        static = static.without(start.departed)
-    found = motion(job, data, start, static)
-    if job.config.group.time_offsets:
-        job.store.group(span.index).save_time_offsets(found.time_offsets.values)
-        rig = rig.timed(found.time_offsets.values)
-        tell_offsets(rig, found.time_offsets, job.progress)
-    group = Group(span.index, span.first, found.dynamic, found.dx, found.dq, found.alive, found.shade, data.light)
-    with job.timed("encode"):
-        job.say(span, "writing it for players", 1, job.plan.moved(span.index))
-        publish_group(job, data, group, static, output)
-        job.progress.update(1)
-    return hand_over(span, rig, static, group, before.plates)
+    if job.device.type == "cuda":
+        check_room(frames.nbytes, torch.cuda.mem_get_info(job.device)[0], frames.shape[3])
+    config = job.config
+    data = GroupInput(span, frames, before.rig, None, layout, job.device, config.seed, config.antialias)
+    state = GroupState(job, before, data, output, plates)
+    for stage in GROUP_STAGES:
+        stage.execute(state)
+    return hand_over(span, state.rig, state.static, state.group)
 
 
-def renewed(layers: Layers, trained: Gaussians) -> Layers:
-    """All that rests as points that are new. trained: the static points of before, of which `layers` says which rest."""
-    settled = Gaussians.concatenate([trained[layers.alive], layers.settled])
-    return replace(layers, settled=settled, alive=np.zeros(0, bool))
-
-
-def restore_group(job: Job, span: GroupSpan, before: Handover) -> Handover:
-    """What a finished group handed over, from the checkpoints and what it found."""
+def restore_group(job: Job, span: GroupSpan, before: Handover) -> NextGroup:
+    """Return the state that a finished group passed on, from its checkpoints."""
     store = job.store.group(span.index)
     layer, static = store.layer(), before.static
     if layer is not None:
         static = static.with_layer(layer.decoded)
-    rig = restored_rig(before.rig, store, span.own)
-    return hand_over(span, rig, static, store.group().group, before.plates)
+    return hand_over(span, restored_rig(before.rig, store, span.own), static, store.group().group)
 
 
-def hand_over(
-    span: GroupSpan, rig: Rig, static: StaticPoints, group: Group, plates: np.ndarray | None = None
-) -> Handover:
-    """At the next keyframe: the dynamic points, deformed there (paper section 4)."""
+def hand_over(span: GroupSpan, rig: Rig, static: StaticPoints, group: Group) -> NextGroup:
+    """Return the state at the next keyframe, with the dynamic points deformed to it (paper section 4)."""
     velocity = VelocityPrior.of(group, span.own)
-    return Handover(rig, static.with_alive(group.alive), group.at(span.own), velocity, plates)
+    return NextGroup(rig, static.with_alive(group.alive), group.at(span.own), velocity)

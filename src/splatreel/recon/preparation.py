@@ -1,4 +1,4 @@
-"""Before the first group: what the first frame tells of cameras and scene, and the reel's header."""
+"""Steps before the first group: check the cameras, place the initial points, measure the scene, write the reel's header."""
 
 from __future__ import annotations
 
@@ -6,37 +6,61 @@ import numpy as np
 
 from splatreel.capture.base import Capture
 from splatreel.codec.writer import ReelWriter
+from splatreel.config import Config
 from splatreel.recon.cameras.rig import Rig, check_first_poses
 from splatreel.recon.coverage.coverage import Coverage, cover
 from splatreel.recon.encode.header import header_of, open_writer
 from splatreel.recon.encode.soundtrack import Soundtrack, save_soundtrack
 from splatreel.recon.init.layout import Layout
 from splatreel.recon.init.limits import limits
-from splatreel.recon.run.job import Job
+from splatreel.recon.run.job import POINTS, Job
 from splatreel.recon.run.requirements import check_pictures
 from splatreel.recon.run.run_lock import RunLock
 from splatreel.recon.run.store import GroupStore
+from splatreel.recon.run.workload import Workload
+from splatreel.recon.stages.camera_stages import load_poses, save_poses
 from splatreel.recon.train.single_frame import lay_out
 
+POINTS_TEXT = "placing the initial points"
 
-def prepare(job: Job, capture: Capture, lock: RunLock) -> tuple[Rig, Layout]:
-    """The cameras that are trained on, and the measures of the scene; its initial points are in the store from then on."""
+
+def points_seconds(work: Workload, config: Config) -> float:
+    """Return the expected seconds of the initial points, the check of the poses and the trial of novel views."""
+    seconds = 1.0 + work.cameras * (0.07 + 0.45 * work.megapixels)
+    if config.check_poses:
+        seconds += work.cameras * (0.22 + 0.5 * work.megapixels)
+    if config.check_coverage:
+        seconds += 3.5
+    return seconds
+
+
+def prepare(job: Job, capture: Capture, middle: int, lock: RunLock) -> tuple[Rig, Layout]:
+    """Check the training cameras, and save the initial points and the measures of the scene.
+
+    Args:
+        job: The run.
+        capture: The capture.
+        middle: Frame in the middle of the first group. Poses are checked at the first frame and at this one.
+        lock: Lock of the run, which learns that the folder belongs to it.
+
+    Returns:
+        The cameras that are trained on, and the measures.
+    """
     store, rig = job.store, Rig.of(capture.training_cameras)
     if (layout := store.layout()) is not None:
-        poses = store.group(0).poses()
-        return (rig if poses is None else rig.standing(poses)), layout
-    with job.timed("points"):
+        poses = load_poses(store.group(0))
+        return (rig if poses is None else rig.with_poses(poses)), layout
+    with job.timed(POINTS):
         job.progress.stage("reading the first frame, checking the cameras", 1, (0.0, 0.0))
-        moments = [0, job.spans[0].count // 2]
-        frames = np.concatenate([capture.read(frame, 1, rig.names) for frame in moments])
+        frames = np.concatenate([capture.read(frame, 1, rig.names) for frame in (0, middle)])
         rig, frames = check_cameras(job, capture, rig, frames, store.group(0))
         job.progress.update(1)
-        coverage = tell_coverage(job, capture, rig, frames[0]) if job.config.check_coverage else None
-        job.progress.stage("finding where the scene's surfaces are", 1, job.plan.points())
+        coverage = report_coverage(job, capture, rig, frames[0]) if job.config.check_coverage else None
+        job.show(POINTS_TEXT, 1)
         known = capture.points, capture.point_colors, capture.near
         seeds, layout = lay_out(rig.cameras, frames[0], job.config, *known)
         job.progress.update(1, points=len(seeds.points))
-    lock.keep()
+    lock.save_record()
     if coverage is not None:
         store.save_coverage(coverage)
     store.save_layout(layout, seeds.points, seeds.colors)
@@ -44,7 +68,7 @@ def prepare(job: Job, capture: Capture, lock: RunLock) -> tuple[Rig, Layout]:
 
 
 def save_header(job: Job, capture: Capture, rig: Rig, layout: Layout, sound: Soundtrack | None) -> None:
-    """What is known of the reel beforehand: header, limits of views, sound."""
+    """Save what the reel says before its first group: the header, the limits of views, the sound."""
     store = job.store
     coverage = store.coverage()
     farthest = None if coverage is None else coverage.angle
@@ -53,32 +77,47 @@ def save_header(job: Job, capture: Capture, rig: Rig, layout: Layout, sound: Sou
     save_soundtrack(store.work, sound)
 
 
-def open_reel(job: Job, lock: RunLock) -> ReelWriter:
-    """The reel of a run, which goes on where it was cut off."""
+def open_reel_writer(job: Job, lock: RunLock) -> ReelWriter:
+    """Return the writer of a run's reel, which continues an interrupted one."""
     return open_writer(job.store, lock.reel, job.config.encode, resume=True)
 
 
 def check_cameras(
     job: Job, capture: Capture, rig: Rig, frames: np.ndarray, store: GroupStore
 ) -> tuple[Rig, np.ndarray]:
-    """Cameras as they stand, without those that show something else, and their pictures.
+    """Correct the poses of the cameras, and leave out cameras that show something else.
 
-    frames: [T, C, H, W, 3] uint8, some moments; the first and the middle one are looked at. store: keeps what was found.
+    Args:
+        job: The run.
+        capture: The capture.
+        rig: The training cameras.
+        frames: Images [T, C, H, W, 3] uint8 of some moments. The first and the middle one are compared.
+        store: Checkpoints that keep the poses.
+
+    Returns:
+        The cameras that are left, and their images.
     """
-    frames_seen = frames[[0, len(frames) // 2]]
-    check_pictures(capture, rig.names, frames_seen)
+    compared = frames[[0, len(frames) // 2]]
+    check_pictures(capture, rig.names, compared)
     for doubt in capture.doubts:
         job.progress.note(doubt)
     if not job.config.check_poses:
         return rig, frames
-    poses = check_first_poses(rig, frames_seen, str(capture.origin), job.progress)
-    store.save_poses(poses)
+    poses = check_first_poses(rig, compared, str(capture.origin), job.progress)
+    save_poses(store, poses)
     assert poses.kept is not None
-    return rig.standing(poses), frames[:, poses.kept]
+    return rig.with_poses(poses), frames[:, poses.kept]
 
 
-def tell_coverage(job: Job, capture: Capture, rig: Rig, images: np.ndarray) -> Coverage:
-    """What to expect of new views, told before it is trained. images: [C, H, W, 3] uint8, of the first frame."""
+def report_coverage(job: Job, capture: Capture, rig: Rig, images: np.ndarray) -> Coverage:
+    """Measure and report how well the cameras cover the scene, before anything is trained.
+
+    Args:
+        job: The run.
+        capture: The capture.
+        rig: The cameras that are trained on.
+        images: Their images [C, H, W, 3] uint8 of the first frame.
+    """
     known = {"points": capture.points, "point_colors": capture.point_colors, "near": capture.near}
     found = cover(rig.cameras, images, **known, device=job.device, progress=job.progress)
     for sentence in found.sentences():

@@ -1,4 +1,4 @@
-"""The scene that all chapters of a long video share: what is always there, reconstructed once and then frozen."""
+"""The scene that all chapters of a long video share: points that are always there, trained once and then frozen."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from splatreel.codec.encoder import ReelEncoder
 from splatreel.codec.group_file import decode_layer
 from splatreel.motion.clean_plates import CleanPlates, clean_plates
 from splatreel.motion.lift import shares
-from splatreel.recon.cameras.exposure import measure_exposure, take_out
+from splatreel.recon.cameras.exposure import measure_exposure, remove_exposure
 from splatreel.recon.cameras.group_input import GroupInput
 from splatreel.recon.cameras.rig import Rig
 from splatreel.recon.encode.importance import weigh
@@ -19,78 +19,94 @@ from splatreel.recon.encode.soundtrack import Soundtrack
 from splatreel.recon.encode.step_choice import encode_layer_by_slope
 from splatreel.recon.init.initial_points import initial_points, near_plane
 from splatreel.recon.init.layout import Layout, border_color, measure
-from splatreel.recon.preparation import check_cameras, save_header, tell_coverage
-from splatreel.recon.run.job import Job
+from splatreel.recon.preparation import POINTS_TEXT, check_cameras, report_coverage, save_header
+from splatreel.recon.run.job import POINTS, Job
 from splatreel.recon.run.run_lock import RunLock
-from splatreel.recon.run.store import StoredLayer, once, restored_rig
+from splatreel.recon.run.store import GroupStore, StoredLayer
+from splatreel.recon.stages.group_stages import restored_rig
+from splatreel.recon.stages.keyframe_stages import FirstKeyframe
 from splatreel.recon.train.keyframe import KeyframeResult
 from splatreel.recon.train.stages import train_first_keyframe
 from splatreel.scene.gaussians import Gaussians
+from splatreel.scene.spans import GroupSpan
 
+SCENE_TEXT = "training the scene that all chapters share"
+SCENE_POINTS = 2.0
+"""Time of the initial points of several moments, as a multiple of that of one."""
 SAMPLES = 24
-"""Frames of the video that its plates are made from: somebody who crosses the picture is in the way in few of them."""
+"""Frames of the video that the clean plates are made from. A passer-by hides a place in few of them."""
 MOMENTS = 3
-"""Of these, those whose own points the scene's measures are taken from as well: who walks about is not in the plates."""
+"""Sampled frames whose own points count in the measures of the scene. Moving people are not in the plates."""
 UNKNOWN = 0.5
-"""Share of what a point shows that may lie where the plates mean nothing."""
+"""Share of a point's visible area that may lie where the plates are unknown."""
+PLATE = GroupSpan(0, 0, 1, 1)
+"""The plates of all cameras, taken as a group of one frame."""
 
 
 def reconstruct_shared_scene(job: Job, capture: Capture, sound: Soundtrack | None, lock: RunLock) -> None:
-    """Make clean plates, reconstruct them as the first keyframe of a video, and encode the points as a layer; all of it is kept."""
+    """Make clean plates, train them as the first keyframe of a video, and encode the points as a layer."""
     store = job.store.scene
     if store.has_layer():
         return
-    rig, layout, plates = _look_at_video(job, capture, lock)
+    rig, layout, plates = _prepare_scene(job, capture, lock)
     save_header(job, capture, rig, layout, sound)
-    data = _input_of(job, rig, layout, plates)
-
-    def train() -> KeyframeResult:
-        with job.timed("keyframe"):
-            iterations, share = job.config.keyframe.first_iterations, job.plan.keyframe(0)
-            job.progress.stage("building what all chapters share", iterations, share)
-            seeds = job.store.initial_points()
-            return train_first_keyframe(data, *seeds, job.config, job.progress, plates.unknown)
-
-    found = once(store.keyframe, train, store.save_keyframe)
-    found.points.check_finite("The scene that all chapters share")
+    config = job.config
+    data = GroupInput(PLATE, plates.images[None], rig, None, layout, job.device, config.seed, config.antialias)
+    keyframe = FirstKeyframe()
+    found = keyframe.load(store)
+    if found is None:
+        found = _train(job, data, plates)
+        keyframe.save(store, found)
     _save_layer(job, data, found.points, plates)
 
 
 def shared_rig(job: Job, capture: Capture) -> Rig:
-    """The cameras as the scene found them, which each chapter begins with."""
+    """Return the cameras as the shared scene found them. Each chapter begins with these."""
     return restored_rig(Rig.of(capture.training_cameras), job.store.scene, 1)
 
 
-def _look_at_video(job: Job, capture: Capture, lock: RunLock) -> tuple[Rig, Layout, CleanPlates]:
-    """Cameras, measures, initial points and plates, from frames sampled through the video."""
+def load_plates(store: GroupStore) -> CleanPlates | None:
+    """Return the saved clean plates; None where there are none."""
+    arrays = store.load("plates")
+    return None if arrays is None else CleanPlates(arrays["images"], arrays["unknown"])
+
+
+def _prepare_scene(job: Job, capture: Capture, lock: RunLock) -> tuple[Rig, Layout, CleanPlates]:
+    """Return cameras, measures of the scene and plates, from frames sampled through the video; save the initial points."""
     store = job.store
-    if (layout := store.layout()) is not None and (plates := store.scene.plates()) is not None:
+    if (layout := store.layout()) is not None and (plates := load_plates(store.scene)) is not None:
         return shared_rig(job, capture), layout, plates
-    with job.timed("points"):
+    with job.timed(POINTS):
         rig = Rig.of(capture.training_cameras)
-        at = np.linspace(0, capture.frames - 1, min(SAMPLES, capture.frames)).round().astype(int)
-        job.progress.stage("reading frames of the whole video", len(at), (0.0, 0.0))
-        frames = np.empty((len(at), len(rig.names), capture.height, capture.width, 3), np.uint8)
-        for place, frame in enumerate(at):
-            frames[place] = capture.read(int(frame), 1, rig.names)[0]
-            job.progress.update(place + 1)
+        frames = _sample_frames(job, capture, rig)
         rig, frames = check_cameras(job, capture, rig, frames, store.scene)
-        coverage = tell_coverage(job, capture, rig, frames[0]) if job.config.check_coverage else None
-        job.progress.stage("finding where the scene's surfaces are", MOMENTS + 1, job.plan.points())
+        coverage = report_coverage(job, capture, rig, frames[0]) if job.config.check_coverage else None
+        job.show(POINTS_TEXT, MOMENTS + 1)
         if job.config.even_exposure:
-            take_out(frames, measure_exposure(rig, frames))
+            remove_exposure(frames, measure_exposure(rig, frames))
         plates = clean_plates(frames)
         layout, points, colors = _lay_out(job, rig, plates, frames)
-    lock.keep()
+    lock.save_record()
     if coverage is not None:
         store.save_coverage(coverage)
-    store.scene.save_plates(plates)
+    store.scene.save("plates", plates._asdict())
     store.save_layout(layout, points, colors)
     return rig, layout, plates
 
 
+def _sample_frames(job: Job, capture: Capture, rig: Rig) -> np.ndarray:
+    """Return images [T, C, H, W, 3] uint8 of frames spread over the video."""
+    at = np.linspace(0, capture.frames - 1, min(SAMPLES, capture.frames)).round().astype(int)
+    job.progress.stage("reading frames of the whole video", len(at), (0.0, 0.0))
+    frames = np.empty((len(at), len(rig.names), capture.height, capture.width, 3), np.uint8)
+    for place, frame in enumerate(at):
+        frames[place] = capture.read(int(frame), 1, rig.names)[0]
+        job.progress.update(place + 1)
+    return frames
+
+
 def _lay_out(job: Job, rig: Rig, plates: CleanPlates, frames: np.ndarray) -> tuple[Layout, np.ndarray, np.ndarray]:
-    """Measures of the scene with all that comes and goes in it, and the initial points of the plates, [P, 3] with colors [P, 3]."""
+    """Return the measures of the scene with everything that moves in it, and the plates' initial points [P, 3] and colors [P, 3]."""
     seeds = initial_points(rig.cameras, plates.images, seed=job.config.seed)
     job.progress.update(1, points=len(seeds.points))
     seen = [seeds.points]
@@ -104,30 +120,27 @@ def _lay_out(job: Job, rig: Rig, plates: CleanPlates, frames: np.ndarray) -> tup
     return layout, seeds.points, seeds.colors
 
 
-def _input_of(job: Job, rig: Rig, layout: Layout, plates: CleanPlates) -> GroupInput:
-    return GroupInput(
-        span=job.spans[0],
-        images=plates.images[None],
-        cameras=rig.cameras,
-        gains=rig.gains,
-        time_offsets=rig.time_offsets,
-        light=None,
-        layout=layout,
-        device=job.device,
-        seed=job.config.seed,
-        antialias=job.config.antialias,
-    )
+def _train(job: Job, data: GroupInput, plates: CleanPlates) -> KeyframeResult:
+    """Train the plates as a keyframe. Unknown pixels teach nothing."""
+    with job.timed(FirstKeyframe.name):
+        job.show(SCENE_TEXT, job.config.keyframe.first_iterations)
+        seeds = job.store.initial_points()
+        found = train_first_keyframe(data, *seeds, job.config, job.progress, plates.unknown)
+    found.points.check_finite("The scene that all chapters share")
+    return found
 
 
 def _save_layer(job: Job, data: GroupInput, points: Gaussians, plates: CleanPlates) -> None:
-    """Keep the points that plates tell of, encoded, and as every reader will see them."""
+    """Encode the points that the plates show, and save them as trained and as decoded."""
     store = job.store.scene
     hidden = shares(points, data.cameras, plates.unknown, data.near, data.device)
-    known = points[~(hidden > UNKNOWN)]  # of NaN, which no camera sees, all comparisons are false
+    known = points[
+        ~(hidden > UNKNOWN)
+    ]  # the share is NaN for a point that no camera sees; the comparison is then false
     if len(known) == 0:
         return store.save_layer(StoredLayer(known, known))
     with job.timed("encode"):
-        job.progress.stage("writing what all chapters share", 1, job.plan.layered(0))
+        job.progress.stage("encoding the scene that all chapters share", 1, (1.0, 1.0))
         importance = weigh([known], data.cameras, data.near, job.device, data.antialias)
         none = known[:0]
         (encoded, order), steps = encode_layer_by_slope(

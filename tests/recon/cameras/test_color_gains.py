@@ -15,7 +15,7 @@ def test_gains_are_learned_with_a_mean_of_one():
     torch.testing.assert_close(gains.values[:, 0].detach(), truth, atol=0.02, rtol=0)
 
 
-def test_gains_that_are_off_change_nothing():
+def test_disabled_gains_are_none():
     gains = CameraGains(2, torch.device("cpu"), enabled=False)
     assert gains.of(1) is None
     gains.step()

@@ -1,4 +1,4 @@
-"""What the stages of a group look at, in pictures that are not too large."""
+"""The input of a group's stages, with smaller images."""
 
 import numpy as np
 import pytest
@@ -22,7 +22,7 @@ def test_pictures_are_halved_as_long_as_they_are_too_large(monkeypatch: pytest.M
     assert data.images.shape == (3, 2, 80, 122, 3)
 
 
-def test_a_halved_camera_sees_the_same(monkeypatch: pytest.MonkeyPatch):
+def test_halved_camera_sees_the_same(monkeypatch: pytest.MonkeyPatch):
     monkeypatch.setattr(group_input, "ENOUGH_SIDE", 64)
     cameras = ring(1, width=128, height=80)
     data = inputs.group_input(np.zeros((1, 1, 80, 128, 3), np.uint8), cameras)

@@ -4,31 +4,30 @@ import cv2
 import numpy as np
 import pytest
 
-from splatreel.recon.cameras.findings import Findings
-from splatreel.recon.cameras.poses import MOVED, PLENTY, Verdict, check_poses
+from splatreel.recon.cameras.poses import MOVED, PLENTY, PoseEstimate, PoseFindings, inspect_poses
 from splatreel.scene.camera import Camera
 from tests.recon.corner import HEIGHT, WIDTH, arc, pictures, texture
 
 CAMERAS = arc(9)
 TRUTH = pictures(CAMERAS)
-ALL_RIGHT = Findings({}, [], [])
+ALL_RIGHT = PoseFindings({}, [], [])
 
 
 def turned(camera: Camera, degrees: float) -> Camera:
-    """As if somebody had touched it after its calibration."""
+    """Return a camera that was turned after its calibration."""
     motion = np.eye(4)
     motion[:3, :3] = cv2.Rodrigues(np.radians(degrees) * np.array([0.8, 0.5, 0.3]))[0]
     return replace(camera, viewmat=motion @ camera.viewmat)
 
 
 def moments(images: np.ndarray = TRUTH, noise: float = 2.0) -> np.ndarray:
-    """Two noisy ones."""
+    """Return two noisy copies of the images."""
     noisy = images + np.random.default_rng(0).normal(0, noise, (2, *images.shape))
     return noisy.clip(0, 255).astype(np.uint8)
 
 
 def apart(a: Camera, b: Camera) -> float:
-    """Median pixels between what two cameras show of the same places."""
+    """Return the median distance in pixels of what two cameras show of the same places."""
     places = np.stack(np.meshgrid([-2, 0, 2], [-1, 0, 1], [4, 6], indexing="ij"), -1).reshape(-1, 3)
     pixels = []
     for camera in (a, b):
@@ -37,39 +36,39 @@ def apart(a: Camera, b: Camera) -> float:
     return float(np.median(np.linalg.norm(pixels[0] - pixels[1], axis=1)))
 
 
-def test_cameras_that_are_right_stay_as_they_are() -> None:
-    assert check_poses(CAMERAS, moments()) == ALL_RIGHT
-    assert check_poses(CAMERAS[:3], moments(TRUTH[:3])) == ALL_RIGHT
+def test_correct_poses_stay() -> None:
+    assert inspect_poses(CAMERAS, moments()) == ALL_RIGHT
+    assert inspect_poses(CAMERAS[:3], moments(TRUTH[:3])) == ALL_RIGHT
 
 
-def test_less_than_a_pixel_is_left_alone() -> None:
-    assert check_poses([turned(CAMERAS[0], 0.05), *CAMERAS[1:]], moments()) == ALL_RIGHT
+def test_errors_below_a_pixel_are_ignored() -> None:
+    assert inspect_poses([turned(CAMERAS[0], 0.05), *CAMERAS[1:]], moments()) == ALL_RIGHT
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("degrees", [0.6, 1.0])
-def test_cameras_that_were_touched_are_put_right(degrees: float) -> None:
+def test_moved_cameras_are_corrected(degrees: float) -> None:
     wrong = [turned(camera, degrees) if number in (2, 6) else camera for number, camera in enumerate(CAMERAS)]
-    found = check_poses(wrong, moments())
-    assert set(found.mended) == {2, 6}
+    found = inspect_poses(wrong, moments())
+    assert set(found.corrected) == {2, 6}
     assert not found.strangers
     assert not found.doubtful
-    for number, mended in found.mended.items():
+    for number, corrected in found.corrected.items():
         assert apart(wrong[number], CAMERAS[number]) > 1.5
-        assert apart(mended.camera, CAMERAS[number]) < 0.3
-        assert mended.pixels == pytest.approx(apart(wrong[number], CAMERAS[number]), abs=0.5)
-        assert mended.camera.name == CAMERAS[number].name
+        assert apart(corrected.camera, CAMERAS[number]) < 0.3
+        assert corrected.pixels == pytest.approx(apart(wrong[number], CAMERAS[number]), abs=0.5)
+        assert corrected.camera.name == CAMERAS[number].name
 
 
-def test_a_camera_that_shows_something_else_is_a_stranger() -> None:
+def test_camera_that_shows_something_else_is_a_stranger() -> None:
     images = TRUTH.copy()
     images[4] = TRUTH[4, ::-1, ::-1]
-    found = check_poses(CAMERAS, moments(images))
-    assert found == Findings({}, [4], [])
+    found = inspect_poses(CAMERAS, moments(images))
+    assert found == PoseFindings({}, [4], [])
 
 
 def beside(camera: Camera, degrees: float) -> Camera:
-    """As if it stood elsewhere around the scene, five units before the others."""
+    """Return a camera at another place around the scene, five units in front of the others."""
     motion, about = np.eye(4), np.eye(4)
     motion[:3, :3] = cv2.Rodrigues(np.radians(degrees) * np.array([0.0, 1, 0]))[0]
     about[2, 3] = 5
@@ -77,57 +76,57 @@ def beside(camera: Camera, degrees: float) -> Camera:
 
 
 @pytest.mark.slow
-def test_a_camera_that_stands_alone_is_kept_and_said_to_be_unchecked() -> None:
+def test_isolated_camera_is_kept_unchecked() -> None:
     """It shows the other side, on which there is nothing that its neighbors show: no evidence that it is anywhere else."""
     images = TRUTH.copy()
     images[8] = TRUTH[8, ::-1, ::-1]
     for degrees in (90, 130, 180):
-        found = check_poses([*CAMERAS[:8], beside(CAMERAS[8], degrees)], moments(images))
-        assert found == Findings({}, [], [], [8])
+        found = inspect_poses([*CAMERAS[:8], beside(CAMERAS[8], degrees)], moments(images))
+        assert found == PoseFindings({}, [], [], [8])
 
 
-def test_three_cameras_with_too_little_in_common_are_not_said_to_misfit() -> None:
+def test_cameras_without_overlap_are_unchecked_not_doubtful() -> None:
     images = np.stack([TRUTH[0], *(texture(seed)[:HEIGHT, :WIDTH].astype(np.uint8) for seed in (8, 9))])
     apart = [CAMERAS[0], beside(CAMERAS[4], 60), beside(CAMERAS[8], -60)]
-    assert check_poses(apart, moments(images)) == Findings({}, [], [], [0, 1, 2])
+    assert inspect_poses(apart, moments(images)) == PoseFindings({}, [], [], [0, 1, 2])
     # The same where they stand side by side, and two of three videos are others': too few places to judge by.
-    assert check_poses([CAMERAS[0], CAMERAS[4], CAMERAS[8]], moments(images)) == Findings({}, [], [], [0, 1, 2])
+    assert inspect_poses([CAMERAS[0], CAMERAS[4], CAMERAS[8]], moments(images)) == PoseFindings({}, [], [], [0, 1, 2])
 
 
-def test_pictures_that_show_the_same_but_not_where_they_should_are_said_to_misfit() -> None:
+def test_matching_images_at_wrong_poses_are_doubtful() -> None:
     """Their calibration is wrong: they are said to stand far from each other, and have wide lenses."""
     scale = np.array([[0.6, 1, 1], [1, 0.6, 1], [1, 1, 1]])
     wrong = [beside(replace(c, K=c.K * scale), 70.0 * number) for number, c in enumerate(CAMERAS[:5])]
-    assert check_poses(wrong, moments(TRUTH[:5])) == Findings({}, [], [0, 1, 2, 3, 4])
+    assert inspect_poses(wrong, moments(TRUTH[:5])) == PoseFindings({}, [], [0, 1, 2, 3, 4])
 
 
-def test_nobody_can_tell_where_every_third_is_wrong() -> None:
+def test_too_many_wrong_poses_are_all_doubtful() -> None:
     wrong = [
         turned(camera, 1.0 if number % 2 else -1.0) if number % 3 == 1 else camera
         for number, camera in enumerate(CAMERAS)
     ]
-    found = check_poses(wrong, moments())
-    assert not found.mended
+    found = inspect_poses(wrong, moments())
+    assert not found.corrected
     assert not found.strangers
     assert set(found.doubtful) >= {1, 4, 7}
 
 
-def test_what_moves_is_not_taken_for_a_camera_that_does() -> None:
+def test_moving_thing_is_not_mistaken_for_a_moved_camera() -> None:
     """Half of the pictures are elsewhere in the first moment, as they are of cameras that are out of step."""
     frames = moments()
     frames[0, 3, :, : WIDTH // 2] = np.roll(frames[0, 3], 4, axis=1)[:, : WIDTH // 2]
-    assert check_poses(CAMERAS, frames) == ALL_RIGHT
+    assert inspect_poses(CAMERAS, frames) == ALL_RIGHT
 
 
-def test_without_features_nothing_is_known_and_nobody_is_touched() -> None:
-    found = check_poses(CAMERAS, np.full((2, 9, 64, WIDTH, 3), 90, np.uint8))
-    assert found == Findings({}, [], [], list(range(9)))
+def test_images_without_features_change_nothing() -> None:
+    found = inspect_poses(CAMERAS, np.full((2, 9, 64, WIDTH, 3), 90, np.uint8))
+    assert found == PoseFindings({}, [], [], list(range(9)))
 
 
-def test_the_fewer_features_tell_the_farther_off_must_a_camera_be():
+def test_fewer_features_need_a_larger_error():
     """A dancer before plain walls has few, and her outlines are elsewhere for each camera."""
     few, off = PLENTY // 4, 2 * MOVED
-    assert Verdict(CAMERAS[0], gain=2, moved=off, features=PLENTY).wrong
-    assert not Verdict(CAMERAS[0], gain=2, moved=off, features=few).wrong
-    assert Verdict(CAMERAS[0], gain=2, moved=5 * MOVED, features=few).wrong
-    assert not Verdict(CAMERAS[0], gain=1, moved=5 * MOVED, features=PLENTY).wrong
+    assert PoseEstimate(CAMERAS[0], gain=2, moved=off, features=PLENTY).wrong
+    assert not PoseEstimate(CAMERAS[0], gain=2, moved=off, features=few).wrong
+    assert PoseEstimate(CAMERAS[0], gain=2, moved=5 * MOVED, features=few).wrong
+    assert not PoseEstimate(CAMERAS[0], gain=1, moved=5 * MOVED, features=PLENTY).wrong

@@ -1,4 +1,4 @@
-"""What is learned of cameras, in whole reconstructions that are cut off and continued."""
+"""Findings about the cameras in whole reconstructions that are interrupted and continued."""
 
 from dataclasses import replace
 from pathlib import Path
@@ -8,7 +8,7 @@ import pytest
 
 from splatreel.codec.reader import ReelReader
 from splatreel.recon.cameras import rig
-from splatreel.recon.cameras.poses import Findings, Mended
+from splatreel.recon.cameras.poses import CorrectedPose, PoseFindings
 from splatreel.recon.pipeline import reconstruct
 from splatreel.recon.run.checkpoint import load_arrays
 from splatreel.scene.camera import Camera
@@ -17,7 +17,7 @@ from tests.recon.test_pipeline import CONFIG, FRAMES, Stop, content, finish_desp
 
 
 @pytest.mark.slow
-def test_exposures_and_delays_are_followed_from_group_to_group_and_over_interruptions(tmp_path: Path) -> None:
+def test_exposures_and_time_offsets_survive_interruptions(tmp_path: Path) -> None:
     capture = WallCapture(FRAMES, drift=0.08)
     undisturbed = reconstruct(capture, tmp_path / "undisturbed", CONFIG)
     for index, first in enumerate((0, 2)):
@@ -38,22 +38,20 @@ def test_exposures_and_delays_are_followed_from_group_to_group_and_over_interrup
 
 
 @pytest.mark.slow
-def test_cameras_that_do_not_fit_are_mended_or_left_out_over_interruptions(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    def findings(cameras: list[Camera], frames: np.ndarray) -> Findings:
+def test_corrected_poses_survive_interruptions(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def findings(cameras: list[Camera], frames: np.ndarray) -> PoseFindings:
         """The second is a stranger, the third was touched; in later groups nothing is found."""
         assert frames.shape[:2] == (2, len(cameras))
         if len(cameras) < 5:
-            return Findings({}, [], [])
-        return Findings({2: Mended(moved(cameras[2]), 1.0)}, [1], [])
+            return PoseFindings({}, [], [])
+        return PoseFindings({2: CorrectedPose(moved(cameras[2]), 1.0)}, [1], [])
 
     def moved(camera: Camera) -> Camera:
         viewmat = camera.viewmat.copy()
         viewmat[0, 3] += 0.05
         return replace(camera, viewmat=viewmat)
 
-    monkeypatch.setattr(rig, "check_poses", findings)
+    monkeypatch.setattr(rig, "inspect_poses", findings)
     capture = WallCapture(FRAMES, cameras=5)
     undisturbed = reconstruct(capture, tmp_path / "undisturbed", CONFIG)
     cameras = ReelReader(undisturbed.reel).manifest.cameras

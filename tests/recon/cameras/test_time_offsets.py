@@ -1,4 +1,4 @@
-"""A scene like that of `test_group`, whose cameras take their pictures out of step."""
+"""Time offsets in a scene like that of `test_group` whose cameras are out of step."""
 
 from typing import Literal
 
@@ -38,7 +38,7 @@ def moved(time: float) -> Gaussians:
 def trained(
     late: np.ndarray, enabled: bool = True, deformation: Model = "trajectory"
 ) -> tuple[GroupTrainer, TimeOffsets]:
-    """A group trained from tracks that know of no delays."""
+    """Train a group from tracks that ignore the time offsets."""
     pictures = np.empty((FRAMES, len(CAMERAS), 32, 48, 3), np.uint8)
     for t in range(FRAMES):
         for c, camera in enumerate(CAMERAS):
@@ -61,7 +61,7 @@ def trained(
     return trainer, delays
 
 
-def test_delays_are_found_and_pictures_gain_by_it() -> None:
+def test_time_offsets_are_learned_and_improve_images() -> None:
     trainer, delays = trained(LATE)
     assert np.abs(delays.values - LATE).max() < 0.15
     unaware, _ = trained(LATE, enabled=False)
@@ -69,7 +69,7 @@ def test_delays_are_found_and_pictures_gain_by_it() -> None:
 
 
 @pytest.mark.slow
-def test_the_hash_grid_learns_them_too() -> None:
+def test_hash_grid_learns_time_offsets() -> None:
     _, delays = trained(LATE, deformation="hashgrid")
     assert np.abs(delays.values - LATE).max() < 0.2
 
@@ -80,7 +80,7 @@ def test_cameras_in_step_stay_in_step() -> None:
 
 
 def told(late: float, curvature: float, seed: int, cameras: int = 8, rounds: int = 130) -> bool:
-    """Whether a rig is said to be out of step by more than a tenth of a frame, whose first camera is late; slopes are noisy."""
+    """Return whether an offset above a tenth of a frame is reported, for noisy slopes."""
     rng, delays = np.random.default_rng(seed), TimeOffsets(cameras)
     true = np.zeros(cameras)
     true[0] = late
@@ -93,13 +93,13 @@ def told(late: float, curvature: float, seed: int, cameras: int = 8, rounds: int
     return bool((np.abs(delays.values) > np.maximum(CERTAIN * off, 0.1)).any())
 
 
-def test_only_what_the_pictures_tell_is_told() -> None:
+def test_undetermined_offsets_are_not_reported() -> None:
     """Noise alone carries delays as far, a tenth of a frame and more, each time another way."""
     assert sum(told(0.0, 0.0, seed) for seed in range(40)) <= 4
     assert sum(told(0.5, 30.0, seed) for seed in range(40)) >= 38
 
 
-def test_they_are_nothing_where_they_are_off() -> None:
+def test_disabled_offsets_are_zero() -> None:
     delays = TimeOffsets(3, enabled=False)
     assert [delays.moment(frame, 1, 5) for frame in range(5)] == [0, 1, 2, 3, 4]
 
@@ -114,7 +114,7 @@ def test_moments_stay_in_the_group_and_the_mean_is_zero() -> None:
     assert delays.moment(2, 0, 5) == pytest.approx(2 + MOST_FRAMES)
 
 
-def test_the_slope_is_that_of_the_loss() -> None:
+def test_slope_is_that_of_the_loss() -> None:
     model = Trajectory(torch.from_numpy(THING.means).float(), FRAMES, UNIT)
     means = torch.from_numpy(THING.means).float()
     for level in model.controls:

@@ -1,4 +1,4 @@
-"""What to expect of new views: of rigs that cover what they show, and of such that do not."""
+"""Expected quality of novel views, for rigs with good and with poor coverage."""
 
 from dataclasses import replace
 from pathlib import Path
@@ -29,10 +29,10 @@ CPU = torch.device("cpu")
 def few_iterations(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(trial, "ITERATIONS", 60)
     monkeypatch.setattr(trial, "POINTS", 2000)
-    monkeypatch.setattr(trial, "WIDTH", 96)
+    monkeypatch.setattr(trial, "TRIAL_WIDTH", 96)
 
 
-def test_cameras_that_cover_a_scene_are_said_to() -> None:
+def test_good_coverage_is_reported() -> None:
     cameras = corner.arc(5)
     found = cover(cameras, corner.pictures(cameras), device=CPU, progress=Silent())
     assert found.trial is not None
@@ -42,7 +42,7 @@ def test_cameras_that_cover_a_scene_are_said_to() -> None:
     assert found.points > 100
     assert min(found.shared) > 20
     said = found.sentences()
-    assert f"{found.trial.psnr:.0f} dB: 20 dB is poor, 30 dB good" in said[-1]
+    assert f"{found.trial.psnr:.0f} dB: 20 dB is poor, 30 dB is good" in said[-1]
     assert not any("hardly any" in sentence for sentence in said)
 
 
@@ -56,18 +56,18 @@ def test_cameras_that_have_nothing_in_common_are_told_that_new_views_will_be_unu
     assert found.angle is not None
     assert found.angle <= 10
     said = found.sentences()
-    assert f"new views more than {found.angle:.0f} degrees from a camera will not be usable" in said[-1]
+    assert f"novel views more than {found.angle:.0f} degrees from a camera will not be usable" in said[-1]
     assert any("hardly any points in common with two other cameras: cam0" in sentence for sentence in said)
 
 
-def test_nothing_is_tried_where_nobody_asks() -> None:
+def test_no_trial_without_a_device() -> None:
     cameras = corner.arc(3)
     found = cover(cameras, corner.pictures(cameras), device=None, progress=Silent())
     assert found.trial is None
     assert len(found.sentences()) == 2
 
 
-def test_angles_are_seen_from_what_cameras_look_at() -> None:
+def test_angles_are_measured_from_the_focus() -> None:
     cameras = [turned(degrees) for degrees in (0, 10, 25, 115)]
     found = cover(cameras, np.zeros((4, 32, 48, 3), np.uint8), device=None, progress=Silent())
     assert found.angles == pytest.approx([10, 10, 15, 90], abs=0.5)
@@ -90,7 +90,7 @@ def turned(degrees: float) -> Camera:
     return replace(look_at([4 * np.sin(angle), 0, -4 * np.cos(angle)]), name=f"cam{degrees}")
 
 
-def test_what_was_found_is_kept_whole(tmp_path: Path) -> None:
+def test_coverage_round_trips_through_json(tmp_path: Path) -> None:
     store = Store(tmp_path)
     assert store.coverage() is None
     found = Coverage(["a", "b", "c"], [1.0, 2.0, 1.0], [3, 4, 5], 6, Trial("b", 30.0, 11.2, 13.0, 9.5), [["a", "b"]])
@@ -102,7 +102,7 @@ def test_what_was_found_is_kept_whole(tmp_path: Path) -> None:
         store.coverage()
 
 
-def test_a_reel_holds_people_closer_where_the_trial_failed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_failed_trial_limits_the_views_of_the_reel(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     names = [camera.name for camera in WallCapture(1).cameras]
     failed = Coverage(names, [20.0] * 4, [0] * 4, 0, Trial(names[1], 14.0, 11.2, 13.0, 9.5))
     monkeypatch.setattr(preparation, "cover", lambda *_, **__: failed)

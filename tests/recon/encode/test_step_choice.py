@@ -12,6 +12,7 @@ from splatreel.codec.group_file import decode_group, decode_layer
 from splatreel.codec.predictive.precision import STEPS, Steps
 from splatreel.config import EncodeConfig
 from splatreel.recon.cameras.group_input import GroupInput
+from splatreel.recon.cameras.rig import Rig
 from splatreel.recon.coverage.trial import Trial
 from splatreel.recon.encode.step_choice import (
     COARSEST,
@@ -33,7 +34,7 @@ from tests.recon.scenes import ring
 
 FRAMES = 4
 CLOSE = Trial("cam00", 10.0, 99.0, 12.0, 12.0)
-"""A trial after which new views are no worse than others."""
+"""A trial after which novel views are no worse than others."""
 
 
 def uneven(points: Gaussians) -> Gaussians:
@@ -59,9 +60,9 @@ def seen(noise: float) -> GroupInput:
     cameras = ring(4, width=96, height=64)
     blank = np.zeros((FRAMES, len(cameras), 64, 96, 3), np.uint8)
     layout = Layout(0.1, 4.0, [0.0, -1, 0], [[-3.0, -2, -1], [3, 2, 1]], background=(0.2, 0.3, 0.4))
-    gains, late = np.full((len(cameras), 3), 1.1, np.float32), np.zeros(len(cameras))
+    rig = replace(Rig.of(cameras), gains=np.full((len(cameras), 3), 1.1, np.float32))
     span, cpu = GroupSpan(0, 0, FRAMES, FRAMES), torch.device("cpu")
-    data = GroupInput(span, blank, cameras, gains, late, None, layout, cpu, 0, False)
+    data = GroupInput(span, blank, rig, None, layout, cpu, 0, False)
     rng, group = np.random.default_rng(0), moving()
     for frame in range(FRAMES):
         for c, camera in enumerate(cameras):

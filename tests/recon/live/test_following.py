@@ -113,7 +113,9 @@ def test_live_groups_equal_those_of_complete_capture(tmp_path: Path, whole: dict
     assert written[3].endswith("; the capture has ended.")
 
 
-@pytest.mark.parametrize("where", ["group 2: learning how it moves", "Group 2 written", "group 1: building"])
+@pytest.mark.parametrize(
+    "where", ["group 2: training the motion", "Group 2 written", "group 1: training the first keyframe"]
+)
 def test_stopped_live_run_resumes_with_new_frames(where: str, tmp_path: Path, whole: dict[str, bytes]) -> None:
     source = recorder(tmp_path / "show")
     source.write(6)
@@ -156,7 +158,7 @@ def test_draft_lowers_iterations_until_caught_up(tmp_path: Path, monkeypatch: py
     source.end()
     director = Director()
     follow(source, tmp_path / "out", director, when_late="draft")
-    iterations = [total for name, total in director.stages if "learning how it moves" in name]
+    iterations = [total for name, total in director.stages if "training the motion" in name]
     frames = LENGTH + OVERLAP
     assert iterations == [frames, frames, frames, frames * CONFIG.group.iterations_per_frame]
 
@@ -168,10 +170,10 @@ def test_skipped_groups_rest_and_next_group_is_newest(tmp_path: Path) -> None:
     def burst() -> None:
         source.write(4 * LENGTH)
 
-    director = Director({"group 2: learning how it moves": burst, "Group 6 written": source.end})
+    director = Director({"group 2: training the motion": burst, "Group 6 written": source.end})
     source.write(LENGTH)
     reel = ReelReader(follow(source, tmp_path / "out", director, when_late="skip"))
-    made = [name for name, _ in director.stages if "learning how it moves" in name]
+    made = [name for name, _ in director.stages if "training the motion" in name]
     assert [name.split(":")[0] for name in made] == ["group 1", "group 2", "group 6", "group 7"]
     assert [text for text in director.told if "skipped" in text and text.startswith("Group")] == [
         f"Group {number} skipped: nothing moves in it." for number in (3, 4, 5)

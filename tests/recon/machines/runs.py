@@ -1,4 +1,4 @@
-"""A run of three short chapters, as other processes are told of it."""
+"""A run of three short chapters, described for other processes."""
 
 from functools import partial
 from pathlib import Path

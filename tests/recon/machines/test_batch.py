@@ -1,4 +1,4 @@
-"""Jobs of a batch system: any number at once, in any order, as often as one likes."""
+"""Jobs of a batch system, at the same time, in any order, and repeated."""
 
 import json
 import multiprocessing
@@ -31,7 +31,7 @@ def read_status(out: Path) -> dict[str, Any]:
 
 
 def task(out: Path, index: int) -> None:
-    """One of two, on a machine of its own."""
+    """Run one of two tasks on a machine of its own."""
     threads.use(1)
     job(spec(out), "chapter", Share(index, 2))
 
@@ -48,8 +48,8 @@ def test_two_tasks_at_once_make_the_reel_that_one_process_makes(out: Path, expec
         each.join()
     assert [each.exitcode for each in tasks] == [0, 0]
     for _ in range(2):
-        assert job(spec(out), "scene") == f"{out}: the scene is there. Next are its 3 chapters."
-        assert job(spec(out), "chapter", Share(0, 2)) == f"{out}: chapters 1, 3 of 3 are there."
+        assert job(spec(out), "scene") == f"{out}: the scene is finished. Next are its 3 chapters."
+        assert job(spec(out), "chapter", Share(0, 2)) == f"{out}: chapters 1, 3 of 3 are finished."
         assert job(spec(out), "finish") == f"{out / 'reel'}: the reel is complete."
         assert content(out / "reel") == expected
     status = read_status(out)
@@ -60,11 +60,13 @@ def test_two_tasks_at_once_make_the_reel_that_one_process_makes(out: Path, expec
     assert re.match(r"\S+Z attempt 1 on \S+, process \d+, 1 threads, Splatreel", log)
     assert re.search(r"Z group \d/\d is kept\n", log)
     assert re.search(r"Z finished after \d+ s, [\d.]+ GB at most\n$", log)
-    assert job(spec(out), "chapter", Share(3, 4)) == f"{out}: there are 3 chapters, and none for task 3 of 4."
+    assert job(spec(out), "chapter", Share(3, 4)) == f"{out}: task 3 of 4 has none of the 3 chapters."
 
 
-def test_what_a_job_needs_is_said(scene: Path, tmp_path: Path) -> None:
-    with pytest.raises(ReconstructionError, match=r"the scene that chapters share is not there. Run --job scene first"):
+def test_job_without_its_input_is_refused(scene: Path, tmp_path: Path) -> None:
+    with pytest.raises(
+        ReconstructionError, match=r"the scene that chapters share is not finished. Run --job scene first"
+    ):
         job(spec(tmp_path), "chapter", Share(0, 1))
     with pytest.raises(ReconstructionError, match="scene that chapters share is not finished"):
         job(spec(tmp_path), "finish")
@@ -73,13 +75,13 @@ def test_what_a_job_needs_is_said(scene: Path, tmp_path: Path) -> None:
         job(other, "chapter", Share(0, 1))
 
 
-def test_a_video_of_one_chapter_is_made_by_its_chapter(tmp_path: Path) -> None:
+def test_video_of_one_chapter_is_made_by_its_chapter(tmp_path: Path) -> None:
     short = RunSpec(partial(WallCapture, 2), tmp_path, CONFIG, device="cpu")
-    assert "has no scene to share" in job(short, "scene")
+    assert "needs no shared scene" in job(short, "scene")
     assert "none for task 1 of 2" in job(short, "chapter", Share(1, 2))
     with pytest.raises(ReconstructionError, match="its only chapter is not finished"):
         job(short, "finish")
-    assert job(short, "chapter", Share(0, 2)) == f"{tmp_path}: chapter 1 of 1 is there."
+    assert job(short, "chapter", Share(0, 2)) == f"{tmp_path}: chapter 1 of 1 is finished."
     made = content(tmp_path / "reel")
     assert job(short, "finish") == f"{tmp_path / 'reel'}: the reel is complete."
     assert content(tmp_path / "reel") == made

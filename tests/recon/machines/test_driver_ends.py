@@ -1,4 +1,4 @@
-"""However the driver ends, its workers end with it, and what they had finished is gone on with."""
+"""Workers end with their driver, however it ends, and the run continues from what they finished."""
 
 import os
 import signal
@@ -17,7 +17,7 @@ from pathlib import Path
 from splatreel import threads
 from splatreel.cli.failure import termination
 from splatreel.progress import Silent
-from splatreel.recon.machines.here import reconstruct_here
+from splatreel.recon.machines.local_processes import reconstruct_here
 from tests.recon.machines.runs import spec
 
 class Tell(Silent):
@@ -55,7 +55,7 @@ def runs(pid: int) -> bool:
 @pytest.mark.slow
 @pytest.mark.kill
 @pytest.mark.skipif(not sys.platform.startswith("linux"), reason="looks at /proc")
-def test_no_worker_is_left_and_the_run_goes_on(out: Path, expected: dict[str, str]) -> None:
+def test_workers_end_and_the_run_continues(out: Path, expected: dict[str, str]) -> None:
     for number, code in ((signal.SIGKILL, -signal.SIGKILL), (signal.SIGINT, 130)):
         driver, workers = start(out)
         assert len(workers) == 2

@@ -5,10 +5,11 @@ import numpy as np
 import pytest
 import torch
 
-from splatreel.recon.machines.estimate import estimate, facing, moving_share
+from splatreel.recon.machines.estimate import estimate, moving_share
 from splatreel.recon.machines.scaling import Division
 from splatreel.recon.run.machine_speed import MachineSpeed
 from splatreel.recon.run.memory import needed_memory
+from splatreel.recon.run.workload import facing
 from splatreel.scene.camera import Camera
 from splatreel.scene.spans import chapter_spans, group_spans
 from tests.recon.captures import WallCapture
@@ -16,7 +17,7 @@ from tests.recon.small import small
 
 
 def a_run(frames: int, device: str = "cpu", chapter_frames: int = 300) -> Any:
-    """As much of one as is asked for."""
+    """Return a stand-in of a run."""
     config, groups = small({"group.length": 30, "group.overlap": 5}), group_spans(frames, 30, 5)
     return SimpleNamespace(
         capture=WallCapture(frames),
@@ -38,7 +39,7 @@ def test_threads_and_slow_machines() -> None:
     assert seconds(a_run(60), speed=MachineSpeed(3.0, 3.0, 3.0)) == pytest.approx(3 * one)
 
 
-def test_pictures_are_trained_at_the_pace_of_their_size(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_training_speed_depends_on_image_size(monkeypatch: pytest.MonkeyPatch) -> None:
     """Of pictures of more than `Config.training_megapixels`, mostly smaller copies are trained on."""
     speed, found = MachineSpeed(2.0, 4.0, 1.0), []
     for megapixels in (0.01, 0.23, 0.7, 4.0):
@@ -53,7 +54,7 @@ def test_pictures_are_trained_at_the_pace_of_their_size(monkeypatch: pytest.Monk
     assert found[3] == pytest.approx(found[2], rel=1e-3)
 
 
-def test_workers_and_what_they_take() -> None:
+def test_workers_need_less_time_and_more_memory() -> None:
     run = a_run(3000)
     one = estimate(run, Division(1, 4), MachineSpeed(), 0.1)
     four = estimate(run, Division(4, 1), MachineSpeed(), 0.1)
@@ -65,7 +66,7 @@ def test_workers_and_what_they_take() -> None:
     )
 
 
-def test_a_gpu_trains_at_its_own_pace_whatever_the_threads() -> None:
+def test_gpu_training_time_is_independent_of_threads() -> None:
     speed, run = MachineSpeed(0.1, 0.1, 1.0), a_run(60, "cuda")
     cpu = estimate(a_run(60), Division(1, 1), MachineSpeed(), 0.1).seconds
     for threads in (1, 4):
@@ -77,7 +78,7 @@ def test_a_gpu_trains_at_its_own_pace_whatever_the_threads() -> None:
     assert few["tracking"] > 2 * many["tracking"]
 
 
-def test_how_much_moves_is_seen_in_a_few_pictures() -> None:
+def test_moving_share_is_measured_on_few_images() -> None:
     still, quick = moving_share(WallCapture(9, speed=0.0), 9), moving_share(WallCapture(9, speed=0.2), 9)
     assert still == 0
     assert 0.05 < quick < 0.9

@@ -1,11 +1,11 @@
-"""What nodes exchange is listed no more often than there are groups, and only as far as it concerns a node."""
+"""Nodes list shared files once per group, and only the files that they need."""
 
 from pathlib import Path
 
 import pytest
 
 from splatreel.recon.machines.exchange import Exchange
-from splatreel.recon.run.store import LAST_OF_GROUP, PUBLISHED_OF_GROUP
+from splatreel.recon.run.store import LAST_OF_GROUP, REEL_FILES_OF_GROUP
 from splatreel.scene.spans import ChapterSpan, GroupSpan
 from splatreel.storage.folder import LocalFolder
 from tests.buckets import Bucket
@@ -17,7 +17,7 @@ def made(out: Path, group: int) -> None:
     """The files of a group, as a chapter leaves them."""
     folder = out / "work" / f"group{group:04d}"
     folder.mkdir(parents=True, exist_ok=True)
-    for name in (*PUBLISHED_OF_GROUP, "keyframe.safetensors"):
+    for name in (*REEL_FILES_OF_GROUP, "keyframe.safetensors"):
         (folder / name).write_text(f"{name} of {group}")
     (out / "work" / "seconds-chapter0000.json").write_text(f"[{group}]")
 
@@ -36,7 +36,7 @@ def test_each_group_is_listed_once_and_nothing_else(tmp_path: Path, monkeypatch:
     driver.fetch_finished()
     assert asked == ["group"]
     assert sorted(path.name for path in (tmp_path / "driver" / "work" / "group0007").iterdir()) == sorted(
-        PUBLISHED_OF_GROUP
+        REEL_FILES_OF_GROUP
     )
     asked.clear()
     (tmp_path / "driver" / "work" / "group0003" / LAST_OF_GROUP).unlink()
@@ -45,7 +45,7 @@ def test_each_group_is_listed_once_and_nothing_else(tmp_path: Path, monkeypatch:
     assert (tmp_path / "driver" / "work" / "group0003" / LAST_OF_GROUP).read_text() == f"{LAST_OF_GROUP} of 3"
 
 
-def test_a_bucket_lists_what_begins_so(tmp_path: Path, bucket: Bucket) -> None:
+def test_bucket_lists_by_prefix(tmp_path: Path, bucket: Bucket) -> None:
     exchange = Exchange(bucket.url("run"), tmp_path / "node")
     for group in range(3):
         made(tmp_path / "node", group)

@@ -1,4 +1,4 @@
-"""A Ray cluster of two nodes on this machine, one of which is lost in the middle of a chapter."""
+"""A Ray cluster of two nodes on this machine, one of which is lost during a chapter."""
 
 import json
 import os
@@ -11,7 +11,7 @@ from typing import Any
 
 import pytest
 
-from splatreel.cli.machines import Machines
+from splatreel.cli.machine_options import MachineOptions
 from splatreel.cli.publish import publishing
 from splatreel.errors import UsageError
 from splatreel.recon.encode.group_writer import no_presentation
@@ -23,7 +23,7 @@ from splatreel.recon.machines.run_spec import RunSpec
 from tests.buckets import CREDENTIALS, Bucket
 from tests.recon.captures import WallCapture
 from tests.recon.machines.runs import CONFIG, FRAMES, spec
-from tests.recon.machines.test_here import Display
+from tests.recon.machines.test_local_processes import Display
 from tests.recon.test_pipeline import content
 
 ray = pytest.importorskip("ray", reason="the tests of clusters need the extra cluster")
@@ -40,7 +40,7 @@ SMALL = {"num_cpus": 1, "object_store_memory": 80 << 20}
 
 @pytest.fixture(scope="module")
 def cluster(s3_server: str) -> Iterator[Any]:
-    """Of two nodes, which find buckets; the first test takes one away."""
+    """A cluster of two nodes that reach buckets; the first test removes one node."""
     from ray.cluster_utils import Cluster
 
     with pytest.MonkeyPatch.context() as patch:
@@ -54,7 +54,7 @@ def cluster(s3_server: str) -> Iterator[Any]:
 
 
 @pytest.mark.cluster
-def test_a_node_that_is_lost_changes_nothing(cluster: Any, out: Path, expected: dict[str, str]) -> None:
+def test_node_that_is_lost_changes_nothing(cluster: Any, out: Path, expected: dict[str, str]) -> None:
     """All nodes see OUT. The node is lost once chapters are being made on both."""
     lost = []
 
@@ -67,14 +67,12 @@ def test_a_node_that_is_lost_changes_nothing(cluster: Any, out: Path, expected: 
     display = Display(lose)
     result = reconstruct_on_cluster(spec(out), cluster.address, progress=display)
     assert lost
-    (moved,) = [note for note in display.notes if "goes on after the last group" in note]
-    assert re.fullmatch(
-        r"chapter \d/3: \S+ has lost it; \S+ goes on after the last group that was kept \(attempt 2\)", moved
-    )
+    (moved,) = [note for note in display.notes if "continues after the last finished group" in note]
+    assert re.fullmatch(r"chapter \d/3: \S+ was lost; \S+ continues after the last finished group \(attempt 2\)", moved)
     status = json.loads((out / "status.json").read_text())
     assert (status["state"], sorted(chapter["attempts"] for chapter in status["chapters"])) == ("complete", [1, 1, 2])
     assert content(result.reel) == expected
-    assert display.stages[-1][0] == "making 3 chapters, 2 at a time"
+    assert display.stages[-1][0] == "reconstructing 3 chapters, 2 at a time"
     assert display.steps[-1] == 1000
     assert display.published == sorted(display.published)
     assert not ray.is_initialized()
@@ -82,13 +80,12 @@ def test_a_node_that_is_lost_changes_nothing(cluster: Any, out: Path, expected: 
 
 def made_in(bucket: Bucket, cluster: Any, display: Display) -> dict[str, str]:
     """The reel of the command with `--cluster ADDRESS --out s3://...`, as it is in the driver's folder, which begins empty."""
-    out, machines = bucket.url("run"), Machines(cluster=cluster.address)
+    out, machines = bucket.url("run"), MachineOptions(cluster=cluster.address)
     machines.check(out, follow=False)
     with machines.folder(out) as folder:
         url, run = machines.published(out, None), spec(folder)
         with publishing(folder / "reel", url, 24.0, display, no_presentation) as present:
-            output = {"sound": run.sound, "device": run.device, "progress": display, "present": present}
-            said = machines.reconstruct(run.open_capture, folder, run.config, out, output)  # pyright: ignore[reportArgumentType]
+            said = machines.reconstruct(run, out, display, present)
         assert said == f"{out}/reel: the reel is complete."
         return content(folder / "reel")
 
@@ -119,7 +116,7 @@ def node(cpu: int, gpu: int = 0, memory: int = 64 << 30, alive: bool = True) -> 
 GIB = 1 << 30
 
 
-def test_tasks_ask_for_what_they_need_of_nodes_that_have_it() -> None:
+def test_tasks_request_resources_that_nodes_have() -> None:
     need = 2 * GIB
     plan = share_nodes([node(1), node(1), node(4, alive=False)], 3, "auto", need)
     assert plan == ClusterPlan(Resources(1, 0, need), Resources(1, 0, need), 2)
@@ -132,11 +129,11 @@ def test_tasks_ask_for_what_they_need_of_nodes_that_have_it() -> None:
     assert share_nodes([node(16, gpu=4)], 20, "cpu", need).chapter.gpus == 0
     with pytest.raises(UsageError, match="no node of the Ray cluster has a GPU"):
         share_nodes([node(16)], 20, "cuda", need)
-    with pytest.raises(UsageError, match="no node of the Ray cluster has a CPU"):
+    with pytest.raises(UsageError, match="no node of the Ray cluster offers a CPU"):
         share_nodes([node(0)], 20, "auto", need)
 
 
-def test_a_small_node_does_not_decide_for_all() -> None:
+def test_small_node_does_not_limit_the_others() -> None:
     need = 9 * GIB
     large = 8 * [node(16, memory=64 * GIB)]
     alone = share_nodes(large, 56, "auto", need)
@@ -148,13 +145,13 @@ def test_a_small_node_does_not_decide_for_all() -> None:
             share_nodes([node(16, memory=memory * GIB)], 20, "auto", need)
 
 
-def test_the_number_of_threads_is_honored() -> None:
+def test_number_of_threads_is_honored() -> None:
     plan = share_nodes(2 * [node(16)], 20, "auto", GIB, threads=3)
     assert (plan.chapter.cores, plan.scene.cores, plan.at_once) == (3, 3, 10)
     assert share_nodes([node(2)], 20, "auto", GIB, threads=3).chapter.cores == 2
 
 
-def test_a_node_that_an_autoscaler_starts_is_waited_for(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_node_that_an_autoscaler_starts_is_waited_for(monkeypatch: pytest.MonkeyPatch) -> None:
     looks: list[int] = []
     asked: list[int] = []
     told: list[str] = []
@@ -171,7 +168,7 @@ def test_a_node_that_an_autoscaler_starts_is_waited_for(monkeypatch: pytest.Monk
     assert asked == [GIB]
     assert told == ["Waiting up to 60 s for a node of the cluster that can hold a chapter"]
     looks.clear()
-    with pytest.raises(UsageError, match="has a CPU to offer"):
+    with pytest.raises(UsageError, match="offers a CPU"):
         wait_for_nodes(there, 4, "auto", GIB, ClusterOptions(), told.append)
 
 
@@ -180,7 +177,7 @@ def test_ray_client_is_refused(tmp_path: Path) -> None:
         pass
 
 
-def test_a_cluster_that_is_not_there(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_unreachable_cluster_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.delenv("RAY_ADDRESS", raising=False)
     assert os.environ.get("RAY_ADDRESS") is None
     opened: list[int] = []
@@ -199,13 +196,13 @@ def test_a_cluster_that_is_not_there(tmp_path: Path, monkeypatch: pytest.MonkeyP
     ("given", "out", "words"),
     [
         ({"job": "scene", "workers": 2}, "out", "--workers and --job exclude each other"),
-        ({"chapter": "0/2"}, "out", "Give --job chapter as well"),
-        ({"job": "chapter", "chapter": "2/2"}, "out", "is no share of the chapters"),
-        ({}, "s3://bucket/run", "which only --cluster writes to"),
+        ({"chapter": "0/2"}, "out", "Add --job chapter"),
+        ({"job": "chapter", "chapter": "2/2"}, "out", "is not a share of the chapters"),
+        ({}, "s3://bucket/run", "only --cluster writes elsewhere"),
     ],
 )
 def test_options_that_do_not_go_together(given: dict[str, Any], out: str, words: str) -> None:
     with pytest.raises(UsageError, match=words):
-        Machines(**given).check(out, follow=False)
+        MachineOptions(**given).check(out, follow=False)
     with pytest.raises(UsageError, match="is already written to s3://bucket/run"):
-        Machines(cluster="auto").published("s3://bucket/run", "s3://other")
+        MachineOptions(cluster="auto").published("s3://bucket/run", "s3://other")

@@ -3,10 +3,10 @@ import pickle
 import pytest
 
 from splatreel.errors import CaptureError
-from splatreel.recon.machines.reports import INTERVAL, Noted, Reached, Reporter, in_a_sentence
+from splatreel.recon.machines.reports import INTERVAL, Noted, Reached, Reporter, describe_error
 
 
-def test_how_far_a_chapter_is_is_told_now_and_then() -> None:
+def test_progress_reports_are_limited_in_rate() -> None:
     now, sent = [0.0], []
     reporter = Reporter(3, sent.append, lambda: now[0])
     reporter.stage("first", 10, (0.2, 0.6))
@@ -23,8 +23,8 @@ def test_how_far_a_chapter_is_is_told_now_and_then() -> None:
     assert pickle.loads(pickle.dumps(sent)) == sent
 
 
-def test_an_error_is_told_in_a_sentence_and_where_nobody_foresaw_it() -> None:
-    assert in_a_sentence(CaptureError("cam00.mp4: is\n  damaged.")) == "cam00.mp4: is damaged."
+def test_unexpected_error_is_described_with_its_place() -> None:
+    assert describe_error(CaptureError("cam00.mp4: is\n  damaged.")) == "cam00.mp4: is damaged."
     with pytest.raises(ZeroDivisionError) as caught:
         _ = 1 / 0
-    assert in_a_sentence(caught.value).startswith("ZeroDivisionError at test_reports.py:")
+    assert describe_error(caught.value).startswith("ZeroDivisionError at test_reports.py:")

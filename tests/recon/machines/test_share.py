@@ -17,23 +17,21 @@ def test_shares_hold_every_chapter_once() -> None:
 
 
 @pytest.mark.parametrize("text", ["", "8/8", "1", "-1/2", "1/0", "a/b", "1/2/3"])
-def test_what_is_no_share_is_refused(text: str) -> None:
-    with pytest.raises(UsageError, match=r"is no share of the chapters. Write I/N"):
+def test_invalid_shares_are_refused(text: str) -> None:
+    with pytest.raises(UsageError, match=r"is not a share of the chapters. Write I/N"):
         parse_share(text)
 
 
-def test_a_task_of_a_slurm_array_finds_its_share() -> None:
+def test_task_of_a_slurm_array_finds_its_share() -> None:
     assert share_of_task(slurm(0, 0, 8)) == Share(0, 8)
     assert share_of_task(slurm(3, 1, 8)) == Share(2, 8)
     assert share_of_task(slurm(9, 1, 3, SLURM_ARRAY_TASK_STEP="4")) == Share(2, 3)
 
 
-def test_who_is_no_task_is_told_what_to_give() -> None:
-    with pytest.raises(
-        UsageError, match="--chapter I/N, or start it as a task of an array of Slurm, which sets SLURM_ARRAY"
-    ):
+def test_chapter_job_outside_of_slurm_names_the_option() -> None:
+    with pytest.raises(UsageError, match="--chapter I/N, or start a Slurm array task, which sets SLURM_ARRAY"):
         share_of_task({})
-    with pytest.raises(UsageError, match="SLURM_ARRAY_TASK_ID 2 is none of 3 tasks from 1 on, 4 apart"):
+    with pytest.raises(UsageError, match="SLURM_ARRAY_TASK_ID 2 is not one of 3 tasks from 1 in steps of 4"):
         share_of_task(slurm(2, 1, 3, SLURM_ARRAY_TASK_STEP="4"))
-    with pytest.raises(UsageError, match="is none of 3 tasks"):
+    with pytest.raises(UsageError, match="is not one of 3 tasks"):
         share_of_task(slurm(7, 1, 3))

@@ -26,7 +26,7 @@ def test_without_a_gpu(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 @pytest.mark.usefixtures("gpu")
-def test_a_gpu_needs_gsplat(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_gpu_needs_gsplat(monkeypatch: pytest.MonkeyPatch) -> None:
     with_gsplat(monkeypatch, True)
     assert pick_device("auto").type == pick_device("cuda").type == "cuda"
     assert pick_device("cpu").type == "cpu"
@@ -41,7 +41,7 @@ def test_unknown_devices() -> None:
         pick_device("tpu")
 
 
-def test_pictures_that_fit_and_the_width_of_those_that_would() -> None:
+def test_too_large_images_are_refused_with_a_width_that_fits() -> None:
     gigabyte = 10**9
     check_room(4 * gigabyte, 8 * gigabyte, 1352)
     with pytest.raises(ReconstructionError) as found:

@@ -20,7 +20,7 @@ def test_steps_of_both_sizes_over_those_of_the_reference(monkeypatch: pytest.Mon
     assert 10 * SMALL.megapixels < LARGE.megapixels < 1.5
 
 
-def test_a_gpu_trains_and_the_processor_does_the_rest(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_gpu_trains_and_the_processor_does_the_rest(monkeypatch: pytest.MonkeyPatch) -> None:
     def seconds(probe: Probe, device: torch.device) -> float:
         return probe.seconds * {"cpu": 2.0, "cuda": 0.2 if probe is SMALL else 0.1}[device.type]
 
@@ -29,7 +29,7 @@ def test_a_gpu_trains_and_the_processor_does_the_rest(monkeypatch: pytest.Monkey
     assert (found.small, found.large, found.other) == pytest.approx((0.2, 0.1, 2.0 / machine_speed.KERNEL_GAIN))
 
 
-def test_the_pace_of_training_depends_on_the_size_of_pictures() -> None:
+def test_training_factor_depends_on_image_size() -> None:
     speed = MachineSpeed(small=1.0, large=4.0)
     between = (SMALL.megapixels * LARGE.megapixels) ** 0.5
     sizes = (0.0, 0.01, SMALL.megapixels, between, LARGE.megapixels, 5.0)

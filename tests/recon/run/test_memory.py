@@ -30,19 +30,19 @@ MEASURED = {
 
 
 def filmed(width: int, height: int, cameras: int, frames: int) -> Any:
-    """As much of a capture as is asked for."""
+    """Return a stand-in of a capture."""
     return SimpleNamespace(
         path="film", width=width, height=height, training_cameras=[None] * cameras, frames=frames, growing=False
     )
 
 
 @pytest.mark.parametrize("name", MEASURED)
-def test_peaks_that_were_measured(name: str) -> None:
+def test_needed_memory_matches_measured_peaks(name: str) -> None:
     *capture, peak = MEASURED[name]
     assert 0.7 <= needed_memory(filmed(*capture), Config()) / peak <= 1.3
 
 
-def test_memory_grows_with_pictures_and_points_but_not_with_a_long_video() -> None:
+def test_memory_grows_with_images_and_points_not_with_length() -> None:
     usual, config = needed_memory(filmed(640, 360, 10, 100), Config()), Config()
     assert needed_memory(filmed(1280, 720, 10, 100), config) > 2 * usual
     assert needed_memory(filmed(640, 360, 20, 100), config) > usual
@@ -51,13 +51,11 @@ def test_memory_grows_with_pictures_and_points_but_not_with_a_long_video() -> No
     assert needed_memory(filmed(640, 360, 10, 100), preset("paper")) > usual
 
 
-def test_a_refusal_names_a_width_that_fits(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_refusal_names_a_width_that_fits(monkeypatch: pytest.MonkeyPatch) -> None:
     capture, config = filmed(2560, 1920, 40, 300), Config()
     for room in (2**33, 2**35):
         monkeypatch.setattr(memory, "total_memory", lambda room=room: room)
-        with pytest.raises(
-            ReconstructionError, match=r"film: pictures of 2560x1920 by 40 .* --width \d+ fits"
-        ) as raised:
+        with pytest.raises(ReconstructionError, match=r"film: images of 2560x1920 by 40 .* --width \d+ fits") as raised:
             check_memory(capture, config)
         width = int(str(raised.value).split("--width ")[1].split()[0])
         fits = filmed(width, round(1920 * width / 2560), 40, 300)
@@ -70,11 +68,11 @@ def test_a_refusal_names_a_width_that_fits(monkeypatch: pytest.MonkeyPatch) -> N
     check_memory(capture, config)
 
 
-def test_no_width_is_wider_than_the_pictures() -> None:
+def test_recommended_width_is_at_most_the_images_width() -> None:
     assert fitting_width(filmed(640, 360, 10, 100), Config(), 1e12) == 624
 
 
-def test_the_limit_of_a_container_counts(monkeypatch: pytest.MonkeyPatch, tmp_path: Any) -> None:
+def test_limit_of_a_container_counts(monkeypatch: pytest.MonkeyPatch, tmp_path: Any) -> None:
     monkeypatch.setattr(cgroups, "MOUNTED", tmp_path)
     monkeypatch.setattr(cgroups, "OWN", tmp_path / "own")
     (tmp_path / "own").write_text("0::/\n")

@@ -27,7 +27,7 @@ def test_this_machine_has_a_name_and_cores() -> None:
         (None, "aarch64"),
     ],
 )
-def test_the_name_on_linux(text: str | None, name: str, monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+def test_name_on_linux(text: str | None, name: str, monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     monkeypatch.setattr(processor.sys, "platform", "linux")
     monkeypatch.setattr(platform, "processor", lambda: "")
     monkeypatch.setattr(platform, "machine", lambda: "aarch64")
@@ -38,7 +38,7 @@ def test_the_name_on_linux(text: str | None, name: str, monkeypatch: pytest.Monk
     processor_name.cache_clear()
 
 
-def test_elsewhere_the_system_is_asked(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_processor_name_on_other_systems(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(processor.sys, "platform", "darwin")
     answer = type("Answer", (), {"stdout": "Apple M2\n"})
     monkeypatch.setattr(processor.subprocess, "run", lambda *_, **__: answer)

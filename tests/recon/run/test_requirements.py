@@ -1,4 +1,4 @@
-"""What a capture must bring: `capture check` asks for the same as reconstruction."""
+"""Requirements of a capture, the same for `capture check` and for reconstruction."""
 
 from pathlib import Path
 
@@ -15,7 +15,7 @@ NAMES = ["a", "b", "c"]
 
 
 def moments(level: int, spread: int = 3) -> np.ndarray:
-    """Two of three cameras, of which the last shows nothing but noise about a gray level."""
+    """Return images of three cameras, the last of which shows only noise around a gray level."""
     rng = np.random.default_rng(0)
     frames = rng.integers(0, 256, (2, 3, 8, 8, 3))
     frames[:, 2] = rng.integers(level - spread, level + spread + 1, frames[:, 2].shape).clip(0, 255)
@@ -25,14 +25,14 @@ def moments(level: int, spread: int = 3) -> np.ndarray:
 @pytest.mark.parametrize(("level", "color"), [(2, "black"), (16, "black"), (253, "white"), (235, "white")])
 def test_cameras_that_show_nothing_are_named(level: int, color: str) -> None:
     capture = WallCapture(2)
-    with pytest.raises(ReconstructionError, match=f"wall: what camera c shows is all {color}. Choose frames"):
+    with pytest.raises(ReconstructionError, match=f"wall: all images of camera c are {color}. Choose other frames"):
         check_pictures(capture, NAMES, moments(level))
     with pytest.raises(ReconstructionError, match="what every camera shows"):
         check_pictures(capture, ["c"], moments(level)[:, 2:])
 
 
 @pytest.mark.parametrize("level", [30, 128, 225])
-def test_what_is_grey_or_dark_for_a_moment_only_is_taken(level: int) -> None:
+def test_gray_or_briefly_dark_images_are_accepted(level: int) -> None:
     capture = WallCapture(2)
     check_pictures(capture, NAMES, moments(level))
     frames = moments(2)
@@ -40,12 +40,12 @@ def test_what_is_grey_or_dark_for_a_moment_only_is_taken(level: int) -> None:
     check_pictures(capture, NAMES, frames)
 
 
-def test_a_black_capture_is_refused_before_it_is_trained(tmp_path: Path) -> None:
+def test_black_capture_is_refused_before_it_is_trained(tmp_path: Path) -> None:
     class Black(WallCapture):
         def _read_into(self, out: np.ndarray, first: int, cameras: list[str]) -> None:
             out[:] = 0
 
-    with pytest.raises(ReconstructionError, match="all black"):
+    with pytest.raises(ReconstructionError, match="all images of every camera are black"):
         reconstruct(Black(4), tmp_path / "run", CONFIG, device="cpu")
     assert not list(tmp_path.rglob("*.safetensors"))
 

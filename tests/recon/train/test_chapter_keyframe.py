@@ -6,7 +6,7 @@ import pytest
 from splatreel.config import Config
 from splatreel.kernels.image import render_image
 from splatreel.progress import Silent
-from splatreel.recon.cameras.exposure import measure_exposure, take_out
+from splatreel.recon.cameras.exposure import measure_exposure, remove_exposure
 from splatreel.recon.cameras.group_input import GroupInput
 from splatreel.recon.cameras.rig import Rig
 from splatreel.recon.train.chapter_keyframe import ChapterStart, missing_in, start_chapter
@@ -91,7 +91,7 @@ def test_light_different_from_plates_adds_no_points(factor: float) -> None:
     wall = Gaussians(WALL.means, WALL.quats, WALL.scales, WALL.opacities, WALL.sh * 0.5)
     frames = drawn(wall, factor)[None]
     assert missing_in(group_input(frames, CAMERAS, near=NEAR), static(wall)).any()
-    take_out(frames, measure_exposure(Rig.of(CAMERAS), frames, drawn(wall)))
+    remove_exposure(frames, measure_exposure(Rig.of(CAMERAS), frames, drawn(wall)))
     found = start(group_input(frames, CAMERAS, near=NEAR), wall)
     assert len(found.points) == 0
     assert found.alive.all()

@@ -1,0 +1,1 @@
+"""Findings about the cameras: poses, color gains, exposures, time offsets."""

@@ -1,4 +1,4 @@
-"""Per-camera color gain, learned with the scene and anchored at a mean of one."""
+"""Color gains of the cameras, learned with the scene, with a mean of one."""
 
 from __future__ import annotations
 
@@ -10,12 +10,19 @@ from splatreel.recon.deform.adam import Adam, Restore
 
 
 class CameraGains:
-    """One gain a camera and channel; the mean over cameras is held at one, so that a camera never seen needs none.
+    """One gain for each camera and color channel. The mean over the cameras stays one, so that a camera that was never seen needs none.
 
-    Real rigs differ by several percent between cameras. Without gains the scene averages them and every view is wrong.
+    Real cameras differ by several percent. Without gains the scene averages them, and every view is wrong.
+
+    Args:
+        cameras: Number of cameras.
+        device: Device of the gains.
+        enabled: False keeps all gains at one.
+        rate: Learning rate.
     """
 
     def __init__(self, cameras: int, device: torch.device, enabled: bool = True, rate: float = 2e-3) -> None:
+        """Start with gains of one."""
         self.enabled = enabled
         self._start(torch.ones(cameras, 3, device=device), rate)
 
@@ -25,17 +32,17 @@ class CameraGains:
 
     @property
     def values(self) -> Tensor:
-        """[cameras, 3], without a gradient."""
+        """Gains [cameras, 3], without a gradient."""
         return self._adam.tensor.detach()
 
     def restart(self) -> None:
-        """Forget the optimizer's momentum: a run continued from a checkpoint goes on as one that was never stopped."""
+        """Forget the optimizer's momentum, as a run that is continued from a checkpoint does."""
         self._start(self.values, self._adam.rate)
 
     def of(self, camera: int) -> Tensor | None:
-        """[3]: what a rendered picture is multiplied by to be as the camera would record it; None if they are off.
+        """Return the gain [3] that a rendered image is multiplied by to match a camera's colors; None if gains are off.
 
-        A leaf, whose gradient the next step follows.
+        The gain is a leaf tensor. The next step follows its gradient.
         """
         if not self.enabled:
             return None
@@ -44,6 +51,7 @@ class CameraGains:
         return gain
 
     def step(self) -> None:
+        """Make one optimizer step with the gradients of all gains that were handed out since the last one."""
         known = [(camera, gain.grad) for camera, gain in self._seen if gain.grad is not None]
         self._seen.clear()
         if not known:
@@ -55,7 +63,7 @@ class CameraGains:
         self.values.div_(self.values.mean(0))
 
     def snapshot(self) -> Restore:
-        """The gains and their optimizer's state, copied."""
+        """Return a function that restores the gains and their optimizer."""
         gains = self._adam.snapshot()
 
         def restore() -> None:
@@ -65,4 +73,5 @@ class CameraGains:
         return restore
 
     def load(self, values: Tensor) -> None:
+        """Set the gains [cameras, 3]."""
         self.values.copy_(values)

@@ -1,4 +1,4 @@
-"""What all stages of one group look at."""
+"""Images and cameras of one group, which all of its stages read."""
 
 from __future__ import annotations
 
@@ -12,34 +12,34 @@ import torch
 from splatreel import threads
 from splatreel.capture.frame_file import frame_array, give_back
 from splatreel.kernels.image import Backdrop, render_image
+from splatreel.recon.cameras.rig import Rig
 from splatreel.recon.init.layout import Layout
 from splatreel.scene.camera import Camera
 from splatreel.scene.gaussians import Gaussians
 from splatreel.scene.spans import GroupSpan
 
 ENOUGH_SIDE = 768
-"""Pixels of the longer side of pictures that are large enough to tell what moves."""
+"""Pixels of the longer side of images that are large enough to find out what moves."""
 
 
 @dataclass(frozen=True)
 class GroupInput:
-    """The pictures of a group, the cameras that took them, and the scene's measures. No stage changes it.
+    """Images of a group, the cameras that took them, and the measures of the scene.
 
-    span: which frames of the video these are, the overlap with the next group included.
-    images: [T, C, H, W, 3] uint8, the keyframe first; what cameras' exposures and the light did has been taken out of them.
-    cameras: C, as they stand in this group.
-    gains: [C, 3] float32, what a rendered picture is multiplied by to have the colors of each camera.
-    time_offsets: [C] float64, frames by which each camera is late, as far as the groups before could tell.
-    light: [T, 3] float32, what `Group.light` says; None where the light stays.
-    layout: near plane, viewing distance, clearance and background of the scene.
-    seed: of the run. device: where to train. antialias: how splats are drawn (`render_image`).
+    Attributes:
+        span: Frames of the video that these are, the overlap with the next group included.
+        images: Images [T, C, H, W, 3] uint8, the keyframe first. Changes of exposures and light are removed from them.
+        rig: Cameras as they are known so far.
+        light: Factors [T, 3] float32 as in `Group.light`; None where the light does not change.
+        layout: Near plane, viewing distance, clearance and background of the scene.
+        device: Device that trains.
+        seed: Seed of the run.
+        antialias: True if splats are drawn antialiased (see `render_image`).
     """
 
     span: GroupSpan
     images: np.ndarray
-    cameras: list[Camera]
-    gains: np.ndarray
-    time_offsets: np.ndarray
+    rig: Rig
     light: np.ndarray | None
     layout: Layout
     device: torch.device
@@ -47,19 +47,34 @@ class GroupInput:
     antialias: bool
 
     @property
+    def cameras(self) -> list[Camera]:
+        """Cameras [C] with the poses that they have in this group."""
+        return self.rig.cameras
+
+    @property
+    def gains(self) -> np.ndarray:
+        """Color gains [C, 3] float32: factors from a rendered image to the colors of each camera."""
+        return self.rig.gains
+
+    @property
+    def time_offsets(self) -> np.ndarray:
+        """Frames [C] float64 by which each camera is late, as far as earlier groups could tell."""
+        return self.rig.time_offsets
+
+    @property
     def near(self) -> float:
-        """Depth before which nothing is trained or drawn, world units."""
+        """Depth of the near plane in world units. Nothing nearer is trained or drawn."""
         return self.layout.near
 
     @property
     def unit(self) -> float:
-        """Typical viewing distance, world units."""
+        """Typical viewing distance in world units."""
         return self.layout.unit
 
     def smaller(self) -> GroupInput:
-        """The same with pictures of `ENOUGH_SIDE`, for what needs no more of them: to tell what moves, and about where to.
+        """Return the same input with images of at most `ENOUGH_SIDE`, for stages that need no larger ones.
 
-        Made anew each time, in less than a second: kept, they would take memory while the group trains.
+        The images are computed again at each call, in less than a second. Kept, they would take memory while the group trains.
         """
         cameras = [camera.at_most(ENOUGH_SIDE) for camera in self.cameras]
         size = cameras[0].width, cameras[0].height
@@ -70,14 +85,14 @@ class GroupInput:
         with ThreadPoolExecutor(threads.count()) as pool:
             list(pool.map(lambda pair: cv2.resize(pair[0], size, dst=pair[1], interpolation=cv2.INTER_AREA), pairs))
         give_back(self.images)
-        return replace(self, images=images, cameras=cameras)
+        return replace(self, images=images, rig=replace(self.rig, cameras=cameras))
 
     def draw(self, points: Gaussians, camera: Camera) -> np.ndarray:
-        """[H, W, 3] float32, a picture of points as it comes before the camera's color gain; on the CPU, without gradients."""
+        """Return an image [H, W, 3] float32 of points, before the camera's color gain. It is drawn on the CPU, without gradients."""
         layout = self.layout
         return render_image(points, camera, near=layout.near, antialias=self.antialias, background=layout.background)
 
     def backdrop(self, points: Gaussians, camera: Camera) -> Backdrop:
-        """For pictures as of `draw`, of these and other points."""
+        """Return a backdrop of points, which other points can be drawn in front of."""
         layout = self.layout
         return Backdrop(points, camera, near=layout.near, antialias=self.antialias, background=layout.background)

@@ -1,22 +1,22 @@
-"""Cameras that are not where they are said to be, and such as show something else (beyond the paper).
+"""Check of the cameras' poses against the images, and correction of poses that are wrong (beyond the paper).
 
-What two other cameras agree on lies at a place that a third one must show where it does. If it would do so only turned and moved a
-little, it was touched after its calibration: all others see the scene twice until it is put right. A camera whose features hardly ever
-lie on the others' epipolar lines is somewhere else, or its video is another's; but one that looks from where no other does has little
-in common with them wherever it stands, which is no evidence.
+Two cameras that agree on a place predict where a third camera shows it. If a slightly different pose of the third camera would make
+most predictions right, the camera was moved after its calibration: its pose is corrected. A camera whose features hardly ever lie on
+the others' epipolar lines is somewhere else, or has the video of another camera. A camera that looks from a place where no other does
+has little in common with the others at any pose. That is no evidence.
 """
 
 from __future__ import annotations
 
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import cv2
 import numpy as np
 
 from splatreel import threads
-from splatreel.recon.cameras.findings import Findings, Mended
-from splatreel.recon.cameras.readings import misread, related
+from splatreel.errors import ReconstructionError
+from splatreel.recon.cameras.pose_conventions import recognize_convention, show_the_same
 from splatreel.recon.init.features import detect, epipolar_lines, line_distances, match
 from splatreel.recon.init.planesweep import project, unproject
 from splatreel.recon.init.triangulate import intersect, neighbor_pairs, reprojection_errors, separation
@@ -24,41 +24,116 @@ from splatreel.scene.camera import Camera, focus_point
 
 NEIGHBORS = 6
 SEARCH_WIDTHS = 0.03, 0.015, 0.008
-"""Of the picture's width: how far off their lines features are looked for, from round to round; nobody is put right by more."""
+"""Distances from epipolar lines within which features are matched, in the rounds of a correction, as shares of the image width. No pose
+is corrected by more than the first."""
 MATCH_PIXELS = 0.7
-"""Pixels by which what is believed may be off."""
+"""Largest error in pixels of a match that is believed."""
 NARROW = 3.0
-"""Degrees between two cameras' views of a place, below which they do not know how far it is."""
+"""Degrees between two cameras' rays to a place, below which they do not determine its distance."""
 ROUNDS = 25
 MOVED = 0.7
-"""Pixels that what a camera shows must be off, in the median, for it to be touched."""
+"""Median error in pixels of a camera's features, above which the camera was moved."""
 PLENTY = 160
-"""Features that are enough to tell that; of half as many, on a dancer before plain walls, twice as far off is asked."""
+"""Number of features that suffices for this decision. Half as many must be off by twice as much, as for a dancer in front of plain
+walls."""
 GAIN = 1.4
-"""Times as many places must be shown where they are then."""
+"""Factor by which the corrected pose must increase the number of places that are shown where they are."""
 FEWEST_POINTS_AND_MATCHES = 80, 200
-"""Places by which a camera is judged, and matches by which it is a stranger."""
+"""Smallest number of places to estimate a pose from, and of matches to find a stranger by."""
 CHANCE = 1.6
-"""Times as many matches as by chance that are on their lines in any camera that sees what the others do."""
+"""Matches on their epipolar lines, as a multiple of those by chance, in any camera that sees what the others see."""
 WIDE = 60.0
-"""Degrees between two cameras' directions, from which on features hardly match, wherever they stand."""
+"""Degrees between two cameras' directions, above which features hardly match at any pose."""
 ALIKE = 2.0, 50
-"""Times as many matches as by chance that are on their lines, and of how many, where two cameras show the same things."""
+"""Matches on their epipolar lines, as a multiple of those by chance, and their number, where two cameras show the same things."""
 POSE_STEP = 1e-3
-"""Radians, and of the cameras' distance from each other: what six unknowns of a pose are counted in."""
+"""Unit of the six unknowns of a pose: radians, and a share of the distance between cameras."""
 BEHIND = 1e6
-"""Pixels at which a place behind a camera is shown: nowhere near."""
+"""Pixel coordinate that stands for a place behind a camera."""
 FREE = 0.1
-"""Weight of staying where it is, for each unknown."""
+"""Weight of an unchanged pose, for each unknown."""
 
 Pair = tuple[int, int]
 
 
 @dataclass(frozen=True)
-class Verdict:
-    """camera: where it would show most places where they are; gain: how many times as many; moved: pixels that takes, median.
+class CorrectedPose:
+    """A camera whose pose was corrected.
 
-    features: how many tell.
+    Attributes:
+        camera: The camera at the corrected pose.
+        pixels: Median shift of its image by the correction, for places as far away as most cameras look.
+    """
+
+    camera: Camera
+    pixels: float
+
+
+@dataclass(frozen=True)
+class PoseFindings:
+    """Result of the inspection of all poses. Cameras are named by index.
+
+    Attributes:
+        corrected: Cameras whose poses were corrected.
+        strangers: Cameras that do not show what their neighbors show.
+        doubtful: All cameras that seem wrong, if there are too many to tell which ones are right. The two above are then empty.
+        unchecked: Cameras that overlap the others too little for their poses to be verified.
+        convention: Convention that all poses follow instead of the required one, if they do.
+    """
+
+    corrected: dict[int, CorrectedPose]
+    strangers: list[int]
+    doubtful: list[int]
+    unchecked: list[int] = field(default_factory=list)
+    convention: str | None = None
+
+    def refuse(self, origin: str) -> None:
+        """Refuse poses of another convention. `origin` names the file that they come from.
+
+        Raises:
+            ReconstructionError: The poses follow another convention.
+        """
+        if self.convention is not None:
+            raise ReconstructionError(
+                f"{origin}: the poses do not fit the images, but would if they were {self.convention}. Convert them to matrices of "
+                "world to camera in OpenCV's axes: x right, y down, z forward."
+            )
+
+    def repairs(self, names: list[str]) -> list[str]:
+        """Return a sentence about each camera that was corrected."""
+        return [
+            f"{names[number]} was moved after its calibration, by {corrected.pixels:.1f} pixels of its image: its pose is corrected"
+            for number, corrected in self.corrected.items()
+        ]
+
+    def doubts(self, names: list[str]) -> list[str]:
+        """Return sentences about cameras whose poses could not be corrected or verified."""
+        wrong = "does not show at its pose what its neighbors show, and is left out: check its pose and its video"
+        sentences = [f"{names[number]} {wrong}" for number in self.strangers]
+        if self.doubtful:
+            doubtful = ", ".join(names[number] for number in self.doubtful)
+            sentences.append(
+                f"the poses or lenses of {doubtful} do not fit each other, too many to be corrected: calibrate again"
+            )
+        if len(self.unchecked) == len(names):
+            sentences.append("the cameras show too little in common to check their poses: they are used unchecked")
+        elif self.unchecked:
+            unchecked = ", ".join(names[number] for number in self.unchecked)
+            sentences.append(
+                f"{unchecked}: too little in common with the other cameras to check the pose, which is used unchecked"
+            )
+        return sentences
+
+
+@dataclass(frozen=True)
+class PoseEstimate:
+    """The pose at which a camera would show most places where they are.
+
+    Attributes:
+        camera: The camera at this pose.
+        gain: Number of places that it shows where they are, as a multiple of that at the given pose.
+        moved: Median shift in pixels of these places by the new pose.
+        features: Number of features that the estimate is based on.
     """
 
     camera: Camera
@@ -68,13 +143,20 @@ class Verdict:
 
     @property
     def wrong(self) -> bool:
+        """True if the given pose is clearly wrong."""
         return self.gain > GAIN and self.moved > MOVED * max(1.0, PLENTY / max(self.features, 1))
 
 
-class _Sight:
-    """What cameras show at some moments, and what they have in common. frames: [T, C, H, W, 3] uint8."""
+class _PoseCheck:
+    """Features of all cameras at some moments, and their matches.
+
+    Args:
+        cameras: The cameras.
+        frames: Images [T, C, H, W, 3] uint8.
+    """
 
     def __init__(self, cameras: list[Camera], frames: np.ndarray) -> None:
+        """Detect and match the features."""
         self.cameras, self.pairs = list(cameras), neighbor_pairs(cameras, NEIGHBORS)
         self.apart, self.chance = separation(cameras), MATCH_PIXELS / (SEARCH_WIDTHS[0] * cameras[0].width)
         forwards = np.stack([camera.forward for camera in cameras])
@@ -84,32 +166,32 @@ class _Sight:
         self.matches = {pair: self._match(pair, SEARCH_WIDTHS[0]) for pair in self.pairs}
         self._near: dict[Pair, np.ndarray] = {}
 
-    def move(self, number: int) -> None:
-        """Put a camera where most of what it shows says, ever more closely."""
+    def correct(self, number: int) -> None:
+        """Correct a camera's pose in rounds of smaller and smaller search distances."""
         around = [pair for pair in self.pairs if number in pair]
         for reach in SEARCH_WIDTHS:
             self.matches |= {pair: self._match(pair, reach) for pair in around}
-            self.cameras[number] = self.judge(number).camera
+            self.cameras[number] = self.estimate_pose(number).camera
         self.matches |= {pair: self._match(pair, SEARCH_WIDTHS[0]) for pair in around}
         self._near = {pair: near for pair, near in self._near.items() if pair not in around}
 
     def _match(self, pair: Pair, reach: float) -> list[np.ndarray]:
-        """[M, 2] indices of features of two cameras, at each moment."""
+        """Return matches [M, 2] of two cameras at each moment, as indices of features. `reach` is the search distance."""
         (a, b), cameras = pair, self.cameras
         return [match(cameras[a], cameras[b], seen[a], seen[b], reach * cameras[a].width) for seen in self.features]
 
-    def stranger(self, number: int) -> bool:
-        """Whether its features are on the others' lines hardly more often than anything would be that is looked for in reach."""
+    def is_stranger(self, number: int) -> bool:
+        """Return True if a camera's features lie on epipolar lines hardly more often than random features in reach."""
         near = self._on_lines(self._comparable(number))
         return len(near) >= FEWEST_POINTS_AND_MATCHES[1] and near.mean() < CHANCE * self.chance
 
-    def alone(self, number: int) -> bool:
-        """Whether it shows too little of what the others do, whether that fits or not."""
+    def is_unverifiable(self, number: int) -> bool:
+        """Return True if the camera overlaps the others too little for its pose to be verified."""
         near = self._on_lines([pair for pair in self.pairs if number in pair])
         return len(self._on_lines(self._comparable(number))) < FEWEST_POINTS_AND_MATCHES[1] and not self._alike(near)
 
     def _comparable(self, number: int) -> list[Pair]:
-        """Its pairs that would show the same things if all were right: others do that are as different and more."""
+        """Return pairs of the camera that would match if all poses were right: other pairs with views as different do match."""
         others = [pair for pair in self.pairs if number not in pair and self._alike(self._on_lines([pair]))]
         most = max((self.apart[pair] for pair in others), default=0.0)
         return [pair for pair in self.pairs if number in pair and self.narrow[pair] and self.apart[pair] <= most]
@@ -118,7 +200,7 @@ class _Sight:
         return len(near) >= ALIKE[1] and near.mean() > ALIKE[0] * self.chance
 
     def _on_lines(self, pairs: list[Pair]) -> np.ndarray:
-        """[M] bool: which matches of pairs of cameras are on their epipolar lines."""
+        """Return [M] bool: which matches of pairs of cameras lie on their epipolar lines."""
         for a, b in pairs:
             if (a, b) in self._near:
                 continue
@@ -129,12 +211,12 @@ class _Sight:
             self._near[a, b] = np.abs(np.concatenate(off)) < MATCH_PIXELS
         return np.concatenate([np.zeros(0, bool), *(self._near[pair] for pair in pairs)])
 
-    def judge(self, number: int) -> Verdict:
-        """Where a camera would have to be to show most places where they are that two others agree on."""
+    def estimate_pose(self, number: int) -> PoseEstimate:
+        """Return the pose at which a camera would show most places where two others agree that they are."""
         camera = self.cameras[number]
         places, pixels = self._places(number)
         if len(places) < FEWEST_POINTS_AND_MATCHES[0]:
-            return Verdict(camera)
+            return PoseEstimate(camera)
         far = [np.linalg.norm(camera.center - other.center) for other in self.cameras if other is not camera]
         units = POSE_STEP * np.repeat([1, float(np.median(far))], 3)
 
@@ -144,22 +226,22 @@ class _Sight:
 
         before = off(np.zeros(6))
         slopes = np.stack([(off(unit) - off(-unit)) / 2 for unit in np.eye(6)], 1)
-        change = _agreed(before, slopes)
+        change = _solve_robustly(before, slopes)
         step = (slopes @ change).reshape(-1, 2)
         before = before.reshape(-1, 2)
         at_once, believed = (np.linalg.norm(error, axis=1) < MATCH_PIXELS for error in (before, before + step))
         moved = float(np.median(np.linalg.norm(step[believed], axis=1))) if believed.any() else 0.0
         gain, features = believed.sum() / max(at_once.sum(), 1), len(np.unique(pixels, axis=0))
-        return Verdict(_moved(camera, units * change), gain, moved, features)
+        return PoseEstimate(_moved(camera, units * change), gain, moved, features)
 
     def _places(self, number: int) -> tuple[np.ndarray, np.ndarray]:
-        """Places [M, 3] that two other cameras agree on, and pixels [M, 2] of the features that this one matched with both."""
+        """Return places [M, 3] that two other cameras agree on, and pixels [M, 2] of the camera's own features that match both."""
         projections = np.stack([c.K.astype(np.float64) @ c.viewmat[:3].astype(np.float64) for c in self.cameras])
         centers = np.stack([camera.center for camera in self.cameras]).astype(np.float64)
         places, pixels = [np.zeros((0, 3))], [np.zeros((0, 2))]
         for moment, seen in enumerate(self.features):
             own, others, there = self._shared(number, moment)
-            couples = _couples(own)
+            couples = _pairs_of_equals(own)
             track = np.repeat(np.arange(len(couples)), 2)
             views, spots = others[couples.ravel()], there[couples.ravel()]
             found = intersect(projections[views], spots, track, len(couples))
@@ -172,7 +254,7 @@ class _Sight:
         return np.concatenate(places), np.concatenate(pixels)
 
     def _shared(self, number: int, moment: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Features [E] of a camera, sorted, that others [E] show at pixels [E, 2]."""
+        """Return features [E] of a camera, sorted, the cameras [E] that match them, and their pixels [E, 2] in those."""
         own, others, there = [np.zeros(0, int)], [np.zeros(0, int)], [np.zeros((0, 2))]
         for pair in self.pairs:
             if number in pair:
@@ -185,45 +267,50 @@ class _Sight:
         return np.concatenate(own)[order], np.concatenate(others)[order], np.concatenate(there)[order]
 
 
-def check_poses(cameras: list[Camera], frames: np.ndarray) -> Findings:
-    """Cameras whose poses are beyond doubt wrong, as they should be, and strangers.
+def inspect_poses(cameras: list[Camera], frames: np.ndarray) -> PoseFindings:
+    """Find cameras with wrong poses, and correct them. The worst one comes first; then all others are estimated again.
 
-    frames: [T, C, H, W, 3] uint8, some moments: what moves must not be taken for a camera that does. The worst comes first; then
-    the others are judged anew.
+    Args:
+        cameras: The cameras.
+        frames: Images [T, C, H, W, 3] uint8 of several moments, so that a moving thing is not taken for a moving camera.
     """
-    sight, mended = _Sight(cameras, frames), set[int]()
-    if meant := misread(cameras, sight.features[0], {pair: found[0] for pair, found in sight.matches.items()}):
-        return Findings({}, [], [], [], meant)
-    everybody = range(len(cameras))
+    check, corrected = _PoseCheck(cameras, frames), set[int]()
+    if meant := recognize_convention(
+        cameras, check.features[0], {pair: found[0] for pair, found in check.matches.items()}
+    ):
+        return PoseFindings({}, [], [], [], meant)
+    numbers = range(len(cameras))
     strangers: list[int] = []
     unchecked: list[int] = []
-    for _ in everybody:
-        verdicts = {c: sight.judge(c) for c in everybody}
-        alone = [c for c in everybody if sight.alone(c)]
-        wrong = [c for c in everybody if verdicts[c].wrong and c not in alone]
-        strangers = [c for c in everybody if c not in wrong and sight.stranger(c)]
-        judged = [c for c in everybody if verdicts[c].features]
-        unchecked = [c for c in alone if c not in mended]
-        suspects = sorted({*mended, *wrong, *strangers})
+    for _ in numbers:
+        estimates = {c: check.estimate_pose(c) for c in numbers}
+        unverifiable = [c for c in numbers if check.is_unverifiable(c)]
+        wrong = [c for c in numbers if estimates[c].wrong and c not in unverifiable]
+        strangers = [c for c in numbers if c not in wrong and check.is_stranger(c)]
+        judged = [c for c in numbers if estimates[c].features]
+        unchecked = [c for c in unverifiable if c not in corrected]
+        suspects = sorted({*corrected, *wrong, *strangers})
         many = bool(suspects) and 3 * len(suspects) >= len(cameras)
         if many and 2 * len(judged) >= len(cameras):
-            return Findings({}, [], suspects)
+            return PoseFindings({}, [], suspects)
         if many or 2 * len(unchecked) > len(cameras):
             lost = sorted({*suspects, *unchecked})
-            misfit = related(sight.features[0], neighbor_pairs(cameras, 1))
-            return Findings({}, [], lost) if misfit else Findings({}, [], [], lost)
+            misfit = show_the_same(check.features[0], neighbor_pairs(cameras, 1))
+            return PoseFindings({}, [], lost) if misfit else PoseFindings({}, [], [], lost)
         if not wrong:
             break
-        worst = max(wrong, key=lambda c: verdicts[c].gain)
-        sight.move(worst)
-        mended.add(worst)
+        worst = max(wrong, key=lambda c: estimates[c].gain)
+        check.correct(worst)
+        corrected.add(worst)
     focus = focus_point(cameras)
-    pixels = {c: _apart(cameras[c], sight.cameras[c], focus) for c in mended if c not in strangers}
-    return Findings({c: Mended(sight.cameras[c], off) for c, off in pixels.items()}, strangers, [], unchecked)
+    pixels = {c: _median_shift(cameras[c], check.cameras[c], focus) for c in corrected if c not in strangers}
+    return PoseFindings(
+        {c: CorrectedPose(check.cameras[c], off) for c, off in pixels.items()}, strangers, [], unchecked
+    )
 
 
-def _couples(own: np.ndarray) -> np.ndarray:
-    """[P, 2] indices of all two entries that are the same in sorted own [E]."""
+def _pairs_of_equals(own: np.ndarray) -> np.ndarray:
+    """Return pairs [P, 2] of indices of equal entries in a sorted array [E]."""
     couples, gap = [np.zeros((0, 2), int)], 1
     while len(same := np.flatnonzero(own[:-gap] == own[gap:])):
         couples.append(np.stack([same, same + gap], 1))
@@ -231,8 +318,11 @@ def _couples(own: np.ndarray) -> np.ndarray:
     return np.concatenate(couples)
 
 
-def _agreed(off: np.ndarray, slopes: np.ndarray) -> np.ndarray:
-    """The change [6] that brings most of off [2 M] + slopes [2 M, 6] change near zero: Geman and McClure's weights, ever stricter."""
+def _solve_robustly(off: np.ndarray, slopes: np.ndarray) -> np.ndarray:
+    """Return the change [6] that brings most of off [2 M] + slopes [2 M, 6] change near zero.
+
+    Weights are those of Geman and McClure, with a tolerance that shrinks from round to round.
+    """
     change = np.zeros(6)
     for close in np.geomspace(max(np.percentile(np.abs(off), 75), MATCH_PIXELS), MATCH_PIXELS, ROUNDS):
         squares = np.square((off + slopes @ change).reshape(-1, 2)).sum(1).repeat(2)
@@ -242,14 +332,14 @@ def _agreed(off: np.ndarray, slopes: np.ndarray) -> np.ndarray:
 
 
 def _moved(camera: Camera, change: np.ndarray) -> Camera:
-    """A camera turned by a rotation vector and moved, [6], both in its own directions."""
+    """Return a camera turned by a rotation vector and shifted, [6], both in its own axes."""
     motion = np.eye(4)
     motion[:3, :3], motion[:3, 3] = cv2.Rodrigues(change[:3])[0], change[3:]
     return replace(camera, viewmat=(motion @ camera.viewmat.astype(np.float64)).astype(np.float32))
 
 
-def _apart(camera: Camera, moved: Camera, focus: np.ndarray) -> float:
-    """Median pixels between where two cameras show what is as far away from the first as focus [3], all over its picture."""
+def _median_shift(camera: Camera, moved: Camera, focus: np.ndarray) -> float:
+    """Return the median distance in pixels between the images of two cameras, for places as far from the first as focus [3]."""
     depth = abs(float(camera.forward @ (focus - camera.center)))
     places = unproject(camera.resized(5, 5), np.full((5, 5), depth))
     return float(np.median(np.linalg.norm(project(moved, places)[0] - project(camera, places)[0], axis=-1)))

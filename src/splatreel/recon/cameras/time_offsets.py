@@ -1,4 +1,4 @@
-"""When each camera takes its pictures, learned with the motion that they show (beyond the paper)."""
+"""Time offsets of the cameras, learned with the motion that they show (beyond the paper)."""
 
 from __future__ import annotations
 
@@ -12,29 +12,37 @@ from splatreel.recon.deform.adam import Restore
 from splatreel.recon.deform.protocol import Deformation
 
 RATE = 0.03
-"""Frames that a delay may go in one step at first; a tenth of it in the end."""
+"""Frames that an offset may change in one step at first. In the end it is a tenth of that."""
 MOST_FRAMES = 1.5
-"""Frames that a camera may be late or early: of what is farther off, tracks are wrong already."""
+"""Largest offset in frames. Tracks of a camera that is farther off are wrong in any case."""
 LATER = 0.3
-"""Of how far chance carries a delay that the pictures do not tell, the share of the second half of the steps, by their sizes."""
+"""Change of an undetermined offset in the second half of the steps, as a share of its random walk over all steps, by the step sizes."""
 CERTAIN = 4.0
-"""Times its uncertainty that a delay must be for anybody to hear of it."""
+"""Multiple of its uncertainty that an offset must have to be reported."""
 FADES = (0.8, 0.95)
-"""Share that a step keeps of the mean slope and of its mean square before."""
+"""Shares of the mean slope and of the mean square that a step keeps."""
 
 
 @dataclass(frozen=True)
 class LearnedOffsets:
-    """values: [C] frames by which each camera is late. moved: RMS frames that they still went in the second half of training."""
+    """Time offsets that a group learned.
+
+    Attributes:
+        values: Frames [C] by which each camera is late.
+        moved: RMS change in frames in the second half of training.
+    """
 
     values: np.ndarray
     moved: float
 
     def uncertainty(self, ends: list[np.ndarray]) -> np.ndarray:
-        """[C] frames that each offset may be off: what the pictures do not tell goes where chance carries it, and no two times alike.
+        """Return the uncertainty [C] of each offset in frames.
 
-        By how far offsets still went in the second half of a group's training, and from group to group. ends: [C] offsets at the end
-        of each group so far, this one's last.
+        An offset that the images do not determine goes on a random walk, another one in each group. The uncertainty is therefore
+        estimated from the changes in the second half of training, and from group to group.
+
+        Args:
+            ends: Offsets [C] at the end of each group so far, this group last.
         """
         moved = self.moved / LATER
         changes = np.square(np.diff(np.stack(ends), axis=0))
@@ -44,35 +52,44 @@ class LearnedOffsets:
 
 
 class TimeOffsets:
-    """Frames by which each camera is late, [C]; their mean is held at zero, so that a camera never seen needs none.
+    """Frames [C] by which each camera is late. Their mean stays zero, so that a camera that was never seen needs none.
 
-    Phones that begin with the same clap are apart by up to half a frame, and what is fast is elsewhere in every view. A picture is
-    compared with the model at the moment that it was taken; how the loss changes with the moment is how it changes with the
-    offsets, times their velocity. Steps are Adam's.
+    Phones that are started by the same clap are up to half a frame apart, and fast things are elsewhere in every view. An image is
+    compared with the model at the time when it was taken. The gradient by this time is the gradient by the motion offsets, times
+    their velocity. Steps are those of Adam.
+
+    Args:
+        cameras: Number of cameras.
+        enabled: False keeps all offsets at zero.
     """
 
     def __init__(self, cameras: int, enabled: bool = True) -> None:
+        """Start with offsets of zero."""
         self.enabled = enabled
         self.load(np.zeros(cameras))
 
     def load(self, values: np.ndarray) -> None:
+        """Set the offsets [C]."""
         self.values = np.array(values, np.float64)
         self.restart()
 
     def restart(self) -> None:
-        """Forget the optimizer's momentum: a run continued from a checkpoint goes on as one that was never stopped."""
+        """Forget the optimizer's momentum, as a run that is continued from a checkpoint does."""
         self._slopes, self._squares, self._rounds = (np.zeros(len(self.values)) for _ in range(3))
         self._halfway = self.values.copy()
         self._pending: list[tuple[int, Tensor]] = []
 
     def moment(self, frame: int, camera: int, frames: int) -> float:
-        """When a camera took its picture of a frame, in frames of the group, which ends where those of the group do."""
+        """Return the time when a camera took a frame, in frames of the group, clipped to the group."""
         return float(np.clip(frame + self.values[camera], 0, frames - 1)) if self.enabled else frame
 
     def note(self, camera: int, slope: Tensor, share: float) -> None:
-        """slope: of the loss by a camera's moment; it is read when there are as many as cameras, which then take a step.
+        """Collect a slope. A step follows when there are as many slopes as cameras.
 
-        share: 0..1, how much of training is over.
+        Args:
+            camera: Index of the camera.
+            slope: Gradient [] of the loss by the camera's time.
+            share: Share of the training that is done, 0..1.
         """
         self._pending.append((camera, slope))
         if len(self._pending) == len(self.values):
@@ -83,7 +100,7 @@ class TimeOffsets:
                 self._halfway = self.values.copy()
 
     def snapshot(self) -> Restore:
-        """The offsets; going back to them forgets the optimizer's momentum."""
+        """Return a function that restores the offsets, without the optimizer's momentum."""
         values, halfway = self.values.copy(), self._halfway.copy()
 
         def restore() -> None:
@@ -93,12 +110,12 @@ class TimeOffsets:
         return restore
 
     def learned(self) -> LearnedOffsets:
-        """What a group's training found."""
+        """Return the offsets that the training of a group found."""
         moved = float(np.sqrt(np.mean(np.square(self.values - self._halfway))))
         return LearnedOffsets(self.values.copy(), moved)
 
     def _step(self, cameras: np.ndarray, slopes: np.ndarray, rate: float) -> None:
-        """Of the cameras that came up, by the mean of their slopes."""
+        """Step the offsets of the cameras that were seen, by the mean of their slopes."""
         counts = np.bincount(cameras, minlength=len(self.values))
         seen, (fade, fade_square) = counts > 0, FADES
         mean = np.bincount(cameras, slopes, len(self.values))[seen] / counts[seen]
@@ -113,9 +130,15 @@ class TimeOffsets:
 
 @torch.no_grad()
 def slope(model: Deformation, means: Tensor, moment: float, frames: int, d_dx: Tensor, d_dq: Tensor) -> Tensor:
-    """[] what the loss gains by a frame of delay. frames: more than one.
+    """Return the gradient [] of the loss by a camera's time, per frame.
 
-    d_dx: [N, 3], d_dq: [N, 4]: its gradients to the offsets of means [N, 3] at a moment.
+    Args:
+        model: Deformation of the points.
+        means: Points [N, 3] at the keyframe.
+        moment: Time in frames of the group.
+        frames: Number of frames of the group, at least two.
+        d_dx: Gradients [N, 3] of the loss by the position offsets.
+        d_dq: Gradients [N, 4] of the loss by the rotation offsets.
     """
     before, after = max(moment - 0.5, 0.0), min(moment + 0.5, frames - 1.0)
     (dx, dq), (dx_after, dq_after) = (model.offsets(means, at) for at in (before, after))

@@ -1,0 +1,1 @@
+"""Coverage of the scene by the cameras, and the expected quality of novel views."""

@@ -1,4 +1,4 @@
-"""How well cameras cover a scene, and what to expect of new views: told before hours are spent."""
+"""Measures of how well cameras cover a scene, the quality of novel views to expect, and the verdict of `capture check`."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ import torch
 
 from splatreel.progress import Progress
 from splatreel.recon.coverage.rating import MARKS, rating
-from splatreel.recon.coverage.trial import Trial, leave_one_out, shrunk, smaller
+from splatreel.recon.coverage.trial import Trial, leave_one_out, narrow_camera, resize_image
 from splatreel.recon.init.layout import clearance_of
 from splatreel.recon.init.limits import LEAST_DEGREES
 from splatreel.recon.init.triangulate import Tracks, triangulate
@@ -18,25 +18,32 @@ from splatreel.scene.camera import Camera, angles_apart, focus_point
 from splatreel.scene.untrusted import is_number, numbers
 
 WIDTH = 480
-"""Pixels across the pictures that points in common are looked for in, at most."""
+"""Largest width in pixels of the images that shared points are searched in."""
 NEIGHBORS = 6
-"""Nearest cameras that each one is compared with."""
+"""Number of nearest cameras that each camera is compared with."""
 FEWEST_SHARED = 20
-"""Points that a camera shares with two others, below which it is named."""
+"""Number of points shared with two other cameras, below which a camera is named."""
 SAME = 0.004
-"""Of the scene's distance: points this close are one."""
+"""Distance below which two points are one, as a share of the scene's distance."""
 TWIN_DEGREES, TWIN_SHARE = 0.01, 1e-4
-"""Cameras that differ by less have the same pose: degrees of rotation, and distance as a share of the scene's."""
+"""Largest difference of two poses that are the same: degrees of rotation, and distance as a share of the scene's."""
+UNCONFIRMED = 5
+"""Number of points shared with two others, below which a pose is unconfirmed where most cameras share enough."""
 NAMED = 6
-"""Cameras that a sentence names."""
+"""Number of cameras that a sentence names."""
 
 
 @dataclass(frozen=True)
 class Coverage:
-    """names: of the cameras trained on. angles: degrees from each to the nearest other one, seen from the middle of the scene.
+    """How well the training cameras cover the scene.
 
-    shared: how many points each shows that at least two others show. points: how many there are of these. trial: what came of leaving
-    a camera out; None where that was not tried. twins: pairs of names of cameras that have the same pose.
+    Attributes:
+        names: Names of the cameras.
+        angles: Degrees from each camera to the nearest other one, seen from the middle of the scene.
+        shared: For each camera, the number of its points that at least two other cameras show.
+        points: Number of points that at least three cameras show.
+        trial: Result of the trial that left a camera out; None without a trial.
+        twins: Pairs of names of cameras that have the same pose.
     """
 
     names: list[str]
@@ -48,30 +55,30 @@ class Coverage:
 
     @property
     def angle(self) -> float | None:
-        """Degrees from a camera up to which views hold at most, where a trial has failed: it does not tell more."""
+        """Degrees from a camera within which novel views hold, where the trial failed; None where it did not fail."""
         if self.trial is None or self.trial.holds:
             return None
         return round(min(LEAST_DEGREES, self.trial.angle / 2), 2)
 
     def sentences(self) -> list[str]:
-        """What a user reads of it."""
+        """Return sentences that describe the coverage."""
         far, few = int(np.argmax(self.angles)), [c for c, count in enumerate(self.shared) if count < FEWEST_SHARED]
         least, most = f"{min(self.angles):.0f}", f"{max(self.angles):.0f}"
-        said = [
+        sentences = [
             f"cameras are {least if least == most else f'{least} to {most}'} degrees from the nearest other one, seen from the middle "
             f"of the scene ({self.names[far]} is the farthest)",
-            f"{self.points:,} points are seen by three cameras or more, and each camera sees {min(self.shared):,} to "
+            f"{self.points:,} points are seen by three or more cameras, and each camera sees {min(self.shared):,} to "
             f"{max(self.shared):,} of them",
         ]
         if few:
             listed = ", ".join(f"{self.names[c]} ({self.shared[c]})" for c in few[:NAMED])
             more = f" and {len(few) - NAMED} more" if len(few) > NAMED else ""
-            said.append(f"hardly any points in common with two other cameras: {listed}{more}")
-        said += [f"{one} and {other} have the same pose, to all digits that count" for one, other in self.twins]
-        return said + self._expected()
+            sentences.append(f"hardly any points in common with two other cameras: {listed}{more}")
+        sentences += [f"{one} and {other} have the same pose" for one, other in self.twins]
+        return sentences + self._trial_sentences()
 
-    def _expected(self) -> list[str]:
-        """What the trial means."""
+    def _trial_sentences(self) -> list[str]:
+        """Return sentences about the result of the trial."""
         if self.trial is None:
             return []
         trial = self.trial
@@ -80,30 +87,35 @@ class Coverage:
         remedy = "Set the cameras closer together, or add some between them."
         if not trial.holds:
             return [
-                f"{tried}, hardly better than no reconstruction at all ({without}): new views more than {self.angle:.0f} degrees from "
+                f"{tried}, hardly better than no reconstruction ({without}): novel views more than {self.angle:.0f} degrees from "
                 f"a camera will not be usable. {remedy}"
             ]
         word = rating(trial.psnr)
-        found = f"{tried} ({without}). Expect new views between the cameras to be {word}, about {trial.psnr:.0f} dB: {MARKS}."
+        found = f"{tried} ({without}). Expect novel views between the cameras to be {word}, about {trial.psnr:.0f} dB: {MARKS}."
         return [f"{found} {remedy}" if word == "poor" else found]
 
     def to_dict(self) -> dict[str, Any]:
+        """Return plain data for JSON."""
         return asdict(self)
 
     @staticmethod
     def from_dict(value: dict[str, Any]) -> Coverage:
-        """Raises AttributeError, KeyError, TypeError or ValueError for what is none."""
+        """Return the coverage from plain data.
+
+        Raises:
+            Exception: AttributeError, KeyError, TypeError or ValueError for other data.
+        """
         plain = dict(value)
         trial = plain.pop("trial", None)
         names = plain["names"]
         if not isinstance(names, list) or not all(isinstance(name, str) for name in names):
-            raise TypeError("names are no list of texts")
+            raise TypeError("names are not a list of texts")
         for field_name in ("angles", "shared"):
             numbers(plain[field_name], len(names))
         if not all(isinstance(name, str) for pair in plain.get("twins", []) for name in pair):
-            raise TypeError("twins are no names")
+            raise TypeError("twins are not names")
         if trial is not None and not all(is_number(trial[name]) for name in ("angle", "psnr", "flat", "nearest")):
-            raise TypeError("a number of the trial is none")
+            raise TypeError("the trial holds a value that is not a number")
         return Coverage(**plain, trial=None if trial is None else Trial(**trial))
 
 
@@ -117,14 +129,20 @@ def cover(
     device: torch.device | None,
     progress: Progress,
 ) -> Coverage:
-    """How cameras cover what they show at a moment. images: [C, H, W, 3] uint8.
+    """Measure how well cameras cover what they show at one moment.
 
-    points: [P, 3], point_colors: [P, 3] 0..1 and near: the capture's own, see `initial_points`. device: where a camera is left out for
-    trial; None tries nothing.
+    Args:
+        cameras: Training cameras.
+        images: Their images [C, H, W, 3] uint8.
+        points: Sparse points [P, 3] of the capture, if it has any.
+        point_colors: Their colors [P, 3] 0..1.
+        near: Near plane of the capture, if it has one.
+        device: Device of the trial; None makes no trial.
+        progress: Display of the progress.
     """
-    small = [smaller(camera, WIDTH) for camera in cameras]
-    progress.stage("looking for points that several cameras show", len(cameras))
-    shown = np.stack([shrunk(image, camera) for image, camera in zip(images, small, strict=True)])
+    small = [narrow_camera(camera, WIDTH) for camera in cameras]
+    progress.stage("matching points that several cameras show", len(cameras))
+    shown = np.stack([resize_image(image, camera) for image, camera in zip(images, small, strict=True)])
     tracks = triangulate(small, shown, NEIGHBORS)
     progress.update(len(cameras))
     seen = tracks.points if points is None else np.asarray(points, np.float64)
@@ -145,7 +163,7 @@ def cover(
 
 
 def _places(tracks: Tracks, distance: float) -> np.ndarray:
-    """[P, C] bool: which cameras show each place; the same one is found from several cameras. distance: of the scene, world units."""
+    """Return [P, C] bool: which cameras show each place. Points of several cameras at one place are one."""
     cells = np.floor(tracks.points / (SAME * distance)).astype(np.int64)
     _, index = np.unique(cells, axis=0, return_inverse=True)
     index = index.reshape(-1)
@@ -155,10 +173,72 @@ def _places(tracks: Tracks, distance: float) -> np.ndarray:
 
 
 def _twins(cameras: list[Camera], distance: float) -> list[list[str]]:
-    """Return pairs of names of cameras that have the same pose. distance: of the scene, world units."""
+    """Return pairs of names of cameras that have the same pose. `distance` is that of the scene in world units."""
     centers = np.stack([camera.center for camera in cameras]).astype(np.float64)
     turns = np.stack([camera.viewmat[:3, :3] for camera in cameras]).astype(np.float64)
     gaps = np.linalg.norm(centers[:, None] - centers[None], axis=-1)
     apart = np.linalg.norm(turns[:, None] - turns[None], axis=(2, 3)) / np.sqrt(2)  # radians, for small angles
     same = (gaps < TWIN_SHARE * distance) & (apart < np.radians(TWIN_DEGREES))
     return [[cameras[i].name, cameras[j].name] for i, j in zip(*np.nonzero(np.triu(same, 1)), strict=True)]
+
+
+@dataclass(frozen=True)
+class CaptureVerdict:
+    """The conclusion about a capture.
+
+    Attributes:
+        faults: Faults to correct before reconstructing; empty if there are none.
+        expected: Expected quality of novel views.
+    """
+
+    faults: list[str]
+    expected: str = ""
+
+    def text(self, command: str) -> str:
+        """Return the closing lines of the check. `command` is the command that reconstructs the capture."""
+        if self.faults:
+            listed = "\n".join(f"  - {fault}" for fault in self.faults)
+            return f"Do not reconstruct it as it is:\n{listed}\nTo try anyway, run\n  {command}"
+        return f"It can be reconstructed, {self.expected}. Run\n  {command}"
+
+
+def judge_capture(coverage: Coverage, misfits: list[str]) -> CaptureVerdict:
+    """Judge a capture by its coverage, and by the names of cameras whose poses do not fit each other."""
+    faults = []
+    if misfits:
+        faults.append(f"the poses or lenses of {', '.join(misfits)} do not fit each other: calibrate again")
+    faults += [
+        f"{one} and {other} have the same pose: correct one of the two, or leave that camera out"
+        for one, other in coverage.twins
+    ]
+    typical = float(np.median(coverage.shared))
+    if typical >= FEWEST_SHARED:
+        faults += [
+            f"{name} has {count} points in common with two other cameras, where {typical:.0f} are usual here: check its pose and its "
+            f"video, or leave it out"
+            for name, count in zip(coverage.names, coverage.shared, strict=True)
+            if count < UNCONFIRMED
+        ]
+    elif not _trial_confirms_poses(coverage):
+        faults.append(
+            f"the images do not confirm the poses: half of the cameras have {typical:.0f} points or fewer in common with two others. "
+            f"The poses are wrong, or the cameras show too little in common: check the calibration, or add cameras in between"
+        )
+    return CaptureVerdict(faults, "" if faults else _expectation(coverage))
+
+
+def _trial_confirms_poses(coverage: Coverage) -> bool:
+    """Return True if the trial alone shows that the poses fit the images."""
+    trial = coverage.trial
+    return trial is not None and trial.holds and rating(trial.psnr) != "poor"
+
+
+def _expectation(coverage: Coverage) -> str:
+    trial = coverage.trial
+    if trial is None:
+        return "but no trial of novel views was made"
+    if not trial.holds:
+        return f"but only views within {coverage.angle:.0f} degrees of a camera will be usable"
+    word = rating(trial.psnr)
+    but = "but" if word == "poor" else "and"
+    return f"{but} novel views between the cameras will be {word} (about {trial.psnr:.0f} dB)"

@@ -1,7 +1,7 @@
-"""What new views will be like, tried: a camera that is trained on is left out of a quick and small reconstruction.
+"""Trial that predicts the quality of novel views: a quick, small reconstruction without one training camera.
 
-Training views tell nothing of that: with cameras far apart they are as good as ever, and what is between them is fog. Only a camera
-that was left out tells, and whoever trains on all of them never looks at one.
+Training views do not predict it. With cameras far apart they look good, while novel views between them are fog. Only a
+camera that was left out tells, and training on all cameras leaves none out.
 """
 
 from __future__ import annotations
@@ -18,25 +18,29 @@ from splatreel.progress import Progress
 from splatreel.recon.train.single_frame import reconstruct_single_frame
 from splatreel.scene.camera import Camera, angles_apart, middle_camera
 
-WIDTH = 192
-"""Pixels across its pictures, at most."""
+TRIAL_WIDTH = 192
+"""Largest width in pixels of the images."""
 OTHERS = 8
-"""Cameras that it trains on: the nearest to the one that is left out, which are those that show what it does."""
+"""Number of cameras that are trained on: the nearest to the one that is left out, which show the same things."""
 ITERATIONS, POINTS = 400, 8000
 MARGIN = 1.0
-"""dB by which it must be better than what can be had without any reconstruction."""
+"""Decibels by which the reconstruction must be better than an image without any reconstruction."""
 BEST = 99.0
-"""dB of pictures that are the same."""
+"""Decibels of identical images."""
 GAINS = 0.5, 2.0
-"""By what a color may be multiplied for a picture to fit: cameras' exposures differ."""
+"""Range of the factor on a color by which an image is fitted, since the exposures of cameras differ."""
 
 
 @dataclass(frozen=True)
 class Trial:
-    """camera: which was left out. angle: degrees from there to the nearest of the others, seen from the focus.
+    """Result of a trial.
 
-    psnr: dB of its picture as reconstructed from the others. flat: of one color all over, the mean. nearest: of the nearest camera's
-    picture in place of it.
+    Attributes:
+        camera: Name of the camera that was left out.
+        angle: Degrees between this camera and the nearest other one, seen from the focus.
+        psnr: PSNR in dB of its image as reconstructed from the others.
+        flat: PSNR in dB of one flat color, the mean of the image.
+        nearest: PSNR in dB of the nearest camera's image in its place.
     """
 
     camera: str
@@ -47,7 +51,7 @@ class Trial:
 
     @property
     def holds(self) -> bool:
-        """Whether the view is worth more than no reconstruction at all."""
+        """True if the reconstruction is better than no reconstruction at all."""
         return self.psnr > max(self.flat, self.nearest) + MARGIN
 
 
@@ -61,18 +65,26 @@ def leave_one_out(
     device: torch.device,
     progress: Progress,
 ) -> Trial:
-    """Leave the middle camera out. images: [C, H, W, 3] uint8, of one moment. focus: [3], what the cameras look at.
+    """Leave the middle camera out of a small reconstruction. It takes some seconds, whatever the size of the capture.
 
-    points [P, 3], colors [P, 3] 0..1 and near are the capture's, see `initial_points`. Takes some seconds, whatever the capture's size.
+    Args:
+        cameras: Training cameras.
+        images: Their images [C, H, W, 3] uint8 at one moment.
+        focus: Place [3] that the cameras look at.
+        points: Sparse points [P, 3] of the capture, if it has any.
+        colors: Their colors [P, 3] 0..1.
+        near: Near plane of the capture, if it has one.
+        device: Device that trains.
+        progress: Display of the progress.
     """
     left, angles = middle_camera(cameras, focus), angles_apart(cameras, focus)
     others = np.argsort(angles[left], kind="stable")[: min(OTHERS, len(cameras) - 1)].tolist()
-    small = [smaller(camera, WIDTH) for camera in cameras]
-    shown = {c: shrunk(images[c], small[c]) for c in [left, *others]}
+    small = [narrow_camera(camera, TRIAL_WIDTH) for camera in cameras]
+    shown = {c: resize_image(images[c], small[c]) for c in [left, *others]}
     config = preset("draft")
     keyframe = replace(config.keyframe, first_iterations=ITERATIONS, max_points=POINTS, densify_every=50)
     config = replace(config, keyframe=keyframe)
-    progress.stage(f"trying what new views will be like, without {cameras[left].name}", ITERATIONS)
+    progress.stage(f"quick trial without {cameras[left].name} (predicts novel-view quality)", ITERATIONS)
     gaussians, layout = reconstruct_single_frame(
         [small[c] for c in others],
         np.stack([shown[c] for c in others]),
@@ -81,7 +93,7 @@ def leave_one_out(
         point_colors=colors,
         near=near,
         device=device,
-        progress=_Quiet(progress),
+        progress=_StepsOnly(progress),
     )
     drawn = render_image(
         gaussians, small[left], near=layout.near, antialias=config.antialias, background=layout.background
@@ -97,28 +109,28 @@ def leave_one_out(
     )
 
 
-def smaller(camera: Camera, width: int) -> Camera:
-    """A camera of at most that width."""
+def narrow_camera(camera: Camera, width: int) -> Camera:
+    """Return a camera resized to at most that width."""
     if camera.width <= width:
         return camera
     return camera.resized(width, max(round(camera.height * width / camera.width), 1))
 
 
-def shrunk(image: np.ndarray, camera: Camera) -> np.ndarray:
-    """An image [H, W, 3] uint8 of the size of a camera."""
+def resize_image(image: np.ndarray, camera: Camera) -> np.ndarray:
+    """Return an image [H, W, 3] uint8 resized to the size of a camera."""
     size = camera.width, camera.height
     return image if image.shape[1::-1] == size else cv2.resize(image, size, interpolation=cv2.INTER_AREA)
 
 
 def _psnr(picture: np.ndarray, truth: np.ndarray) -> float:
-    """dB between pictures [H, W, 3] 0..1, once the one has been given the other's exposure."""
+    """Return the PSNR in dB of an image [H, W, 3] 0..1, fitted to the exposure of the true image."""
     gain = (picture * truth).sum((0, 1)) / np.maximum((picture * picture).sum((0, 1)), 1e-9)
     error = np.square(picture * np.clip(gain, *GAINS) - truth).mean()
     return round(min(float(-10 * np.log10(max(error, 1e-12))), BEST), 2)
 
 
-class _Quiet:
-    """Steps, but no words: what is said of a scene with a camera less is not said of the scene."""
+class _StepsOnly:
+    """Progress that shows steps, but no texts: findings about the scene without one camera do not hold for the whole scene."""
 
     def __init__(self, progress: Progress) -> None:
         self._progress = progress

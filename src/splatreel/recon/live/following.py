@@ -22,7 +22,7 @@ from splatreel.recon.encode.group_output import EncodedLayer, Output, ReelOutput
 from splatreel.recon.encode.group_writer import GroupWriter, PresentationHook, no_presentation
 from splatreel.recon.encode.header import open_writer
 from splatreel.recon.encode.importance import weigh
-from splatreel.recon.groups import Handover, reconstruct_group, restore_group
+from splatreel.recon.groups import reconstruct_group, restore_group
 from splatreel.recon.init.layout import Layout
 from splatreel.recon.live.lateness import Lateness, WhenLate
 from splatreel.recon.live.live_soundtrack import LiveSoundtrack
@@ -46,7 +46,8 @@ from splatreel.recon.run.memory import check_memory
 from splatreel.recon.run.requirements import check_capture
 from splatreel.recon.run.run_lock import RunLock
 from splatreel.recon.run.store import Store, StoredLayer
-from splatreel.recon.stages import publish_group
+from splatreel.recon.stages.stage import AfterGap, FirstOfVideo, Handover, NextGroup, RetiredStatic
+from splatreel.recon.stages.write_stages import write_group
 from splatreel.scene.gaussians import Gaussians
 from splatreel.scene.group import Group
 from splatreel.scene.spans import GroupSpan
@@ -101,8 +102,8 @@ def reconstruct_following(
         first = next(iter(run.spans(0)), None)
         if first is None:
             raise CaptureError(f"{capture.path}: the capture ended without a frame. Record again.")
-        job = run.job(first, config)
-        rig, layout = prepare(job, capture, lock)
+        job = run.job(config)
+        rig, layout = prepare(job, capture, first.count // 2, lock)
         save_epochs(job.store, job.store.finished_groups(first_kept(job.store)) + first_kept(job.store))
         save_header(job, capture, rig, layout, None)
         writer = open_writer(job.store, lock.reel, config.encode, resume=True, first_group=first_kept(job.store))
@@ -146,8 +147,8 @@ class _LiveRun:
     def spans(self, first: int, skip: bool = False) -> LiveSpans:
         return LiveSpans(self.follower, self.config.group.length, self.config.group.overlap, first, skip)
 
-    def job(self, span: GroupSpan, config: Config) -> Job:
-        return Job(config, self.device, self.progress, self.store, [span], endless=True)
+    def job(self, config: Config) -> Job:
+        return Job(config, self.device, self.progress, self.store)
 
     def make(self, rig: Rig, layout: Layout, output: LiveOutput) -> None:
         """Reconstruct all groups that are not finished. rig: state of the cameras at group 0."""
@@ -179,19 +180,19 @@ class _LiveRun:
         settings = self.lateness.settings(span.index, live.seconds_behind(span))
         self.edge = frames[span.own].copy() if span.own < len(frames) else None
         before = self._begin_group(span, before)
-        before = reconstruct_group(self.job(span, settings), span, frames, before, layout, output)
+        before = reconstruct_group(self.job(settings), span, frames, before, layout, output)
         self.window.drop_old_groups(output.writer)
         self._report(span, live)
         return before
 
     def _skip_group(self, span: GroupSpan, before: Handover, layout: Layout, output: LiveOutput) -> Handover:
         """Write a skipped group."""
-        if before.reference is None:
-            edge = self.edge
-            if edge is None:
-                edge = self.follower.capture.read(span.first, 1, before.rig.names)[0]
-            before = replace(before, reference=edge)
-        before = write_skipped_group(self.job(span, self.config), span, self._begin_group(span, before), layout, output)
+        before = self._begin_group(span, before)
+        assert isinstance(before, NextGroup)  # the first group of all is never skipped
+        edge = before.reference if isinstance(before, AfterGap) else self.edge
+        if edge is None:
+            edge = self.follower.capture.read(span.first, 1, before.rig.names)[0]
+        before = write_skipped_group(self.job(self.config), span, before, edge, layout, output)
         self.window.drop_old_groups(output.writer)
         self.progress.note(f"Group {span.index + 1} skipped: nothing moves in it.")
         return before
@@ -200,7 +201,8 @@ class _LiveRun:
         self.window.record_rig(span.index, before.rig)
         save_epochs(self.store, span.index)
         if starts_epoch(span.index):
-            return replace(before, trained=trained_points(self.store, span.index - 1))
+            static, trained = before.static, trained_points(self.store, span.index - 1)
+            return replace(before, static=RetiredStatic(static.points, static.alive, trained))
         return before
 
     def _restore(self, rig: Rig, output: LiveOutput) -> tuple[Handover, int]:
@@ -211,7 +213,8 @@ class _LiveRun:
             done -= 1
             self.store.group(done).forget()
         rig = load_rig(self.store, rig)
-        before = Handover(rig, static_before(self.store, first, degree), Gaussians.empty(degree))
+        static = static_before(self.store, first, degree)
+        before: Handover = NextGroup(rig, static, Gaussians.empty(degree), None) if first else FirstOfVideo(rig, static)
         live = self.spans(first)
         output.restore_layers(self.store, first, live)
         for index in range(first, done):
@@ -219,7 +222,7 @@ class _LiveRun:
             self.window.record_rig(index, before.rig)
             if starts_epoch(index):
                 before = replace(before, static=static_before(self.store, index, degree))
-            before = restore_group(self.job(span, self.config), span, before)
+            before = restore_group(self.job(self.config), span, before)
             output.restore(index, last=index + 1 == done)
         return before, done
 
@@ -261,9 +264,22 @@ class LiveOutput(ReelOutput):
             super().restore(index, last)
 
 
-def write_skipped_group(job: Job, span: GroupSpan, before: Handover, layout: Layout, output: Output) -> Handover:
-    """Write a group in which nothing moves, since a reel needs every frame. The next group starts from the same state."""
-    static = before.static if before.trained is None else _rewrite_static(job, span, before, layout, output)
+def write_skipped_group(
+    job: Job, span: GroupSpan, before: NextGroup, edge: np.ndarray, layout: Layout, output: Output
+) -> AfterGap:
+    """Write a group in which nothing moves, since a reel needs every frame. The next group starts from the same state.
+
+    Args:
+        job: The run.
+        span: Frames of the group.
+        before: State that the group before passed on.
+        edge: Images [C, H, W, 3] uint8 of the last frame before the gap.
+        layout: Measures of the scene.
+        output: Destination of the group.
+    """
+    static = before.static
+    if isinstance(static, RetiredStatic):
+        static = _rewrite_static(job, span, before, static, layout, output)
     still, count = before.dynamic, span.count
     dq = np.tile(np.array([1, 0, 0, 0], np.float32), (count, len(still), 1))
     light = np.tile(np.exp(before.rig.light), (count, 1)) if before.rig.light.any() else None
@@ -271,15 +287,16 @@ def write_skipped_group(job: Job, span: GroupSpan, before: Handover, layout: Lay
         span.index, span.first, still, np.zeros((count, len(still), 3), np.float32), dq, static.alive, light=light
     )
     with job.timed("encode"):
-        publish_group(job, None, group, static, output)
-    return replace(before, static=static, velocity=None, trained=None)
+        write_group(job, None, group, static, output)
+    return AfterGap(before.rig, static, still, None, edge)
 
 
-def _rewrite_static(job: Job, span: GroupSpan, before: Handover, layout: Layout, output: Output) -> StaticPoints:
+def _rewrite_static(
+    job: Job, span: GroupSpan, before: NextGroup, static: RetiredStatic, layout: Layout, output: Output
+) -> StaticPoints:
     """Write the living static points again."""
     none = StaticPoints.none(job.config.keyframe.sh_degree)
-    assert before.trained is not None
-    living = before.trained[before.static.alive]
+    living = static.trained[static.alive]
     if not len(living):
         return none
     seen = Gaussians.concatenate([living, before.dynamic])

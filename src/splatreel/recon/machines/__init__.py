@@ -1,1 +1,1 @@
-"""Where the chapters of a run are made: in processes of this machine, by tasks of a batch system, on a Ray cluster."""
+"""Places where the chapters of a run are made: processes of this machine, tasks of a batch system, nodes of a Ray cluster."""

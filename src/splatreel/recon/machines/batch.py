@@ -1,4 +1,4 @@
-"""A run as jobs of a batch system, such as Slurm: each does one part of it, on whatever machine that system gives it."""
+"""Jobs of a batch system, such as Slurm: each makes one part of a run, on the machine that the batch system gives it."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from splatreel.codec.reader import ReelReader
 from splatreel.errors import ReconstructionError
 from splatreel.progress import Progress, parts_of
 from splatreel.recon.encode.group_writer import PresentationHook
-from splatreel.recon.jobs import ChapteredRun, chapter_job, has_scene, publish_job, scene_job
+from splatreel.recon.jobs import ChapteredRun, chapter_job, has_scene, reel_job, scene_job
 from splatreel.recon.machines.run_spec import RunSpec
 from splatreel.recon.machines.share import JobName, Share
 from splatreel.recon.machines.status import RunStatus
@@ -14,10 +14,20 @@ from splatreel.recon.pipeline import reconstruct_sequence
 
 
 def run_job(spec: RunSpec, job: JobName, share: Share | None, progress: Progress, present: PresentationHook) -> str:
-    """One job of a run; what is finished is not made again. Returns a sentence about what there is now.
+    """Run one job of a run. Finished parts are not made again.
 
-    share: of a job of chapters. A video of one chapter has nothing to share: its chapter makes all of it. Raises
-    `ReconstructionError` where what comes before is missing, and as `reconstruct` does.
+    Args:
+        spec: The run.
+        job: scene, chapter or finish. A video of one chapter has no scene: its chapter job makes everything.
+        share: The chapters of a chapter job; None for the other jobs.
+        progress: Display of the progress.
+        present: Adds poster and thumbnails to the reel.
+
+    Returns:
+        A sentence about what exists now.
+
+    Raises:
+        ReconstructionError: An earlier job is not finished, or as `pipeline.reconstruct` raises it.
     """
     with spec.opened() as run:
         many = len(run.chapters)
@@ -27,7 +37,7 @@ def run_job(spec: RunSpec, job: JobName, share: Share | None, progress: Progress
                     scene_job(run, progress)
                 finally:
                     _write_status(run)
-            return f"{run.out}: the scene is there. Next are its {many} chapters." if many > 1 else _of_one(run)
+            return f"{run.out}: the scene is finished. Next are its {many} chapters." if many > 1 else _one_chapter(run)
         if job == "finish":
             try:
                 _finish(run, progress, present)
@@ -37,21 +47,21 @@ def run_job(spec: RunSpec, job: JobName, share: Share | None, progress: Progress
         assert share is not None
         chapters = share.of(many)
         try:
-            _make(run, chapters, progress, present)
+            _make_chapters(run, chapters, progress, present)
         finally:
             _write_status(run)
         if not chapters:
-            return f"{run.out}: there are {many} chapters, and none for task {share.index} of {share.tasks}."
-        return f"{run.out}: {_named(chapters)} of {many} {'is' if len(chapters) == 1 else 'are'} there."
+            return f"{run.out}: task {share.index} of {share.tasks} has none of the {many} chapters."
+        return f"{run.out}: {_named(chapters)} of {many} {'is' if len(chapters) == 1 else 'are'} finished."
 
 
-def _make(run: ChapteredRun, chapters: range, progress: Progress, present: PresentationHook) -> None:
+def _make_chapters(run: ChapteredRun, chapters: range, progress: Progress, present: PresentationHook) -> None:
     if len(run.chapters) == 1:
         if chapters:
             reconstruct_sequence(run, progress, present)
         return
     if not has_scene(run):
-        raise ReconstructionError(f"{run.out}: the scene that chapters share is not there. Run --job scene first.")
+        raise ReconstructionError(f"{run.out}: the scene that chapters share is not finished. Run --job scene first.")
     _, *costs = run.costs()
     parts = parts_of(progress, [costs[chapter] for chapter in chapters])
     for chapter, part in zip(chapters, parts, strict=True):
@@ -60,7 +70,7 @@ def _make(run: ChapteredRun, chapters: range, progress: Progress, present: Prese
 
 def _finish(run: ChapteredRun, progress: Progress, present: PresentationHook) -> None:
     if len(run.chapters) > 1:
-        publish_job(run, progress, present)
+        reel_job(run, progress, present)
     elif run.store.finished_groups() == len(run.groups):
         reconstruct_sequence(run, progress, present)
     else:
@@ -68,7 +78,7 @@ def _finish(run: ChapteredRun, progress: Progress, present: PresentationHook) ->
 
 
 def _write_status(run: ChapteredRun) -> None:
-    """Write OUT/status.json by what checkpoints and logs say: tasks know nothing of each other."""
+    """Write OUT/status.json from checkpoints and logs, since tasks do not know of each other."""
     if len(run.chapters) == 1 or not run.out.exists():
         return
     status = RunStatus(run)
@@ -82,8 +92,8 @@ def _write_status(run: ChapteredRun) -> None:
     status.write()
 
 
-def _of_one(run: ChapteredRun) -> str:
-    return f"{run.out}: the video is one chapter of {run.capture.frames} frames, which has no scene to share. Next is the chapter."
+def _one_chapter(run: ChapteredRun) -> str:
+    return f"{run.out}: the video is one chapter of {run.capture.frames} frames, which needs no shared scene. Next is the chapter."
 
 
 def _named(chapters: range) -> str:

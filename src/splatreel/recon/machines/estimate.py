@@ -1,4 +1,4 @@
-"""What a run is going to take on this machine, before anything is spent."""
+"""Estimate of the time and memory of a run on this machine, before it starts."""
 
 from __future__ import annotations
 
@@ -17,23 +17,28 @@ from splatreel.recon.machines.scaling import (
     chapters_time,
     job_time,
 )
-from splatreel.recon.run.costs import Seconds, Shooting, chapter_seconds, scene_seconds, sequence_seconds, together
+from splatreel.recon.plan import chapter_seconds, scene_seconds, sequence_seconds
 from splatreel.recon.run.machine_speed import MachineSpeed
 from splatreel.recon.run.memory import PROCESS, needed_memory
-from splatreel.scene.camera import Camera
+from splatreel.recon.run.workload import Seconds, Workload, sum_seconds
+from splatreel.recon.stages.group_stages import GROUP_STAGES
 
 LOOKS = 3
-"""Frames of the first group that are compared, to see how much moves."""
+"""Number of frames of the first group that are compared to measure how much moves."""
 LOOKED_AT = 6e6
-"""Pixels of all cameras that are looked at of a frame, at most; two cameras at least, six at most."""
-TRAINING = ("keyframe", "group")
+"""Largest number of pixels that are compared per frame, of all cameras. At least two and at most six cameras are used."""
+TRAINING = {stage.name for stage in GROUP_STAGES if stage.trains}
 
 
 @dataclass(frozen=True)
 class Estimate:
-    """seconds: by stage, as in `Result`, of the whole run from its beginning. memory: bytes of all processes at most.
+    """Time and memory of a run.
 
-    moving: share of the pixels that change in the first group. division: chapters at a time, and threads of each.
+    Attributes:
+        seconds: Seconds by stage of the whole run, as in `Result`.
+        memory: Largest number of bytes of all processes.
+        moving: Share of the pixels that change in the first group.
+        division: Chapters at a time, and threads of each.
     """
 
     seconds: dict[str, float]
@@ -43,44 +48,50 @@ class Estimate:
 
     @property
     def total(self) -> float:
+        """Seconds of the whole run."""
         return sum(self.seconds.values())
 
 
 def estimate(run: ChapteredRun, division: Division, speed: MachineSpeed, moving: float | None = None) -> Estimate:
-    """Within about 30 % where nothing else runs; on a GPU only a guess.
+    """Estimate a run. The time is within about 30 % if nothing else runs. On a GPU it is only a guess.
 
-    division: as `here.division_of` gives it. speed: of this machine, by `measure_speed`. moving: the share of the pixels that change
-    in a group, if that is known; else a few pictures of the first group tell. Raises what reading the capture raises.
+    Args:
+        run: The run.
+        division: Division of the cores, such as `local_processes.division_of` returns it.
+        speed: Speed of this machine (`measure_speed`).
+        moving: Share of the pixels that change in a group; None measures it on a few images of the first group.
+
+    Raises:
+        CaptureError: The capture cannot be read.
     """
     capture, config = run.capture, run.config
     moving = moving_share(capture, run.groups[0].count) if moving is None else moving
-    cameras = capture.training_cameras
-    shooting = Shooting(capture.width * capture.height / 1e6, len(cameras), moving, facing(cameras))
-    trained = min(shooting.megapixels, config.training_megapixels or shooting.megapixels)
+    work = Workload.of(capture, moving)
+    trained = min(work.megapixels, config.training_megapixels or work.megapixels)
     pace = _Pace(speed.training(trained), speed.other, trains_on_gpu=run.device.type == "cuda")
     need = needed_memory(capture, config)
     if len(run.chapters) == 1:
-        seconds = pace.job(sequence_seconds(shooting, run.groups, config), SERIAL_CHAPTER, division.threads)
+        seconds = pace.job(sequence_seconds(work, run.groups, config), SERIAL_CHAPTER, division.threads)
         return Estimate(seconds, need, moving, division)
     cores = division.workers * division.threads
-    seconds = pace.job(scene_seconds(shooting, config), SERIAL_SCENE, cores)
-    of_all = together(chapter_seconds(shooting, chapter.groups, config) for chapter in run.chapters)
-    seconds = together([seconds, pace.chapters(of_all, len(run.chapters), division)])
+    seconds = pace.job(scene_seconds(work, config), SERIAL_SCENE, cores)
+    of_all = sum_seconds(chapter_seconds(work, chapter.groups, config) for chapter in run.chapters)
+    seconds = sum_seconds([seconds, pace.chapters(of_all, len(run.chapters), division)])
     memory = need if division.workers == 1 else round(division.workers * need + PROCESS)
     return Estimate(seconds, memory, moving, division)
 
 
 @dataclass(frozen=True)
 class JobsEstimate:
-    """What the jobs of a run of several chapters take, each on a machine as fast as this one.
+    """Time and memory of the jobs of a run, each on a machine as fast as this one.
 
     Attributes:
-        scene: Seconds of the job that makes what chapters share; 0 for a video of one chapter, which has none.
+        scene: Seconds of the shared scene's job; 0 for a video of one chapter, which has none.
         chapter: Seconds of the longest chapter.
         total: Seconds of the whole run.
         memory: Bytes of a job.
-        chapters: How many there are.
-        at_once: Chapters that are made at a time.
+        chapters: Number of chapters.
+        at_once: Number of chapters that are made at a time.
     """
 
     scene: float
@@ -99,27 +110,26 @@ def estimate_jobs(
     speed: MachineSpeed,
     moving: float | None = None,
 ) -> JobsEstimate:
-    """Return what the jobs of a batch system or a cluster take.
+    """Estimate the jobs of a batch system or a cluster.
 
     Args:
         run: The run.
         scene_threads: Threads of the scene's job.
         threads: Threads of a chapter's job.
-        at_once: Chapters at a time; None: all.
-        speed: Of this machine, by `measure_speed`.
-        moving: The share of the pixels that change in a group, if that is known.
+        at_once: Number of chapters at a time; None for all.
+        speed: Speed of this machine (`measure_speed`).
+        moving: Share of the pixels that change in a group; None measures it.
     """
     capture, config = run.capture, run.config
     moving = moving_share(capture, run.groups[0].count) if moving is None else moving
-    cameras = capture.training_cameras
-    shooting = Shooting(capture.width * capture.height / 1e6, len(cameras), moving, facing(cameras))
-    trained = min(shooting.megapixels, config.training_megapixels or shooting.megapixels)
+    work = Workload.of(capture, moving)
+    trained = min(work.megapixels, config.training_megapixels or work.megapixels)
     pace = _Pace(speed.training(trained), speed.other, trains_on_gpu=run.device.type == "cuda")
     count = len(run.chapters)
-    scene, parts = 0.0, [sequence_seconds(shooting, run.groups, config)]
+    scene, parts = 0.0, [sequence_seconds(work, run.groups, config)]
     if count > 1:
-        scene = sum(pace.job(scene_seconds(shooting, config), SERIAL_SCENE, scene_threads).values())
-        parts = [chapter_seconds(shooting, chapter.groups, config) for chapter in run.chapters]
+        scene = sum(pace.job(scene_seconds(work, config), SERIAL_SCENE, scene_threads).values())
+        parts = [chapter_seconds(work, chapter.groups, config) for chapter in run.chapters]
     chapter = max(sum(pace.job(part, SERIAL_CHAPTER, threads).values()) for part in parts)
     at_once = min(at_once or count, count)
     total = scene + math.ceil(count / at_once) * chapter
@@ -127,7 +137,7 @@ def estimate_jobs(
 
 
 def moving_share(capture: Capture, frames: int) -> float:
-    """Share of the pixels that change among the first so many frames, of a few pictures of a few cameras."""
+    """Return the share of the pixels that change within the first `frames` frames, from a few images of a few cameras."""
     if frames < 2:
         return 0.0
     names = [camera.name for camera in capture.training_cameras]
@@ -137,25 +147,20 @@ def moving_share(capture: Capture, frames: int) -> float:
     return float(changed_pixels(np.concatenate([capture.read(int(moment), 1, names) for moment in moments])).mean())
 
 
-def facing(cameras: list[Camera]) -> float:
-    """0..1, see `Shooting`: how long the mean is of the directions that they look in."""
-    return float(np.linalg.norm(np.mean([camera.viewmat[2, :3] for camera in cameras], axis=0)))
-
-
 @dataclass(frozen=True)
 class _Pace:
-    """From the seconds of one thread, where costs were measured, to those of this machine."""
+    """Conversion from seconds on one thread of the measured machine to seconds on this machine."""
 
     training: float
     other: float
     trains_on_gpu: bool
 
     def job(self, seconds: Seconds, serial: float, threads: int) -> Seconds:
-        """By stage, of a job on so many threads. serial: the share of it that one thread does, see `scaling`."""
+        """Return the seconds by stage of a job on several threads. `serial`: share of the work that one thread does."""
         return {stage: self._of(stage, spent, serial, threads) for stage, spent in seconds.items()}
 
     def chapters(self, seconds: Seconds, count: int, division: Division) -> Seconds:
-        """By stage, of so many chapters, which take `seconds` together."""
+        """Return the seconds by stage of several chapters, which take `seconds` together."""
         found: Seconds = {}
         for stage, spent in seconds.items():
             one = self._of(stage, spent / count, SERIAL_CHAPTER, 1)

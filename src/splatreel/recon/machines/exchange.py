@@ -1,4 +1,4 @@
-"""The checkpoints of a run on machines without a common disk: each carries what it needs between its own folder and a shared one."""
+"""Exchange of checkpoints between machines without a common disk: each copies the files that it needs from and to a shared folder."""
 
 from __future__ import annotations
 
@@ -6,9 +6,9 @@ import re
 from collections.abc import Callable, Iterable
 from pathlib import Path
 
-from splatreel.recon.jobs import part_of
+from splatreel.recon.jobs import chapter_name
 from splatreel.recon.run.job_log import LOGS
-from splatreel.recon.run.store import LAST_OF_GROUP, PUBLISHED_OF_GROUP, Store
+from splatreel.recon.run.store import LAST_OF_GROUP, REEL_FILES_OF_GROUP, Store
 from splatreel.scene.spans import ChapterSpan
 from splatreel.storage.retrying import untold
 from splatreel.storage.shared_folder import SharedFolder
@@ -17,22 +17,28 @@ _OF_GROUP = re.compile(r"(group[0-9]{4,})/(\w[\w.-]*)")
 
 
 class Exchange:
-    """OUT/work here, and the same at an address of any kind that `open_folder` knows (`SharedFolder`).
+    """Copies files between OUT/work on this machine and the same folder at an address (`SharedFolder`).
 
-    url: of OUT there. out: the folder OUT here. Methods raise `StorageError` where the address cannot be reached.
+    All methods raise `StorageError` where the address cannot be reached.
+
+    Args:
+        url: Address of OUT there.
+        out: Folder OUT on this machine.
+        tell: Receives messages about retries.
     """
 
     def __init__(self, url: str, out: Path, tell: Callable[[str], None] = untold) -> None:
+        """Remember both folders."""
         self._shared, self._work = SharedFolder(f"{url.rstrip('/')}/work", tell), out / "work"
 
     def fetch_scene(self) -> None:
-        """All that does not belong to one group, but for logs."""
+        """Fetch all files that do not belong to one group, except logs."""
         there = self._shared.files()
         names = [name for name in there if not _OF_GROUP.fullmatch(name) and not name.startswith(f"{LOGS}/")]
         self._shared.pull(names, self._work, there)
 
     def send_scene(self) -> None:
-        """The same, as far as the scene's job has made it."""
+        """Send the files that the scene's job has made."""
         seconds = {f"{path.name}" for path in self._work.glob("seconds-chapter*")}
         top = [path.name for path in self._work.iterdir() if path.is_file() and path.name not in seconds]
         scene = [f"scene/{path.name}" for path in (self._work / "scene").iterdir()]
@@ -43,8 +49,8 @@ class Exchange:
         self._send([path.name for path in [Store(self._work).tables_file] if path.exists()])
 
     def fetch_chapter(self, chapter: ChapterSpan) -> None:
-        """Whatever is there of a chapter's groups."""
-        self._shared.pull_all(f"{LOGS}/{part_of(chapter.index)}.log", self._work)
+        """Fetch all files of a chapter's groups."""
+        self._shared.pull_all(f"{LOGS}/{chapter_name(chapter.index)}.log", self._work)
         for span in chapter.groups:
             self._shared.pull_all(f"{self._group(span.index)}/", self._work)
 
@@ -54,14 +60,14 @@ class Exchange:
         self._send([name] if (self._work / name).exists() else [])
 
     def send_group(self, chapter: int, group: int) -> None:
-        """All of a group; what tells that it is finished comes last."""
+        """Send all files of a group. The file that marks it as finished comes last."""
         folder = self._group(group)
         names = sorted(path.name for path in (self._work / folder).iterdir())
         names.sort(key=lambda name: name == LAST_OF_GROUP)
-        self._send([f"seconds-{part_of(chapter)}.json", *(f"{folder}/{name}" for name in names)])
+        self._send([f"seconds-{chapter_name(chapter)}.json", *(f"{folder}/{name}" for name in names)])
 
     def fetch_finished(self, groups: Iterable[int] | None = None) -> None:
-        """Of finished groups what is published of them. groups: those that are finished; None: whichever are."""
+        """Fetch the files of finished groups that a reel is written from. `groups` names them; None fetches all finished ones."""
         if groups is None:
             there = self._shared.files("group")
             found = [_OF_GROUP.fullmatch(name) for name in there]
@@ -70,15 +76,12 @@ class Exchange:
             folders = {self._group(group) for group in groups}
             there = {name: file for folder in folders for name, file in self._shared.files(f"{folder}/").items()}
         for folder in sorted(folders):
-            names = (f"{folder}/{name}" for name in PUBLISHED_OF_GROUP)
+            names = (f"{folder}/{name}" for name in REEL_FILES_OF_GROUP)
             self._shared.pull([name for name in names if name in there], self._work, there)
 
     def _group(self, index: int) -> str:
         return f"group{index:04d}"
 
-    def _fetch(self, names: Iterable[str]) -> None:
-        self._shared.pull(names, self._work)
-
     def _send(self, names: list[str]) -> None:
-        """Those that are no locks, nor half written."""
+        """Send files, except locks and files that are half written."""
         self._shared.push(self._work, [name for name in names if not Path(name).name.startswith(".")])

@@ -1,4 +1,4 @@
-"""What a node of a cluster does: one job, in a folder that all nodes see, or in one of its own whose checkpoints it exchanges."""
+"""Work of a cluster node: one job, in a folder that all nodes share, or in a folder of its own whose checkpoints are exchanged."""
 
 from __future__ import annotations
 
@@ -16,14 +16,18 @@ from splatreel.errors import InUseError, ReconstructionError
 from splatreel.process import keep_freed_memory, quiet_threads
 
 PATIENCE = 120.0
-"""Seconds that a job waits for a lock: of a job that was lost with its node, the lock may be there for a while."""
+"""Seconds that a job waits for a lock. The lock of a job that was lost with its node may remain for a while."""
 
 
 @dataclass(frozen=True)
 class NodeTask:
-    """What a node is told. spec: a pickled `RunSpec`. url: where checkpoints are exchanged; None: all nodes see the spec's folder.
+    """Instructions for a node.
 
-    threads: of this job. version: of the Splatreel that asks for it.
+    Attributes:
+        spec: A pickled `RunSpec`.
+        url: Address where checkpoints are exchanged; None if all nodes share the spec's folder.
+        threads: Number of threads of the job.
+        version: Version of Splatreel on the driver.
     """
 
     spec: bytes
@@ -33,13 +37,21 @@ class NodeTask:
 
 
 def make_scene(task: NodeTask, send: Callable[[object], None]) -> str | None:
-    """The scene that chapters share. send: called with reports. Returns what went wrong, as a sentence."""
-    return _guarded(task, lambda: _make_scene(task, send))
+    """Reconstruct the scene that chapters share.
+
+    Args:
+        task: Instructions.
+        send: Called with each report.
+
+    Returns:
+        The error as a sentence; None for success.
+    """
+    return _run_guarded(task, lambda: _make_scene(task, send))
 
 
 def make_chapter(task: NodeTask, chapter: int, send: Callable[[object], None]) -> str | None:
-    """One chapter, in the same way."""
-    return _guarded(task, lambda: _make_chapter(task, chapter, send))
+    """Reconstruct one chapter. Arguments and result are those of `make_scene`."""
+    return _run_guarded(task, lambda: _make_chapter(task, chapter, send))
 
 
 def _make_scene(task: NodeTask, send: Callable[[object], None]) -> None:
@@ -54,7 +66,7 @@ def _make_scene(task: NodeTask, send: Callable[[object], None]) -> None:
             exchange.fetch_scene()
         with replace(spec, out=out).opened() as run:
             try:
-                _patiently(lambda: scene_job(run, Reporter(0, send)))
+                _wait_for_lock(lambda: scene_job(run, Reporter(0, send)))
             finally:
                 if exchange is not None:
                     exchange.send_log(SCENE)
@@ -63,7 +75,7 @@ def _make_scene(task: NodeTask, send: Callable[[object], None]) -> None:
 
 
 def _make_chapter(task: NodeTask, chapter: int, send: Callable[[object], None]) -> None:
-    from splatreel.recon.jobs import chapter_job, part_of
+    from splatreel.recon.jobs import chapter_job, chapter_name
     from splatreel.recon.machines.exchange import Exchange
     from splatreel.recon.machines.reports import GroupDone, Reporter, Started
 
@@ -71,7 +83,7 @@ def _make_chapter(task: NodeTask, chapter: int, send: Callable[[object], None]) 
     with _place(task, spec.out) as out:
         exchange = None if task.url is None else Exchange(task.url, out)
         if exchange is not None:
-            exchange.fetch_scene()  # first: it has the frame tables, by which the capture is opened
+            exchange.fetch_scene()  # it has the frame tables, which opening the capture needs
         with replace(spec, out=out).opened() as run:
             if exchange is not None:
                 exchange.fetch_chapter(run.chapters[chapter])
@@ -83,32 +95,32 @@ def _make_chapter(task: NodeTask, chapter: int, send: Callable[[object], None]) 
 
             send(Started(chapter, socket.gethostname()))
             try:
-                _patiently(lambda: chapter_job(run, chapter, Reporter(chapter, send), after_group))
+                _wait_for_lock(lambda: chapter_job(run, chapter, Reporter(chapter, send), after_group))
             finally:
                 if exchange is not None:
-                    exchange.send_log(part_of(chapter))
+                    exchange.send_log(chapter_name(chapter))
 
 
-def _guarded(task: NodeTask, action: Callable[[], None]) -> str | None:
+def _run_guarded(task: NodeTask, action: Callable[[], None]) -> str | None:
     quiet_threads()
     threads.use(min(task.threads, threads.available()))
     keep_freed_memory()
-    from splatreel.recon.machines.reports import in_a_sentence
+    from splatreel.recon.machines.reports import describe_error
 
     try:
         if task.version != __version__:
             raise ReconstructionError(
-                f"This node has Splatreel {__version__}, the program that asks has {task.version}. Install the same on all."
+                f"This node has Splatreel {__version__}, the driver has {task.version}. Install the same version on all."
             )
         action()
     except Exception as error:
-        return in_a_sentence(error)
+        return describe_error(error)
     return None
 
 
 @contextlib.contextmanager
 def _place(task: NodeTask, out: Path) -> Iterator[Path]:
-    """The folder OUT: the one that all nodes see, or an empty one of this job, deleted at the end."""
+    """Give the folder OUT: the one that all nodes share, or an empty one of this job, which is deleted at the end."""
     from splatreel.scene.atomic import scratch
 
     if task.url is None:
@@ -118,7 +130,7 @@ def _place(task: NodeTask, out: Path) -> Iterator[Path]:
         yield folder
 
 
-def _patiently(action: Callable[[], None]) -> None:
+def _wait_for_lock(action: Callable[[], None]) -> None:
     end = time.monotonic() + PATIENCE
     while True:
         try:

@@ -1,4 +1,4 @@
-"""A run on a Ray cluster: its jobs are tasks, which Ray places, and gives to another node where one is lost."""
+"""A run on a Ray cluster: its jobs are Ray tasks. Ray places them, and gives the job of a lost node to another one."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from typing import Any
 from splatreel.errors import MissingDependencyError, ReconstructionError, UsageError
 from splatreel.progress import Progress, Silent, parts_of
 from splatreel.recon.encode.group_writer import PresentationHook, no_presentation
-from splatreel.recon.jobs import ChapteredRun, has_scene, keep_tables
+from splatreel.recon.jobs import ChapteredRun, has_scene, save_frame_tables
 from splatreel.recon.machines.driver import Driver
 from splatreel.recon.machines.exchange import Exchange
 from splatreel.recon.machines.node import NodeTask, make_chapter, make_scene
@@ -27,19 +27,19 @@ from splatreel.recon.run.job_log import log_file
 from splatreel.recon.run.memory import needed_memory
 
 TIMEOUT = 10.0
-"""Seconds until the head of a cluster must answer."""
+"""Seconds within which the head of a cluster must answer."""
 INTERVAL = 0.5
-"""Seconds between two looks at what nodes report."""
+"""Seconds between two looks at the reports of nodes."""
 
 
 @dataclass(frozen=True)
 class ClusterOptions:
-    """How a cluster is used.
+    """Options of a run on a cluster.
 
     Attributes:
-        retries: How often a job is given to another node when its own is lost, or its process is killed.
-        wait: Seconds to wait for a node that can hold a chapter, as an autoscaler starts it.
-        threads: Of each job; None leaves it to the nodes' cores.
+        retries: How often a job is given to another node when its node is lost or its process is killed.
+        wait: Seconds to wait for a node that can hold a chapter, while an autoscaler starts it.
+        threads: Threads of each job; None chooses by the nodes' cores.
     """
 
     retries: int = 3
@@ -48,16 +48,18 @@ class ClusterOptions:
 
 
 class Mailbox:
-    """An actor beside the driver, to which nodes send reports."""
+    """Actor beside the driver that collects the reports of nodes."""
 
     def __init__(self) -> None:
+        """Start empty."""
         self._reports: list[Report] = []
 
     def put(self, report: Report) -> None:
+        """Add a report."""
         self._reports.append(report)
 
     def take(self) -> list[Report]:
-        """All since it was asked before."""
+        """Return the reports since the last call."""
         taken, self._reports = self._reports, []
         return taken
 
@@ -71,30 +73,29 @@ def reconstruct_on_cluster(
     progress: Progress | None = None,
     present: PresentationHook = no_presentation,
 ) -> Result:
-    """As `pipeline.reconstruct`, with the scene and the chapters made by nodes of a Ray cluster; the reel is written here.
+    """Reconstruct a run like `pipeline.reconstruct`; nodes of a Ray cluster make the scene and the chapters. The reel is written here.
 
     Args:
         spec: The run. All nodes read its capture by the same path or address.
         address: auto, or HOST:PORT of the cluster's head.
-        url: Where checkpoints are exchanged that nodes make in folders of their own, as `open_folder` takes it; None: all nodes see
-            the spec's folder, which is used as it is.
-        options: How the cluster is used.
-        progress: Shows how far all nodes are.
-        present: Adds what a reel has beside its points.
+        url: Address of a folder where nodes exchange checkpoints (see `open_folder`); None if all nodes share the spec's folder.
+        options: Options of the cluster.
+        progress: Display of the progress of all nodes.
+        present: Adds poster and thumbnails to the reel.
 
     Raises:
         MissingDependencyError: Ray is not installed.
-        UsageError: There is no cluster, or no node of it can hold a chapter.
-        SplatreelError: Whatever `here.reconstruct_here` raises.
+        UsageError: No cluster answers, or no node of it can hold a chapter.
+        SplatreelError: As `local_processes.reconstruct_here` raises it.
     """
     progress = progress or Silent()
     exchange = None if url is None else Exchange(url, spec.out, progress.note)
-    with connected(address) as cluster:  # nothing is read for a cluster that is not there
+    with connected(address) as cluster:  # before anything is read
         if exchange is not None:
-            exchange.fetch_scene()  # it may have the frame tables, by which the capture is opened
+            exchange.fetch_scene()  # it may have the frame tables, which opening the capture needs
         with spec.opened() as run:
             if len(run.chapters) == 1:
-                progress.note("The video is one chapter: it is made here, not on the cluster.")
+                progress.note("The video is one chapter. It is reconstructed on this machine, not on the cluster.")
                 reconstruct_sequence(run, progress, present)
             else:
                 with run.lock(), _ray_log(log_file(run.store.work, "ray")):
@@ -103,7 +104,17 @@ def reconstruct_on_cluster(
 
 
 class _Cluster:
-    """What the driver does with it. ray: the module, connected. exchange: with `url`, of the driver's own folder."""
+    """A connected cluster that makes a run.
+
+    Args:
+        ray: The module ray, connected.
+        run: The run.
+        spec: The same run, to be sent to nodes.
+        url: Address where checkpoints are exchanged, if any.
+        exchange: Exchange of the driver's own folder with that address.
+        progress: Display of the progress.
+        options: Options of the cluster.
+    """
 
     def __init__(
         self,
@@ -115,6 +126,7 @@ class _Cluster:
         progress: Progress,
         options: ClusterOptions,
     ) -> None:
+        """Wait for nodes, and start the mailbox."""
         self.ray, self.run, self.exchange, self.progress, self.url = ray, run, exchange, progress, url
         self.options = options
         need = needed_memory(run.capture, run.config)
@@ -123,8 +135,8 @@ class _Cluster:
         self.mailbox = _mailbox(ray)
 
     def make(self, present: PresentationHook) -> None:
-        """The scene, the chapters and the reel."""
-        keep_tables(self.run)
+        """Make the scene, the chapters and the reel."""
+        save_frame_tables(self.run)
         if self.exchange is not None:
             self.exchange.send_tables()
         if not has_scene(self.run):
@@ -136,13 +148,13 @@ class _Cluster:
             self.run, self.progress, present, min(self.plan.at_once, len(self.run.chapters)), self.url
         ) as driver:
             jobs = {chapter: (make_chapter, chapter) for chapter in driver.todo}
-            self._run(jobs, self._fetching(driver.hear), self.plan.chapter)
+            self._run(jobs, self._fetching(driver.receive), self.plan.chapter)
             driver.finish()
 
     def _make_scene(self, progress: Progress) -> None:
         ended: list[str | None] = []
 
-        def hear(report: Report) -> None:
+        def receive(report: Report) -> None:
             match report:
                 case Reached(_, share):
                     progress.update(round(100 * share))
@@ -153,14 +165,20 @@ class _Cluster:
                 case _:
                     pass
 
-        progress.stage("building what all chapters share, on a node", 100, (0.0, 1.0))
-        self._run({0: (make_scene,)}, hear, self.plan.scene)
+        progress.stage("training the scene that all chapters share, on a node", 100, (0.0, 1.0))
+        self._run({0: (make_scene,)}, receive, self.plan.scene)
         if ended[-1] is not None:
             raise ReconstructionError(f"{self.run.out}: the scene that chapters share failed. {ended[-1]}")
         progress.update(100)
 
-    def _run(self, jobs: dict[int, tuple[Any, ...]], hear: Callable[[Report], None], wanted: Resources) -> None:
-        """Jobs by number, each a function and what it takes between the task and the way to send reports."""
+    def _run(self, jobs: dict[int, tuple[Any, ...]], receive: Callable[[Report], None], wanted: Resources) -> None:
+        """Run jobs until all have ended.
+
+        Args:
+            jobs: By number, a function and its arguments between the task and the way to send reports.
+            receive: Called with each report.
+            wanted: Resources of each job.
+        """
         options = {"num_cpus": wanted.cores, "num_gpus": wanted.gpus, "memory": wanted.memory}
         task = NodeTask(self.spec, self.url, self.options.threads or wanted.cores)
         remote = self.ray.remote(max_retries=self.options.retries, scheduling_strategy="SPREAD", **options)(_on_node)
@@ -169,33 +187,33 @@ class _Cluster:
             while refs:
                 ready, _ = self.ray.wait(list(refs), timeout=INTERVAL)
                 for report in self.ray.get(self.mailbox.take.remote()):
-                    hear(report)
+                    receive(report)
                 for ref in ready:
-                    hear(ChapterEnded(refs.pop(ref), self._outcome(ref)))
+                    receive(ChapterEnded(refs.pop(ref), self._outcome(ref)))
         finally:
             for ref in refs:
                 self.ray.cancel(ref, force=True)
 
     def _outcome(self, ref: Any) -> str | None:
-        """What went wrong with a job, also with the node that had it."""
+        """Return the error of a job or of its node; None for success."""
         try:
             return self.ray.get(ref)
         except self.ray.exceptions.RayError as error:
             lines = str(error).strip().splitlines() or [type(error).__name__]
-            return f"Ray gave it up after {1 + self.options.retries} attempts: {' '.join(lines[-1].split()):.400}"
+            return f"Ray gave up after {1 + self.options.retries} attempts: {' '.join(lines[-1].split()):.400}"
 
-    def _fetching(self, hear: Callable[[Report], None]) -> Callable[[Report], None]:
-        """With what is to be published on this machine, before it is heard of that it is there."""
+    def _fetching(self, receive: Callable[[Report], None]) -> Callable[[Report], None]:
+        """Return a receiver that fetches finished groups to this machine before it hands their report on."""
 
-        def fetch_and_hear(report: Report) -> None:
+        def fetch_and_receive(report: Report) -> None:
             if self.exchange is not None and isinstance(report, GroupDone):
                 self.exchange.fetch_finished([report.group])
             elif self.exchange is not None and isinstance(report, ChapterEnded) and report.error is None:
                 groups = self.run.chapters[report.chapter].groups
                 self.exchange.fetch_finished(span.index for span in groups)
-            hear(report)
+            receive(report)
 
-        return fetch_and_hear
+        return fetch_and_receive
 
 
 def _on_node(task: NodeTask, mailbox: Any, make: Callable[..., str | None], *arguments: Any) -> str | None:
@@ -205,9 +223,18 @@ def _on_node(task: NodeTask, mailbox: Any, make: Callable[..., str | None], *arg
 def wait_for_nodes(
     ray: Any, chapters: int, device: str, need: int, options: ClusterOptions, tell: Callable[[str], None]
 ) -> ClusterPlan:
-    """Return how the jobs share a cluster, once it has a node that can hold one.
+    """Return how the jobs share a cluster, once one of its nodes can hold a job. An autoscaler is asked for such a node.
 
-    An autoscaler is asked for such a node. Raises `UsageError` where none comes in time.
+    Args:
+        ray: The module ray, connected.
+        chapters: Number of chapters.
+        device: auto, cpu or cuda.
+        need: Bytes of memory of a job.
+        options: Options of the cluster.
+        tell: Receives a message if there is something to wait for.
+
+    Raises:
+        UsageError: No such node appeared in time.
     """
     end, asked = time.monotonic() + options.wait, False
     while True:
@@ -231,11 +258,11 @@ def _ask_autoscaler(ray: Any, need: int, cores: int) -> None:
 
 @contextmanager
 def connected(address: str, log: Path | None = None) -> Iterator[Any]:
-    """Give the module ray, connected to a cluster that is there.
+    """Give the module ray, connected to a running cluster.
 
     Args:
         address: auto, or HOST:PORT.
-        log: Where what Ray says goes, such as of nodes that are lost; nowhere by default.
+        log: File for Ray's own messages, such as lost nodes; None drops them.
 
     Raises:
         MissingDependencyError: Ray is not installed.
@@ -254,7 +281,7 @@ def connected(address: str, log: Path | None = None) -> Iterator[Any]:
         ) from error
     with _ray_log(log):
         try:
-            _knock(address)
+            _check_port(address)
             ray.init(address=address, log_to_driver=False, configure_logging=False, include_dashboard=False)
         except (OSError, ValueError, RuntimeError) as error:
             raise UsageError(
@@ -269,7 +296,7 @@ def connected(address: str, log: Path | None = None) -> Iterator[Any]:
 
 @contextmanager
 def _ray_log(path: Path | None) -> Iterator[None]:
-    """Send what Ray's own logger says to a file, and to no terminal."""
+    """Send the messages of Ray's own logger to a file, and not to the terminal."""
     logger = logging.getLogger("ray")
     before, propagated, level = list(logger.handlers), logger.propagate, logger.level
     if path is not None:
@@ -286,8 +313,8 @@ def _ray_log(path: Path | None) -> Iterator[None]:
         logger.setLevel(level)
 
 
-def _knock(address: str) -> None:
-    """Raises OSError where nobody listens at HOST:PORT: Ray itself would try for minutes."""
+def _check_port(address: str) -> None:
+    """Raise OSError if no process listens at HOST:PORT. Ray itself would try for minutes."""
     host, _, port = address.rpartition(":")
     if host and port.isdecimal() and "/" not in host:
         socket.create_connection((host.strip("[]"), int(port)), timeout=TIMEOUT).close()

@@ -1,4 +1,4 @@
-"""What each job asks of the nodes of a Ray cluster, so that as many as possible fit."""
+"""Resources that each job asks of the nodes of a Ray cluster, chosen so that as many jobs as possible fit."""
 
 from __future__ import annotations
 
@@ -12,7 +12,13 @@ from splatreel.recon.machines.scaling import SERIAL_CHAPTER, WORTH, job_time
 
 @dataclass(frozen=True)
 class Resources:
-    """What a job asks of a node. cores: also its threads. memory: bytes."""
+    """Resources of a job.
+
+    Attributes:
+        cores: Number of cores, and of threads.
+        gpus: Number of GPUs.
+        memory: Bytes of memory.
+    """
 
     cores: int
     gpus: int
@@ -21,7 +27,13 @@ class Resources:
 
 @dataclass(frozen=True)
 class ClusterPlan:
-    """scene, chapter: what these jobs ask for. at_once: chapters that fit at a time."""
+    """Resources of all jobs.
+
+    Attributes:
+        scene: Resources of the scene's job.
+        chapter: Resources of a chapter's job.
+        at_once: Number of chapters that fit at a time.
+    """
 
     scene: Resources
     chapter: Resources
@@ -35,7 +47,7 @@ class _Node:
     memory: int
 
     def slots(self, wanted: Resources) -> int:
-        """Number of jobs that fit."""
+        """Return the number of jobs that fit."""
         by_gpu = self.gpus // wanted.gpus if wanted.gpus else self.cores
         return min(self.cores // wanted.cores, by_gpu, self.memory // max(wanted.memory, 1))
 
@@ -43,21 +55,21 @@ class _Node:
 def share_nodes(
     nodes: list[dict[str, Any]], chapters: int, device: str, need: int, threads: int | None = None
 ) -> ClusterPlan:
-    """Return what jobs ask for. Nodes that cannot hold a chapter are left out; the scene takes a whole node, the largest one.
+    """Return the resources of all jobs. Nodes that cannot hold a chapter are left out. The scene takes the whole largest node.
 
     Args:
-        nodes: As `ray.nodes()` gives them.
+        nodes: Nodes as `ray.nodes()` returns them.
         chapters: Number of chapters.
-        device: auto, cpu or cuda. With GPUs in the cluster each job has one, unless it is cpu.
-        need: Bytes of memory that a job takes.
-        threads: Of each job; None leaves it to the nodes' cores.
+        device: auto, cpu or cuda. Unless it is cpu, each job takes a GPU if the cluster has any.
+        need: Bytes of memory of a job.
+        threads: Threads of each job; None chooses by the nodes' cores.
 
     Raises:
-        UsageError: No node is of use.
+        UsageError: No node can hold a job.
     """
     resources = [node["Resources"] for node in nodes if node["Alive"] and node["Resources"].get("CPU", 0) >= 1]
     if not resources:
-        raise UsageError("--cluster: no node of the Ray cluster has a CPU to offer. Add one with `ray start`.")
+        raise UsageError("--cluster: no node of the Ray cluster offers a CPU. Add one with `ray start`.")
     alive = [_Node(int(n["CPU"]), int(n.get("GPU", 0)), int(n.get("memory", need))) for n in resources]
     with_gpu = [node for node in alive if node.gpus]
     if device == "cuda" and not with_gpu:

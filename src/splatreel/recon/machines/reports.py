@@ -1,4 +1,4 @@
-"""What whoever makes a chapter tells whoever shows how far the whole run is."""
+"""Progress messages from a worker to the driver."""
 
 from __future__ import annotations
 
@@ -13,12 +13,17 @@ from splatreel.process import peak_memory_bytes
 from splatreel.progress import Span
 
 INTERVAL = 0.5
-"""Seconds between two reports of how far a chapter is, at least."""
+"""Smallest number of seconds between two reports of progress."""
 
 
 @dataclass(frozen=True)
 class Started:
-    """A node begins a chapter, or goes on with one that another node lost. node: the name of the machine."""
+    """A node starts a chapter, or continues one that another node lost.
+
+    Attributes:
+        chapter: Index of the chapter.
+        node: Name of the machine.
+    """
 
     chapter: int
     node: str
@@ -26,7 +31,13 @@ class Started:
 
 @dataclass(frozen=True)
 class Reached:
-    """share: of the chapter, 0..1. memory: bytes that the process held at most; None where nobody knows."""
+    """Progress of a chapter.
+
+    Attributes:
+        chapter: Index of the chapter.
+        share: Share of the chapter that is done, 0..1.
+        memory: Largest number of bytes that the process held; None if unknown.
+    """
 
     chapter: int
     share: float
@@ -35,7 +46,7 @@ class Reached:
 
 @dataclass(frozen=True)
 class Noted:
-    """A sentence worth keeping."""
+    """A note of a chapter, to be shown once."""
 
     chapter: int
     text: str
@@ -43,7 +54,12 @@ class Noted:
 
 @dataclass(frozen=True)
 class GroupDone:
-    """group: of the whole video."""
+    """A finished group.
+
+    Attributes:
+        chapter: Index of the chapter.
+        group: Index of the group in the whole video.
+    """
 
     chapter: int
     group: int
@@ -51,7 +67,12 @@ class GroupDone:
 
 @dataclass(frozen=True)
 class ChapterEnded:
-    """error: one sentence; None where the chapter is finished."""
+    """The end of a chapter.
+
+    Attributes:
+        chapter: Index of the chapter.
+        error: One sentence; None if the chapter is finished.
+    """
 
     chapter: int
     error: str | None = None
@@ -61,23 +82,33 @@ Report = Started | Reached | Noted | GroupDone | ChapterEnded
 
 
 class Reporter:
-    """The progress of a chapter, sent on as reports. send: never raises."""
+    """Progress of a chapter that is sent on as reports.
+
+    Args:
+        chapter: Index of the chapter.
+        send: Called with each report. It must not raise.
+        clock: Clock in seconds.
+    """
 
     def __init__(
         self, chapter: int, send: Callable[[Report], None], clock: Callable[[], float] = time.monotonic
     ) -> None:
+        """Start at the beginning of the chapter."""
         self._chapter, self._send, self._clock = chapter, send, clock
         self._total, self._span = 1, (0.0, 0.0)
         self._last = clock() - INTERVAL
 
     def stage(self, name: str, total: int, span: Span | None = None) -> None:
+        """Begin a stage."""
         self._total, self._span = max(total, 1), span or (self._span[1], self._span[1])
         self._reached(0.0)
 
     def update(self, done: int, **numbers: float) -> None:
+        """Report steps of the stage."""
         self._reached(min(done / self._total, 1.0))
 
     def note(self, text: str) -> None:
+        """Report a note."""
         self._send(Noted(self._chapter, text))
 
     def _reached(self, share: float) -> None:
@@ -88,11 +119,11 @@ class Reporter:
         self._send(Reached(self._chapter, begin + share * (end - begin), peak_memory_bytes()))
 
 
-def in_a_sentence(error: Exception) -> str:
-    """What went wrong in another process, for a message of this one; of an error nobody foresaw, also where."""
+def describe_error(error: Exception) -> str:
+    """Return the error of another process as a sentence. An unexpected error also names its place."""
     text = " ".join(str(error).split())
     if isinstance(error, SplatreelError):
         return text
     frames = traceback.extract_tb(error.__traceback__)
     where = f" at {Path(frames[-1].filename).name}:{frames[-1].lineno}" if frames else ""
-    return f"{type(error).__name__}{where}: {text or 'no more is known'}"
+    return f"{type(error).__name__}{where}: {text or 'no message'}"

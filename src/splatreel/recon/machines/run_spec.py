@@ -1,4 +1,4 @@
-"""A run, as processes and machines are told of it that take part in it."""
+"""Description of a run for the processes and machines that take part in it."""
 
 from __future__ import annotations
 
@@ -17,10 +17,15 @@ from splatreel.recon.run.store import Store
 
 @dataclass(frozen=True)
 class RunSpec:
-    """What `reconstruct` is called with. It can be pickled.
+    """Arguments of `pipeline.reconstruct`, in a form that can be pickled.
 
-    open_capture: Called by each process that takes part, such as `CaptureSource(path, {"width": 640})`. That one is given the frame
-        tables of the run, so that no video is scanned twice.
+    Attributes:
+        open_capture: Called by each process to open the capture, such as `CaptureSource(path, {"width": 640})`. A `CaptureSource` gets
+            the frame tables of the run, so that no video is scanned twice.
+        out: Output folder.
+        config: Settings.
+        sound: The soundtrack.
+        device: auto, cpu or cuda.
     """
 
     open_capture: Callable[[], Capture] | CaptureSource
@@ -31,7 +36,11 @@ class RunSpec:
 
     @contextmanager
     def opened(self) -> Iterator[ChapteredRun]:
-        """The run, with its capture open. Raises what opening that raises, and as `plan_run`."""
+        """Give the run, with its capture open.
+
+        Raises:
+            SplatreelError: As opening the capture or `plan_run` raises it.
+        """
         known = Store(self.out / "work").tables_file
         source = self.open_capture
         capture = source(known) if isinstance(source, CaptureSource) else source()

@@ -1,4 +1,4 @@
-"""`status.json` of a run of many chapters: how far each of them is, for people and for programs that watch the run."""
+"""`status.json` of a run of several chapters: the progress of each chapter, for people and programs that watch the run."""
 
 from __future__ import annotations
 
@@ -10,18 +10,29 @@ from dataclasses import asdict, dataclass, replace
 
 from splatreel.codec.container import write_atomically
 from splatreel.errors import ReelError, StorageError
-from splatreel.recon.jobs import ChapteredRun, has_chapter, part_of
+from splatreel.recon.jobs import ChapteredRun, chapter_name, has_chapter
 from splatreel.recon.run.job_log import read_log
 from splatreel.storage.opening import open_folder
 
 STATUS = "status.json"
 INTERVAL = 2.0
-"""Seconds between two changes of the file, unless a chapter begins or ends."""
+"""Seconds between two updates of the file, except when a chapter starts or ends."""
 
 
 @dataclass(frozen=True)
 class ChapterStatus:
-    """One chapter. state: waiting, running, finished or failed. done: share of it, 0..1. memory: bytes at most, where it is known."""
+    """Status of one chapter.
+
+    Attributes:
+        chapter: Number of the chapter, from 1.
+        groups: First and last group, from 1.
+        state: waiting, running, finished or failed.
+        done: Share of the chapter that is done, 0..1.
+        node: Machine that makes or made it.
+        attempts: Number of attempts.
+        memory: Largest number of bytes that its process held, if known.
+        error: Reason of a failure.
+    """
 
     chapter: int
     groups: tuple[int, int]
@@ -34,14 +45,16 @@ class ChapterStatus:
 
 
 class RunStatus:
-    """Keeps OUT/status.json, and the same file in the run's folder elsewhere.
+    """Writes OUT/status.json, and the same file into the run's folder elsewhere.
 
     Args:
         run: The run.
-        url: That folder, if there is one. Where it cannot be reached the run goes on.
+        url: Address of the run's folder elsewhere, if any. The run continues if it cannot be reached.
+        clock: Clock in seconds.
     """
 
     def __init__(self, run: ChapteredRun, url: str | None = None, clock: Callable[[], float] = time.monotonic) -> None:
+        """Read the status of all chapters."""
         self._run, self._clock, self._last = run, clock, -INTERVAL
         self._elsewhere = None if url is None else open_folder(url)
         self.state = "running"
@@ -49,12 +62,12 @@ class RunStatus:
         self.chapters = [
             ChapterStatus(chapter.index + 1, (chapter.first, chapter.groups[-1].index + 1)) for chapter in run.chapters
         ]
-        self.look_up()
+        self.read_chapters()
 
-    def look_up(self) -> None:
-        """Read what checkpoints and logs say of chapters."""
+    def read_chapters(self) -> None:
+        """Read the status of all chapters from checkpoints and logs."""
         for chapter in self._run.chapters:
-            found = read_log(self._run.store.work, part_of(chapter.index))
+            found = read_log(self._run.store.work, chapter_name(chapter.index))
             there = has_chapter(self._run, chapter)
             self.change(
                 chapter.index,
@@ -66,11 +79,11 @@ class RunStatus:
             )
 
     def change(self, chapter: int, **values: object) -> None:
-        """Replace fields of a chapter."""
+        """Replace fields of a chapter's status."""
         self.chapters[chapter] = replace(self.chapters[chapter], **values)  # pyright: ignore[reportArgumentType]
 
     def write(self, at_once: bool = True) -> None:
-        """Write the file. at_once: False leaves it out where it was written a moment ago."""
+        """Write the file. With `at_once` False it is not written if it was written a moment ago."""
         if not at_once and self._clock() - self._last < INTERVAL:
             return
         self._last = self._clock()
@@ -86,7 +99,7 @@ class RunStatus:
             "chapters": [asdict(chapter) for chapter in self.chapters],
         }
         data = (json.dumps(content, indent=1) + "\n").encode()
-        with suppress(ReelError):  # a full disk is told of where it matters
+        with suppress(ReelError):  # a full disk is reported where checkpoints are written
             write_atomically(self._run.out / STATUS, data)
         if self._elsewhere is not None:
             with suppress(StorageError):

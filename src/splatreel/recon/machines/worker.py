@@ -1,6 +1,6 @@
-"""A process of this machine that makes the chapters that it is told to, one after the other.
+"""Worker process of this machine, which makes chapters one after the other.
 
-What is heavy is imported once it is said how many threads there are.
+Heavy modules are imported only after the number of threads is set.
 """
 
 from __future__ import annotations
@@ -22,13 +22,17 @@ if TYPE_CHECKING:
     from splatreel.recon.machines.reports import Report
 
 
-def serve(spec: bytes, threads: int, gpu: str | None, connection: Connection) -> None:
-    """Receive numbers of chapters until None comes; send reports of each, the last of which is `ChapterEnded`.
+def serve_chapters(spec: bytes, threads: int, gpu: str | None, connection: Connection) -> None:
+    """Receive numbers of chapters until None arrives, and send reports. The last report of a chapter is `ChapterEnded`.
 
-    spec: a pickled `RunSpec`. gpu: the only one that this process may use, as CUDA_VISIBLE_DEVICES names it; None: any.
+    Args:
+        spec: A pickled `RunSpec`.
+        threads: Number of threads.
+        gpu: The only GPU that the process may use, as CUDA_VISIBLE_DEVICES names it; None for any.
+        connection: Connection to the parent process.
     """
     _end_with_parent()
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # the parent hears it as well, and decides
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # the parent gets the signal too, and decides
     if gpu is not None:
         os.environ["CUDA_VISIBLE_DEVICES"] = gpu
     quiet_threads()
@@ -63,13 +67,13 @@ def _make(run: ChapteredRun, chapter: int, connection: Connection) -> Report:
 
 
 def _failed(chapter: int, error: Exception) -> Report:
-    from splatreel.recon.machines.reports import ChapterEnded, in_a_sentence
+    from splatreel.recon.machines.reports import ChapterEnded, describe_error
 
-    return ChapterEnded(chapter, in_a_sentence(error))
+    return ChapterEnded(chapter, describe_error(error))
 
 
 def _end_with_parent() -> None:
-    """What is half done when the parent is killed is left, as anything that is killed: the next run goes on from checkpoints."""
+    """Exit when the parent process is killed. The next run continues from the checkpoints."""
     parent = multiprocessing.parent_process()
     if parent is None:
         return

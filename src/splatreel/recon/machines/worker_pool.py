@@ -1,4 +1,4 @@
-"""Worker processes on this machine, to which chapters are handed out."""
+"""Pool of worker processes on this machine that make chapters."""
 
 from __future__ import annotations
 
@@ -15,16 +15,24 @@ from multiprocessing.context import SpawnProcess
 from splatreel.process import interrupts_held
 from splatreel.recon.machines.reports import ChapterEnded, Noted, Reached, Report
 from splatreel.recon.machines.run_spec import RunSpec
-from splatreel.recon.machines.worker import serve
+from splatreel.recon.machines.worker import serve_chapters
 from splatreel.recon.run.memory import free_memory
 
 PATIENCE = 2.0
-"""Seconds that workers get to end, all together, before they are killed: a command ends within five of a signal."""
+"""Seconds for all workers to end before they are killed. A command must end within five seconds of a signal."""
 
 
 @dataclass
 class Worker:
-    """chapter: that it makes; None while it waits for one. memory: bytes that it took at most."""
+    """A worker process.
+
+    Attributes:
+        process: The process.
+        connection: Connection to it.
+        gpu: GPU that it uses, if any.
+        chapter: Chapter that it makes; None while it is idle.
+        memory: Largest number of bytes that it held.
+    """
 
     process: SpawnProcess
     connection: Connection
@@ -34,13 +42,19 @@ class Worker:
 
 
 class WorkerPool:
-    """Makes chapters in processes of its own. Use as a context manager: at the end none of them is left, whatever happens.
+    """Makes chapters in processes of its own. Use as a context manager: leaving it ends all processes.
 
-    places: for each worker the GPU that it uses, or None. threads: of each. need: bytes of memory that a chapter takes, about. Where
-    the memory that is free would not do for one more, a chapter waits until another is finished.
+    A chapter waits until another one is finished if the free memory does not suffice for both.
+
+    Args:
+        spec: The run.
+        places: For each worker the GPU that it uses, or None.
+        threads: Number of threads of each worker.
+        need: Approximate bytes of memory of a chapter.
     """
 
     def __init__(self, spec: RunSpec, places: list[str | None], threads: int, need: int) -> None:
+        """Start no process yet."""
         self._spec, self._threads, self._need = pickle.dumps(spec), threads, need
         self._places = deque(places)
         self._most = len(places)
@@ -49,9 +63,11 @@ class WorkerPool:
         self._waiting: deque[int] = deque()
 
     def __enter__(self) -> WorkerPool:
+        """Return the pool."""
         return self
 
     def __exit__(self, *_: object) -> None:
+        """End all processes."""
         for worker in self._workers:
             worker.process.terminate()
         end = time.monotonic() + PATIENCE
@@ -62,10 +78,14 @@ class WorkerPool:
                 worker.process.join()
             worker.connection.close()
 
-    def make(self, chapters: Iterable[int], hear: Callable[[Report], None]) -> None:
-        """All of these chapters, those first that come first. hear: called with each report; the last of a chapter is `ChapterEnded`.
+    def make(self, chapters: Iterable[int], receive: Callable[[Report], None]) -> None:
+        """Make chapters in order.
 
-        A chapter whose process is killed is tried once more, and with fewer beside it where it may be memory that ran out.
+        A chapter whose process was killed is tried once more. If memory may have run out, fewer chapters are then made at a time.
+
+        Args:
+            chapters: Indices of the chapters.
+            receive: Called with each report. The last one of a chapter is `ChapterEnded`.
         """
         self._waiting.extend(chapters)
         while self._waiting or self._busy:
@@ -73,7 +93,7 @@ class WorkerPool:
             for connection in wait([worker.connection for worker in self._workers], timeout=1.0):
                 worker = next(worker for worker in self._workers if worker.connection is connection)
                 if (report := self._report_of(worker)) is not None:
-                    hear(report)
+                    receive(report)
 
     @property
     def _busy(self) -> list[Worker]:
@@ -86,11 +106,11 @@ class WorkerPool:
             worker.chapter = self._waiting.popleft()
             try:
                 worker.connection.send(worker.chapter)
-            except OSError:  # it died while it was idle, of which its end of the line tells
+            except OSError:  # it died while it was idle; its closed connection tells so
                 return
 
     def _fits(self) -> bool:
-        """Whether there is memory for one more chapter, once those that are being made have taken what they need."""
+        """Return True if there is memory for one more chapter, once all running chapters have taken what they need."""
         free, busy = free_memory(), self._busy
         need = max([self._need, *(worker.memory for worker in self._workers)])
         return free is None or free >= need + sum(need - worker.memory for worker in busy)
@@ -100,7 +120,7 @@ class WorkerPool:
         mine, theirs = context.Pipe()
         place = self._places.popleft()
         arguments = (self._spec, self._threads, place, theirs)
-        process = context.Process(target=serve, args=arguments, name="splatreel worker", daemon=True)
+        process = context.Process(target=serve_chapters, args=arguments, name="splatreel worker", daemon=True)
         with interrupts_held():
             process.start()
         theirs.close()
@@ -111,20 +131,20 @@ class WorkerPool:
         try:
             report: Report = worker.connection.recv()
         except (EOFError, OSError):
-            return self._bury(worker)
+            return self._remove_dead(worker)
         if isinstance(report, Reached):
             worker.memory = report.memory or 0
         if isinstance(report, ChapterEnded):
             worker.chapter = None
         return report
 
-    def _bury(self, worker: Worker) -> Report | None:
-        """A worker has died. Its chapter, if it had one, is tried again if that was done to it, and for the first time."""
+    def _remove_dead(self, worker: Worker) -> Report | None:
+        """Remove a dead worker. Its chapter is tried again if the process was killed, and was not killed before."""
         worker.process.join()
         worker.connection.close()
         self._workers.remove(worker)
         self._places.append(worker.gpu)
-        chapter, how = worker.chapter, _death(worker.process.exitcode)
+        chapter, how = worker.chapter, _death_signal(worker.process.exitcode)
         if chapter is None:
             return None
         if how is None or chapter in self._tried:
@@ -136,10 +156,10 @@ class WorkerPool:
         self._waiting.appendleft(chapter)
         fewer = how == "SIGKILL" and self._most > 1
         self._most -= fewer
-        beside = f", with {self._most} at a time in case it was for want of memory" if fewer else ""
+        beside = f", with {self._most} at a time in case memory ran out" if fewer else ""
         return Noted(chapter, f"its process was ended by {how}; it is tried again{beside}")
 
 
-def _death(code: int | None) -> str | None:
-    """The signal that a process died of."""
+def _death_signal(code: int | None) -> str | None:
+    """Return the signal that killed a process; None if none did."""
     return None if code is None or code >= 0 else signal.Signals(-code).name

@@ -1,0 +1,1 @@
+"""Files, locks, plan, device, time and memory of a run."""

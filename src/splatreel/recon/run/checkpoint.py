@@ -1,4 +1,4 @@
-"""Checkpoints: plain files in DIR/work, one directory a group, written atomically, so that a run can be killed and continued."""
+"""Checkpoint files: arrays and JSON, written whole or not at all, so that a run can be killed and continued."""
 
 from __future__ import annotations
 
@@ -17,18 +17,27 @@ from splatreel.scene.gaussians import Gaussians
 from splatreel.scene.untrusted import read_json
 
 T = TypeVar("T")
+Arrays = dict[str, np.ndarray]
 FIELDS = ("means", "quats", "scales", "opacities", "sh")
 NUMBERS = (*FIELDS, "fineness", "importance", "tracks", "shades")
-"""Arrays that are never NaN; others use it for what is not known."""
+"""Ends of the names of arrays that never hold NaN. Other arrays use NaN for unknown values."""
 
 
 def save_arrays(path: Path, arrays: dict[str, np.ndarray]) -> None:
-    """Write arrays to a safetensors file; it appears whole or not at all. Raises `ReelError` where the disk refuses."""
+    """Write arrays to a safetensors file.
+
+    Raises:
+        ReelError: The disk is full or cannot be written.
+    """
     write_atomically(path, save({name: np.ascontiguousarray(value) for name, value in arrays.items()}))
 
 
 def load_arrays(path: Path) -> dict[str, np.ndarray]:
-    """Raises `ReconstructionError` for a file that cannot be read, or holds NaN."""
+    """Return the arrays of a safetensors file.
+
+    Raises:
+        ReconstructionError: The file cannot be read, or holds NaN where it must not.
+    """
     try:
         arrays = load_file(str(path))
     except (OSError, SafetensorError) as error:
@@ -36,27 +45,42 @@ def load_arrays(path: Path) -> dict[str, np.ndarray]:
     for name, array in arrays.items():
         if name.rpartition("_")[2] in NUMBERS and array.dtype.kind == "f" and np.isnan(array).any():
             raise ReconstructionError(
-                f"{path}: {name} holds {int(np.isnan(array).sum()):,} values that are no numbers (NaN): this checkpoint is damaged. "
-                f"Delete it and run again."
+                f"{path}: {name} holds {int(np.isnan(array).sum()):,} NaN values: this checkpoint is damaged. "
+                "Delete it and run again."
             )
     return arrays
 
 
+def present(**arrays: np.ndarray | None) -> Arrays:
+    """Return the arrays that are not None."""
+    return {name: array for name, array in arrays.items() if array is not None}
+
+
 def pack(gaussians: Gaussians, prefix: str = "") -> dict[str, np.ndarray]:
+    """Return Gaussians as arrays. `prefix` is put before each name."""
     return {prefix + name: getattr(gaussians, name) for name in FIELDS}
 
 
 def unpack(arrays: dict[str, np.ndarray], prefix: str = "") -> Gaussians:
+    """Return the Gaussians that `pack` gave these arrays for."""
     return Gaussians(*(arrays[prefix + name] for name in FIELDS))
 
 
 def save_json(path: Path, value: Any) -> None:
-    """Write JSON; the file appears whole or not at all. Raises `ReelError` where the disk refuses."""
+    """Write a JSON file.
+
+    Raises:
+        ReelError: The disk is full or cannot be written.
+    """
     write_atomically(path, (json.dumps(value, indent=1, sort_keys=True) + "\n").encode())
 
 
 def load_json(path: Path) -> Any:
-    """Raises `ReconstructionError` for a file that cannot be read."""
+    """Return the value of a JSON file.
+
+    Raises:
+        ReconstructionError: The file cannot be read.
+    """
     try:
         return read_json(path, ReconstructionError)
     except ReconstructionError as error:
@@ -64,9 +88,14 @@ def load_json(path: Path) -> Any:
 
 
 def load_checked(path: Path, decode: Callable[[Any], T]) -> T:
-    """Return what a JSON file says. decode: takes its value, and may raise what values of other types than expected raise.
+    """Return the decoded value of a JSON file.
 
-    Raises `ReconstructionError` for a file that cannot be read, or that says something else.
+    Args:
+        path: The file.
+        decode: Takes the value. It may raise any error that a value of an unexpected type causes.
+
+    Raises:
+        ReconstructionError: The file cannot be read, or `decode` failed.
     """
     value = load_json(path)
     try:

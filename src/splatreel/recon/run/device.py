@@ -1,4 +1,4 @@
-"""Where to train, and whether a group's pictures fit there."""
+"""Choice of the device that trains, and a check that the images of a group fit on it."""
 
 from __future__ import annotations
 
@@ -9,12 +9,20 @@ import torch
 
 from splatreel.errors import MissingDependencyError, ReconstructionError, UsageError
 
-PICTURES_SHARE = 0.6
-"""Of the GPU's free memory, at most, for pictures: training needs the rest."""
+IMAGES_SHARE = 0.6
+"""Largest share of the GPU's free memory that images may take. Training needs the rest."""
 
 
 def pick_device(name: str) -> torch.device:
-    """CUDA if it is asked for, or left open and there with gsplat, else the CPU. Raises `UsageError` for a device that is not there."""
+    """Return the device to train on.
+
+    Args:
+        name: cpu, cuda, or auto: CUDA if there is a GPU and gsplat is installed, else the CPU.
+
+    Raises:
+        UsageError: The device does not exist.
+        MissingDependencyError: gsplat is not installed.
+    """
     if name not in ("auto", "cpu", "cuda"):
         raise UsageError(f"Unknown device {name!r}. Choose auto, cpu or cuda.")
     gpu, gsplat = torch.cuda.is_available(), importlib.util.find_spec("gsplat") is not None
@@ -28,10 +36,19 @@ def pick_device(name: str) -> torch.device:
 
 
 def check_room(needed: int, free: int, width: int) -> None:
-    """Raises `ReconstructionError` where pictures of `needed` bytes and that width do not fit into `free` bytes of a GPU."""
-    if needed > PICTURES_SHARE * free:
-        fits = int(width * math.sqrt(PICTURES_SHARE * free / needed)) // 2 * 2
+    """Check that images fit into the memory of a GPU.
+
+    Args:
+        needed: Bytes of the images.
+        free: Free bytes of the GPU.
+        width: Width of the images in pixels, for the error.
+
+    Raises:
+        ReconstructionError: They do not fit. The error names a width that fits.
+    """
+    if needed > IMAGES_SHARE * free:
+        fits = int(width * math.sqrt(IMAGES_SHARE * free / needed)) // 2 * 2
         raise ReconstructionError(
-            f"The pictures of one group, {width} pixels wide, take {needed / 1e9:.1f} GB; the GPU has {free / 1e9:.1f} GB free, "
-            f"of which they may fill {PICTURES_SHARE:.0%}. Ask for --width {fits}, or use --device cpu."
+            f"The images of one group, {width} pixels wide, take {needed / 1e9:.1f} GB; the GPU has {free / 1e9:.1f} GB free, "
+            f"of which they may fill {IMAGES_SHARE:.0%}. Ask for --width {fits}, or use --device cpu."
         )

@@ -1,4 +1,4 @@
-"""How fast this machine is, beside the one that costs were measured on: a step of training on random points, at two picture sizes."""
+"""Speed of this machine compared with the machine that costs were measured on, by timing training steps at two image sizes."""
 
 from __future__ import annotations
 
@@ -19,10 +19,15 @@ from splatreel.scene.gaussians import Gaussians
 
 @dataclass(frozen=True)
 class Probe:
-    """A training step that is timed: so many points in a picture of that size. scale: mean logarithm of the points' scales.
+    """A training step on random points that is timed.
 
-    seconds: what it takes on one thread of the machine that `costs` is of. repeats: the quickest of so many steps counts, so that what
-    else the machine does hardly matters.
+    Attributes:
+        points: Number of points.
+        width: Width of the image in pixels.
+        height: Height of the image in pixels.
+        scale: Mean logarithm of the points' scales.
+        seconds: Seconds of the step on one thread of the machine that `workload` was measured on.
+        repeats: Number of steps. The fastest counts, so that other programs hardly matter.
     """
 
     points: int
@@ -34,26 +39,32 @@ class Probe:
 
     @property
     def megapixels(self) -> float:
+        """Megapixels of the image."""
         return self.width * self.height / 1e6
 
 
 SMALL = Probe(20_000, 320, 180, -4.2, 0.0215, 9)
-"""It took 0.019 s on that machine (AMD Zen 5) beside little else, 0.0235 s beside much; costs were measured at both times."""
+"""The step took 0.019 s on that machine (AMD Zen 5) when it was idle, and 0.0235 s when it was busy. Costs were measured at both
+times."""
 LARGE = Probe(46_000, 1280, 720, -4.6, 0.172, 5)
-"""As many points as pictures of this size get. Measured on an Intel Sapphire Rapids, which also has AVX-512, and scaled by what the
-small probe takes on Zen 5 and there."""
+"""As many points as images of this size get. Measured on an Intel Sapphire Rapids, which also has AVX-512, and scaled by the time
+of the small step on both machines."""
 KERNEL_GAIN = 0.75
-"""Share of a step's time that the present training kernels take of the ones that costs were measured with: 0.73 with AVX-512, 0.85 with
-AVX2. Other work did not become faster."""
+"""Time of a step with the present training kernels, as a share of that with the kernels that costs were measured with: 0.73 with
+AVX-512, 0.85 with AVX2. Other work did not become faster."""
 NEAR, DISTANCE = 0.1, 4.0
 
 
 @dataclass(frozen=True)
 class MachineSpeed:
-    """How many times as long work takes here as where costs were measured.
+    """Seconds of work on this machine as a multiple of those on the machine that was measured.
 
-    small, large: training of keyframes and groups with pictures of the size of `SMALL` and of `LARGE`. Processors differ in the ratio
-    of the two: large pictures need memory bandwidth, small ones fit into caches. other: all that runs on the CPU besides training.
+    Processors differ in the ratio of `small` and `large`: large images need memory bandwidth, small images fit into caches.
+
+    Attributes:
+        small: Training with images of the size of `SMALL`.
+        large: Training with images of the size of `LARGE`.
+        other: Everything else, which runs on the CPU.
     """
 
     small: float = 1.0
@@ -61,26 +72,26 @@ class MachineSpeed:
     other: float = 1.0
 
     def training(self, megapixels: float) -> float:
-        """Return the factor of training with pictures of that size: in between by the logarithm of the size, outside the nearer one."""
+        """Return the factor of training with images of that size, interpolated between the two by its logarithm."""
         ends = np.log([SMALL.megapixels, LARGE.megapixels])
         return float(np.exp(np.interp(np.log(max(megapixels, 1e-6)), ends, np.log([self.small, self.large]))))
 
 
 def measure_speed(device: torch.device) -> MachineSpeed:
-    """Time both probes. Takes two seconds; some more where kernels have yet to be compiled."""
+    """Time both steps. This takes two seconds, and longer where kernels must be compiled first."""
     small, large = (_seconds(probe, device) / probe.seconds for probe in (SMALL, LARGE))
     on_cpu = small if device.type == "cpu" else _seconds(SMALL, torch.device("cpu")) / SMALL.seconds
     return MachineSpeed(small, large, on_cpu / KERNEL_GAIN)
 
 
 def on_one_thread(work: Callable[[], None]) -> None:
-    """Run work on one thread."""
+    """Run a function on one thread."""
     with threads.limited(1):
         work()
 
 
 def _seconds(probe: Probe, device: torch.device) -> float:
-    """Return what a step takes: on the CPU, processor time of one thread."""
+    """Return the seconds of a step. On the CPU it is processor time of one thread."""
     step, found = _step(probe, device), list[float]()
 
     def work() -> None:
@@ -96,7 +107,7 @@ def _seconds(probe: Probe, device: torch.device) -> float:
 
 
 def _step(probe: Probe, device: torch.device) -> Callable[[], None]:
-    """Return one training step of random small points in a box before a camera, backward too."""
+    """Return one training step, gradients included, on small random points in a box in front of a camera."""
     rng, count = np.random.default_rng(0), probe.points
     sh = rng.normal(0, 0.02, (count, 16, 3))
     sh[:, 0] = rng.normal(0, 0.5, (count, 3))

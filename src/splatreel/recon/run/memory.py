@@ -1,4 +1,4 @@
-"""Whether a reconstruction fits into this machine: who runs out of memory is killed, and told nothing."""
+"""Memory that a reconstruction takes, and a check that this machine has it."""
 
 from __future__ import annotations
 
@@ -11,23 +11,23 @@ from splatreel.config import Config
 from splatreel.errors import ReconstructionError
 
 HALVED = 0.25
-"""Of a group's frames, the share that they take once more at half size."""
+"""Memory of a group's frames at half size, as a share of the frames at full size."""
 PROCESS = 640e6
-"""Bytes of a process that has loaded all libraries and compiled code, and works with few and small pictures."""
+"""Bytes of a process with all libraries and compiled code, before it loads images of any size."""
 FRAMES = 1.3
-"""Bytes for each one of the frames that are held: masks, flow, and what the static points of each view look like."""
+"""Bytes for each byte of the frames that are held: the frames themselves, masks, flow, and the static background of each view."""
 PIXEL = 620.0
-"""Bytes for each pixel of one picture, while a step is trained."""
+"""Bytes for each pixel of one image during a training step."""
 POINT = 1500.0
-"""Bytes for each point: 59 numbers and their gradients, what Adam knows of them, a copy to go back to, and what is passing."""
+"""Bytes for each point: 59 numbers with gradients and Adam moments, a copy to go back to, and temporary arrays."""
 FITS = 0.8
-"""Share of the memory that a recommended size takes: other programs want the rest."""
+"""Share of the memory that a recommended image size takes. Other programs need the rest."""
 NARROWEST = 64
-"""Pixels across, below which no width is recommended."""
+"""Smallest width in pixels that is recommended."""
 
 
 def physical_memory() -> int | None:
-    """Bytes of this machine's memory; None where the system does not tell (Windows)."""
+    """Return the bytes of this machine's memory; None where the system does not tell (Windows)."""
     try:
         return os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")
     except (AttributeError, ValueError, OSError):
@@ -35,13 +35,13 @@ def physical_memory() -> int | None:
 
 
 def total_memory() -> int | None:
-    """Bytes that programs may take when nothing else runs, of the machine or of the container; None where nobody tells."""
+    """Return the bytes that programs may take when nothing else runs, of the machine or of the container; None if unknown."""
     found = [room for room in (physical_memory(), cgroups.memory_limit()) if room is not None]
     return min(found) if found else None
 
 
 def free_memory() -> int | None:
-    """Bytes that programs may still take, of the machine or of the container that this one runs in; None where nobody tells."""
+    """Return the bytes that programs may still take, of the machine or of the container; None if unknown."""
     found = [room for room in (_free_of_machine(), cgroups.free_memory()) if room is not None]
     return min(found) if found else None
 
@@ -55,17 +55,18 @@ def _free_of_machine() -> int | None:
 
 
 def needed_memory(capture: Capture, config: Config) -> int:
-    """Bytes that a process takes at most which reconstructs the groups of a capture.
+    """Return the largest number of bytes that a process takes to reconstruct the groups of a capture.
 
-    Within 30 % of the peaks in `benchmarks/results.jsonl`, 160 to 1352 pixels wide.
+    The number is within 30 % of the peaks in `benchmarks/results.jsonl`, for images 160 to 1352 pixels wide.
     """
     return _needed(capture, config, capture.width, capture.height)
 
 
 def check_memory(capture: Capture, config: Config) -> None:
-    """Raises `ReconstructionError` for pictures too large for this machine, and says which fit.
+    """Check that the images of a capture fit into this machine. A group's frames are held together with those of the next group.
 
-    A group's frames are in memory with those of the next one, and at half size.
+    Raises:
+        ReconstructionError: They do not fit. The error names a width that fits.
     """
     memory, needed = total_memory(), needed_memory(capture, config)
     if memory is None or needed <= memory:
@@ -75,13 +76,13 @@ def check_memory(capture: Capture, config: Config) -> None:
     width = fitting_width(capture, config, FITS * memory)
     remedy = "Use a machine with more memory." if width is None else f"--width {width} fits."
     raise ReconstructionError(
-        f"{capture.path}: pictures of {capture.width}x{capture.height} by {cameras} cameras, {frames} frames at a time, take "
+        f"{capture.path}: images of {capture.width}x{capture.height} by {cameras} cameras, {frames} frames at a time, take "
         f"{needed / 2**30:.1f} GiB of memory, and this machine has {memory / 2**30:.1f}. {remedy}"
     )
 
 
 def fitting_width(capture: Capture, config: Config, memory: float) -> int | None:
-    """The largest width of pictures, a multiple of 16, with which so many bytes do; None where not even small ones do."""
+    """Return the largest width of images, a multiple of 16, that fits into so many bytes; None if even small images do not fit."""
     widths = range(NARROWEST, capture.width, 16)
     heights = (round(capture.height * width / capture.width) for width in widths)
     fitting = [w for w, h in zip(widths, heights, strict=True) if _needed(capture, config, w, h) <= memory]
@@ -96,12 +97,12 @@ def _needed(capture: Capture, config: Config, width: int, height: int) -> int:
 
 
 def _held(capture: Capture, config: Config) -> float:
-    """Frames of a group, and those of the next one, in frames of full size."""
+    """Return the frames of a group and of the next group, half-size copies included, counted in full-size frames."""
     group, frames = config.group.length + config.group.overlap, _length(capture, config)
     first = min(group, frames)
     return first * (1 + HALVED) + min(group, frames - first)
 
 
 def _length(capture: Capture, config: Config) -> int:
-    """Frames; of a capture that grows there will be enough."""
+    """Return the frames of a capture. A capture that grows is taken for long enough."""
     return 2 * (config.group.length + config.group.overlap) if capture.growing else capture.frames

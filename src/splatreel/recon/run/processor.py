@@ -1,4 +1,4 @@
-"""The name of this machine's processor: times mean little without it."""
+"""Name of this machine's processor, which measured times are stated with."""
 
 from __future__ import annotations
 
@@ -14,24 +14,24 @@ from splatreel import threads
 
 CPUINFO = Path("/proc/cpuinfo")
 WIDTHS = {"avx512f": "AVX-512", "avx2": "AVX2", "sve": "SVE", "neon": "NEON"}
-"""The widest vectors that kernels are compiled for, by LLVM's name of the feature, the widest first."""
+"""Widest vector instructions that kernels are compiled for, by LLVM's name of the feature, the widest first."""
 
 
 @functools.cache
 def processor_name() -> str:
-    """Return its model, such as `AMD EPYC 7763 64-Core Processor`, or its architecture where the system does not say."""
+    """Return the model, such as `AMD EPYC 7763 64-Core Processor`, or the architecture where the system does not tell the model."""
     return " ".join((_model() or platform.processor() or platform.machine() or "unknown processor").split())
 
 
 def describe_processor() -> str:
-    """Return such as `AMD EPYC 7763 64-Core Processor with AVX2, 2 cores`."""
+    """Return a description such as `AMD EPYC 7763 64-Core Processor with AVX2, 2 cores`."""
     features, cores = llvm.get_host_cpu_features(), threads.available()
     width = next((f" with {name}" for feature, name in WIDTHS.items() if features.get(feature)), "")
     return f"{processor_name()}{width}, {cores} core{'s'[: cores > 1]}"
 
 
 def _model() -> str:
-    """Return what the operating system calls it; empty if it does not."""
+    """Return the model as the operating system tells it, or an empty text."""
     try:
         if sys.platform == "linux":
             lines = CPUINFO.read_text(encoding="utf-8", errors="replace").splitlines()

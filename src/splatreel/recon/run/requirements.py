@@ -1,4 +1,4 @@
-"""What a capture must bring to be reconstructed: one list, of `capture check` and of reconstruction itself."""
+"""Requirements that a capture must meet to be reconstructed, for `capture check` and for reconstruction."""
 
 from __future__ import annotations
 
@@ -8,14 +8,19 @@ from splatreel.capture.base import Capture
 from splatreel.errors import ReconstructionError
 
 MIN_CAMERAS = 3
+"""Smallest number of training cameras."""
 MIN_SIDE = 8
-"""Pixels; smaller images show nothing that cameras could agree on."""
+"""Smallest side of an image in pixels. Smaller images show no features that cameras could agree on."""
 BLACK, WHITE = 24, 231
-"""Gray levels up to which, and from which on, a picture is called black or white: what videos call so, and some noise."""
+"""Gray levels: an image is black if no pixel is above the first, and white if none is below the second. Both allow for noise."""
 
 
 def check_capture(capture: Capture) -> None:
-    """Raises `ReconstructionError` for a capture that can be read, but not reconstructed."""
+    """Check the number of cameras and the size of the images.
+
+    Raises:
+        ReconstructionError: The capture can be read, but not reconstructed.
+    """
     count = len(capture.training_cameras)
     if count < MIN_CAMERAS:
         raise ReconstructionError(
@@ -30,15 +35,22 @@ def check_capture(capture: Capture) -> None:
 
 
 def check_pictures(capture: Capture, names: list[str], frames: np.ndarray) -> None:
-    """Raises `ReconstructionError` for cameras that show nothing. frames: [T, C, H, W, 3] uint8, some moments of the named ones."""
-    for color, blank in (
-        ("black", (frames <= BLACK).all((0, 2, 3, 4))),
-        ("white", (frames >= WHITE).all((0, 2, 3, 4))),
-    ):
+    """Check that every camera shows something.
+
+    Args:
+        capture: The capture, for the error.
+        names: Names of the cameras.
+        frames: Their images [T, C, H, W, 3] uint8 of some moments.
+
+    Raises:
+        ReconstructionError: All images of a camera are black or white.
+    """
+    black, white = (frames <= BLACK).all((0, 2, 3, 4)), (frames >= WHITE).all((0, 2, 3, 4))
+    for color, blank in (("black", black), ("white", white)):
         if blank.any():
             which = [name for name, flat in zip(names, np.atleast_1d(blank), strict=True) if flat]
             some = "every camera" if len(which) == len(names) else f"camera {', '.join(which)}"
             raise ReconstructionError(
-                f"{capture.path}: what {some} shows is all {color}. Choose frames in which there is a picture (--frames A:B), or leave "
-                f"the camera out: its video, and its pose."
+                f"{capture.path}: all images of {some} are {color}. Choose other frames (--frames A:B), or remove the camera: its "
+                "video and its pose."
             )

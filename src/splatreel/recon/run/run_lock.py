@@ -1,4 +1,4 @@
-"""An output folder, or a part of it, belongs to one process at a time, and to one run (`run_record`)."""
+"""Locks on output folders: one process at a time writes a folder, or a part of it, and for one run only (`run_record`)."""
 
 from __future__ import annotations
 
@@ -15,14 +15,24 @@ from splatreel.scene.atomic import lock, sweep
 
 
 class RunLock:
-    """The right to write into an output folder, OUT/work and OUT/reel. Use as a context manager.
+    """Lock on an output folder, with OUT/work and OUT/reel. Use as a context manager.
 
-    part: which part of the run, such as chapter0003, each of which may belong to another process; empty: the reel, and all of a run
-    that has no parts. writes: what belongs to the part, as folders and how names in them begin; None: all there is. Entering makes the
-    folders, keeps others out, and removes what a killed one left half written: of this part alone, since not every network file system
-    tells what others are writing. Raises `InUseError` where another process has it, and `ReconstructionError` if it cannot be, or the
-    folder holds something else: the run of another capture or configuration, or a reel without the checkpoints it was made from.
-    Nothing is overwritten then.
+    Entering creates the folders, locks them, and removes files that a killed process left half written. It removes only files of
+    its own part, since some network file systems do not tell which files are being written. Nothing is overwritten if entering fails.
+
+    Args:
+        out: Output folder OUT.
+        capture: The capture.
+        config: Settings.
+        sound: The soundtrack, as `reconstruct` takes it.
+        part: Part of the run, such as chapter0003. Another process may lock another part. Empty for the reel, and for a run without
+            parts.
+        writes: Files of the part, as folders and beginnings of names in them; None for all files.
+
+    Raises:
+        InUseError: Another process has the lock. Raised by entering.
+        ReconstructionError: The folder cannot be written, belongs to another run, or holds a reel without its checkpoints. Raised by
+            entering.
     """
 
     def __init__(
@@ -34,12 +44,14 @@ class RunLock:
         part: str = "",
         writes: Iterable[tuple[Path, str]] | None = None,
     ) -> None:
+        """Prepare the lock without taking it."""
         self.out, self.reel, self.work = out, out / "reel", out / "work"
         self.record = run_record(capture, config, sound)
         self.part, self.writes = part, writes
         self._lock: int | None = None
 
     def __enter__(self) -> RunLock:
+        """Take the lock."""
         self._lock = self._acquire()
         try:
             self._check()
@@ -51,10 +63,11 @@ class RunLock:
         return self
 
     def __exit__(self, *_: object) -> None:
+        """Release the lock."""
         self._release()
 
-    def keep(self) -> None:
-        """Say whose folder this is; called when the first checkpoint is about to be written."""
+    def save_record(self) -> None:
+        """Write which run the folder belongs to. Called when the first checkpoint is about to be written."""
         save_record(self.work, self.record)
 
     def _everything(self) -> Iterator[tuple[Path, str]]:
@@ -77,7 +90,7 @@ class RunLock:
             handle = os.open(self.work / f".lock{self.part and f'-{self.part}'}", os.O_RDWR | os.O_CREAT, 0o644)
         except OSError as error:
             raise ReconstructionError(
-                f"{error.filename}: cannot be written ({error.strerror}). Choose another --out, or fix what is in the way."
+                f"{error.filename}: cannot be written ({error.strerror}). Choose another --out, or remove the obstacle."
             ) from error
         if not lock(handle):
             os.close(handle)
@@ -92,10 +105,11 @@ class RunLock:
 
 
 @contextmanager
-def hold(reel: Path) -> Iterator[None]:
-    """The right to write a reel that is not that of a run. Entering makes its folder, and removes what a killed process left there.
+def lock_reel(reel: Path) -> Iterator[None]:
+    """Lock the folder of a reel that does not belong to a run. Entering creates it, and removes files that a killed process left.
 
-    Raises `InUseError` where another process is writing it.
+    Raises:
+        InUseError: Another process writes the reel.
     """
     reel.mkdir(parents=True, exist_ok=True)
     handle = os.open(reel, os.O_RDONLY) if os.name == "posix" else None

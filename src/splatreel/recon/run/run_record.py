@@ -1,4 +1,4 @@
-"""What an output folder belongs to, one capture and one configuration: OUT/work/run.json, compared when a run is continued."""
+"""OUT/work/run.json: the capture and the settings of a run. A run is continued only if they are the same."""
 
 from __future__ import annotations
 
@@ -8,45 +8,56 @@ from typing import Any
 
 from splatreel.capture.base import Capture
 from splatreel.config import Config
-from splatreel.config.records import updated
+from splatreel.config.records import complete_settings
 from splatreel.errors import ReconstructionError
 from splatreel.recon.run import checkpoint
 from splatreel.scene.spans import chapter_spans, group_spans
 
 VERSION = 1
-"""Raised when checkpoints of before can no longer be continued."""
+"""Version of the checkpoints. A new version cannot continue runs of an old one."""
 FILE = "run.json"
 FINGERPRINT = "fingerprint"
 SHOWN = 3
-"""Differences that a message lists."""
+"""Number of differences that an error lists."""
 
 
 def run_record(capture: Capture, config: Config, sound: str) -> dict[str, Any]:
-    """All that decides what a run makes. sound: as in `reconstruct`."""
-    name = Path(sound).name  # a file may be elsewhere the next time
+    """Return everything that decides the result of a run.
+
+    Args:
+        capture: The capture.
+        config: Settings.
+        sound: The soundtrack, as `reconstruct` takes it. Of a file only the name counts: it may have been moved.
+    """
     settings = json.loads(config.to_json())
     groups = group_spans(capture.frames, config.group.length, config.group.overlap)
     if len(chapter_spans(groups, config.chapter_frames)) == 1:
-        settings["chapter_frames"] = 0  # of a short video it decides nothing
+        settings["chapter_frames"] = 0  # has no effect on a short video
     if 1e-6 * capture.width * capture.height <= config.training_megapixels:
-        settings["training_megapixels"] = 0.0  # nor this of small images
-    return {"version": VERSION, "capture": capture.describe(), "config": settings, "sound": name}
+        settings["training_megapixels"] = 0.0  # has no effect on small images
+    return {"version": VERSION, "capture": capture.describe(), "config": settings, "sound": Path(sound).name}
 
 
 def has_record(work: Path) -> bool:
+    """Return True if a folder of checkpoints belongs to a run."""
     return (work / FILE).exists()
 
 
 def save_record(work: Path, record: dict[str, Any]) -> None:
+    """Write the record of a run."""
     checkpoint.save_json(work / FILE, record)
 
 
 def check_record(work: Path, record: dict[str, Any]) -> None:
-    """Raises `ReconstructionError` if the folder's record, which may be of an earlier version, says something else than this one."""
+    """Compare the record in a folder with that of this run.
+
+    Raises:
+        ReconstructionError: They differ. The error lists the differences.
+    """
     path = work / FILE
     theirs = checkpoint.load_json(path)
-    theirs = {"sound": "auto"} | (theirs if isinstance(theirs, dict) else {})
-    found = differences(theirs | {"config": updated(theirs.get("config"))}, record)
+    theirs = theirs if isinstance(theirs, dict) else {}
+    found = differences(theirs | {"config": complete_settings(theirs.get("config"))}, record)
     if found:
         more = [f"and {len(found) - SHOWN} more"] if len(found) > SHOWN else []
         raise ReconstructionError(
@@ -56,7 +67,10 @@ def check_record(work: Path, record: dict[str, Any]) -> None:
 
 
 def differences(theirs: dict[str, Any], mine: dict[str, Any], prefix: str = "") -> list[str]:
-    """What two nested records say differently, such as `config.seed is 1 there, 0 now`; the fingerprint only if nothing else."""
+    """Return the differences of two nested records, such as `config.seed is 1 there, 0 now`.
+
+    Different fingerprints are listed only if nothing else differs.
+    """
     found = []
     for name in sorted({*theirs, *mine} - {FINGERPRINT}):
         a, b = theirs.get(name), mine.get(name)

@@ -1,18 +1,16 @@
-"""The checkpoints of a run, OUT/work: the names of its files and of the arrays in them.
+"""Checkpoints of a run, OUT/work: the names of the files and of the arrays in them.
 
-Two files are kept elsewhere: run.json (`run_record`), and the sound (`encode/soundtrack.py`).
-
-Whatever a stage finds is kept as soon as it is found, so that a run can be killed anywhere and continued. What is not there, or not
-yet, is loaded as None.
+Each result is saved as soon as it is computed, so that a run can be killed at any time and continued. Loading a result that is not
+there returns None. Two files are kept elsewhere: run.json (`run_record`) and the sound (`encode/soundtrack.py`). The stages say
+what their own checkpoints hold (`Stage.pack`).
 """
 
 from __future__ import annotations
 
 import json
-from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any
 
 import numpy as np
 
@@ -20,35 +18,29 @@ from splatreel.codec.header import ReelHeader
 from splatreel.codec.predictive.precision import STEPS, Steps
 from splatreel.codec.presentation import Limits, Presentation, parse_presentation
 from splatreel.errors import ReconstructionError
-from splatreel.motion.clean_plates import CleanPlates
-from splatreel.recon.cameras.exposure import Exposure, at_next_keyframe
-from splatreel.recon.cameras.rig import Poses, Rig
 from splatreel.recon.coverage.coverage import Coverage
 from splatreel.recon.init.layout import Layout
-from splatreel.recon.layering.labels import Layers
-from splatreel.recon.layering.relighting import RelitPoints
-from splatreel.recon.layering.tracking import GroupStart
 from splatreel.recon.run import checkpoint
-from splatreel.recon.train.chapter_keyframe import ChapterStart
-from splatreel.recon.train.keyframe import KeyframeResult
+from splatreel.recon.run.checkpoint import Arrays
 from splatreel.scene.gaussians import Gaussians
 from splatreel.scene.group import Group
 from splatreel.scene.untrusted import is_number
 
 LAST_OF_GROUP = "encoded-group.safetensors"
-"""The file of a chapter's group that is written last."""
-PUBLISHED_OF_GROUP = ("layer.safetensors", "encoded-layer.safetensors", "group.safetensors", LAST_OF_GROUP)
-"""What a reel is written from."""
-T = TypeVar("T")
-Arrays = dict[str, np.ndarray]
+"""File of a chapter's group that is written last."""
+REEL_FILES_OF_GROUP = ("layer.safetensors", "encoded-layer.safetensors", "group.safetensors", LAST_OF_GROUP)
+"""Files of a group that a reel is written from."""
 
 
 @dataclass(frozen=True)
 class StoredLayer:
-    """The static points born at a group, in reel order: as trained, and as the reel holds them.
+    """The static points that a group added, in the order of the reel.
 
-    importance: [N, 3] of each, as the run measured it; None where it did not. steps: quantization steps of their
-    file at a coarseness of 1.
+    Attributes:
+        trained: Points [N] as trained.
+        decoded: The same points as the reel holds them.
+        importance: Importance [N, 3] as the run measured it; None where it was not measured.
+        steps: Quantization steps of the layer's file at a coarseness of 1.
     """
 
     trained: Gaussians
@@ -59,7 +51,13 @@ class StoredLayer:
 
 @dataclass(frozen=True)
 class StoredGroup:
-    """A finished group before encoding. importance, steps: as of a layer, of its dynamic points."""
+    """A finished group before encoding.
+
+    Attributes:
+        group: The group.
+        importance: Importance [N, 3] of its dynamic points; None where it was not measured.
+        steps: Quantization steps of the group's file at a coarseness of 1.
+    """
 
     group: Group
     importance: np.ndarray | None = None
@@ -67,130 +65,79 @@ class StoredGroup:
 
 
 class GroupStore:
-    """The checkpoints of one group, or of the scene that chapters share.
-
-    encoded: the files of a reel that are made of them, where they are made before the reel is written.
-    """
+    """Checkpoints of one group, or of the scene that chapters share."""
 
     def __init__(self, folder: Path) -> None:
+        """Remember the folder."""
         self.folder = folder
 
-    def poses(self) -> Poses | None:
-        arrays = self._load("poses")
-        return None if arrays is None else Poses(arrays["viewmats"], arrays.get("kept"))
+    def load(self, name: str) -> Arrays | None:
+        """Return the arrays of a checkpoint; None where there is none."""
+        path = self._path(name)
+        return checkpoint.load_arrays(path) if path.exists() else None
 
-    def save_poses(self, poses: Poses) -> None:
-        self._save("poses", {"viewmats": poses.viewmats} | _present(kept=poses.kept))
-
-    def exposure(self) -> Exposure | None:
-        arrays = self._load("exposure")
-        return None if arrays is None else Exposure(arrays["change"], arrays["light"])
-
-    def save_exposure(self, exposure: Exposure) -> None:
-        self._save("exposure", {"change": exposure.change, "light": exposure.light})
-
-    def keyframe(self) -> KeyframeResult | None:
-        arrays = self._load("keyframe")
-        return None if arrays is None else KeyframeResult(checkpoint.unpack(arrays), arrays["gains"])
-
-    def save_keyframe(self, keyframe: KeyframeResult) -> None:
-        self._save("keyframe", checkpoint.pack(keyframe.points) | {"gains": keyframe.gains})
-
-    def chapter_start(self) -> ChapterStart | None:
-        arrays = self._load("chapter")
-        if arrays is None:
-            return None
-        return ChapterStart(checkpoint.unpack(arrays), arrays["gains"], arrays["alive"])
-
-    def save_chapter_start(self, start: ChapterStart) -> None:
-        self._save("chapter", checkpoint.pack(start.points) | {"gains": start.gains, "alive": start.alive})
-
-    def plates(self) -> CleanPlates | None:
-        arrays = self._load("plates")
-        return None if arrays is None else CleanPlates(arrays["images"], arrays["unknown"])
-
-    def save_plates(self, plates: CleanPlates) -> None:
-        self._save("plates", plates._asdict())
-
-    def layers(self) -> Layers | None:
-        arrays = self._load("layering")
-        if arrays is None:
-            return None
-        settled, dynamic, relit = (checkpoint.unpack(arrays, f"{kind}_") for kind in ("settled", "dynamic", "relit"))
-        return Layers(arrays["alive"], settled, dynamic, RelitPoints(relit, arrays["light"]))
-
-    def save_layers(self, layers: Layers) -> None:
-        kinds = {"settled": layers.settled, "dynamic": layers.dynamic, "relit": layers.relit.points}
-        arrays = {"alive": layers.alive, "light": layers.relit.light}
-        for kind, points in kinds.items():
-            arrays |= checkpoint.pack(points, f"{kind}_")
-        self._save("layering", arrays)
+    def save(self, name: str, arrays: Arrays) -> None:
+        """Write a checkpoint."""
+        checkpoint.save_arrays(self._path(name), arrays)
 
     def layer(self) -> StoredLayer | None:
-        arrays = self._load("layer")
+        """Return the static points that the group added."""
+        arrays = self.load("layer")
         if arrays is None:
             return None
         trained, decoded = (checkpoint.unpack(arrays, f"{kind}_") for kind in ("raw", "decoded"))
         return StoredLayer(trained, decoded, arrays.get("importance"), _steps(arrays))
 
     def has_layer(self) -> bool:
+        """Return True if the group has saved its layer."""
         return self._path("layer").exists()
 
     def save_layer(self, layer: StoredLayer) -> None:
+        """Save the static points that the group added."""
         arrays = checkpoint.pack(layer.trained, "raw_") | checkpoint.pack(layer.decoded, "decoded_")
-        self._save("layer", arrays | {"steps": layer.steps.to_array()} | _present(importance=layer.importance))
+        self.save("layer", arrays | {"steps": layer.steps.to_array()} | checkpoint.present(importance=layer.importance))
 
     def encoded_layer(self) -> bytes | None:
-        """The file of `layer`, in whose order it is."""
-        arrays = self._load("encoded-layer")
+        """Return the file of the layer, with its points in the same order."""
+        arrays = self.load("encoded-layer")
         return None if arrays is None else arrays["file"].tobytes()
 
     def save_encoded_layer(self, data: bytes) -> None:
-        self._save("encoded-layer", {"file": np.frombuffer(data, np.uint8)})
+        """Save the file of the layer."""
+        self.save("encoded-layer", {"file": np.frombuffer(data, np.uint8)})
 
     def encoded_group(self) -> dict[str, bytes] | None:
-        """By uri the files of the finished group, the best rendition first."""
-        arrays = self._load("encoded-group")
+        """Return the files of the finished group by uri, the best rendition first."""
+        arrays = self.load("encoded-group")
         if arrays is None:
             return None
         order = json.loads(arrays["uris"].tobytes())
         return {uri: arrays[f"file{place}"].tobytes() for place, uri in enumerate(order)}
 
     def save_encoded_group(self, files: dict[str, bytes]) -> None:
+        """Save the files of the finished group."""
         arrays = {f"file{place}": np.frombuffer(data, np.uint8) for place, data in enumerate(files.values())}
-        self._save("encoded-group", arrays | {"uris": np.frombuffer(json.dumps(list(files)).encode(), np.uint8)})
+        self.save("encoded-group", arrays | {"uris": np.frombuffer(json.dumps(list(files)).encode(), np.uint8)})
 
     def has_encoded_group(self) -> bool:
+        """Return True if the group is encoded."""
         return self._path("encoded-group").exists()
 
-    def start(self) -> GroupStart | None:
-        arrays = self._load("tracking")
-        if arrays is None:
-            return None
-        return GroupStart(checkpoint.unpack(arrays), arrays.get("tracks"), arrays.get("shades"), arrays.get("left"))
-
-    def save_start(self, start: GroupStart) -> None:
-        found = _present(tracks=start.tracks, shades=start.shades, left=start.departed)
-        self._save("tracking", checkpoint.pack(start.dynamic) | found)
-
-    def time_offsets(self) -> np.ndarray | None:
-        """[C] frames, at the end of the group."""
-        arrays = self._load("delays")
-        return None if arrays is None else arrays["delays"]
-
-    def save_time_offsets(self, offsets: np.ndarray) -> None:
-        self._save("delays", {"delays": offsets})
-
     def forget(self) -> None:
-        """Delete what was found but where cameras stand: the group is to be made again. What says that it is finished goes first."""
+        """Delete all results but the poses, so that the group is reconstructed again. The file that marks it as finished goes first."""
         for name in ("group", *sorted({file.stem for file in self.folder.glob("*.safetensors")} - {"poses"})):
             self._path(name).unlink(missing_ok=True)
 
     def finished(self) -> bool:
+        """Return True if the group is reconstructed."""
         return self._path("group").exists()
 
     def group(self) -> StoredGroup:
-        """Raises `ReconstructionError` where the group is not finished."""
+        """Return the finished group.
+
+        Raises:
+            ReconstructionError: The group is not finished.
+        """
         arrays = checkpoint.load_arrays(self._path("group"))
         index, first = int(self.folder.name.removeprefix("group")), int(arrays["first_frame"][0])
         dynamic, alive = checkpoint.unpack(arrays), arrays["alive"].astype(bool)
@@ -199,41 +146,38 @@ class GroupStore:
         return StoredGroup(group, arrays.get("importance"), _steps(arrays))
 
     def save_group(self, stored: StoredGroup) -> None:
+        """Save the finished group."""
         group = stored.group
         arrays = checkpoint.pack(group.dynamic) | {"dx": group.dx, "dq": group.dq, "alive": group.alive}
         arrays |= {"first_frame": np.array([group.first_frame]), "steps": stored.steps.to_array()}
-        found = _present(shade=group.shade, light=group.light, importance=stored.importance)
-        self._save("group", arrays | found)
+        found = checkpoint.present(shade=group.shade, light=group.light, importance=stored.importance)
+        self.save("group", arrays | found)
 
     def _path(self, name: str) -> Path:
         return self.folder / f"{name}.safetensors"
 
-    def _load(self, name: str) -> Arrays | None:
-        return checkpoint.load_arrays(self._path(name)) if self._path(name).exists() else None
-
-    def _save(self, name: str, arrays: Arrays) -> None:
-        checkpoint.save_arrays(self._path(name), arrays)
-
 
 def _steps(arrays: Arrays) -> Steps:
-    """Return the steps of a file. Checkpoints of earlier versions have one factor for all steps, or none."""
+    """Return the steps of a file. Older checkpoints have one factor for all steps, or none."""
     if "steps" in arrays:
         return Steps(*arrays["steps"].tolist())
     return STEPS.scaled(float(arrays["fineness"][0])) if "fineness" in arrays else STEPS
 
 
 class Store:
-    """The checkpoints of a whole run."""
+    """Checkpoints of a whole run."""
 
     def __init__(self, work: Path) -> None:
+        """Remember the folder OUT/work."""
         self.work = work
 
     def group(self, index: int) -> GroupStore:
+        """Return the checkpoints of a group."""
         return GroupStore(self.work / f"group{index:04d}")
 
     @property
     def scene(self) -> GroupStore:
-        """What chapters share; its folder is there only where there are several."""
+        """Checkpoints of the scene that chapters share. The folder exists only for a video of several chapters."""
         return GroupStore(self.work / "scene")
 
     @property
@@ -242,22 +186,23 @@ class Store:
         return self.work / "frames.safetensors"
 
     def chapter_firsts(self) -> list[int] | None:
-        """The first group of each chapter; None where the video is one, without static points that are shared."""
+        """Return the first group of each chapter; None for a video of one chapter, which shares no scene."""
         path = self.work / "chapters.json"
         return checkpoint.load_checked(path, _firsts) if path.exists() else None
 
     def save_chapter_firsts(self, firsts: list[int]) -> None:
+        """Save the first group of each chapter."""
         checkpoint.save_json(self.work / "chapters.json", firsts)
 
     def finished_groups(self, first: int = 0) -> int:
-        """How many groups, from `first` on, have been reconstructed."""
+        """Return the number of groups that are reconstructed without a gap, counted from group `first`."""
         index = first
         while self.group(index).finished():
             index += 1
         return index - first
 
     def layers(self, index: int) -> list[tuple[int, StoredLayer]]:
-        """The layers that a group shows points of, in the order of its `alive` bits, each with the group of its birth."""
+        """Return the layers that a group shows, each with the group that added it, in the order of `alive`."""
         firsts = self.chapter_firsts()
         shared = None if firsts is None else self.scene.layer()
         begin = max((first for first in firsts or [0] if first <= index), default=0)
@@ -265,26 +210,35 @@ class Store:
         return [(born, layer) for born, layer in [(0, shared), *own] if layer is not None]
 
     def static(self, index: int) -> Gaussians:
-        """The static points of these layers, as the reel holds them."""
+        """Return the static points of these layers, as the reel holds them."""
         return Gaussians.concatenate([Gaussians.empty(0), *(layer.decoded for _, layer in self.layers(index))])
 
     def layout(self) -> Layout | None:
-        """What the first frame told of the scene, with the points that go with it (`initial_points`)."""
+        """Return the measures of the scene; None unless the initial points are saved with them."""
         if not (self._layout.exists() and self._points.exists()):
             return None
         return checkpoint.load_checked(self._layout, Layout.from_dict)
 
     def initial_points(self) -> tuple[np.ndarray, np.ndarray]:
-        """Positions [P, 3] and colors [P, 3] 0..1. Raises `ReconstructionError` where there are none."""
+        """Return positions [P, 3] and colors [P, 3] 0..1.
+
+        Raises:
+            ReconstructionError: There are none.
+        """
         arrays = checkpoint.load_arrays(self._points)
         return arrays["points"], arrays["colors"]
 
     def save_layout(self, layout: Layout, points: np.ndarray, colors: np.ndarray) -> None:
+        """Save the measures of the scene and the initial points."""
         checkpoint.save_arrays(self._points, {"points": points, "colors": colors})
         checkpoint.save_json(self._layout, layout.to_dict())
 
     def header(self) -> tuple[ReelHeader, Limits | None]:
-        """What the reel says beside its files, and how far views hold. Raises `ReconstructionError` where there is none."""
+        """Return the header of the reel, and how far views hold.
+
+        Raises:
+            ReconstructionError: The folder holds no reconstruction.
+        """
         path = self.work / "header.json"
         if not path.exists():
             raise ReconstructionError(
@@ -293,21 +247,30 @@ class Store:
         return checkpoint.load_checked(path, _header)
 
     def save_header(self, header: ReelHeader, limits: Limits | None = None) -> None:
-        """So that a reel can be written again from the checkpoints alone."""
+        """Save the header of the reel, so that a reel can be written from the checkpoints alone."""
         checkpoint.save_json(self.work / "header.json", header.to_dict() | Presentation(limits=limits).to_json())
 
     def coverage(self) -> Coverage | None:
-        """Raises `ReconstructionError` for a damaged file."""
+        """Return how well the cameras cover the scene.
+
+        Raises:
+            ReconstructionError: The file is damaged.
+        """
         path = self.work / "coverage.json"
         if not path.exists():
             return None
         return checkpoint.load_checked(path, Coverage.from_dict)
 
     def save_coverage(self, coverage: Coverage) -> None:
+        """Save how well the cameras cover the scene."""
         checkpoint.save_json(self.work / "coverage.json", coverage.to_dict())
 
     def seconds(self, part: str | None = None) -> dict[str, float]:
-        """By stage, summed over the groups and over interrupted runs. part: of a run; None: of all of it."""
+        """Return seconds by stage, summed over groups and interrupted runs.
+
+        Args:
+            part: A part of the run, such as chapter0003; None for the sum of all parts.
+        """
         pattern = "seconds*.json" if part is None else self._seconds(part).name
         total: dict[str, float] = {}
         for path in sorted(self.work.glob(pattern)):
@@ -316,6 +279,7 @@ class Store:
         return total
 
     def save_seconds(self, seconds: dict[str, float], part: str = "") -> None:
+        """Save the seconds of a part of the run."""
         checkpoint.save_json(self._seconds(part), seconds)
 
     def _seconds(self, part: str) -> Path:
@@ -330,33 +294,9 @@ class Store:
         return self.work / "points.safetensors"
 
 
-def restored_rig(rig: Rig, store: GroupStore, own: int) -> Rig:
-    """What a finished group found out about the cameras. own: its frames that are not the next one's, too."""
-    if (poses := store.poses()) is not None:
-        rig = rig.standing(poses)
-    if (keyframe := store.keyframe()) is not None:
-        rig = replace(rig, gains=keyframe.gains)
-    if (start := store.chapter_start()) is not None:
-        rig = replace(rig, gains=start.gains)
-    if (exposure := store.exposure()) is not None:
-        rig = at_next_keyframe(rig, exposure, own)
-    if (offsets := store.time_offsets()) is not None:
-        rig = rig.timed(offsets)
-    return rig
-
-
-def once(load: Callable[[], T | None], find: Callable[[], T], save: Callable[[T], None]) -> T:
-    """What was found before; else it is found now, and kept."""
-    found = load()
-    if found is None:
-        found = find()
-        save(found)
-    return found
-
-
 def _firsts(value: Any) -> list[int]:
     if not isinstance(value, list) or not all(type(first) is int and first >= 0 for first in value):
-        raise TypeError("expected numbers of groups")
+        raise TypeError("expected indices of groups")
     return value
 
 
@@ -368,8 +308,3 @@ def _seconds_of(value: Any) -> dict[str, float]:
     if not isinstance(value, dict) or not all(is_number(seconds) for seconds in value.values()):
         raise TypeError("expected seconds by stage")
     return value
-
-
-def _present(**arrays: np.ndarray | None) -> Arrays:
-    """Those that are there."""
-    return {name: array for name, array in arrays.items() if array is not None}

@@ -1,4 +1,4 @@
-"""Poses that were stored the other way round, or in other axes: the pictures tell, also where the rig alone does not."""
+"""Poses stored as camera to world or in other axes, recognized by the images."""
 
 from collections.abc import Callable
 
@@ -6,9 +6,8 @@ import numpy as np
 import pytest
 
 from splatreel.capture.poses import inverted, turned_about
-from splatreel.recon.cameras.findings import Findings
-from splatreel.recon.cameras.poses import check_poses
-from splatreel.recon.cameras.readings import match_nearest, misread
+from splatreel.recon.cameras.pose_conventions import match_nearest, recognize_convention
+from splatreel.recon.cameras.poses import PoseFindings, inspect_poses
 from splatreel.recon.init.features import detect
 from splatreel.scene.camera import Camera
 from tests.recon.corner import arc, pictures
@@ -18,8 +17,8 @@ PICTURES = pictures(CAMERAS)
 FEATURES = [detect(picture) for picture in PICTURES]
 
 
-def test_poses_that_are_right_are_read_as_they_are() -> None:
-    assert misread(CAMERAS, FEATURES, match_nearest(CAMERAS, FEATURES)) is None
+def test_correct_poses_keep_their_convention() -> None:
+    assert recognize_convention(CAMERAS, FEATURES, match_nearest(CAMERAS, FEATURES)) is None
 
 
 @pytest.mark.parametrize(
@@ -30,11 +29,11 @@ def test_poses_that_are_right_are_read_as_they_are() -> None:
         (lambda cameras: inverted(turned_about(cameras)), "camera to world in OpenGL's axes (y up, z backwards)"),
     ],
 )
-def test_what_is_stored_is_told(stored: Callable[[list[Camera]], list[Camera]], meant: str) -> None:
+def test_convention_of_the_poses_is_recognized(stored: Callable[[list[Camera]], list[Camera]], meant: str) -> None:
     """Of a row of cameras that look ahead: the axes of its inverse meet before the cameras as well."""
-    assert check_poses(stored(CAMERAS), np.stack([PICTURES] * 2)) == Findings({}, [], [], [], meant)
+    assert inspect_poses(stored(CAMERAS), np.stack([PICTURES] * 2)) == PoseFindings({}, [], [], [], meant)
 
 
-def test_pictures_of_other_things_tell_nothing() -> None:
+def test_unrelated_images_show_no_convention() -> None:
     others = [detect(np.roll(picture, (23 * i, 31 * i), (0, 1))) for i, picture in enumerate(PICTURES)]
-    assert misread(CAMERAS, others, match_nearest(CAMERAS, others)) is None
+    assert recognize_convention(CAMERAS, others, match_nearest(CAMERAS, others)) is None

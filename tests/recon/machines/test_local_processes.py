@@ -1,4 +1,4 @@
-"""Chapters made by several processes of this machine: the same reel, whatever happens to them."""
+"""Chapters made by several processes of this machine give the same reel, even if processes are killed."""
 
 import json
 import multiprocessing
@@ -15,8 +15,8 @@ import torch
 from splatreel import threads
 from splatreel.errors import ReconstructionError, UsageError
 from splatreel.progress import Silent
-from splatreel.recon.machines import here, worker_pool
-from splatreel.recon.machines.here import division_of, places, reconstruct_here
+from splatreel.recon.machines import local_processes, worker_pool
+from splatreel.recon.machines.local_processes import division_of, places, reconstruct_here
 from splatreel.recon.machines.scaling import Division
 from splatreel.recon.machines.worker_pool import Worker, WorkerPool
 from tests.recon.captures import WallCapture
@@ -57,7 +57,7 @@ def test_two_workers_make_the_reel_that_one_makes(out: Path, expected: dict[str,
     result = reconstruct_here(spec(out), workers=2, progress=display)
     assert content(result.reel) == expected
     ((name, span),) = display.stages
-    assert name == "making 3 chapters, 2 at a time"
+    assert name == "reconstructing 3 chapters, 2 at a time"
     assert span[0] < span[1] == 1.0
     assert display.steps[-1] == 1000
     assert display.published == sorted(display.published)
@@ -74,7 +74,7 @@ def test_two_workers_make_the_reel_that_one_makes(out: Path, expected: dict[str,
 @pytest.mark.slow
 @pytest.mark.kill
 @pytest.mark.usefixtures("two_cores")
-def test_a_worker_that_is_killed_is_replaced_once(out: Path, expected: dict[str, str]) -> None:
+def test_worker_that_is_killed_is_replaced_once(out: Path, expected: dict[str, str]) -> None:
     killed = []
 
     def kill(published: int) -> None:
@@ -86,14 +86,12 @@ def test_a_worker_that_is_killed_is_replaced_once(out: Path, expected: dict[str,
     result = reconstruct_here(spec(out), workers=2, progress=display)
     assert content(result.reel) == expected
     (note,) = [note for note in display.notes if "SIGKILL" in note]
-    assert note.endswith("it is tried again, with 1 at a time in case it was for want of memory")
+    assert note.endswith("it is tried again, with 1 at a time in case memory ran out")
 
 
 @pytest.mark.slow
 @pytest.mark.usefixtures("two_cores")
-def test_a_chapter_that_fails_leaves_the_others_and_is_tried_again_by_the_same_command(
-    out: Path, expected: dict[str, str], tmp_path: Path
-) -> None:
+def test_failed_chapter_is_retried_by_the_same_command(out: Path, expected: dict[str, str], tmp_path: Path) -> None:
     spoilt = tmp_path / "spoilt"
     spoilt.touch()
     with pytest.raises(
@@ -125,7 +123,7 @@ def test_a_chapter_that_fails_leaves_the_others_and_is_tried_again_by_the_same_c
 
 
 def a_run(device: str, chapters: int = 6) -> Any:
-    """As much of one as is asked for."""
+    """Return a stand-in of a run."""
     config, capture = small({"group.length": 30}), WallCapture(60)
     return SimpleNamespace(device=torch.device(device), chapters=list(range(chapters)), config=config, capture=capture)
 
@@ -141,13 +139,13 @@ def test_each_gpu_of_a_machine_is_a_worker(monkeypatch: pytest.MonkeyPatch) -> N
     assert places(a_run("cpu"), 3) == [None, None, None]
 
 
-def test_workers_are_as_many_as_asked_for_or_as_memory_allows(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_number_of_workers_follows_option_and_memory(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(threads, "count", lambda: 16)
     assert division_of(a_run("cpu"), 5) == Division(5, 3)
     assert division_of(a_run("cpu", chapters=2), 5) == Division(2, 8)
-    monkeypatch.setattr(here, "free_memory", lambda: 3 << 29)
+    monkeypatch.setattr(local_processes, "free_memory", lambda: 3 << 29)
     assert division_of(a_run("cpu")) == Division(2, 8)
-    monkeypatch.setattr(here, "free_memory", lambda: 0)
+    monkeypatch.setattr(local_processes, "free_memory", lambda: 0)
     assert division_of(a_run("cpu")) == Division(1, 16)
     for workers in (0, 17):
         with pytest.raises(
@@ -157,12 +155,12 @@ def test_workers_are_as_many_as_asked_for_or_as_memory_allows(monkeypatch: pytes
 
 
 class Line:
-    """The way to a worker that is not there."""
+    """A connection to a worker that does not exist."""
 
     def send(self, chapter: int) -> None: ...
 
 
-def test_a_chapter_for_which_there_is_no_memory_waits(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+def test_chapter_waits_for_free_memory(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     pool = WorkerPool(spec(tmp_path), [None] * 4, 1, need=100)
     monkeypatch.setattr(pool, "_start", lambda: pool._workers.append(Worker(None, Line(), None)) or pool._workers[-1])  # pyright: ignore[reportArgumentType]
     pool._waiting.extend(range(4))

@@ -1,10 +1,10 @@
-"""What is printed: nothing that commands a terminal, and commands that can be copied."""
+"""Printed text: no control sequences, and commands that can be copied."""
 
 from pathlib import Path
 
 import pytest
 
-from splatreel.cli.output import say, serving
+from splatreel.cli.printing import say, serving
 from splatreel.progress import printable
 
 
@@ -29,5 +29,5 @@ def test_say(capsys: pytest.CaptureFixture[str]) -> None:
     assert capsys.readouterr().out == "a\\x1b[31m!\n"
 
 
-def test_a_command_that_can_be_copied() -> None:
+def test_serve_command_is_quoted_for_the_shell() -> None:
     assert serving(Path("my run/reel")) == "splatreel serve 'my run/reel'"

@@ -1,4 +1,4 @@
-"""What verbs print. Texts of reels, captures and file names are anybody's: nothing in them reaches a terminal as a command."""
+"""Printing of messages. Texts of reels, captures and file names are untrusted: no control sequence in them reaches a terminal."""
 
 from __future__ import annotations
 
@@ -9,11 +9,11 @@ from pathlib import Path
 from splatreel.progress import printable
 
 _PLAIN = str.maketrans("█░", "#.")
-"""The bars of charts, where a terminal has no blocks."""
+"""Replacements of the bars of charts where a terminal has no block characters."""
 
 
 def say(text: str = "", end: str = "\n", flush: bool = False) -> None:
-    """Print to standard output, whatever its encoding: what it does not have is escaped."""
+    """Print to standard output in any encoding. Characters that the encoding lacks are escaped."""
     text, encoding = printable(text), sys.stdout.encoding or "utf-8"
     try:
         text.encode(encoding)
@@ -23,15 +23,15 @@ def say(text: str = "", end: str = "\n", flush: bool = False) -> None:
 
 
 def counted(number: int, noun: str) -> str:
-    """Such as `1 group` and `2 groups`."""
+    """Return a number and a noun, such as `1 group` or `2 groups`."""
     return f"{number:,} {noun}{'' if number == 1 else 's'}"
 
 
 def serving(reel: Path) -> str:
-    """The command that plays a reel, to be copied."""
+    """Return the command that plays a reel."""
     return f"splatreel serve {shlex.quote(str(reel))}"
 
 
 def playable(reel: Path) -> str:
-    """What is said of a reel that was just made."""
+    """Return the closing message about a new reel."""
     return f"{reel}: play it with\n  {serving(reel)}"

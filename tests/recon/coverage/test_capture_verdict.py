@@ -1,11 +1,10 @@
-"""The verdict follows from the evidence: no approval of poor views, of poses that are the same, or that nothing confirms."""
+"""The verdict of `capture check`: poor views, equal poses and unconfirmed poses fail."""
 
 import pytest
 
-from splatreel.recon.coverage.coverage import Coverage
+from splatreel.recon.coverage.coverage import Coverage, judge_capture
 from splatreel.recon.coverage.rating import SCALE, rating
 from splatreel.recon.coverage.trial import Trial
-from splatreel.recon.coverage.verdict import judge
 
 NAMES = [f"cam{number}" for number in range(5)]
 
@@ -23,23 +22,27 @@ def coverage(
 def test_views_are_rated_on_the_scale_of_the_report(psnr: float, word: str) -> None:
     found = coverage(psnr)
     assert rating(psnr) == word
-    assert f"Expect new views between the cameras to be {word}, about {psnr:.0f} dB" in found.sentences()[-1]
+    assert f"Expect novel views between the cameras to be {word}, about {psnr:.0f} dB" in found.sentences()[-1]
     assert "will hold" not in found.sentences()[-1]
-    verdict = judge(found, [])
+    verdict = judge_capture(found, [])
     assert verdict.faults == []
     assert f"will be {word} (about {psnr:.0f} dB)" in verdict.text("CMD")
     assert ("closer together" in found.sentences()[-1]) == (word == "poor")
-    assert "20 dB is poor, 30 dB good" in SCALE
+    assert "20 dB is poor, 30 dB is good" in SCALE
 
 
-def test_a_trial_that_fails_limits_the_views() -> None:
-    assert "only views within 10 degrees of a camera will be usable. Run\n  CMD" in judge(coverage(16.0), []).text(
-        "CMD"
+def test_trial_that_fails_limits_the_views() -> None:
+    assert "only views within 10 degrees of a camera will be usable. Run\n  CMD" in judge_capture(
+        coverage(16.0), []
+    ).text("CMD")
+
+
+def test_without_a_trial_novel_views_are_not_mentioned() -> None:
+    assert (
+        judge_capture(coverage(None), [])
+        .text("CMD")
+        .startswith("It can be reconstructed, but no trial of novel views was made")
     )
-
-
-def test_without_a_trial_nothing_is_said_of_new_views() -> None:
-    assert judge(coverage(None), []).text("CMD").startswith("It can be reconstructed, but new views were not tried")
 
 
 @pytest.mark.parametrize(
@@ -47,19 +50,19 @@ def test_without_a_trial_nothing_is_said_of_new_views() -> None:
     [
         (coverage(twins=[["cam1", "cam3"]]), [], "cam1 and cam3 have the same pose"),
         (coverage(shared=[90, 0, 80, 70, 100]), [], "cam1 has 0 points in common with two other cameras, where 80"),
-        (coverage(shared=[0] * 5, psnr=None), [], "the pictures do not confirm the poses"),
-        (coverage(shared=[0] * 5, psnr=20.2), [], "the pictures do not confirm the poses"),
-        (coverage(shared=[0] * 5, psnr=12.0), [], "the pictures do not confirm the poses"),
+        (coverage(shared=[0] * 5, psnr=None), [], "the images do not confirm the poses"),
+        (coverage(shared=[0] * 5, psnr=20.2), [], "the images do not confirm the poses"),
+        (coverage(shared=[0] * 5, psnr=12.0), [], "the images do not confirm the poses"),
         (coverage(), ["cam0", "cam4"], "the poses or lenses of cam0, cam4 do not fit each other"),
     ],
 )
-def test_evidence_against_a_capture_is_no_approval(found: Coverage, misfits: list[str], said: str) -> None:
-    verdict = judge(found, misfits)
+def test_faults_fail_the_verdict(found: Coverage, misfits: list[str], said: str) -> None:
+    verdict = judge_capture(found, misfits)
     assert len(verdict.faults) == 1
     assert said in verdict.text("CMD")
     assert verdict.text("CMD").startswith("Do not reconstruct it as it is:")
     assert "It can be reconstructed" not in verdict.text("CMD")
 
 
-def test_a_good_trial_confirms_poses_of_plain_walls() -> None:
-    assert judge(coverage(shared=[0] * 5, psnr=31.0), []).faults == []
+def test_good_trial_confirms_poses_of_plain_walls() -> None:
+    assert judge_capture(coverage(shared=[0] * 5, psnr=31.0), []).faults == []

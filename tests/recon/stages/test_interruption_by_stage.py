@@ -1,4 +1,4 @@
-"""A stage that is done is not done again, wherever a run is cut off."""
+"""A finished stage is not run again after an interruption."""
 
 from pathlib import Path
 
@@ -23,8 +23,8 @@ class StopAt(Trace):
             raise KeyboardInterrupt
 
 
-def test_what_a_stage_found_is_not_looked_for_again(tmp_path: Path) -> None:
-    stages = ["building the scene", "telling what moves", "following what moves", "learning how it moves"]
+def test_finished_stage_is_not_run_again(tmp_path: Path) -> None:
+    stages = ["training the first keyframe", "separating static", "tracking moving points", "training the motion"]
     for done, what in enumerate(stages[1:]):
         trace = StopAt(what)
         with pytest.raises(KeyboardInterrupt):

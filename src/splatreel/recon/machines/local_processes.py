@@ -1,4 +1,4 @@
-"""A run on this machine alone: as many processes beside each other as its cores, its GPUs and its memory are good for."""
+"""A run on this machine alone, by as many processes as its cores, GPUs and memory suit."""
 
 from __future__ import annotations
 
@@ -26,10 +26,18 @@ def reconstruct_here(
     progress: Progress | None = None,
     present: PresentationHook = no_presentation,
 ) -> Result:
-    """As `pipeline.reconstruct`, by several processes where a video has several chapters and that is quicker.
+    """Reconstruct a run like `pipeline.reconstruct`, by several processes where a video has several chapters and that is faster.
 
-    workers: chapters that are made at a time; None: what suits the machine. Raises `UsageError` for more than there are cores,
-    `ReconstructionError` where a chapter failed, once all others are finished, and what `pipeline.reconstruct` raises.
+    Args:
+        spec: The run.
+        workers: Number of chapters that are made at a time; None chooses a number that suits the machine.
+        progress: Display of the progress; nothing is shown by default.
+        present: Adds poster and thumbnails to the reel.
+
+    Raises:
+        UsageError: There are fewer cores than workers.
+        ReconstructionError: A chapter failed. All other chapters are finished first.
+        SplatreelError: As `pipeline.reconstruct` raises it.
     """
     progress = progress or Silent()
     with spec.opened() as run:
@@ -42,22 +50,27 @@ def reconstruct_here(
                 torch.cuda.empty_cache()  # for the worker that uses the same GPU
             driver = Driver(run, progress, present, division.workers)
             with driver, WorkerPool(spec, places(run, division.workers), division.threads, _need(run)) as pool:
-                pool.make(driver.todo, driver.hear)
+                pool.make(driver.todo, driver.receive)
                 driver.finish()
         return result_of(run)
 
 
 def division_of(run: ChapteredRun, workers: int | None = None) -> Division:
-    """How the chapters of a run share this machine. workers: as many, whatever is quicker; no more than there are chapters.
+    """Return how the chapters of a run share this machine.
 
-    Raises `UsageError` for fewer than one worker or more than cores.
+    Args:
+        run: The run.
+        workers: Number of workers, limited by the number of chapters; None chooses the fastest division.
+
+    Raises:
+        UsageError: There are less than one or more workers than cores.
     """
     cores, chapters = threads.count(), len(run.chapters)
     if workers is not None:
         if not 1 <= workers <= cores:
             raise UsageError(
                 f"--workers {workers} is out of range: this process has {cores} core{'s'[: cores > 1]}. Choose 1 to {cores}, or "
-                "leave it out for as many as suit the machine."
+                "leave the option out for a number that suits the machine."
             )
         workers = min(workers, chapters)
         return Division(workers, cores // workers)
@@ -69,7 +82,7 @@ def division_of(run: ChapteredRun, workers: int | None = None) -> Division:
 
 
 def places(run: ChapteredRun, workers: int) -> list[str | None]:
-    """The GPU of each worker, as CUDA_VISIBLE_DEVICES names it; None where there is none."""
+    """Return the GPU of each worker, as CUDA_VISIBLE_DEVICES names it; None for a worker without a GPU."""
     if run.device.type != "cuda":
         return [None] * workers
     visible = os.environ.get("CUDA_VISIBLE_DEVICES")

@@ -1,0 +1,1 @@
+"""Stages of the reconstruction of a group, one class per stage."""
