@@ -57,17 +57,19 @@ class Kernel:
     """A function that numba compiles on the first call, for exactly one signature.
 
     Other argument types raise `TypeError` instead of compiling a second version.
-
-    Args:
-        function: The function to compile.
-        signature: Types of all arguments.
-        options: Options of `numba.njit`.
-        name: Name of the kernel in its module. "": the name of the function.
     """
 
     def __init__(
         self, function: Callable[..., Any], signature: Sequence[types.Type], options: dict[str, Any], name: str = ""
     ) -> None:
+        """Declare the kernel.
+
+        Args:
+            function: The function to compile.
+            signature: Types of all arguments.
+            options: Options of `numba.njit`.
+            name: Name of the kernel in its module. "": the name of the function.
+        """
         self.module = function.__module__
         self.name = f"{self.module.removeprefix('splatreel.')}.{name or function.__name__.strip('_')}"
         self.signature = tuple(signature)

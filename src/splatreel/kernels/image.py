@@ -43,7 +43,7 @@ def render_image(
 
 
 class Backdrop:
-    """The view of a camera of Gaussians that do not change, drawn once. Arguments and errors are those of `render_image`."""
+    """The view of a camera of Gaussians that do not change, drawn once."""
 
     def __init__(
         self,
@@ -54,6 +54,7 @@ class Backdrop:
         background: tuple[float, float, float] = (0, 0, 0),
         antialias: bool = False,
     ) -> None:
+        """Draw the Gaussians. Arguments and errors are those of `render_image`."""
         self.camera, self.near, self.background, self.antialias = camera, near, background, antialias
         bins, colors = _binned(gaussians, camera, near, gaussians.sh_degree, antialias)
         self._frozen = rasterize.Frozen(bins, colors, *rasterize.forward(bins, colors))

@@ -73,6 +73,13 @@ class BackgroundWarmup:
     """
 
     def __init__(self, progress: Progress, names: Sequence[str], processes: int) -> None:
+        """Start the processes.
+
+        Args:
+            progress: Receives a message when a kernel has to be waited for.
+            names: Names of the kernels, in the order of their use.
+            processes: Number of processes.
+        """
         self._progress, self._names = progress, names
         self._done: set[str] = set()
         self._changed = threading.Condition()

@@ -39,6 +39,7 @@ class Row:
     """A row of floats or booleans in a function that is being compiled."""
 
     def __init__(self, builder: Any, value: Any) -> None:
+        """Wrap an LLVM vector."""
         self.builder, self.value, self.width = builder, value, value.type.count
 
     def _other(self, other: Any) -> Any:
@@ -49,27 +50,35 @@ class Row:
         return spread(self.builder, other, self.width).value
 
     def __add__(self, other: Any) -> Row:
+        """Return the sum with a row or number."""
         return Row(self.builder, self.builder.fadd(self.value, self._other(other), flags=FAST))
 
     def __sub__(self, other: Any) -> Row:
+        """Return the difference from a row or number."""
         return Row(self.builder, self.builder.fsub(self.value, self._other(other), flags=FAST))
 
     def __mul__(self, other: Any) -> Row:
+        """Return the product with a row or number."""
         return Row(self.builder, self.builder.fmul(self.value, self._other(other), flags=FAST))
 
     def __truediv__(self, other: Any) -> Row:
+        """Return the quotient by a row or number."""
         return Row(self.builder, self.builder.fdiv(self.value, self._other(other), flags=FAST))
 
     def __gt__(self, other: Any) -> Row:
+        """Return booleans: whether each float is larger."""
         return Row(self.builder, self.builder.fcmp_ordered(">", self.value, self._other(other), flags=FAST))
 
     def __ge__(self, other: Any) -> Row:
+        """Return booleans: whether each float is larger or equal."""
         return Row(self.builder, self.builder.fcmp_ordered(">=", self.value, self._other(other), flags=FAST))
 
     def __le__(self, other: Any) -> Row:
+        """Return booleans: whether each float is smaller or equal."""
         return Row(self.builder, self.builder.fcmp_ordered("<=", self.value, self._other(other), flags=FAST))
 
     def __and__(self, other: Row) -> Row:
+        """Return booleans that are true where both rows are."""
         return Row(self.builder, self.builder.and_(self.value, other.value))
 
     def where(self, yes: Any, no: Any) -> Row:
@@ -124,6 +133,7 @@ class Memory:
     """A float32 array in a function that is being compiled, read and written by rows. width: floats in a row."""
 
     def __init__(self, context: Any, builder: Any, kind: Any, array: Any) -> None:
+        """Wrap an array of numba type `kind`."""
         self.builder, self.data = builder, context.make_array(kind)(context, builder, array).data
         self.width = lanes(context)
 
@@ -145,6 +155,7 @@ class Sums:
     """Running sums of rows. The compiler keeps them in registers if there are enough."""
 
     def __init__(self, builder: Any, count: int, width: int) -> None:
+        """Make `count` sums of zeros, each a row of `width` floats."""
         self.builder = builder
         self.places = [cgutils.alloca_once(builder, _vector(width)) for _ in range(count)]
         for place in self.places:
