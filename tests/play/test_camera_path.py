@@ -108,7 +108,7 @@ def bad_keyframe(**changes: object) -> dict:
         ([], "its format is absent"),
         (document(format="splatreel"), 'its format is "splatreel"'),
         (document(version=2), "its version is 2"),
-        (document(keyframes=[]), "no list of 1 to"),
+        (document(keyframes=[]), "not a list of 1 to"),
         (document(keyframes=[7]), "at of keyframe 0 is absent"),
         (bad_keyframe(at=0), "at of keyframe 1 is 0. Give seconds from 0 on that grow"),
         (bad_keyframe(at=float("nan")), "at of keyframe 1 is NaN"),

@@ -116,7 +116,7 @@ def test_only_so_much_is_kept(tmp_path, monkeypatch):
     Publication(write_chapters(tmp_path / "reel"), open_folder("memory://much/reel")).update()
     files = RemoteFiles("memory://much/reel")
     uris = sorted(uri for uri in files._manifest.uris if uri.startswith("groups/"))
-    monkeypatch.setattr(remote_files, "MOST_KEPT", 3 * max(files._entries[uri].bytes for uri in uris))
+    monkeypatch.setattr(remote_files, "CACHE_BYTES", 3 * max(files._entries[uri].bytes for uri in uris))
     for uri in uris:
         read(files, uri)
     assert 2 <= len(files._files) < len(uris)

@@ -87,7 +87,7 @@ def test_one_rendition_is_taken_and_a_live_reel_is_as_it_is_now(tmp_path: Path) 
 
 
 def test_what_cannot_be_put_into_a_page(reel: Path, tmp_path: Path) -> None:
-    with pytest.raises(ReelError, match=r"coded as in the paper.*splatreel encode"):
+    with pytest.raises(ReelError, match=r"uses the paper's codec.*splatreel encode"):
         write_standalone(tmp_path / "page.html", GOLDEN)
     file = reel / "groups" / "0000.safetensors"
     file.write_bytes(file.read_bytes()[:-1])

@@ -110,7 +110,7 @@ export function parsePath(value: unknown, name: string): CameraPath {
   if (json.format !== "splatreel-path") wrong(`its format is ${shown(json.format)}. Give one that this player saved.`);
   if (json.version !== 1) wrong(`its version is ${shown(json.version)}, and this player knows version 1. Update the player.`);
   const list = json.keyframes;
-  if (!Array.isArray(list) || list.length < 1 || list.length > MOST) return wrong(`its keyframes are no list of 1 to ${MOST}. Add one.`);
+  if (!Array.isArray(list) || list.length < 1 || list.length > MOST) return wrong(`its keyframes are not a list of 1 to ${MOST}. Add one.`);
   let before = -1;
   const keyframes = list.map((item: Partial<Keyframe> | null, i): Keyframe => {
     const { at, time, viewmat } = item ?? {};
