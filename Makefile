@@ -44,6 +44,7 @@ ifeq ($(NPM),)
 else
 	$(MAKE) player/node_modules/.package-lock.json
 	npm --prefix player run typecheck
+	npm --prefix player run lint
 	npm --prefix player run check
 endif
 

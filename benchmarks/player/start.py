@@ -35,7 +35,7 @@ const look = () => {
   const pictures = player?.stage?.pictures ?? 0;
   if (player?.manifest) mark('manifest');
   if (posters().some((image) => image.complete && image.naturalWidth > 0 && image.checkVisibility())) mark('poster');
-  if (player?.stream?.layersHere.length) mark('layer');
+  if (player?.stream?.loadedLayers.length) mark('layer');
   if (player?.stream?.held.length) mark('group');
   if (pictures > before && !window.marks.whole) {
     finish();
