@@ -16,7 +16,7 @@ import tyro
 from record import record
 from splatreel.capture.base import Capture
 from splatreel.capture.builtin import toyroom
-from splatreel.capture.builtin.raytracer import trace_frame, trace_still
+from splatreel.capture.builtin.raytracer import trace_frame, trace_static
 from splatreel.capture.builtin.solids import POSITION, Shapes
 from splatreel.capture.builtin.synthetic import NEAR, make_cameras
 from splatreel.cli.main import keep_freed_memory
@@ -68,7 +68,7 @@ class LongFilm(Capture):
         every = make_cameras(width, height)
         cameras = [camera for camera in every if camera.name in CAMERAS]
         self._still = toyroom.standing(0)
-        self._seen = {camera.name: trace_still(camera, self._still, toyroom.LIGHT) for camera in cameras}
+        self._seen = {camera.name: trace_static(camera, self._still, toyroom.LIGHT) for camera in cameras}
         self._traced: dict[tuple[str, tuple[bool, ...], int], np.ndarray] = {}
         self._repeats = max(frames - MINUTE, MINUTE)
         super().__init__(Path("long film"), cameras, held_out=["cam07"], frame_range=(0, frames), fps=FPS, near=NEAR)

@@ -13,7 +13,7 @@ import numpy as np
 
 from splatreel.codec.fragments import RATE
 from splatreel.codec.header import ReelHeader
-from splatreel.codec.sound import encode_sound, write_sound
+from splatreel.codec.opus_sound import encode_sound, write_sound
 from splatreel.codec.writer import ReelWriter
 from splatreel.config import EncodeConfig
 from splatreel.scene.camera import Camera

@@ -47,7 +47,7 @@ def _grow(path: Path, renditions: tuple[str, ...]):
 def expected(path: Path) -> dict:
     """What `expected.json` says of the reel in a directory."""
     manifest = ReelReader(path).manifest
-    living = {g.group: [manifest.layers[i].uri for i in manifest.living(g.group)] for g in manifest.groups}
+    living = {g.group: [manifest.layers[i].uri for i in manifest.living_layers(g.group)] for g in manifest.groups}
     return sampled(decoded(path, TIMES), 12, TIMES) | {"living": {str(group): uris for group, uris in living.items()}}
 
 

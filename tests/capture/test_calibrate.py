@@ -7,7 +7,7 @@ from PIL import Image
 from scipy.spatial.transform import Rotation
 
 from splatreel.capture.builtin import toyroom
-from splatreel.capture.builtin.raytracer import trace_frame, trace_still
+from splatreel.capture.builtin.raytracer import trace_frame, trace_static
 from splatreel.capture.builtin.synthetic import TARGET, make_capture
 from splatreel.capture.calibrate import _Solver, calibrate
 from splatreel.capture.calibration_agreement import CalibratedCamera
@@ -112,7 +112,7 @@ def photograph(azimuth: float, elevation: float, distance: float) -> np.ndarray:
     outwards = np.array([np.sin(a) * np.cos(e), np.sin(e), np.cos(a) * np.cos(e)])
     camera = facing("photograph", TARGET + distance * outwards, -outwards, 1.2 * 256, 256, 192)
     still = toyroom.standing()
-    return trace_frame(camera, trace_still(camera, still, toyroom.LIGHT), still, toyroom.moving(0), toyroom.LIGHT)
+    return trace_frame(camera, trace_static(camera, still, toyroom.LIGHT), still, toyroom.moving(0), toyroom.LIGHT)
 
 
 def test_pictures_are_numbered_in_their_order(tmp_path: Path) -> None:

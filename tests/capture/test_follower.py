@@ -10,8 +10,8 @@ from PIL import Image
 
 from splatreel.capture.base import Capture
 from splatreel.capture.follower import Follower, open_growing
+from splatreel.capture.growing.growing_pictures import is_whole
 from splatreel.capture.growing.growth import END, Growth
-from splatreel.capture.growing.pictures import is_whole
 from splatreel.errors import CaptureError
 from tests.capture import folders
 from tests.capture.growing.recorder import KINDS, Recorder, marks

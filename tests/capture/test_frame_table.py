@@ -6,14 +6,14 @@ import numpy as np
 import pytest
 
 from splatreel.capture import video as video_module
-from splatreel.capture.files import LOCAL, RemoteFiles, open_media
+from splatreel.capture.files import LOCAL, RemoteCaptureFiles, open_media
 from splatreel.capture.frame_table import ARRAYS, FrameTable, load_tables, pack_tables, scan
 from splatreel.capture.opening import CaptureSource, open_capture
-from splatreel.capture.sound import Track, choose
+from splatreel.capture.soundtrack import Track, choose
 from splatreel.capture.video import VideoFile
 from splatreel.errors import CaptureError
+from splatreel.storage.addresses import open_folder
 from splatreel.storage.folder import LocalFolder
-from splatreel.storage.opening import open_folder
 from splatreel.storage.ranged_file import BLOCK, RangedFile
 from tests.buckets import Bucket
 from tests.capture import folders
@@ -81,8 +81,8 @@ def test_a_stretch_of_a_video_elsewhere_takes_its_own_bytes(
     assert size > 4e6
     address = f"memory://films-{suffix[1:]}/capture"
     open_folder(address).write(path.name, path.read_bytes())
-    files, opened = RemoteFiles(address), []
-    monkeypatch.setattr(files, "raw", lambda place: opened.append(RemoteFiles.raw(files, place)) or opened[-1])
+    files, opened = RemoteCaptureFiles(address), []
+    monkeypatch.setattr(files, "raw", lambda place: opened.append(RemoteCaptureFiles.raw(files, place)) or opened[-1])
     video = VideoFile(files.root / path.name, files, table)
     assert not opened, "a known video is opened by the first read"
     out, expected = (np.empty((3, 240, 320, 3), np.uint8) for _ in range(2))
@@ -133,7 +133,7 @@ def test_blocks_are_fetched_once_and_ahead_where_a_file_is_read_forwards(tmp_pat
 def test_a_long_track_is_judged_by_parts_and_read_from_where_it_is_wanted(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    from splatreel.capture import sound as sound_module
+    from splatreel.capture import soundtrack as sound_module
     from tests.capture.films import HEARD, film
 
     beat = np.sin(2 * np.pi * 440 * np.arange(30 * HEARD) / HEARD) * (np.arange(30 * HEARD) // HEARD / 30)

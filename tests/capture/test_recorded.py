@@ -10,7 +10,7 @@ import pytest
 from splatreel.capture.follower import open_growing
 from splatreel.capture.growing.growth import Growth
 from splatreel.capture.opening import open_capture
-from splatreel.capture.sound import choose
+from splatreel.capture.soundtrack import choose
 from tests.capture.growing.recorder import KINDS, RATE, Recorder, marks
 
 FRAMES = 14

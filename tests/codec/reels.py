@@ -9,8 +9,8 @@ from pathlib import Path
 import numpy as np
 
 from splatreel.codec.header import ReelHeader
+from splatreel.codec.opus_sound import EncodedSound, write_sound
 from splatreel.codec.presentation import Vec3
-from splatreel.codec.sound import EncodedSound, write_sound
 from splatreel.codec.writer import ReelWriter
 from splatreel.config import EncodeConfig
 from splatreel.scene.group import Group

@@ -6,7 +6,7 @@ import sys
 import numpy as np
 import pytest
 
-from splatreel.codec.budget import A_BYTE, FLOOR, allowed, claimed
+from splatreel.codec.budget import A_BYTE, FLOOR, allowed_memory, claimed_memory
 from splatreel.codec.container import unpack_file
 from splatreel.codec.group_file import decode_group, decode_layer, encode_group, encode_layer
 from splatreel.codec.reader import ReelReader
@@ -70,8 +70,8 @@ def test_a_file_at_the_bound_takes_no_more_memory_than_that(tmp_path) -> None:
     command = [sys.executable, "-c", MEASURE, *(str(tmp_path / name) for name in files)]
     taken = subprocess.run(command, capture_output=True, text=True, check=True).stdout.split()
     for (name, data), peak in zip(files.items(), map(int, taken), strict=True):
-        assert peak < allowed(len(data)) + 16e6, name
-    assert allowed(1_000_000) < 300e6
+        assert peak < allowed_memory(len(data)) + 16e6, name
+    assert allowed_memory(1_000_000) < 300e6
 
 
 @pytest.mark.parametrize(
@@ -94,7 +94,7 @@ def test_ordinary_files_are_far_from_the_bound(coarseness: float) -> None:
     group = Group(0, 0, moving, 0 * dx, dq, np.ones(0, bool))
     data, _ = encode_group(group, EncodeConfig(coarseness=coarseness))
     header, sections = unpack_file(data)
-    assert claimed(header.points, header.frames, sections) < A_BYTE * len(data) / 2
+    assert claimed_memory(header.points, header.frames, sections) < A_BYTE * len(data) / 2
 
 
 def test_whoever_trusts_a_file_allows_more() -> None:

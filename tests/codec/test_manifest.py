@@ -152,16 +152,16 @@ def test_renditions():
     again = parse_manifest(manifest.to_json().encode(), "m")
     assert (again.renditions, again.groups) == (manifest.renditions, manifest.groups)
     assert len(manifest.files) == len(manifest.layers) + 4
-    low = manifest.of_rendition("low")
+    low = manifest.select_rendition("low")
     assert [(g.uri, g.bytes, g.points, g.first_frame) for g in low.groups] == [
         (f"groups/{i}.low", 100 + i, 7, group.first_frame) for i, group in enumerate(manifest.groups)
     ]
     assert (low.renditions, low.layers) == ((), manifest.layers)
-    assert [g.uri for g in manifest.of_rendition("high").groups] == [g.uri for g in manifest.groups]
+    assert [g.uri for g in manifest.select_rendition("high").groups] == [g.uri for g in manifest.groups]
     with pytest.raises(ReelError, match="no rendition 'medium'; it has high, low"):
-        manifest.of_rendition("medium")
+        manifest.select_rendition("medium")
     with pytest.raises(ReelError, match="has no renditions"):
-        low.of_rendition("high")
+        low.select_rendition("high")
 
 
 @pytest.mark.parametrize(

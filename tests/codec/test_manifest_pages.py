@@ -69,7 +69,7 @@ def test_whatever_is_split_into_pages_is_joined_again(reel):
     assert found.to_json() == manifest.to_json()
     for group in groups:
         living = [i for i, x in enumerate(layers) if x.lives_at(group.group)]
-        assert found.living(group.group) == living
+        assert found.living_layers(group.group) == living
         assert found.static_points(group.group) == 20 * len(living)
 
 
@@ -88,7 +88,7 @@ def test_who_knows_one_page_and_the_manifest_alone_counts_the_same_points(reel, 
     start = first + sum(p.groups for p in manifest.pages[:index])
     for number in range(start, start + manifest.pages[index].groups):
         lives = [x["uri"] for x in known if x["group"] <= number < x.get("until", 1 << 50)]
-        assert lives == [layers[i].uri for i in manifest.living(number)]
+        assert lives == [layers[i].uri for i in manifest.living_layers(number)]
 
 
 def test_a_reel_without_anything_new_is_of_the_first_version():
@@ -242,7 +242,7 @@ def test_renditions_are_counted_over_all_pages():
     found = parsed(manifest, files)
     assert found.rendition_bytes() == {"high": sum(5000 + i for i in range(8)), "low": 56}
     assert [page.rendition_bytes["low"] for page in found.pages] == [14, 14, 14]
-    low = found.of_rendition("low")
+    low = found.select_rendition("low")
     assert ([g.uri for g in low.groups], low.pages) == ([f"groups/{i:04d}.low.safetensors" for i in range(8)], ())
     document = json.loads(manifest.to_json())
     document["pages"][1]["rendition_bytes"]["low"] = 15

@@ -10,8 +10,8 @@ from splatreel.codec.published_names import RECORD, file_entries, is_published_n
 from splatreel.codec.reader import ReelReader
 from splatreel.codec.verify import verify_reel
 from splatreel.errors import ReelError, StorageError
+from splatreel.storage.addresses import open_folder
 from splatreel.storage.folder import LocalFolder
-from splatreel.storage.opening import open_folder
 from tests.buckets import BreakingFolder
 from tests.codec.reels import add_chapter_group, new_group, new_writer, points, write_chapters, write_reel
 from tests.flashes import GOLDEN as WITH_SOUND

@@ -10,7 +10,7 @@ import pytest
 from splatreel.codec.publication import Publication
 from splatreel.codec.verify import verify_reel
 from splatreel.errors import ReelError, StorageError
-from splatreel.storage.opening import open_folder
+from splatreel.storage.addresses import open_folder
 from splatreel.storage.retrying import RetryingFolder
 from tests.buckets import CREDENTIALS, Bucket, by_tags_first
 from tests.codec.reels import write_reel

@@ -4,8 +4,8 @@ import sys
 import pytest
 
 from splatreel.errors import StorageError, UsageError
+from splatreel.storage.addresses import is_url, local_path, open_folder
 from splatreel.storage.folder import Headers, LocalFolder, is_plain
-from splatreel.storage.opening import is_url, local_path, open_folder
 from splatreel.storage.remote_folder import RemoteFolder, header_arguments
 
 
@@ -126,7 +126,7 @@ def test_addresses_that_cannot_be_used(address, error, words):
 def test_a_missing_package_is_named(url, missing, command):
     pytest.importorskip("fsspec", reason="needs the extra cloud")
     code = "import sys; sys.modules[sys.argv[2]] = None\nfrom splatreel.cli.failure import explain\n"
-    code += "from splatreel.storage.opening import open_folder\n"
+    code += "from splatreel.storage.addresses import open_folder\n"
     code += "try: open_folder(sys.argv[1])\nexcept Exception as error: print(explain(error, [])[0])"
     result = subprocess.run([sys.executable, "-c", code, url, missing], capture_output=True, text=True, check=True)
     assert result.stdout.startswith(f"Error: {url}: ")
@@ -134,7 +134,7 @@ def test_a_missing_package_is_named(url, missing, command):
 
 
 def test_paths_need_no_fsspec(tmp_path):
-    code = "import sys; sys.modules['fsspec'] = None\nfrom splatreel.storage.opening import open_folder\n"
+    code = "import sys; sys.modules['fsspec'] = None\nfrom splatreel.storage.addresses import open_folder\n"
     code += "open_folder(sys.argv[1]).write('a/b', b'1'); print(open_folder('file://' + sys.argv[1]).sizes())"
     result = subprocess.run([sys.executable, "-c", code, str(tmp_path)], capture_output=True, text=True, check=True)
     assert result.stdout == "{'a/b': 1}\n"

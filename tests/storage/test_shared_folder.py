@@ -4,7 +4,7 @@ import pytest
 
 from splatreel.errors import StorageError
 from splatreel.storage import shared_folder
-from splatreel.storage.opening import open_folder
+from splatreel.storage.addresses import open_folder
 from splatreel.storage.shared_folder import SharedFolder
 from tests.buckets import BreakingFolder
 

@@ -17,8 +17,8 @@ from splatreel import threads
 from splatreel.capture.files import LOCAL, Files
 from splatreel.capture.frame_table import FrameTable
 from splatreel.capture.growing.growth import Growth
-from splatreel.capture.poses import check_poses
-from splatreel.capture.sound import Track
+from splatreel.capture.pose_checks import validate_poses
+from splatreel.capture.soundtrack import Track
 from splatreel.errors import CaptureError
 from splatreel.scene.camera import Camera
 
@@ -148,7 +148,7 @@ class Capture(ABC):
             raise CaptureError(
                 f"{self.path}: has {self.fps:g} frames a second, expected {SLOWEST:g} to {FASTEST:g}; correct the number in its files."
             )
-        self.doubts = check_poses(self.cameras, self.points, str(self.origin))
+        self.doubts = validate_poses(self.cameras, self.points, str(self.origin))
         self._check_places()
 
     def _check_places(self) -> None:

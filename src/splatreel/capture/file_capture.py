@@ -10,7 +10,7 @@ import numpy as np
 from splatreel.capture.base import Capture, Request, read_cameras
 from splatreel.capture.frame_table import FrameTable
 from splatreel.capture.lens import Lens
-from splatreel.capture.sound import Track
+from splatreel.capture.soundtrack import Track
 from splatreel.scene.camera import Camera
 
 

@@ -14,7 +14,7 @@ from av.container import InputContainer
 
 from splatreel.errors import CaptureError
 from splatreel.scene.atomic import scratch
-from splatreel.storage.opening import open_folder
+from splatreel.storage.addresses import open_folder
 from splatreel.storage.ranged_file import RangedFile
 from splatreel.storage.retrying import RetryingFolder
 
@@ -58,7 +58,7 @@ def open_media(files: Files, path: Path, options: dict[str, str] | None = None) 
     return cast(InputContainer, av.open(files.source(path), "r", options=options or {}))
 
 
-class RemoteFiles:
+class RemoteCaptureFiles:
     """A capture at an address such as `s3://BUCKET/CAPTURE`, and a folder on this machine that looks like it.
 
     In the folder, small files are copies. Videos and pictures are empty files of the right size that take no room on the disk; what is

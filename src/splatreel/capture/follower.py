@@ -27,7 +27,7 @@ RETRY = 0.5
 REMEMBERED = 1 << 16
 """Looks of which it is known how many frames there were."""
 
-Tell = Callable[[str], None]
+Notify = Callable[[str], None]
 
 
 class Follower:
@@ -37,7 +37,7 @@ class Follower:
     tell: is told, in sentences, of cameras that stop or go on, and why the capture ended.
     """
 
-    def __init__(self, capture: Capture, growth: Growth, tell: Tell) -> None:
+    def __init__(self, capture: Capture, growth: Growth, tell: Notify) -> None:
         if not isinstance(capture, FileCapture) or not isinstance(capture.source, GrowingSource):
             raise CaptureError(f"{capture.path}: is not being written. Leave out --follow.")
         self.capture, self.growth, self._tell = capture, growth, tell
@@ -150,7 +150,7 @@ class Follower:
             self._changed.notify_all()
 
 
-def open_growing(path: Path, growth: Growth, tell: Tell, **request: Any) -> Capture:
+def open_growing(path: Path, growth: Growth, tell: Notify, **request: Any) -> Capture:
     """Open a capture that is still being written, or that is about to begin: then it is waited for.
 
     growth: whose rules say how long. tell: is told what is waited for. request: as of `open_capture`. Raises `CaptureError` for a

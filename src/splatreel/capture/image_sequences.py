@@ -11,7 +11,7 @@ from splatreel.capture.frame_table import FrameTable
 from splatreel.capture.growing.growth import is_recorded
 from splatreel.capture.images import image_size, read_image
 from splatreel.capture.sidecar import SIDECAR, Sidecar
-from splatreel.capture.sound import Track
+from splatreel.capture.soundtrack import Track
 from splatreel.errors import CaptureError
 
 IMAGE_SUFFIXES = (".jpg", ".jpeg", ".png", ".webp", ".tif", ".tiff", ".bmp")

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from splatreel.capture.base import Capture, Request
-from splatreel.capture.files import LOCAL, Files, RemoteFiles
+from splatreel.capture.files import LOCAL, Files, RemoteCaptureFiles
 from splatreel.capture.frame_table import load_tables
 from splatreel.capture.growing.growth import Growth
 from splatreel.capture.readers.colmap import ColmapCapture, is_colmap
@@ -19,7 +19,7 @@ from splatreel.capture.readers.panoptic import PanopticCapture, is_panoptic
 from splatreel.capture.readers.technicolor import TechnicolorCapture, is_technicolor
 from splatreel.capture.sidecar import failed
 from splatreel.errors import CaptureError
-from splatreel.storage.opening import local_path
+from splatreel.storage.addresses import local_path
 
 LOOKED_FOR = """\
   Neu3DV:          poses_bounds.npy and cam00.mp4, cam01.mp4, ...
@@ -97,7 +97,7 @@ def _located(path: str | Path) -> tuple[Files, Path]:
     folder = local_path(path)
     if folder is not None:
         return LOCAL, folder
-    files = RemoteFiles(str(path))
+    files = RemoteCaptureFiles(str(path))
     return files, files.root
 
 

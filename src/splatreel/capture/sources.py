@@ -5,8 +5,8 @@ from __future__ import annotations
 from pathlib import Path
 
 from splatreel.capture.base import Request
-from splatreel.capture.growing.pictures import GrowingPictures
-from splatreel.capture.growing.videos import GrowingCamera, GrowingVideos
+from splatreel.capture.growing.growing_pictures import GrowingPictures
+from splatreel.capture.growing.growing_videos import GrowingCamera, GrowingVideos
 from splatreel.capture.image_sequences import ImageSequences
 from splatreel.capture.sidecar import Sidecar
 from splatreel.capture.video import VideoFile

@@ -10,7 +10,7 @@ import numpy as np
 
 from splatreel.capture.readers.colmap import video_files
 from splatreel.capture.sidecar import write_starts
-from splatreel.capture.sound import channels, read_sound
+from splatreel.capture.soundtrack import channels, read_sound
 from splatreel.errors import CaptureError
 from splatreel.progress import Progress
 

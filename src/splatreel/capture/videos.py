@@ -10,11 +10,11 @@ import numpy as np
 from splatreel import threads
 from splatreel.capture.base import Request
 from splatreel.capture.frame_table import FrameTable
+from splatreel.capture.growing.growing_sound import read_packets
 from splatreel.capture.growing.growth import Growth, is_recorded
-from splatreel.capture.growing.segments import SegmentedVideo, numbered, segment_files
-from splatreel.capture.growing.sound import read_packets
+from splatreel.capture.growing.segmented_video import SegmentedVideo, numbered, segment_files
 from splatreel.capture.sidecar import SIDECAR, Sidecar
-from splatreel.capture.sound import Track
+from splatreel.capture.soundtrack import Track
 from splatreel.capture.video import VideoFile
 from splatreel.errors import CaptureError
 

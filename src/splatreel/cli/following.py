@@ -11,7 +11,7 @@ from typing import Any, Literal
 from splatreel.cli.output import playable
 from splatreel.config import Config
 from splatreel.errors import UsageError
-from splatreel.storage.opening import local_path
+from splatreel.storage.addresses import local_path
 
 
 @dataclass(frozen=True)

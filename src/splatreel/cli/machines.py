@@ -16,7 +16,7 @@ from splatreel.cli.output import playable
 from splatreel.config import Config
 from splatreel.errors import UsageError
 from splatreel.recon.machines.share import JobName, Share, parse_share, share_of_task
-from splatreel.storage.opening import is_url, local_path
+from splatreel.storage.addresses import is_url, local_path
 
 if TYPE_CHECKING:
     from splatreel.capture.opening import CaptureSource

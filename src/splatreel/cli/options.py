@@ -131,7 +131,7 @@ def reel_folder(path: str) -> str | Path: ...
 
 def reel_folder(path: str | Path) -> str | Path:
     """The reel itself, where the output folder of `reconstruct` or `demo` is given instead of its `reel` folder; a URL as it is."""
-    from splatreel.storage.opening import is_url
+    from splatreel.storage.addresses import is_url
 
     if isinstance(path, str) and is_url(path):
         return path

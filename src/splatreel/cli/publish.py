@@ -52,7 +52,7 @@ def publish(reel: Positional[Path], url: Annotated[Positional[str], arg(metavar=
 
 def open_target(reel: Path, url: str) -> Folder:
     """Where a reel is to be copied. Raises `UsageError` or `MissingDependencyError` for an address that cannot be used."""
-    from splatreel.storage.opening import local_path, open_folder
+    from splatreel.storage.addresses import local_path, open_folder
 
     path = local_path(url)
     if path is not None and path.resolve() == reel.resolve():

@@ -33,12 +33,12 @@ class Coded(Protocol):
     def parameters(self) -> dict[str, Any]: ...
 
 
-def allowed(size: int) -> int:
+def allowed_memory(size: int) -> int:
     """Bytes of memory that a file of `size` bytes may take."""
     return FLOOR + A_BYTE * size
 
 
-def claimed(points: int, frames: int, sections: Mapping[str, Coded]) -> int:
+def claimed_memory(points: int, frames: int, sections: Mapping[str, Coded]) -> int:
     """Bytes of memory that decoding a file takes. frames: 0 for layers. What is no number is refused later and counts as nothing."""
     found = {name: section.parameters for name, section in sections.items()}
     a_point = _POINT + _VALUE * frames * (2 if "shade" in found else 1)
@@ -52,9 +52,9 @@ def claimed(points: int, frames: int, sections: Mapping[str, Coded]) -> int:
     return points * a_point + _BASIS * basis * max(frames, 45) + _PIXEL * pictures + 2 * flags
 
 
-def check(points: int, frames: int, sections: Mapping[str, Coded], size: int, most: int | None = None) -> None:
+def check_memory(points: int, frames: int, sections: Mapping[str, Coded], size: int, most: int | None = None) -> None:
     """Raise `ReelError` for a file that takes more memory than one of its size may, or than `most` bytes where that is given."""
-    limit, needed = allowed(size) if most is None else most, claimed(points, frames, sections)
+    limit, needed = allowed_memory(size) if most is None else most, claimed_memory(points, frames, sections)
     if needed > limit:
         what = f"{frames} frames of {points}" if frames else f"{points}"
         raise ReelError(
@@ -63,9 +63,9 @@ def check(points: int, frames: int, sections: Mapping[str, Coded], size: int, mo
         )
 
 
-def missing(points: int, frames: int, sections: Mapping[str, Coded], size: int) -> int:
+def missing_bytes(points: int, frames: int, sections: Mapping[str, Coded], size: int) -> int:
     """How many bytes longer a file of `size` bytes has to be for its memory to be allowed; 0 for all but the emptiest."""
-    return max(-(-(claimed(points, frames, sections) - allowed(size)) // A_BYTE), 0)
+    return max(-(-(claimed_memory(points, frames, sections) - allowed_memory(size)) // A_BYTE), 0)
 
 
 def most_points(size: int) -> int:

@@ -46,7 +46,7 @@ def pack_file(header: FileHeader, sections: Sections) -> bytes:
     tensors = {name: np.frombuffer(section.data, np.uint8) for name, section in sections.items()}
     metadata = {_KEY: json.dumps(own, separators=(",", ":"), allow_nan=False)}
     data = safetensors.numpy.save(tensors, metadata)
-    if short := budget.missing(header.points, header.frames, sections, len(data)):
+    if short := budget.missing_bytes(header.points, header.frames, sections, len(data)):
         data = safetensors.numpy.save(tensors | {_PADDING: np.zeros(short, np.uint8)}, metadata)
     return data
 
@@ -54,7 +54,7 @@ def pack_file(header: FileHeader, sections: Sections) -> bytes:
 def unpack_file(data: bytes, most: int | None = None) -> tuple[FileHeader, Sections]:
     """Header and sections of a file. Raises `ReelError` if data is no such file; reads nothing outside of data.
 
-    most: bytes of memory that decoding it may take; None: what a file of its length may (`budget.allowed`).
+    most: bytes of memory that decoding it may take; None: what a file of its length may (`budget.allowed_memory`).
     """
     size = int.from_bytes(data[:8], "little")
     if len(data) < 8 or size > min(_MAX_HEADER, len(data) - 8):
@@ -81,7 +81,7 @@ def unpack_file(data: bytes, most: int | None = None) -> tuple[FileHeader, Secti
     )
     body = memoryview(data)[8 + size :]
     sections = {name: Section(_tensor(body, tensors, name), p) for name, p in parameters.items()}
-    budget.check(header.points, header.frames, sections, len(data), most)
+    budget.check_memory(header.points, header.frames, sections, len(data), most)
     return header, sections
 
 

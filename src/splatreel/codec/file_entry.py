@@ -108,7 +108,7 @@ def _file(
 def layer_to_json(entry: FileEntry) -> dict[str, Any]:
     """What `parse_layer` takes."""
     own = {"group": entry.group} | ({} if entry.until is None else {"until": entry.until})
-    return _said(entry) | own | {"points": entry.points}
+    return _common_fields(entry) | own | {"points": entry.points}
 
 
 def group_to_json(entry: FileEntry) -> dict[str, Any]:
@@ -118,8 +118,8 @@ def group_to_json(entry: FileEntry) -> dict[str, Any]:
         for name, file in entry.renditions.items()
     }
     own = {"frames": entry.frames, "points": entry.points}
-    return _said(entry) | own | ({"renditions": others} if others else {})
+    return _common_fields(entry) | own | ({"renditions": others} if others else {})
 
 
-def _said(entry: FileEntry) -> dict[str, Any]:
+def _common_fields(entry: FileEntry) -> dict[str, Any]:
     return {"uri": entry.uri, "bytes": entry.bytes, "sha256": entry.sha256, "first_frame": entry.first_frame}

@@ -50,7 +50,7 @@ def reel_info(location: str | Path, rendition: str | None = None) -> ReelInfo:
     manifest_bytes = len(whole.to_json().encode())
     layer_bytes, group_bytes = [e.bytes for e in layers], [e.bytes for e in groups]
     first = manifest_bytes + sum(page.bytes for page in whole.pages[:1])
-    first += sum(layers[index].bytes for index in manifest.living(manifest.first_group)) + sum(group_bytes[:1])
+    first += sum(layers[index].bytes for index in manifest.living_layers(manifest.first_group)) + sum(group_bytes[:1])
     growth = sum(e.bytes for e in layers if e.group > manifest.first_group) + sum(group_bytes)
     seconds = (manifest.frames - manifest.first_frame) / manifest.fps
     return ReelInfo(

@@ -110,7 +110,7 @@ class Manifest(ReelHeader):
         """Pictures and sound."""
         return self.presentation.assets
 
-    def of_rendition(self, name: str) -> Manifest:
+    def select_rendition(self, name: str) -> Manifest:
         """What the manifest would be with this rendition alone. Raises `ReelError` for one that the reel has not."""
         if name not in self.renditions:
             there = f"has {', '.join(self.renditions)}" if self.renditions else "has no renditions to choose from"
@@ -138,7 +138,7 @@ class Manifest(ReelHeader):
             raise ReelError(f"has {there}, group {group} was asked for.")
         return self.groups[group - self.first_group]
 
-    def living(self, group: int) -> list[int]:
+    def living_layers(self, group: int) -> list[int]:
         """Which layers a group shows, by their places in `layers`: it says of each of their points whether it is alive."""
         born, until, _ = self._lives
         return np.flatnonzero((born <= group) & (group < until)).tolist()

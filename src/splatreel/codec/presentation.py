@@ -88,7 +88,7 @@ class Sound:
         """Every file that it names, the first one first."""
         return [self.init, *(segment.asset for segment in self.segments)]
 
-    def since(self, seconds: float) -> Sound:
+    def trimmed_before(self, seconds: float) -> Sound:
         """Without what is over by then, but for one segment, in which a decoder comes into step."""
         over = sum(segment.start + segment.seconds <= seconds for segment in self.segments)
         return replace(self, segments=self.segments[max(min(over, len(self.segments)) - 1, 0) :])

@@ -25,8 +25,8 @@ from splatreel.codec.published_names import (
 from splatreel.codec.source import open_source
 from splatreel.errors import ReelError, StorageError
 from splatreel.progress import Progress, Silent
-from splatreel.storage.at_once import each_at_once
 from splatreel.storage.folder import Folder
+from splatreel.storage.parallel_transfers import transfer_in_threads
 
 HOUR = 3600.0
 KEPT = 24 * HOUR
@@ -165,7 +165,7 @@ class Publication:
 
     def _send_all(self, files: list[_File], progress: Progress) -> None:
         done = 0
-        for file in each_at_once(self._send_file, files, AT_ONCE):
+        for file in transfer_in_threads(self._send_file, files, AT_ONCE):
             done += file.bytes
             progress.update(done)
 

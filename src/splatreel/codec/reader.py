@@ -28,7 +28,7 @@ class ReelReader:
 
     location: a directory, its manifest.json, or a URL of either (`open_source`). rendition: which one, of those that the manifest
     names; None: the best. `manifest` is then that of this rendition alone. most: bytes of memory that decoding one file may
-    take; None: what a file of its length may honestly take (`budget.allowed`). Raises `ReelError` for anything that is not a reel.
+    take; None: what a file of its length may honestly take (`budget.allowed_memory`). Raises `ReelError` for anything that is not a reel.
     """
 
     def __init__(self, location: str | Path, rendition: str | None = None, most: int | None = None) -> None:
@@ -72,7 +72,7 @@ class ReelReader:
 
     def static(self, group: int) -> tuple[Gaussians, np.ndarray]:
         """The static points of the layers that live at a group, alive or not, and the group [S] each was born at."""
-        living = tuple(self.manifest.living(group))
+        living = tuple(self.manifest.living_layers(group))
         if living not in self._static:
             entries = [self.manifest.layers[index] for index in living]
             layers = [self.layer(index) for index in living]
@@ -129,7 +129,7 @@ class ReelReader:
         if self._rendition is None:
             return manifest
         try:
-            return manifest.of_rendition(self._rendition)
+            return manifest.select_rendition(self._rendition)
         except ReelError as error:
             raise ReelError(f"{self.name}: {error}") from error
 

@@ -17,7 +17,7 @@ from typing import Protocol
 from urllib.parse import urljoin, urlsplit
 
 from splatreel.errors import ReelError, StorageError, UsageError
-from splatreel.storage.opening import local_path, open_folder
+from splatreel.storage.addresses import local_path, open_folder
 
 TIMEOUT = 30.0
 """Seconds without an answer after which a server counts as gone."""

@@ -9,8 +9,8 @@ from pathlib import Path
 import numpy as np
 
 from splatreel.codec.fragments import RATE
+from splatreel.codec.opus_sound import TYPE, check_sound_size, decode_sound
 from splatreel.codec.reader import ReelReader
-from splatreel.codec.sound import TYPE, check_size, decode_sound
 from splatreel.errors import GaussiansError, ReelError
 
 
@@ -101,7 +101,7 @@ def _check_sound(reel: ReelReader) -> None:
     if sound is None or sound.type != TYPE:
         return
     for segment in sound.segments:
-        check_size(segment)
+        check_sound_size(segment)
         uri, at = segment.asset.uri, segment.start
         init, data = reel.read_file(sound.init), reel.read_file(segment.asset)
         try:

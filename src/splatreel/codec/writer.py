@@ -17,7 +17,13 @@ from splatreel.codec.header import ReelHeader
 from splatreel.codec.manifest import Manifest, parse_manifest
 from splatreel.codec.manifest_pages import MAX_PAGE_GROUPS, PAGE, make_page
 from splatreel.codec.presentation import EMPTY, Asset, Presentation
-from splatreel.codec.published import MANIFEST, intact_end, is_whole, left_over, published_manifest
+from splatreel.codec.written_reel import (
+    MANIFEST,
+    find_leftover_files,
+    first_damaged_group,
+    is_intact,
+    read_written_manifest,
+)
 from splatreel.config import EncodeConfig
 from splatreel.errors import ReelError
 from splatreel.scene.gaussians import Gaussians
@@ -64,7 +70,7 @@ class ReelWriter:
             renditions=config.renditions if self.encoder.others else (),
         )
         self._check_header()
-        if published := published_manifest(self.path):
+        if published := read_written_manifest(self.path):
             keep = resume and published.renditions == self._manifest.renditions
             self._take_over(published, keep, first_group)
 
@@ -75,9 +81,9 @@ class ReelWriter:
         if cut := published.paged == len(published.groups):  # its first damaged page, and what followed, is not in it
             self._publish(self._manifest)
         if keep:
-            for uri in left_over(self.path, self._manifest, cut):
+            for uri in find_leftover_files(self.path, self._manifest, cut):
                 self._delete(uri)
-        self._drop_from(intact_end(self.path, self._manifest) if keep else published.first_group)
+        self._drop_from(first_damaged_group(self.path, self._manifest) if keep else published.first_group)
         if not self._manifest.groups:
             first = first_group if first_group is not None or not keep else published.first_group
             self._manifest = replace(self._manifest, first_group=first or 0)
@@ -179,7 +185,7 @@ class ReelWriter:
         kept = manifest.with_files(layers, manifest.groups[first - manifest.first_group :])
         presentation = manifest.presentation
         if presentation.sound is not None:
-            presentation = replace(presentation, sound=presentation.sound.since(kept.first_frame / kept.fps))
+            presentation = replace(presentation, sound=presentation.sound.trimmed_before(kept.first_frame / kept.fps))
         kept = replace(kept, first_group=first, pages=tuple(pages), presentation=presentation)
         self._replace(kept, live=manifest.live)
 
@@ -200,7 +206,7 @@ class ReelWriter:
         """Without the pictures and the sound of which a file is damaged: they are made anew."""
         names = {name for name in ("poster", "thumbnails", "sound") if getattr(presentation, name) is not None}
         alone = {name: replace(EMPTY, **{name: getattr(presentation, name)}) for name in names}
-        damaged = [name for name in names if not all(is_whole(self.path, asset) for asset in alone[name].assets)]
+        damaged = [name for name in names if not all(is_intact(self.path, asset) for asset in alone[name].assets)]
         return replace(presentation, **dict.fromkeys(damaged))
 
     def _check_next(self, group: int) -> None:

@@ -20,7 +20,7 @@ from splatreel.play.connection import HEAD_BYTES, IDLE_SECONDS, Connection
 from splatreel.play.remote_files import RemoteFiles
 from splatreel.play.served_files import ReelFiles, ServedFiles
 from splatreel.play.web_app import WebApp
-from splatreel.storage.opening import local_path
+from splatreel.storage.addresses import local_path
 
 _MOST_CONNECTIONS = 256
 _BACKLOG = 128
@@ -152,7 +152,8 @@ def _config(site: WebApp) -> uvicorn.Config:
         access_log=False,
         proxy_headers=False,
         server_header=False,
-        limit_concurrency=2 * _most_connections(),  # beyond it uvicorn answers 503; `Connection` makes room at half of it
+        limit_concurrency=2
+        * _most_connections(),  # beyond it uvicorn answers 503; `Connection` makes room at half of it
         backlog=_BACKLOG,
         timeout_keep_alive=IDLE_SECONDS,
         timeout_graceful_shutdown=_SECONDS_TO_CLOSE,

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from splatreel.capture.opening import open_capture
-from splatreel.capture.poses import check_camera
+from splatreel.capture.pose_checks import check_camera
 from splatreel.errors import CaptureError
 from splatreel.scene.camera import Camera, facing
 from splatreel.scene.gaussians import Gaussians

@@ -15,7 +15,7 @@ PAUSES = (0.5, 1.0, 2.0, 4.0, 8.0, 16.0)
 """Seconds between attempts; up to a half is added by chance, so that many machines do not come back together."""
 
 
-def untold(why: str) -> None:
+def ignore_message(why: str) -> None:
     """Tells nobody."""
 
 
@@ -23,7 +23,7 @@ class RetryingFolder:
     """A folder of which every method is tried again. tell: hears why. pauses: seconds; after the last one the error is raised."""
 
     def __init__(
-        self, folder: Folder, tell: Callable[[str], None] = untold, pauses: tuple[float, ...] = PAUSES
+        self, folder: Folder, tell: Callable[[str], None] = ignore_message, pauses: tuple[float, ...] = PAUSES
     ) -> None:
         self._folder, self._tell, self._pauses = folder, tell, pauses
 

@@ -10,9 +10,9 @@ from pathlib import Path
 
 from splatreel.errors import StorageError
 from splatreel.scene.atomic import replacing, sweep
+from splatreel.storage.addresses import open_folder
 from splatreel.storage.folder import is_plain
-from splatreel.storage.opening import open_folder
-from splatreel.storage.retrying import PAUSES, RetryingFolder, untold
+from splatreel.storage.retrying import PAUSES, RetryingFolder, ignore_message
 
 _KEPT = re.compile(r"(?P<name>.+)@(?P<version>[0-9]{6})-(?P<sha256>[0-9a-f]{64})", re.DOTALL)
 _EACH = 2
@@ -47,7 +47,7 @@ class SharedFolder:
     """
 
     def __init__(
-        self, url: str | Path, tell: Callable[[str], None] = untold, pauses: tuple[float, ...] = PAUSES
+        self, url: str | Path, tell: Callable[[str], None] = ignore_message, pauses: tuple[float, ...] = PAUSES
     ) -> None:
         self._url = str(url)
         self._known: dict[str, list[SharedFile]] = {}

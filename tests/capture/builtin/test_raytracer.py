@@ -46,7 +46,7 @@ def together(a: sd.Shapes, b: sd.Shapes) -> sd.Shapes:
 )
 def test_a_solid_has_the_distance_and_the_outline_it_must_have(kind: int, depth: float, area: float | None) -> None:
     camera = front()
-    seen = rt.trace_still(camera, NOTHING, toyroom.LIGHT)
+    seen = rt.trace_static(camera, NOTHING, toyroom.LIGHT)
     cover, distance = rt.trace_cover(camera, seen, solid(kind, (0, 0, 0), (0.5, 0.4, 0.5)), np.ones(1, bool))
     assert distance[32, 32] == pytest.approx(depth, abs=2e-3)
     if area is not None:
@@ -59,10 +59,10 @@ def test_what_moves_looks_as_if_it_had_always_been_there() -> None:
     still, moving = toyroom.standing(0), toyroom.moving(0.7)
     moving.solids[:, sd.OCCLUSION] = 0  # what moves does not darken the ambient light of what stands
     everything = together(still, moving)
-    fast = rt.trace_frame(camera, rt.trace_still(camera, still, light), still, moving, light)
-    slow = rt.trace_frame(camera, rt.trace_still(camera, everything, light), everything, NOTHING, light)
+    fast = rt.trace_frame(camera, rt.trace_static(camera, still, light), still, moving, light)
+    slow = rt.trace_frame(camera, rt.trace_static(camera, everything, light), everything, NOTHING, light)
     np.testing.assert_array_equal(fast, slow)
-    assert (slow != rt.trace_frame(camera, rt.trace_still(camera, still, light), still, NOTHING, light)).any(
+    assert (slow != rt.trace_frame(camera, rt.trace_static(camera, still, light), still, NOTHING, light)).any(
         -1
     ).mean() > 0.1
 
@@ -72,7 +72,7 @@ def test_a_mirror_shows_what_stands_before_it() -> None:
     mirror.solids[:, sd.COLORS :] = 1.0
     red = solid(sd.ELLIPSOID, (0, 0, 6), (1, 1, 1))
     red.solids[:, sd.COLORS :] = [1, 0, 0] * 3
-    image = rt.trace_frame(front(), rt.trace_still(front(), mirror, toyroom.LIGHT), mirror, red, toyroom.LIGHT)
+    image = rt.trace_frame(front(), rt.trace_static(front(), mirror, toyroom.LIGHT), mirror, red, toyroom.LIGHT)
     inside, outside = image[32, 32].astype(int), image[12, 32].astype(int)
     assert inside[0] > 100
     assert inside[1:].max() == 0
@@ -82,7 +82,7 @@ def test_a_mirror_shows_what_stands_before_it() -> None:
 def test_a_shadow_falls_away_from_the_lamp() -> None:
     floor, ball = solid(sd.BOX, (0, -0.6, 0), (5, 0.1, 5)), solid(sd.ELLIPSOID, (0, 0, 0), (0.3, 0.3, 0.3))
     light = np.array([4.0, 4.0, 0.0])
-    seen = rt.trace_still(front(), floor, light)
+    seen = rt.trace_static(front(), floor, light)
     before = rt.trace_frame(front(), seen, floor, NOTHING, light).astype(int)
     after = rt.trace_frame(front(), seen, floor, ball, light).astype(int)
     _, columns = np.nonzero((before - after).sum(-1)[39:] > 60)  # below the ball

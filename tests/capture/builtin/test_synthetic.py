@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from splatreel.capture.builtin import toyroom
-from splatreel.capture.builtin.raytracer import trace_cover, trace_frame, trace_still
+from splatreel.capture.builtin.raytracer import trace_cover, trace_frame, trace_static
 from splatreel.capture.builtin.synthetic import make_cameras, make_capture
 from splatreel.capture.opening import open_capture
 from splatreel.errors import CaptureError, UsageError
@@ -29,7 +29,7 @@ def render_truth(
     at rest at that frame (shadows and reflections do not count). `depth`: float32 [H, W], mean distance along the viewing axis.
     """
     still, moving = toyroom.standing(seed), toyroom.moving(frame / fps)
-    seen = trace_still(camera, still, toyroom.LIGHT)
+    seen = trace_static(camera, still, toyroom.LIGHT)
     if what == "color":
         return trace_frame(camera, seen, still, moving, toyroom.LIGHT)
     if what == "depth":

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from splatreel.capture.builtin import toyroom
-from splatreel.capture.builtin.raytracer import trace_cover, trace_still
+from splatreel.capture.builtin.raytracer import trace_cover, trace_static
 from splatreel.capture.builtin.solids import END, FIRST, OCCLUSION, POSITION, REACH
 from splatreel.capture.builtin.synthetic import make_cameras
 from splatreel.scene.camera import Camera
@@ -55,7 +55,7 @@ def test_the_plane_flies_in_during_the_first_group() -> None:
     plane = np.zeros(len(moving[3].solids), bool)
     plane[first:end] = True
     for camera in make_cameras(64, 48):
-        seen = trace_still(camera, still, toyroom.LIGHT)
+        seen = trace_static(camera, still, toyroom.LIGHT)
         assert trace_cover(camera, seen, moving[3], plane)[0].sum() == 0
         assert trace_cover(camera, seen, moving[20], plane)[0].sum() > 20
 

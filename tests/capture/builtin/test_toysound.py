@@ -1,4 +1,4 @@
-"""The built-in capture is heard: an impact where and when the ball strikes something, as late and weak as a camera is far."""
+"""The built-in capture is render_sound: an impact where and when the ball strikes something, as late and weak as a camera is far."""
 
 from pathlib import Path
 
@@ -9,7 +9,7 @@ from splatreel.capture.builtin import toysound
 from splatreel.capture.builtin.synthetic import make_cameras, make_capture
 from splatreel.capture.builtin.toyroom import BALL_RADIUS, BALL_REACH, ball, impacts
 from splatreel.capture.opening import open_capture
-from splatreel.capture.sound import RATE, choose, read_sound
+from splatreel.capture.soundtrack import RATE, choose, read_sound
 from splatreel.capture.sync import synchronize
 from splatreel.progress import Silent
 
@@ -36,7 +36,7 @@ def test_impacts_are_where_the_ball_turns() -> None:
 
 
 def test_sound_takes_its_time_and_loses_its_strength() -> None:
-    near, far = (toysound.heard(np.array([0.0, 0.7, z]), SECONDS, 0) for z in (2.75, 7.6))
+    near, far = (toysound.render_sound(np.array([0.0, 0.7, z]), SECONDS, 0) for z in (2.75, 7.6))
     for sound, z in ((near, 2.75), (far, 7.6)):
         distances = [np.linalg.norm(np.array(i.place) - (0, 0.7, z)) for i in impacts(SECONDS)]
         expected = [i.time + d / 343 for i, d in zip(impacts(SECONDS), distances, strict=True)]
@@ -54,7 +54,9 @@ def test_its_films_have_it(room: Path) -> None:
     capture = open_capture(room)
     for index, camera in enumerate(make_cameras()):
         found = np.concatenate(list(read_sound(capture.tracks()[camera.name].file, 1, RATE)))
-        assert np.abs(found[:, 0] - toysound.heard(camera.center, SECONDS, index)).max() < 1e-4, "kept without loss"
+        assert np.abs(found[:, 0] - toysound.render_sound(camera.center, SECONDS, index)).max() < 1e-4, (
+            "kept without loss"
+        )
     assert choose("auto", capture.tracks(), SECONDS, 0, room).camera == "cam10"
 
 

@@ -13,7 +13,7 @@ from splatreel.errors import ReelError
 
 
 def coded(values, contexts, count):
-    return entropy.encode(values, np.broadcast_to(contexts, values.shape), count)
+    return entropy.entropy_encode(values, np.broadcast_to(contexts, values.shape), count)
 
 
 @njit

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from splatreel.codec.predictive import klt
-from splatreel.codec.predictive.entropy import encode
+from splatreel.codec.predictive.entropy import entropy_encode
 from splatreel.errors import ReelError
 
 
@@ -26,7 +26,7 @@ def test_columns_that_are_small_come_last():
     order = klt.columns_of(found)
     assert (order % 2).tolist() == [0, 0, 0, 0, 1, 1, 1, 1]
     assert (order // 2).tolist() == [0, 1, 2, 3, 0, 1, 2, 3], "those of a channel in the order of the basis"
-    data = encode(order % 2, np.zeros(8, np.int64), 1)
+    data = entropy_encode(order % 2, np.zeros(8, np.int64), 1)
     np.testing.assert_array_equal(klt.decode_columns(data, 8, 4, 2), order % 2)
     for kinds, channels in ((3, 2), (4, 1)):
         with pytest.raises(ReelError, match="has columns"):

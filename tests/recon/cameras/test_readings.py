@@ -5,7 +5,7 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from splatreel.capture.poses import inverted, turned_about
+from splatreel.capture.pose_checks import inverted, turned_about
 from splatreel.recon.cameras.findings import Findings
 from splatreel.recon.cameras.poses import check_poses
 from splatreel.recon.cameras.readings import match_nearest, misread

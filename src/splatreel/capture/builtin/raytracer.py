@@ -34,12 +34,12 @@ SAMPLES = 3
 """Rays along an edge of a pixel."""
 LIGHT_SIZE = 0.5
 
-# Columns of Still.samples and Still.pixels.
+# Columns of StaticView.samples and StaticView.pixels.
 DEPTH, MIRRORED, POINT, AMBIENT, DIRECT, SAMPLE_COLUMNS = 0, 1, 2, 5, 8, 11
 PLAIN, MIDDLE, SPREAD, PIXEL_COLUMNS = 0, 3, 6, 7
 
 
-class Still(NamedTuple):
+class StaticView(NamedTuple):
     """What one camera sees of the standing solids.
 
     samples: [H, W, S * S, 11] float32: DEPTH, distance along the unit ray; MIRRORED, the mirror hit or -1; POINT [3], what is seen, in
@@ -156,7 +156,7 @@ def _look(still, light, s, ox, oy, oz, dx, dy, dz):
 
 
 @njit(cache=True, error_model="numpy", nogil=True)
-def _trace_still(camera, light, still, samples):
+def _trace_static(camera, light, still, samples):
     height, width, count, _ = samples.shape
     for row in range(height):
         for col in range(width):
@@ -252,10 +252,10 @@ def _pack(camera: Camera) -> np.ndarray:
     return np.stack([center, *viewmat[:3, :3], [K[0, 2], K[1, 2], 0], [K[0, 0], K[1, 1], 0]])
 
 
-def trace_still(camera: Camera, still: Shapes, light: np.ndarray) -> Still:
+def trace_static(camera: Camera, still: Shapes, light: np.ndarray) -> StaticView:
     """What `camera` sees of the standing solids. light: [3], the lamp's center."""
     samples = np.empty((camera.height, camera.width, SAMPLES * SAMPLES, SAMPLE_COLUMNS), np.float32)
-    _trace_still(_pack(camera), light, still, samples)
+    _trace_static(_pack(camera), light, still, samples)
     points = samples[..., POINT : POINT + 3].astype(np.float64)
     low, high = points.min(2), points.max(2)
     pixels = np.empty((camera.height, camera.width, PIXEL_COLUMNS))
@@ -263,10 +263,10 @@ def trace_still(camera: Camera, still: Shapes, light: np.ndarray) -> Still:
     pixels[..., MIDDLE : MIDDLE + 3] = (low + high) / 2
     pixels[..., SPREAD] = np.linalg.norm(high - low, axis=-1) / 2
     pixels[(samples[..., MIRRORED] >= 0).any(2), SPREAD] = FAR  # what a mirror shows may change wherever it stands
-    return Still(samples, pixels)
+    return StaticView(samples, pixels)
 
 
-def trace_frame(camera: Camera, seen: Still, still: Shapes, moving: Shapes, light: np.ndarray) -> np.ndarray:
+def trace_frame(camera: Camera, seen: StaticView, still: Shapes, moving: Shapes, light: np.ndarray) -> np.ndarray:
     """One frame as uint8 [H, W, 3] sRGB."""
     image = np.empty((camera.height, camera.width, 3))
     _trace_frame(_pack(camera), light, still, moving, *seen, image)
@@ -275,7 +275,7 @@ def trace_frame(camera: Camera, seen: Still, still: Shapes, moving: Shapes, ligh
     return np.round(srgb * 255).astype(np.uint8)
 
 
-def trace_cover(camera: Camera, seen: Still, moving: Shapes, counts: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def trace_cover(camera: Camera, seen: StaticView, moving: Shapes, counts: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """(cover, depth), both [H, W] float32: the share of each pixel that the moving solids with counts [N] bool fill, and the mean
     depth along the viewing axis of all that is seen.
     """

@@ -17,10 +17,10 @@ import numpy as np
 
 from splatreel import threads
 from splatreel.capture.builtin import toyroom
-from splatreel.capture.builtin.raytracer import trace_frame, trace_still
-from splatreel.capture.builtin.toysound import heard
+from splatreel.capture.builtin.raytracer import trace_frame, trace_static
+from splatreel.capture.builtin.toysound import render_sound
 from splatreel.capture.sidecar import SIDECAR, SIDECAR_BYTES
-from splatreel.capture.sound import RATE
+from splatreel.capture.soundtrack import RATE
 from splatreel.errors import CaptureError, UsageError
 from splatreel.scene.atomic import scratch
 from splatreel.scene.camera import Camera, facing
@@ -127,9 +127,9 @@ def _write(folder: Path, recipe: dict, progress: Callable[[float], None]) -> Non
 def _film(folder: Path, camera: Camera, recipe: dict) -> Iterator[int]:
     """Write one camera's video; yields the number of each frame as it is written."""
     still = toyroom.standing(recipe["seed"])
-    seen = trace_still(camera, still, toyroom.LIGHT)
+    seen = trace_static(camera, still, toyroom.LIGHT)
     seconds, seed = recipe["frames"] / recipe["fps"], 100 * recipe["seed"] + int(camera.name.removeprefix("cam"))
-    sound = heard(camera.center, seconds, seed)
+    sound = render_sound(camera.center, seconds, seed)
     with VideoWriter(folder / f"{camera.name}.mp4", camera, recipe["fps"], sound) as video:
         for t in range(recipe["frames"]):
             video.add(trace_frame(camera, seen, still, toyroom.moving(t / recipe["fps"]), toyroom.LIGHT))

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from splatreel.capture.builtin.toyroom import impacts
-from splatreel.capture.sound import RATE
+from splatreel.capture.soundtrack import RATE
 
 SPEED = 343.0
 """Of sound, meters a second."""
@@ -24,7 +24,7 @@ LASTS = 0.3
 """Seconds after which an impact is over."""
 
 
-def heard(center: np.ndarray, seconds: float, seed: int) -> np.ndarray:
+def render_sound(center: np.ndarray, seconds: float, seed: int) -> np.ndarray:
     """[round(seconds * RATE)] float32 at a place [3]: every impact as late and as weak as its distance makes it, and noise.
 
     seed: of the noise; the same arguments give the same samples.

@@ -20,7 +20,7 @@ import numpy as np
 from splatreel.capture.base import Request
 from splatreel.capture.file_capture import FileCapture
 from splatreel.capture.files import Files
-from splatreel.capture.growing.segments import segment_files
+from splatreel.capture.growing.segmented_video import segment_files
 from splatreel.capture.image_sequences import IMAGE_SUFFIXES, image_files
 from splatreel.capture.images import image_size
 from splatreel.capture.lens import Lens, resized

@@ -16,7 +16,7 @@ from scipy.spatial.transform import Rotation
 from splatreel.capture.base import Request
 from splatreel.capture.file_capture import FileCapture
 from splatreel.capture.lens import Lens, import_cv2, resized
-from splatreel.capture.poses import check_rotation
+from splatreel.capture.pose_checks import check_rotation
 from splatreel.capture.readers.colmap import import_pycolmap, pictures_by_camera, video_files
 from splatreel.capture.sidecar import read_sidecar
 from splatreel.capture.sources import picture_source, video_source

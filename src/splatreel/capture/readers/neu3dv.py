@@ -14,7 +14,7 @@ import numpy as np
 
 from splatreel.capture.base import Request
 from splatreel.capture.file_capture import FileCapture
-from splatreel.capture.poses import check_rotation
+from splatreel.capture.pose_checks import check_rotation
 from splatreel.capture.readers.colmap import is_colmap, video_files
 from splatreel.capture.sidecar import failed, read_sidecar
 from splatreel.capture.sources import Video, video_source

@@ -13,7 +13,7 @@ import numpy as np
 from splatreel.capture.base import Request
 from splatreel.capture.file_capture import FileCapture
 from splatreel.capture.image_sequences import ImageSequences
-from splatreel.capture.poses import check_rotation
+from splatreel.capture.pose_checks import check_rotation
 from splatreel.capture.sidecar import Sidecar
 from splatreel.errors import CaptureError
 from splatreel.scene.camera import Camera

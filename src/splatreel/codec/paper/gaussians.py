@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from splatreel.codec import morton, quantize
-from splatreel.codec.paper import points, vector
+from splatreel.codec.paper import draco_points, vector
 from splatreel.codec.paper.attributes import decode_values, encode_values
 from splatreel.codec.quantize import Parameters, integer
 from splatreel.codec.section import MAX_POINTS, Section, Sections, named, required, section_of
@@ -73,7 +73,7 @@ def decode_gaussians(sections: Sections, count: int, placed: Placed | None = Non
 
 def _encode_means(means: np.ndarray, bits: int | None) -> tuple[Sections, np.ndarray]:
     """Section `means` and the order of the points; float32 in the order that a Draco point cloud of them would have, without bits."""
-    data, parameters, order = points.encode_points(means, bits or morton.MAX_BITS)
+    data, parameters, order = draco_points.encode_draco(means, bits or morton.MAX_BITS)
     if bits is None:
         data, parameters = quantize.encode_float32(means[order])
     return {"means": Section(data, parameters)}, order
@@ -84,7 +84,7 @@ def _decode_means(sections: Sections, count: int) -> np.ndarray:
     if section.parameters.get("codec") == "float32":
         return named("means", quantize.decode_float32, section.data, (count, 3))
     section = section_of(sections, "means", "draco")
-    return named("means", points.decode_points, section.data, section.parameters, count)
+    return named("means", draco_points.decode_draco, section.data, section.parameters, count)
 
 
 def _encode_rest(gaussians: Gaussians, config: EncodeConfig, weights: np.ndarray | None) -> Sections:

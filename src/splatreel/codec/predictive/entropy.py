@@ -30,7 +30,7 @@ _SPARE = 8
 """Zeros after words and bits: a lying stream is found out at its end, not by reading over it."""
 
 
-def encode(values: np.ndarray, contexts: np.ndarray, count: int) -> bytes:
+def entropy_encode(values: np.ndarray, contexts: np.ndarray, count: int) -> bytes:
     """Bytes of values [n], 0 to 2^52 - 1, and their contexts [n], 0 to count - 1 (at most 255)."""
     values, contexts = np.asarray(values, np.int64), np.asarray(contexts, np.int64)
     tokens, lengths = _tokens(values)
@@ -47,7 +47,7 @@ def encode(values: np.ndarray, contexts: np.ndarray, count: int) -> bytes:
 
 
 class Stream:
-    """What `encode` wrote, and how far it has been read. Raises `ReelError` for damaged data; memory is bounded by its length.
+    """What `entropy_encode` wrote, and how far it has been read. Raises `ReelError` for damaged data; memory is bounded by its length.
 
     Compiled loops read it with `take`, and `parts` are what that needs.
     """

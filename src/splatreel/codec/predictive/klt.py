@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
-from splatreel.codec.predictive.entropy import Stream, encode, unzigzag, zigzag
+from splatreel.codec.predictive.entropy import Stream, entropy_encode, unzigzag, zigzag
 from splatreel.codec.quantize import Parameters, integer
 from splatreel.errors import ReelError
 from splatreel.jit import EXACT
@@ -62,7 +62,7 @@ def decode_columns(data: bytes, count: int, kinds: int, channels: int) -> np.nda
 
 def encode_basis(basis: np.ndarray) -> bytes:
     """Column after column."""
-    return encode(zigzag(basis.T.ravel()), np.zeros(basis.size, np.int64), 1)
+    return entropy_encode(zigzag(basis.T.ravel()), np.zeros(basis.size, np.int64), 1)
 
 
 def decode_basis(data: bytes, parameters: Parameters, name: str, dimensions: int) -> np.ndarray:

@@ -10,7 +10,7 @@ from itertools import pairwise
 import numpy as np
 
 from splatreel.codec.predictive import klt
-from splatreel.codec.predictive.entropy import encode
+from splatreel.codec.predictive.entropy import entropy_encode
 from splatreel.codec.predictive.lod_prediction import decode_lod, encode_lod, ends_of
 from splatreel.codec.predictive.predictor import Predictor
 from splatreel.codec.quantize import integer, number
@@ -38,7 +38,7 @@ def encode_klt(kind: int, values: np.ndarray, step: float, predictor: Predictor)
     body, kept = encode_lod(wanted[:, : len(order)], predictor.levels, classes, ends)
     streams = (
         klt.encode_basis(basis),
-        encode(columns, np.zeros_like(columns), 1),
+        entropy_encode(columns, np.zeros_like(columns), 1),
         encode_lod(ends[:, None], predictor.levels, np.zeros_like(classes))[0],
         body,
     )

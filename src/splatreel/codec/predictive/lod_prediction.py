@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 from numba import njit
 
-from splatreel.codec.predictive.entropy import Stream, encode, take, zigzag
+from splatreel.codec.predictive.entropy import Stream, entropy_encode, take, zigzag
 from splatreel.errors import ReelError
 from splatreel.jit import EXACT
 
@@ -126,7 +126,7 @@ def encode_lod(
     )
     if used < 0:
         raise ReelError("Values are too many steps from zero to be encoded. Use a coarser step.")
-    return encode(zigzag(residuals[:used]), contexts[:used], CONTEXTS), found
+    return entropy_encode(zigzag(residuals[:used]), contexts[:used], CONTEXTS), found
 
 
 def decode_lod(

@@ -8,7 +8,7 @@ from __future__ import annotations
 import numpy as np
 
 from splatreel.codec import morton
-from splatreel.codec.predictive.entropy import Stream, encode
+from splatreel.codec.predictive.entropy import Stream, entropy_encode
 from splatreel.codec.quantize import Parameters, number, numbers
 from splatreel.errors import ReelError
 
@@ -27,7 +27,7 @@ def encode_quantized_positions(means: np.ndarray, step: float) -> tuple[bytes, P
     quantized = np.rint((means - low) / step).astype(np.int64)
     codes = morton.encode(quantized).astype(np.int64)
     order = np.argsort(codes, kind="stable")
-    data = encode(np.diff(codes[order], prepend=0), np.zeros(len(order), np.int64), 1)
+    data = entropy_encode(np.diff(codes[order], prepend=0), np.zeros(len(order), np.int64), 1)
     return data, {"codec": "lattice", "min": low.tolist(), "step": step}, order, quantized[order]
 
 

@@ -12,7 +12,7 @@ from collections.abc import Callable
 import cv2
 import numpy as np
 
-from splatreel.capture.poses import inverted, turned_about
+from splatreel.capture.pose_checks import inverted, turned_about
 from splatreel.recon.init.features import Features, epipolar_lines, match, off_line
 from splatreel.recon.init.triangulate import intersect, neighbor_pairs
 from splatreel.scene.camera import Camera

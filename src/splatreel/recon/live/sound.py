@@ -12,12 +12,12 @@ import numpy as np
 
 from splatreel.capture.file_capture import FileCapture
 from splatreel.capture.follower import Follower
-from splatreel.capture.growing.sound import begin_with
-from splatreel.capture.growing.videos import GrowingVideos
+from splatreel.capture.growing.growing_sound import begin_with
+from splatreel.capture.growing.growing_videos import GrowingVideos
 from splatreel.codec.container import write_atomically
 from splatreel.codec.fragments import RATE, initialization
+from splatreel.codec.opus_sound import SEGMENT_SECONDS, TYPE, SoundEncoder
 from splatreel.codec.presentation import Sound, SoundSegment
-from splatreel.codec.sound import SEGMENT_SECONDS, TYPE, SoundEncoder
 from splatreel.codec.writer import ReelWriter
 from splatreel.errors import SplatreelError
 from splatreel.progress import Progress
@@ -87,7 +87,7 @@ class LiveSound:
             else writer.write_asset(f"sound/{_INIT}", (self.folder / _INIT).read_bytes())
         )
         sound = Sound(TYPE, RATE, self._channels, init, tuple(segments), place_of(self.follower.capture, self.camera))
-        sound = sound.since(manifest.first_frame / manifest.fps)
+        sound = sound.trimmed_before(manifest.first_frame / manifest.fps)
         if sound != before:
             writer.present(replace(manifest.presentation, sound=sound))
         first = int(sound.segments[0].start) // SEGMENT_SECONDS

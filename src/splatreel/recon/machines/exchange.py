@@ -10,7 +10,7 @@ from splatreel.recon.jobs import part_of
 from splatreel.recon.run.job_log import LOGS
 from splatreel.recon.run.store import LAST_OF_GROUP, PUBLISHED_OF_GROUP, Store
 from splatreel.scene.spans import ChapterSpan
-from splatreel.storage.retrying import untold
+from splatreel.storage.retrying import ignore_message
 from splatreel.storage.shared_folder import SharedFolder
 
 _OF_GROUP = re.compile(r"(group[0-9]{4,})/(\w[\w.-]*)")
@@ -22,7 +22,7 @@ class Exchange:
     url: of OUT there. out: the folder OUT here. Methods raise `StorageError` where the address cannot be reached.
     """
 
-    def __init__(self, url: str, out: Path, tell: Callable[[str], None] = untold) -> None:
+    def __init__(self, url: str, out: Path, tell: Callable[[str], None] = ignore_message) -> None:
         self._shared, self._work = SharedFolder(f"{url.rstrip('/')}/work", tell), out / "work"
 
     def fetch_scene(self) -> None:

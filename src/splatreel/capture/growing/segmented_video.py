@@ -11,8 +11,8 @@ import numpy as np
 
 from splatreel.capture.files import LOCAL, Files, open_media
 from splatreel.capture.frame_table import FrameTable
+from splatreel.capture.growing.growing_sound import Packets, guard
 from splatreel.capture.growing.growth import Growth
-from splatreel.capture.growing.sound import Packets, guard
 from splatreel.capture.video import VIDEO_SUFFIXES, VideoFile
 from splatreel.errors import CaptureError
 

@@ -9,12 +9,12 @@ from typing import Protocol
 import numpy as np
 
 from splatreel.capture.frame_table import FrameTable
+from splatreel.capture.growing.growing_sound import Packets, read_packets
+from splatreel.capture.growing.growing_video import GrowingVideo
 from splatreel.capture.growing.growth import Growth
-from splatreel.capture.growing.segments import SegmentedVideo, numbered, segment_files
-from splatreel.capture.growing.sound import Packets, read_packets
-from splatreel.capture.growing.video import GrowingVideo
+from splatreel.capture.growing.segmented_video import SegmentedVideo, numbered, segment_files
 from splatreel.capture.sidecar import Sidecar
-from splatreel.capture.sound import Track
+from splatreel.capture.soundtrack import Track
 from splatreel.errors import CaptureError
 
 

@@ -10,7 +10,7 @@ import av
 import numpy as np
 from av.error import FFmpegError
 
-from splatreel.capture.sound import GAP, RATE, Track, channels, choose
+from splatreel.capture.soundtrack import GAP, RATE, Track, channels, choose
 from splatreel.errors import CaptureError
 
 Packets = Iterator[tuple[float, av.Packet]]

@@ -10,7 +10,7 @@ from typing import TypeVar
 T = TypeVar("T")
 
 
-def each_at_once(action: Callable[[T], object], items: Iterable[T], threads: int) -> Iterator[T]:
+def transfer_in_threads(action: Callable[[T], object], items: Iterable[T], threads: int) -> Iterator[T]:
     """Call action for each item, in so many threads; gives the items as they are done.
 
     After an error nothing more is begun, what has begun is waited for, and the first error is raised. Ctrl-C waits for nothing: a

@@ -8,10 +8,10 @@ import numpy as np
 from PIL import Image, UnidentifiedImageError
 
 from splatreel.capture.frame_table import FrameTable
-from splatreel.capture.growing.segments import Numbered, numbered
+from splatreel.capture.growing.segmented_video import Numbered, numbered
 from splatreel.capture.images import image_size, read_image
 from splatreel.capture.sidecar import SIDECAR, Sidecar
-from splatreel.capture.sound import Track
+from splatreel.capture.soundtrack import Track
 from splatreel.errors import CaptureError
 
 END_MARKS = {".jpg": b"\xff\xd9", ".jpeg": b"\xff\xd9", ".png": b"IEND\xaeB`\x82"}

@@ -13,8 +13,8 @@ import numpy as np
 from av.container import InputContainer
 from av.error import FFmpegError
 
+from splatreel.capture.growing.growing_sound import Packets, guard
 from splatreel.capture.growing.growth import Growth
-from splatreel.capture.growing.sound import Packets, guard
 from splatreel.capture.growing.tail import Tail
 from splatreel.capture.video import to_rgb
 from splatreel.errors import CaptureError

@@ -5,7 +5,7 @@ import time
 
 import pytest
 
-from splatreel.storage.at_once import each_at_once
+from splatreel.storage.parallel_transfers import transfer_in_threads
 
 
 def test_each_item_is_done_once_and_so_many_at_a_time():
@@ -21,7 +21,7 @@ def test_each_item_is_done_once_and_so_many_at_a_time():
         working.discard(item)
         seen.append(item)
 
-    assert sorted(each_at_once(work, range(20), 3)) == list(range(20))
+    assert sorted(transfer_in_threads(work, range(20), 3)) == list(range(20))
     assert sorted(seen) == list(range(20))
     assert most == 3
 
@@ -39,19 +39,19 @@ def test_nothing_is_begun_after_an_error_and_what_has_begun_is_waited_for():
         ended.append(item)
 
     with pytest.raises(ValueError, match="cut"):
-        list(each_at_once(work, range(50), 2))
+        list(transfer_in_threads(work, range(50), 2))
     assert begun == [0, 1]
     assert ended == [1]
 
 
 def test_nothing_to_do():
-    assert list(each_at_once(print, [], 4)) == []
+    assert list(transfer_in_threads(print, [], 4)) == []
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="Ctrl-C is sent as a POSIX signal")
 def test_an_interrupted_program_ends_though_a_transfer_hangs():
-    code = "import signal, sys, threading\nfrom splatreel.storage.at_once import each_at_once\n"
+    code = "import signal, sys, threading\nfrom splatreel.storage.parallel_transfers import transfer_in_threads\n"
     code += "signal.signal(signal.SIGALRM, signal.default_int_handler); signal.setitimer(signal.ITIMER_REAL, 0.2)\n"
-    code += "try: list(each_at_once(lambda _: threading.Event().wait(), range(9), 2))\n"
+    code += "try: list(transfer_in_threads(lambda _: threading.Event().wait(), range(9), 2))\n"
     code += "except KeyboardInterrupt: sys.exit(130)"
     assert subprocess.run([sys.executable, "-c", code], timeout=300, check=False).returncode == 130

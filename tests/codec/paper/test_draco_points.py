@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from splatreel.codec import morton
-from splatreel.codec.paper import points
+from splatreel.codec.paper import draco_points
 from splatreel.errors import ReelError
 
 
@@ -16,8 +16,8 @@ from splatreel.errors import ReelError
 @pytest.mark.parametrize("offset", [0.0, 1000.0])
 def test_round_trip_and_order(count, offset):
     means = np.random.default_rng(count).normal(size=(count, 3)).astype(np.float32) + np.float32(offset)
-    data, parameters, order = points.encode_points(means, 20)
-    decoded = points.decode_points(data, parameters, count)
+    data, parameters, order = draco_points.encode_draco(means, 20)
+    decoded = draco_points.decode_draco(data, parameters, count)
     assert decoded.dtype == np.float32
     assert sorted(order) == list(range(count))
     step = parameters["range"] / ((1 << 20) - 1)
@@ -29,15 +29,15 @@ def test_round_trip_and_order(count, offset):
 
 def test_same_points_same_bytes():
     means = np.random.default_rng(0).random((500, 3))
-    data, _, order = points.encode_points(means, 20)
-    assert points.encode_points(means, 20)[0] == data
-    assert points.encode_points(means[::-1], 20)[0] == data
-    assert points.encode_points(means[order], 20)[0] == data
+    data, _, order = draco_points.encode_draco(means, 20)
+    assert draco_points.encode_draco(means, 20)[0] == data
+    assert draco_points.encode_draco(means[::-1], 20)[0] == data
+    assert draco_points.encode_draco(means[order], 20)[0] == data
 
 
 def test_six_bytes_a_point():
     means = np.random.default_rng(0).random((20_000, 3))
-    assert len(points.encode_points(means, 20)[0]) < 6.5 * len(means)
+    assert len(draco_points.encode_draco(means, 20)[0]) < 6.5 * len(means)
 
 
 @settings(max_examples=20, deadline=None)
@@ -46,39 +46,39 @@ def test_coinciding_points_survive(count, places, seed):
     """Clones share their positions; none may be lost, and all stay within a few lattice cells."""
     rng = np.random.default_rng(seed)
     means = rng.normal(size=(places, 3))[rng.integers(0, places, count)]
-    data, parameters, order = points.encode_points(means, 20)
-    decoded = points.decode_points(data, parameters, count)
+    data, parameters, order = draco_points.encode_draco(means, 20)
+    decoded = draco_points.decode_draco(data, parameters, count)
     assert len(np.unique(decoded, axis=0)) == count or parameters["range"] == 1.0
     np.testing.assert_allclose(decoded, means[order], atol=20 * parameters["range"] / (1 << 20) + 1e-6)
 
 
 def test_too_many_points_for_the_lattice():
     with pytest.raises(ReelError, match="position bits"):
-        points.encode_points(np.random.default_rng(0).random((5000, 3)), 4)
+        draco_points.encode_draco(np.random.default_rng(0).random((5000, 3)), 4)
 
 
 @pytest.mark.parametrize("bits", [3, 22])
 def test_bits_out_of_range(bits):
     with pytest.raises(ReelError, match="bits"):
-        points.encode_points(np.zeros((2, 3)), bits)
+        draco_points.encode_draco(np.zeros((2, 3)), bits)
 
 
 def test_another_number_of_points():
-    data, parameters, _ = points.encode_points(np.random.default_rng(0).random((50, 3)), 16)
+    data, parameters, _ = draco_points.encode_draco(np.random.default_rng(0).random((50, 3)), 16)
     with pytest.raises(ReelError, match="50 points, expected 51"):
-        points.decode_points(data, parameters, 51)
+        draco_points.decode_draco(data, parameters, 51)
     with pytest.raises(ReelError, match="range"):
-        points.decode_points(data, parameters | {"range": float("nan")}, 50)
+        draco_points.decode_draco(data, parameters | {"range": float("nan")}, 50)
 
 
 @settings(max_examples=200, deadline=None)
 @given(st.integers(0, 2**32 - 1))
 def test_damage_is_a_reel_error_or_points(seed):
     rng = np.random.default_rng(seed)
-    data, parameters, _ = points.encode_points(np.random.default_rng(0).random((200, 3)), 20)
+    data, parameters, _ = draco_points.encode_draco(np.random.default_rng(0).random((200, 3)), 20)
     damaged = bytearray(data)
     for at in rng.integers(0, len(data), 4):
         damaged[at] = rng.integers(0, 256)
     del damaged[rng.integers(len(data) // 2, 2 * len(data)) :]
     with contextlib.suppress(ReelError):
-        assert points.decode_points(bytes(damaged), parameters, 200).shape == (200, 3)
+        assert draco_points.decode_draco(bytes(damaged), parameters, 200).shape == (200, 3)

@@ -65,7 +65,7 @@ def check_camera(camera: Camera, origin: str) -> None:
         )
 
 
-def check_poses(cameras: list[Camera], points: np.ndarray | None, origin: str) -> list[str]:
+def validate_poses(cameras: list[Camera], points: np.ndarray | None, origin: str) -> list[str]:
     """What is doubtful about the poses of a rig, in sentences. points: [P, 3] that the cameras see, if any. origin: the file.
 
     Raises `CaptureError` for matrices that cannot be a camera's, and for points that most cameras have behind them.

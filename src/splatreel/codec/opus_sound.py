@@ -155,7 +155,7 @@ def decode_sound(init: bytes, segments: list[bytes], channels: int) -> Iterator[
         raise ReelError(f"is no sound that can be decoded ({error}).") from error
 
 
-def check_size(segment: SoundSegment) -> None:
+def check_sound_size(segment: SoundSegment) -> None:
     """Raises `ReelError` for a segment of so many bytes that it cannot be Opus: who reads a second shall not read a gigabyte."""
     if segment.asset.bytes > _MOST_BYTES + _MOST_A_SECOND * segment.seconds:
         raise ReelError(
@@ -169,9 +169,9 @@ def write_sound(writer: ReelWriter, sound: EncodedSound | None, position: Vec3 |
     position: where it comes from, world units; None: from everywhere. What a live reel has dropped already stays away.
     """
     manifest, before = writer.manifest, writer.manifest.presentation
-    described = describe(sound, position).since(manifest.first_frame / manifest.fps) if sound else None
+    described = describe_sound(sound, position).trimmed_before(manifest.first_frame / manifest.fps) if sound else None
     named = {asset.uri for asset in described.assets} if described else set()
-    contents = {uri: data for uri, data in files(sound).items() if uri in named} if sound else {}
+    contents = {uri: data for uri, data in sound_files(sound).items() if uri in named} if sound else {}
     if before.sound == described and _are_there(writer.path, contents):
         return
     writer.present(replace(before, sound=None))
@@ -180,15 +180,17 @@ def write_sound(writer: ReelWriter, sound: EncodedSound | None, position: Vec3 |
     writer.present(replace(before, sound=described))
 
 
-def files(sound: EncodedSound) -> dict[str, bytes]:
+def sound_files(sound: EncodedSound) -> dict[str, bytes]:
     """By uri."""
     segments = {f"sound/{index:04d}.m4s": data for index, data in enumerate(sound.segments)}
     return {"sound/init.mp4": sound.init} | segments
 
 
-def describe(sound: EncodedSound, position: Vec3 | None) -> Sound:
+def describe_sound(sound: EncodedSound, position: Vec3 | None) -> Sound:
     """What the manifest says of it."""
-    init, *assets = (Asset(uri, len(data), hashlib.sha256(data).hexdigest()) for uri, data in files(sound).items())
+    init, *assets = (
+        Asset(uri, len(data), hashlib.sha256(data).hexdigest()) for uri, data in sound_files(sound).items()
+    )
     segments = tuple(SoundSegment(asset, *sound.span(index)) for index, asset in enumerate(assets))
     return Sound(TYPE, RATE, sound.channels, init, segments, position)
 

@@ -16,7 +16,7 @@ MANIFEST = "manifest.json"
 _NUMBERED = re.compile(r"(?:layers|groups|pages)/(\d+)(?:\.[A-Za-z0-9_-]+)?\.(?:safetensors|json)")
 
 
-def published_manifest(folder: Path) -> Manifest | None:
+def read_written_manifest(folder: Path) -> Manifest | None:
     """The manifest in a folder, up to its first damaged page; None where there is none. Raises `ReelError`."""
     file = folder / MANIFEST
     try:
@@ -27,16 +27,16 @@ def published_manifest(folder: Path) -> Manifest | None:
         raise ReelError(f"{file}: cannot be read ({error.strerror}). Make it readable or delete it.") from error
 
 
-def intact_end(folder: Path, manifest: Manifest) -> int:
+def first_damaged_group(folder: Path, manifest: Manifest) -> int:
     """The number of the first group that is not whole, or lacks a layer that is; the next group's where all are.
 
     Raises `ReelError` where a file cannot be read.
     """
-    broken = [entry.group for entry in manifest.files if not is_whole(folder, entry)]
+    broken = [entry.group for entry in manifest.files if not is_intact(folder, entry)]
     return max(min(broken, default=manifest.end_group), manifest.first_group)
 
 
-def is_whole(folder: Path, entry: FileEntry | Asset) -> bool:
+def is_intact(folder: Path, entry: FileEntry | Asset) -> bool:
     """Whether a file has the bytes that the manifest says. Raises `ReelError` where it cannot be read."""
     path, digest = folder / entry.uri, hashlib.sha256()
     try:
@@ -52,7 +52,7 @@ def is_whole(folder: Path, entry: FileEntry | Asset) -> bool:
     return digest.hexdigest() == entry.sha256
 
 
-def left_over(folder: Path, manifest: Manifest, cut: bool) -> list[str]:
+def find_leftover_files(folder: Path, manifest: Manifest, cut: bool) -> list[str]:
     """Files of dropped groups, and pages, that were to be deleted when the writer was killed. cut: also what follows the last group."""
     found, named = [], manifest.uris
     for path in (path for kind in ("layers", "groups", "pages") for path in (folder / kind).glob("*")):

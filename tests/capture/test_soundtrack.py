@@ -8,7 +8,7 @@ import pytest
 
 from splatreel.capture.base import Request
 from splatreel.capture.sidecar import read_sidecar
-from splatreel.capture.sound import RATE, Track, choose, read_sound
+from splatreel.capture.soundtrack import RATE, Track, choose, read_sound
 from splatreel.capture.videos import Videos
 from splatreel.errors import CaptureError
 from tests.capture.films import HEARD, film

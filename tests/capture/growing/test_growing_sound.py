@@ -8,10 +8,10 @@ import pytest
 
 from splatreel.capture.file_capture import FileCapture
 from splatreel.capture.follower import open_growing
+from splatreel.capture.growing.growing_sound import begin_with
+from splatreel.capture.growing.growing_videos import GrowingVideos
 from splatreel.capture.growing.growth import Growth
-from splatreel.capture.growing.sound import begin_with
-from splatreel.capture.growing.videos import GrowingVideos
-from splatreel.capture.sound import GAP
+from splatreel.capture.soundtrack import GAP
 from splatreel.errors import CaptureError
 from tests.capture.growing.recorder import RATE, Recorder
 

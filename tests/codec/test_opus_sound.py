@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from splatreel.codec.fragments import RATE
+from splatreel.codec.opus_sound import decode_sound, describe_sound, encode_sound, write_sound
 from splatreel.codec.reader import ReelReader
-from splatreel.codec.sound import decode_sound, describe, encode_sound, write_sound
 from splatreel.codec.verify import verify_reel
 from splatreel.errors import ReelError
 from splatreel.play.timeline import open_reel
@@ -240,6 +240,6 @@ def test_a_live_reel_drops_sound_with_its_groups_and_keeps_a_segment_before(tmp_
 
 
 def test_sound_that_is_over_keeps_its_last_segment() -> None:
-    said = describe(encode_sound([flashes.clicks(TIMES, 6.5, 1)], 1), None)
-    assert [segment.start for segment in said.since(100).segments] == [6]
-    assert said.since(0) == said
+    said = describe_sound(encode_sound([flashes.clicks(TIMES, 6.5, 1)], 1), None)
+    assert [segment.start for segment in said.trimmed_before(100).segments] == [6]
+    assert said.trimmed_before(0) == said

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from splatreel.capture.builtin.synthetic import make_cameras
-from splatreel.capture.poses import check_poses, inverted, turned_about
+from splatreel.capture.pose_checks import inverted, turned_about, validate_poses
 from splatreel.errors import CaptureError
 from splatreel.scene.camera import Camera
 from tests.capture import folders
@@ -29,7 +29,7 @@ def changed(cameras: list[Camera], change: np.ndarray) -> list[Camera]:
 
 @pytest.mark.parametrize("rig", RIGS)
 def test_rigs_that_are_right_give_no_alarm(rig: str) -> None:
-    assert check_poses(RIGS[rig], None, "poses.txt") == []
+    assert validate_poses(RIGS[rig], None, "poses.txt") == []
 
 
 @pytest.mark.parametrize(
@@ -46,24 +46,24 @@ def test_rigs_that_are_right_give_no_alarm(rig: str) -> None:
 )
 def test_matrices_that_are_no_pose_are_refused(change: np.ndarray, message: str) -> None:
     with pytest.raises(CaptureError, match=message):
-        check_poses(changed(folders.cameras(), change), None, "poses.txt")
+        validate_poses(changed(folders.cameras(), change), None, "poses.txt")
 
 
 @pytest.mark.parametrize("K", [np.zeros((3, 3)), np.diag([-40.0, 40, 1]), [[40, 9, 16], [0, 40, 12], [0, 0, 1]]])
 def test_lenses_that_show_nothing_are_refused(K: np.ndarray) -> None:
     with pytest.raises(CaptureError, match=r"camera 'cam00': K is .* expected fx, 0, cx"):
-        check_poses([replace(folders.cameras()[0], K=K), *folders.cameras()[1:]], None, "poses.txt")
+        validate_poses([replace(folders.cameras()[0], K=K), *folders.cameras()[1:]], None, "poses.txt")
 
 
 def test_points_must_lie_before_the_cameras() -> None:
     cameras = RIGS["ring"]
-    assert check_poses(cameras, POINTS, "sparse/0") == []
+    assert validate_poses(cameras, POINTS, "sparse/0") == []
     with pytest.raises(CaptureError, match=r"sparse/0: the poses do not fit the capture's points: .* 100% behind it\."):
-        check_poses(turned_about(cameras), POINTS, "sparse/0")
+        validate_poses(turned_about(cameras), POINTS, "sparse/0")
     away = POINTS + np.array([0, 30.0, 0])  # where no camera looks, as it is said to stand; inverted, they all do
     told = inverted([replace(c, viewmat=c.viewmat @ translation(-away.mean(0))) for c in cameras])
     with pytest.raises(CaptureError, match=r"Inverted, they show them: they are camera to world"):
-        check_poses(told, away, "sparse/0")
+        validate_poses(told, away, "sparse/0")
 
 
 def translation(by: np.ndarray) -> np.ndarray:
@@ -74,11 +74,11 @@ def translation(by: np.ndarray) -> np.ndarray:
 
 def test_without_points_there_are_doubts_and_no_refusal() -> None:
     cameras = RIGS["ring"]
-    (outwards,) = check_poses(turned_about(cameras), None, "poses.txt")
+    (outwards,) = validate_poses(turned_about(cameras), None, "poses.txt")
     assert outwards.startswith(
         "poses.txt: the cameras look away from each other. That is right where they film outwards"
     )
-    (other_way,) = check_poses(inverted(ring(9, width=48, height=32)), None, "poses.txt")
+    (other_way,) = validate_poses(inverted(ring(9, width=48, height=32)), None, "poses.txt")
     assert "look past each other" in other_way
     assert "they may be camera to world" in other_way
 
@@ -89,6 +89,6 @@ def test_rounding_decides_nothing_where_inverted_cameras_stand_at_one_place(nudg
     rng = np.random.default_rng(0)
     for cameras in (inverted(ring(count, width=48, height=32)) for count in range(4, 12)):
         moved = [replace(c, viewmat=c.viewmat @ translation(nudge * rng.normal(size=3))) for c in cameras]
-        (doubt,) = check_poses(moved, None, "poses.txt")
+        (doubt,) = validate_poses(moved, None, "poses.txt")
         assert "they may be camera to world" in doubt
-        assert check_poses(inverted(moved), None, "poses.txt") == []
+        assert validate_poses(inverted(moved), None, "poses.txt") == []

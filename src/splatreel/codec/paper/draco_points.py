@@ -19,7 +19,7 @@ _KD_TREE_LEVEL = 10
 """From level 7 Draco codes point clouds by a kd-tree, about 10 % smaller than in sequence."""
 
 
-def encode_points(means: np.ndarray, bits: int) -> tuple[bytes, Parameters, np.ndarray]:
+def encode_draco(means: np.ndarray, bits: int) -> tuple[bytes, Parameters, np.ndarray]:
     """Encode positions means [N, 3], N >= 1, finite.
 
     Returns the section's bytes, its parameters, and order [N]: order[i] is the input point that is decoded as point i.
@@ -45,7 +45,7 @@ def encode_points(means: np.ndarray, bits: int) -> tuple[bytes, Parameters, np.n
     return data, parameters, order
 
 
-def decode_points(data: bytes, parameters: Parameters, count: int) -> np.ndarray:
+def decode_draco(data: bytes, parameters: Parameters, count: int) -> np.ndarray:
     """Positions [count, 3] float32 in Morton order. Raises `ReelError`."""
     bits = integer(parameters, "bits", 4, morton.MAX_BITS)
     low, extent = numbers(parameters, "min", 3), number(parameters, "range", 0, 1e30)
