@@ -46,7 +46,7 @@ def is_alive(pid: int) -> bool:
 
 def test_a_result_and_messages_come_back() -> None:
     heard: list[Any] = []
-    assert run_in_child(double, 21, hear=heard.append) == 42
+    assert run_in_child(double, 21, on_message=heard.append) == 42
     assert heard[0] == "half"
     assert heard[1] != os.getpid()
     assert not is_alive(heard[1])
@@ -54,12 +54,12 @@ def test_a_result_and_messages_come_back() -> None:
 
 def test_an_error_is_raised_here() -> None:
     with pytest.raises(CaptureError, match="scene: is none"):
-        run_in_child(fail, hear=print)
+        run_in_child(fail, on_message=print)
 
 
 def test_a_child_that_is_killed_is_told() -> None:
     with pytest.raises(ChildEndedError, match="by SIGKILL"):
-        run_in_child(die, hear=print)
+        run_in_child(die, on_message=print)
 
 
 def test_a_child_is_killed_when_its_parent_is_interrupted() -> None:
@@ -71,5 +71,5 @@ def test_a_child_is_killed_when_its_parent_is_interrupted() -> None:
         raise KeyboardInterrupt
 
     with pytest.raises(KeyboardInterrupt):
-        run_in_child(never_end, hear=interrupt)
+        run_in_child(never_end, on_message=interrupt)
     assert not is_alive(heard[0])

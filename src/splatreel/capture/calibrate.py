@@ -68,7 +68,9 @@ def calibrate(path: Path, progress: Progress, also: Path | None = None) -> Calib
     import_pycolmap()
     with scratch(path, "calibrate") as folder:
         try:
-            found = run_in_child(_place, path, files, photos, folder, hear=lambda message: _show(progress, *message))
+            found = run_in_child(
+                _place, path, files, photos, folder, on_message=lambda message: _show(progress, *message)
+            )
         except ChildEndedError as error:
             raise CaptureError(
                 f"{path}: COLMAP's process was ended {error.how}. If memory ran out (SIGKILL), close other programs; then try again."

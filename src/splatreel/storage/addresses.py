@@ -1,4 +1,4 @@
-"""From an address to the folder that it names."""
+"""Conversion of paths and URLs to folders."""
 
 from __future__ import annotations
 
@@ -15,12 +15,16 @@ _URL = re.compile(r"[A-Za-z][A-Za-z0-9+.-]+://", re.ASCII)
 
 
 def is_url(text: str) -> bool:
-    """Whether text is an address rather than a path: `s3://bucket/reel`, but not `C:\\reel`."""
+    """Return whether text is a URL and not a path: `s3://bucket/reel`, but not `C:\\reel`."""
     return _URL.match(text) is not None
 
 
 def local_path(address: str | Path) -> Path | None:
-    """The path that an address names on this machine; None if it is elsewhere. Raises `UsageError` for `file://HOST/...`."""
+    """Return the local path of an address, or None if the address is remote.
+
+    Raises:
+        UsageError: The address is `file://HOST/...` with another host.
+    """
     text = str(address)
     if not is_url(text):
         return Path(address)
@@ -35,9 +39,11 @@ def local_path(address: str | Path) -> Path | None:
 
 
 def open_folder(address: str | Path) -> Folder:
-    """The folder at a path, or at a URL of any protocol that fsspec knows. Nothing is read yet.
+    """Return the folder at a path, or at a URL of any protocol that fsspec supports. Nothing is read yet.
 
-    Raises `UsageError` for an address that is none or that nobody can write to, `MissingDependencyError` where a package is missing.
+    Raises:
+        UsageError: The address is invalid or cannot be written to.
+        MissingDependencyError: A required package is not installed.
     """
     path = local_path(address)
     if path is not None:

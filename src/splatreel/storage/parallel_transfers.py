@@ -1,4 +1,4 @@
-"""Several transfers at once, in threads that hold up nobody who interrupts the program."""
+"""Parallel transfers in daemon threads, which do not delay an interrupt."""
 
 from __future__ import annotations
 
@@ -11,10 +11,11 @@ T = TypeVar("T")
 
 
 def transfer_in_threads(action: Callable[[T], object], items: Iterable[T], threads: int) -> Iterator[T]:
-    """Call action for each item, in so many threads; gives the items as they are done.
+    """Call `action` for each item in a number of threads and yield finished items.
 
-    After an error nothing more is begun, what has begun is waited for, and the first error is raised. Ctrl-C waits for nothing: a
-    transfer over a dead line may take minutes to notice, and a thread pool of the standard library would wait for it even at exit.
+    After an error no further item is started. The first error is raised when all started items have ended. Ctrl-C does
+    not wait for transfers: a transfer over a dead connection may take minutes to fail. A standard thread pool would
+    wait for it even at exit.
     """
     waiting: SimpleQueue[T] = SimpleQueue()
     for item in items:

@@ -1,4 +1,4 @@
-"""Trying again, after growing pauses, what fails because of the line."""
+"""Retries with growing pauses after connection errors."""
 
 from __future__ import annotations
 
@@ -12,20 +12,26 @@ from splatreel.storage.folder import PLAIN, Folder, Headers
 
 T = TypeVar("T")
 PAUSES = (0.5, 1.0, 2.0, 4.0, 8.0, 16.0)
-"""Seconds between attempts; up to a half is added by chance, so that many machines do not come back together."""
+"""Seconds between attempts. A random share of up to a half is added, so that many machines do not retry together."""
 
 
 def ignore_message(why: str) -> None:
-    """Tells nobody."""
+    """Ignore a message."""
 
 
 class RetryingFolder:
-    """A folder of which every method is tried again. tell: hears why. pauses: seconds; after the last one the error is raised."""
+    """Folder whose methods are retried after an error.
+
+    Args:
+        folder: The folder to access.
+        report: Called with the reason of each retry.
+        pauses: Seconds before each retry. After the last one the error is raised.
+    """
 
     def __init__(
-        self, folder: Folder, tell: Callable[[str], None] = ignore_message, pauses: tuple[float, ...] = PAUSES
+        self, folder: Folder, report: Callable[[str], None] = ignore_message, pauses: tuple[float, ...] = PAUSES
     ) -> None:
-        self._folder, self._tell, self._pauses = folder, tell, pauses
+        self._folder, self._report, self._pauses = folder, report, pauses
 
     def address(self, name: str) -> str:
         return self._folder.address(name)
@@ -52,6 +58,6 @@ class RetryingFolder:
             except StorageError as error:
                 if error.lasting:
                     raise
-                self._tell(f"{error} Trying again.")
+                self._report(f"{error} Trying again.")
                 time.sleep(pause * (1 + random.random() / 2))
         return action()
