@@ -167,8 +167,8 @@ def test_renditions():
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        (lambda d: d["groups"][1].pop("renditions"), r"groups\[1\] is not there in each"),
-        (lambda d: d["groups"][0].update(renditions=[]), r"groups\[0\] is not there in each"),
+        (lambda d: d["groups"][1].pop("renditions"), r"groups\[1\] lacks one of"),
+        (lambda d: d["groups"][0].update(renditions=[]), r"groups\[0\] lacks one of"),
         (lambda d: d["groups"][0]["renditions"]["low"].update(uri="../x"), r"groups\[0\] has the uri"),
         (
             lambda d: d["groups"][0]["renditions"]["low"].update(bytes=99),

@@ -83,8 +83,11 @@ def test_pages_are_read_and_sent_once_and_what_a_window_drops_leaves(tmp_path):
     clock, folder = Clock(), BreakingFolder(LocalFolder(tmp_path / "there"), set())
     writer = new_writer(tmp_path / "reel", page=2)
     publication, pages_read = Publication(tmp_path / "reel", folder, keep=10, clock=clock), []
-    intact = publication._intact
-    publication._intact = lambda file: (pages_read.append(file.uri) if "pages/" in file.uri else None, intact(file))[1]
+    intact = publication._read_intact
+    publication._read_intact = lambda file: (
+        pages_read.append(file.uri) if "pages/" in file.uri else None,
+        intact(file),
+    )[1]
     for index in range(10):
         add_chapter_group(writer, index, 4)
         publication.update()

@@ -1,4 +1,4 @@
-"""Changes a finished reel's title, author, description and licence; its points stay as they are."""
+"""Editing of a finished reel's title, author, description and license. The points do not change."""
 
 from __future__ import annotations
 
@@ -14,9 +14,14 @@ from splatreel.errors import ReelError
 
 
 def edit_reel(folder: Path, words: Mapping[str, str]) -> Manifest:
-    """Put a `title`, `author`, `description` or `licence` into the manifest, atomically; an empty one is taken out. Returns the new.
+    """Replace texts in the manifest atomically and return the new manifest.
 
-    Raises `ReelError` for what is no reel on this machine, for one that is still being written, and for a text that is too long.
+    Args:
+        folder: Folder of the reel.
+        words: New `title`, `author`, `description` or `licence`; an empty text removes the entry.
+
+    Raises:
+        ReelError: The folder holds no finished reel, or a text is too long.
     """
     file = folder / "manifest.json"
     try:

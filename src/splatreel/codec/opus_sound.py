@@ -1,4 +1,7 @@
-"""Sound as Opus in fragmented MP4 (docs/format.md): samples to files and back. A sample's time is the reel's, without any delay."""
+"""Sound as Opus in fragmented MP4 (docs/format.md): encoding, decoding, and writing into a reel.
+
+A sample's time is its time in the reel; there is no codec delay.
+"""
 
 from __future__ import annotations
 
@@ -21,19 +24,26 @@ from splatreel.errors import MissingDependencyError, ReelError
 TYPE = 'audio/mp4; codecs="opus"'
 SEGMENT_SECONDS = 2
 BITS_A_SECOND = {1: 64_000, 2: 112_000}
-"""By channels: where few hear a difference to the original."""
+"""Bit rate by number of channels, at which few listeners hear a difference to the original."""
 PREROLL = 0.08
-"""Seconds after which a decoder that starts in the middle gives what one that started before does (RFC 7845)."""
+"""Seconds after which a decoder that starts in the middle gives the same samples (RFC 7845)."""
 
 _MOST_BYTES, _MOST_A_SECOND = 1 << 16, 1 << 17
-"""Of a segment: for what is around its packets, and twice the 510 kbit/s that are the most of Opus."""
+"""Maximum size of a segment: a constant for its boxes, and twice the maximum Opus rate of 510 kbit/s per second."""
 _SEGMENT = SEGMENT_SECONDS * RATE // PACKET
-"""Packets of a segment."""
+"""Packets per segment."""
 
 
 @dataclass(frozen=True)
 class EncodedSound:
-    """The files of a reel's sound. Segment i starts at i * `SEGMENT_SECONDS`; samples: in all, whole packets."""
+    """Sound files of a reel. Segment i starts at i * `SEGMENT_SECONDS`.
+
+    Attributes:
+        channels: Number of channels.
+        init: Initialization file.
+        segments: Segments in order.
+        samples: Number of samples, in whole packets.
+    """
 
     channels: int
     init: bytes
@@ -41,16 +51,21 @@ class EncodedSound:
     samples: int
 
     def span(self, index: int) -> tuple[float, float]:
-        """Start and length of a segment in seconds."""
+        """Return start and length of a segment in seconds."""
         first = index * _SEGMENT * PACKET
         return first / RATE, min(_SEGMENT * PACKET, self.samples - first) / RATE
 
 
 class SoundEncoder:
-    """Sound at `RATE` samples a second, as it comes, to segments.
+    """Streaming encoder of sound at `RATE` samples per second. The same samples give the same bytes on one machine.
 
-    channels: 1 or 2. first: the segment to begin with; the samples from `begin` on are wanted, a second before it, in which an encoder
-    comes into step. The same samples give the same bytes on one machine. Raises `MissingDependencyError` without libopus.
+    Args:
+        channels: 1 or 2.
+        first: Number of the first segment. Pass samples from `begin` on, one second earlier, so that the encoder
+            settles.
+
+    Raises:
+        MissingDependencyError: PyAV has no libopus.
     """
 
     def __init__(self, channels: int, first: int = 0) -> None:
@@ -67,21 +82,21 @@ class SoundEncoder:
         self.samples = self.begin
         self._context, self._next = context, first
         self._delay = int.from_bytes((context.extradata or bytes(12))[10:12], "little")
-        # What goes in comes out of a decoder `delay` samples later. So much silence goes before it that it comes out with the second
-        # packet; the first is left out, and then packet k decodes to the samples from k * PACKET on.
+        # A decoder outputs samples `delay` samples late. Silence before them shifts them to the start of the second packet. The first
+        # packet is dropped, so that packet k decodes to the samples from k * PACKET on.
         self._unwanted = 1 + first * _SEGMENT - self.begin // PACKET
         self._rest = np.zeros((PACKET - self._delay, channels), np.float32)
         self._packets: list[bytes] = []
 
     def add(self, block: np.ndarray) -> list[bytes]:
-        """The segments that are complete with [n, channels] float32, -1..1, in order."""
+        """Encode samples [n, channels] float32, -1..1, and return the segments that are complete."""
         block = np.asarray(block, np.float32).reshape(-1, self.channels)
         self.samples += len(block)
         self._encode(block)
         return self._complete(_SEGMENT)
 
     def finish(self) -> list[bytes]:
-        """The segments that are left. The last packet is filled up with silence."""
+        """Return the remaining segments. The last packet is padded with silence."""
         self._encode(np.zeros((self._delay + PACKET, self.channels), np.float32))
         self._take(self._context.encode(None))
         count = max(-(-self.samples // PACKET) - self._next * _SEGMENT, 0)
@@ -106,7 +121,7 @@ class SoundEncoder:
                 self._packets.append(bytes(packet))
 
     def _complete(self, least: int) -> list[bytes]:
-        """Segments of the packets there are, the last of at least so many."""
+        """Return segments of the available packets; the last needs at least `least` packets."""
         made = []
         while len(self._packets) >= least:
             part, self._packets = self._packets[:_SEGMENT], self._packets[_SEGMENT:]
@@ -116,10 +131,15 @@ class SoundEncoder:
 
 
 def encode_sound(blocks: Iterable[np.ndarray], channels: int) -> EncodedSound:
-    """Encode sound at `RATE` samples a second from the reel's time 0 on; the same samples give the same bytes on one machine.
+    """Encode sound from the reel's time 0 on. The same samples give the same bytes on one machine.
 
-    blocks: [n, channels] float32, -1..1, in order; channels: 1 or 2. The last packet is filled up with silence.
-    Raises `MissingDependencyError` without libopus, `ReelError` for no sample at all.
+    Args:
+        blocks: Samples in order, [n, channels] float32, -1..1.
+        channels: 1 or 2.
+
+    Raises:
+        MissingDependencyError: PyAV has no libopus.
+        ReelError: There are no samples.
     """
     encoder = SoundEncoder(channels)
     segments = [made for block in blocks for made in encoder.add(block)]
@@ -130,9 +150,10 @@ def encode_sound(blocks: Iterable[np.ndarray], channels: int) -> EncodedSound:
 
 
 def decode_sound(init: bytes, segments: list[bytes], channels: int) -> Iterator[tuple[int, np.ndarray]]:
-    """What consecutive segments hold, packet by packet: the reel's time in samples, and [n, channels] float32.
+    """Yield the packets of consecutive segments: time in samples, and samples [n, channels] float32.
 
-    Raises `ReelError` if they are anything else than sound of so many channels.
+    Raises:
+        ReelError: The data is not sound with this number of channels.
     """
     data = init + b"".join(segments)
     check_samples(data, len(data))
@@ -156,7 +177,7 @@ def decode_sound(init: bytes, segments: list[bytes], channels: int) -> Iterator[
 
 
 def check_sound_size(segment: SoundSegment) -> None:
-    """Raises `ReelError` for a segment of so many bytes that it cannot be Opus: who reads a second shall not read a gigabyte."""
+    """Raise `ReelError` for a segment with too many bytes for Opus, before it is downloaded."""
     if segment.asset.bytes > _MOST_BYTES + _MOST_A_SECOND * segment.seconds:
         raise ReelError(
             f"{segment.asset.uri}: has {segment.asset.bytes} bytes for {segment.seconds:g} s, too many for Opus."
@@ -164,9 +185,13 @@ def check_sound_size(segment: SoundSegment) -> None:
 
 
 def write_sound(writer: ReelWriter, sound: EncodedSound | None, position: Vec3 | None = None) -> None:
-    """Give a reel that is being written this sound, or none; before its first group, so that it has it from then on.
+    """Write sound, or none, into a reel before its first group.
 
-    position: where it comes from, world units; None: from everywhere. What a live reel has dropped already stays away.
+    Args:
+        writer: Writer of the reel.
+        sound: Sound to write; None removes the sound.
+        position: Position of the source, world units; None if the sound has no position. Segments that a live reel has
+            dropped are not written again.
     """
     manifest, before = writer.manifest, writer.manifest.presentation
     described = describe_sound(sound, position).trimmed_before(manifest.first_frame / manifest.fps) if sound else None
@@ -181,13 +206,13 @@ def write_sound(writer: ReelWriter, sound: EncodedSound | None, position: Vec3 |
 
 
 def sound_files(sound: EncodedSound) -> dict[str, bytes]:
-    """By uri."""
+    """Return the sound files by URI."""
     segments = {f"sound/{index:04d}.m4s": data for index, data in enumerate(sound.segments)}
     return {"sound/init.mp4": sound.init} | segments
 
 
 def describe_sound(sound: EncodedSound, position: Vec3 | None) -> Sound:
-    """What the manifest says of it."""
+    """Return the manifest's description of sound."""
     init, *assets = (
         Asset(uri, len(data), hashlib.sha256(data).hexdigest()) for uri, data in sound_files(sound).items()
     )
@@ -200,7 +225,7 @@ def _are_there(folder: Path, contents: dict[str, bytes]) -> bool:
 
 
 def _samples(frame: av.AudioFrame) -> np.ndarray:
-    """[n, channels] float32."""
+    """Return the samples of a frame, [n, channels] float32."""
     pcm = frame.to_ndarray()
     pcm = pcm.T if frame.format.is_planar else pcm.reshape(-1, frame.layout.nb_channels)
     return pcm / np.float32(1 << 15) if frame.format.name.startswith("s16") else pcm

@@ -1,4 +1,4 @@
-"""What an earlier run has published of a reel in a folder of this machine, and what of it is whole."""
+"""State of a reel that an earlier run wrote on this machine: its manifest, damaged files and leftover files."""
 
 from __future__ import annotations
 
@@ -17,7 +17,11 @@ _NUMBERED = re.compile(r"(?:layers|groups|pages)/(\d+)(?:\.[A-Za-z0-9_-]+)?\.(?:
 
 
 def read_written_manifest(folder: Path) -> Manifest | None:
-    """The manifest in a folder, up to its first damaged page; None where there is none. Raises `ReelError`."""
+    """Return the manifest in a folder up to its first damaged page, or None without a manifest.
+
+    Raises:
+        ReelError: The manifest is invalid or cannot be read.
+    """
     file = folder / MANIFEST
     try:
         return parse_manifest(file.read_bytes(), str(file), open_source(folder).read, whole=False)
@@ -28,16 +32,17 @@ def read_written_manifest(folder: Path) -> Manifest | None:
 
 
 def first_damaged_group(folder: Path, manifest: Manifest) -> int:
-    """The number of the first group that is not whole, or lacks a layer that is; the next group's where all are.
+    """Return the number of the first group with a damaged file or layer, or of the next group if all are intact.
 
-    Raises `ReelError` where a file cannot be read.
+    Raises:
+        ReelError: A file cannot be read.
     """
     broken = [entry.group for entry in manifest.files if not is_intact(folder, entry)]
     return max(min(broken, default=manifest.end_group), manifest.first_group)
 
 
 def is_intact(folder: Path, entry: FileEntry | Asset) -> bool:
-    """Whether a file has the bytes that the manifest says. Raises `ReelError` where it cannot be read."""
+    """Return whether a file has the length and digest of its entry. Raise `ReelError` if it cannot be read."""
     path, digest = folder / entry.uri, hashlib.sha256()
     try:
         if path.stat().st_size != entry.bytes:
@@ -53,7 +58,13 @@ def is_intact(folder: Path, entry: FileEntry | Asset) -> bool:
 
 
 def find_leftover_files(folder: Path, manifest: Manifest, cut: bool) -> list[str]:
-    """Files of dropped groups, and pages, that were to be deleted when the writer was killed. cut: also what follows the last group."""
+    """Return files of dropped groups, and pages, that a killed writer did not delete.
+
+    Args:
+        folder: Folder of the reel.
+        manifest: Manifest of the reel.
+        cut: Include files after the last group.
+    """
     found, named = [], manifest.uris
     for path in (path for kind in ("layers", "groups", "pages") for path in (folder / kind).glob("*")):
         uri = path.relative_to(folder).as_posix()

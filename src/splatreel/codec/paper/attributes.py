@@ -1,4 +1,4 @@
-"""Values of points, one row a point, as a section: quantized (paper section 4.3), as they are, or as pictures (V3)."""
+"""Sections with one row of values per point: quantized (paper section 4.3), float32, or as images (V3)."""
 
 from __future__ import annotations
 
@@ -14,7 +14,14 @@ from splatreel.errors import ReelError
 def encode_values(
     values: np.ndarray, bits: int | None, *, log: bool = False, crf: int | None = None
 ) -> tuple[bytes, Parameters]:
-    """Encode values [N, C]: with so many bits, as float32 (`None`), or, if there is a crf, as pictures. log: of positive values."""
+    """Encode values [N, C].
+
+    Args:
+        values: One row per point.
+        bits: Bits per value; None stores float32.
+        log: Quantize logarithms of positive values.
+        crf: Rate factor of H.265; None does not store the values as images.
+    """
     if crf is not None:
         return _encode_pictures(values, log, crf)
     if bits is None:
@@ -23,7 +30,7 @@ def encode_values(
 
 
 def decode_values(data: bytes, parameters: Parameters, rows: int, columns: int) -> np.ndarray:
-    """The values [rows, columns] float32, by the section's codec. Raises `ReelError`."""
+    """Decode values [rows, columns] float32 with the section's codec. Raise `ReelError` if the section is damaged."""
     codec = parameters.get("codec")
     if codec == "linear":
         return quantize.decode_linear(data, parameters, rows, columns)
@@ -35,7 +42,7 @@ def decode_values(data: bytes, parameters: Parameters, rows: int, columns: int) 
 
 
 def _encode_pictures(values: np.ndarray, log: bool, crf: int) -> tuple[bytes, Parameters]:
-    """One picture of 8 bits a column, all in one HEVC track."""
+    """Encode each column as an image of 8 bits, all in one HEVC track."""
     columns = np.asarray(values, np.float64)
     if log:
         columns = np.log2(np.maximum(columns, np.finfo(np.float32).tiny))

@@ -1,7 +1,10 @@
-"""Positions as a Draco point cloud (paper section 4.3, QP_DRC), in Morton order.
+"""Positions as a Draco point cloud in Morton order (QP_DRC).
 
-Draco gets whole numbers, not meters: its own float arithmetic then is exact, and every decoder, whatever its language,
-sorts exactly the same points.
+Draco receives integers, for which its float arithmetic is exact. Every decoder, in any language, then sorts the same
+points.
+
+Source:
+    Paper, section 4.3.
 """
 
 from __future__ import annotations
@@ -16,13 +19,14 @@ from splatreel.codec.quantize import Parameters, integer, number, numbers
 from splatreel.errors import ReelError
 
 _KD_TREE_LEVEL = 10
-"""From level 7 Draco codes point clouds by a kd-tree, about 10 % smaller than in sequence."""
+"""From level 7 Draco encodes point clouds with a kd-tree, about 10 % smaller than sequentially."""
 
 
 def encode_draco(means: np.ndarray, bits: int) -> tuple[bytes, Parameters, np.ndarray]:
-    """Encode positions means [N, 3], N >= 1, finite.
+    """Encode finite positions [N, 3], N >= 1.
 
-    Returns the section's bytes, its parameters, and order [N]: order[i] is the input point that is decoded as point i.
+    Returns:
+        The section's bytes, its parameters, and order [N]: order[i] is the input point that is decoded as point i.
     """
     if not 4 <= bits <= morton.MAX_BITS:
         raise ReelError(f"Positions of {bits} bits cannot be encoded. Use 4 to {morton.MAX_BITS}.")
@@ -33,7 +37,7 @@ def encode_draco(means: np.ndarray, bits: int) -> tuple[bytes, Parameters, np.nd
     q = _separate(np.rint((means - low) / extent * steps).astype(np.int64), bits)
     order = np.argsort(morton.encode(q), kind="stable")
     data = DracoPy.encode(
-        q[order].astype(np.float32),  # sorted: the bytes then do not depend on the order in which points come
+        q[order].astype(np.float32),  # sorted, so that the bytes do not depend on the input order
         quantization_bits=bits,
         compression_level=_KD_TREE_LEVEL,
         quantization_range=float(steps),
@@ -46,14 +50,14 @@ def encode_draco(means: np.ndarray, bits: int) -> tuple[bytes, Parameters, np.nd
 
 
 def decode_draco(data: bytes, parameters: Parameters, count: int) -> np.ndarray:
-    """Positions [count, 3] float32 in Morton order. Raises `ReelError`."""
+    """Decode positions [count, 3] float32 in Morton order. Raise `ReelError` if the section is damaged."""
     bits = integer(parameters, "bits", 4, morton.MAX_BITS)
     low, extent = numbers(parameters, "min", 3), number(parameters, "range", 0, 1e30)
     return (low + _decode_quantized(data, bits, count) * (extent / ((1 << bits) - 1))).astype(np.float32)
 
 
 def _decode_quantized(data: bytes, bits: int, count: int) -> np.ndarray:
-    """Whole numbers [count, 3] int64, sorted by Morton code."""
+    """Decode integers [count, 3] int64, sorted by Morton code."""
     _check_header(data, count)
     try:
         positions = np.asarray(DracoPy.decode(data).points)
@@ -68,13 +72,13 @@ def _decode_quantized(data: bytes, bits: int, count: int) -> np.ndarray:
 
 
 def _check_header(data: bytes, count: int) -> None:
-    """Refuse what is no plain point cloud of `count` points before the decoder allocates anything for it."""
+    """Refuse anything but a plain point cloud of `count` points before the decoder allocates memory."""
     if len(data) < 15 or data[:5] != b"DRACO":
         raise ReelError("is not a Draco file.")
     kind, _, flags = struct.unpack_from("<BBH", data, 7)
     if kind != 0 or flags & 0x8000:
         raise ReelError("is not a plain Draco point cloud.")
-    if len(data) < 21 or data[15] != 1 or data[16] != 1 or data[19] != 3:  # each number of an attribute takes memory
+    if len(data) < 21 or data[15] != 1 or data[16] != 1 or data[19] != 3:  # further attributes would take memory
         raise ReelError("is a Draco cloud of more than positions.")
     (points,) = struct.unpack_from("<i", data, 11)
     if points != count:
@@ -82,9 +86,9 @@ def _check_header(data: bytes, count: int) -> None:
 
 
 def _separate(q: np.ndarray, bits: int) -> np.ndarray:
-    """Move points that share a cell of the grid to free cells next to it: Draco keeps only one of equal points.
+    """Move points that share a grid cell to free neighboring cells, because Draco keeps only one of equal points.
 
-    A cell is a millionth of the scene, so nobody sees the move; clones of 3DGS do coincide.
+    3DGS clones do coincide. A cell is a millionth of the scene, so the move is invisible.
     """
     top = (1 << bits) - 1
     for _ in range(64):

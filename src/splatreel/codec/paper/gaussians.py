@@ -1,4 +1,8 @@
-"""The paper's coding of Gaussians (section 4.3) as sections: quantized attributes, SH codebook, Draco positions."""
+"""The paper's coding of Gaussians as sections: quantized attributes, SH codebook, Draco positions.
+
+Source:
+    Paper, section 4.3.
+"""
 
 from __future__ import annotations
 
@@ -18,11 +22,20 @@ from splatreel.scene.gaussians import Gaussians
 def encode_gaussians(
     gaussians: Gaussians, config: EncodeConfig, placed: bool = True, weights: np.ndarray | None = None
 ) -> tuple[Sections, np.ndarray]:
-    """Sections of the points, and order [N]: order[i] is the input point that is decoded as point i.
+    """Encode points as sections. Zero points give zero sections.
 
-    weights: [N] >= 0, how much the pictures depend on each point's color, for `H265Config.weighted_codebook`; None: all the same.
-    placed: with `means` and `quats`; without them another section says where the points are. No points, no sections.
-    Raises `GaussiansError` for NaN and infinity.
+    Args:
+        gaussians: Points to encode.
+        config: Encoding settings.
+        placed: Store `means` and `quats`; otherwise another section holds positions and rotations.
+        weights: Effect of each point's color on the images, [N], for `H265Config.weighted_codebook`; None weighs all
+            equally.
+
+    Returns:
+        The sections, and order [N]: order[i] is the input point that is decoded as point i.
+
+    Raises:
+        GaussiansError: A value is NaN or infinite.
     """
     gaussians.check_finite("Gaussians to encode")
     if len(gaussians) > MAX_POINTS:
@@ -48,11 +61,11 @@ def encode_gaussians(
 
 
 Placed = tuple[np.ndarray, np.ndarray]
-"""Positions [N, 3] and unit quaternions [N, 4] of points whose file does not have them in sections of their own."""
+"""Positions [N, 3] and unit quaternions [N, 4] of points whose file has no sections for them."""
 
 
 def decode_gaussians(sections: Sections, count: int, placed: Placed | None = None) -> Gaussians:
-    """The `count` points of a file's sections, in reel order. Raises `ReelError` that names the section."""
+    """Decode the `count` points of a file in reel order. Raise `ReelError` with the name of the damaged section."""
     if not 0 <= count <= MAX_POINTS:
         raise ReelError(f"claims {count} points, more than the {MAX_POINTS} a file may hold.")
     if not count:
@@ -72,7 +85,10 @@ def decode_gaussians(sections: Sections, count: int, placed: Placed | None = Non
 
 
 def _encode_means(means: np.ndarray, bits: int | None) -> tuple[Sections, np.ndarray]:
-    """Section `means` and the order of the points; float32 in the order that a Draco point cloud of them would have, without bits."""
+    """Encode the section `means` and return it with the order.
+
+    Without bits, float32 positions are stored in the order of a Draco point cloud.
+    """
     data, parameters, order = draco_points.encode_draco(means, bits or morton.MAX_BITS)
     if bits is None:
         data, parameters = quantize.encode_float32(means[order])
@@ -88,7 +104,7 @@ def _decode_means(sections: Sections, count: int) -> np.ndarray:
 
 
 def _encode_rest(gaussians: Gaussians, config: EncodeConfig, weights: np.ndarray | None) -> Sections:
-    """`sh_rest`, by itself or as indices into `sh_codebook`; few points get few entries, so that it does not outweigh the indices."""
+    """Encode `sh_rest`, directly or as indices into `sh_codebook`. The codebook shrinks with the number of points."""
     rest = gaussians.sh[:, 1:].reshape(len(gaussians), -1)
     degree: Parameters = {"degree": gaussians.sh_degree}
     how = config.h265
@@ -97,7 +113,7 @@ def _encode_rest(gaussians: Gaussians, config: EncodeConfig, weights: np.ndarray
         return {"sh_rest": Section(data, parameters | degree)}
     entries = min(config.sh_entries, max(1, len(gaussians) // 4))
     if weights is not None:
-        weights = weights / max(float(weights.mean()), 1e-30) + 1e-4  # what nobody sees still has to be somewhere
+        weights = weights / max(float(weights.mean()), 1e-30) + 1e-4  # points that no camera sees keep a small weight
     codebook = vector.kmeans(rest, entries, weights=weights)
     nearest, _ = vector.assign(rest, codebook)
     bits = max(1, (len(codebook) - 1).bit_length())
@@ -108,7 +124,7 @@ def _encode_rest(gaussians: Gaussians, config: EncodeConfig, weights: np.ndarray
 
 
 def _decode_rest(sections: Sections, count: int) -> np.ndarray:
-    """c_rest, [N, (degree + 1)^2 - 1, 3]."""
+    """Decode c_rest, [N, (degree + 1)^2 - 1, 3]."""
     rest = sections["sh_rest"]
     if rest.parameters.get("codec") != "vq":
         return _values(sections, "sh_rest", count, _coefficients(rest, "sh_rest")).reshape(count, -1, 3)

@@ -1,4 +1,4 @@
-"""The Karhunen-Loeve transform: samples as few coefficients in a basis of their own, which is stored with them (docs/format.md)."""
+"""Karhunen-Loeve transform: samples as few coefficients in a basis that is stored with them (docs/format.md)."""
 
 from __future__ import annotations
 
@@ -12,17 +12,17 @@ from splatreel.jit import EXACT
 
 _MAX_SHIFT = 20
 MOST_NUMBERS = 1 << 20
-"""In a basis: one of zeros takes no bytes, however large it claims to be."""
+"""Maximum size of a basis. A basis of zeros takes no bytes, however large it claims to be."""
 _BLOCK = 32
-"""Points whose sums are kept at hand before they are written out frame by frame."""
+"""Points whose sums stay in the cache before they are written frame by frame."""
 _SPARE = 8
-"""Rounding the basis costs at most about this fraction of a step."""
+"""Inverse of the rounding error of the basis, in steps."""
 
 
 def analyze(samples: np.ndarray, step: float) -> tuple[np.ndarray, list[int]]:
-    """The basis [D, K] int64 of samples [M, D] and shifts [K]: column k in units of 2^-shifts[k].
+    """Return the basis [D, K] int64 of samples [M, D] and shifts [K]; column k has units of 2^-shifts[k].
 
-    Directions in which the samples spread by less than a twentieth of a step are left out; K is at least 1, K D at most `MOST_NUMBERS`.
+    Directions with a spread below a twentieth of a step are dropped. K is at least 1, and K D at most `MOST_NUMBERS`.
     """
     spread, basis = np.linalg.eigh(samples.T @ samples / max(len(samples), 1))
     spread, basis = np.sqrt(np.maximum(spread[::-1], 0)), basis[:, ::-1]
@@ -32,18 +32,19 @@ def analyze(samples: np.ndarray, step: float) -> tuple[np.ndarray, list[int]]:
 
 
 def coefficients(samples: np.ndarray, basis: np.ndarray, shifts: list[int]) -> np.ndarray:
-    """What samples [M, D] are in the rounded basis, [M, K]."""
+    """Return the coefficients [M, K] of samples [M, D] in the rounded basis."""
     return samples @ np.linalg.pinv(real(basis, shifts)).T
 
 
 def real(basis: np.ndarray, shifts: list[int]) -> np.ndarray:
+    """Return the basis as float64."""
     return basis * 2.0 ** -np.array(shifts)
 
 
 def columns_of(found: np.ndarray) -> np.ndarray:
-    """The order [K C] of the coefficients [N, K, C], as k C + c: large ones first, but those of a channel in the order of the basis.
+    """Return the order [K C] of coefficients [N, K, C], as k C + c: large ones first, and those of a channel in the order of the basis.
 
-    What is small in all points then comes last, and few of them have it.
+    Columns that are small for all points come last, where few points store them.
     """
     sizes = np.abs(found).mean(0)
     falling = np.maximum.accumulate(sizes[::-1])[::-1]
@@ -51,7 +52,7 @@ def columns_of(found: np.ndarray) -> np.ndarray:
 
 
 def decode_columns(data: bytes, count: int, kinds: int, channels: int) -> np.ndarray:
-    """Which of the channels each of `count` columns is of; at most `kinds`, those of the basis, of each. Raises `ReelError`."""
+    """Decode the channel of each of `count` columns. Raise `ReelError` if a channel has more than `kinds` columns."""
     stream = Stream(data, 1)
     columns = stream.read(count)
     stream.finish()
@@ -61,12 +62,12 @@ def decode_columns(data: bytes, count: int, kinds: int, channels: int) -> np.nda
 
 
 def encode_basis(basis: np.ndarray) -> bytes:
-    """Column after column."""
+    """Encode a basis column by column."""
     return entropy_encode(zigzag(basis.T.ravel()), np.zeros(basis.size, np.int64), 1)
 
 
 def decode_basis(data: bytes, parameters: Parameters, name: str, dimensions: int) -> np.ndarray:
-    """The basis [dimensions, K] float64 whose shifts are the parameter `name`. Raises `ReelError`."""
+    """Decode the basis [dimensions, K] float64 whose shifts are the parameter `name`. Raise `ReelError` if it is damaged."""
     shifts = parameters.get(name)
     if not isinstance(shifts, list) or not 1 <= len(shifts) <= dimensions:
         raise ReelError(f"has {name} that are not 1 to {dimensions} numbers.")
@@ -80,9 +81,14 @@ def decode_basis(data: bytes, parameters: Parameters, name: str, dimensions: int
 
 
 def expand(found: np.ndarray, ends: np.ndarray, basis: np.ndarray, columns: np.ndarray, channels: int) -> np.ndarray:
-    """[D, N, C] float32 of coefficients [N, L], of which a point has the first `ends` [N], in a basis [D, K].
+    """Return values [D, N, C] float32 of coefficients.
 
-    columns: [L] the channel of each; the first of a channel is of the first vector of the basis, and so on.
+    Args:
+        found: Coefficients, [N, L].
+        ends: Number of coefficients that each point has, [N].
+        basis: Basis, [D, K].
+        columns: Channel of each column, [L]. The n-th column of a channel belongs to the n-th vector of the basis.
+        channels: Number of channels C.
     """
     result = np.empty((len(basis), len(found), channels), np.float32)
     vectors = np.array([(columns[:place] == channel).sum() for place, channel in enumerate(columns)], np.int64)

@@ -1,4 +1,4 @@
-"""Sections of the codec `klt`: many values a point, transformed to few coefficients in a basis that is stored with them."""
+"""Sections of the codec `klt`: values per point as few coefficients in a basis that is stored with them."""
 
 from __future__ import annotations
 
@@ -18,13 +18,17 @@ from splatreel.codec.section import Section
 from splatreel.errors import ReelError
 
 _STREAMS = struct.Struct("<IIII")
-"""Bytes of the four streams: basis, channels of the columns, numbers of columns, coefficients."""
+"""Lengths of the four streams: basis, channels of the columns, numbers of columns, coefficients."""
 _BLOCK_VALUES = 1 << 18
-"""Values that are worked on at a time."""
+"""Values processed at a time."""
 
 
 def encode_klt(kind: int, values: np.ndarray, step: float, predictor: Predictor) -> tuple[Section, np.ndarray]:
-    """Values [N, D, C]: D is what the transform is over, the C channels share its basis. Also gives them as decoded, [D, N, C]."""
+    """Encode values [N, D, C]. The transform is over D, and the C channels share its basis.
+
+    Returns:
+        The section, and the values as decoded, [D, N, C].
+    """
     count, dimensions, channels = values.shape
     samples = values.transpose(0, 2, 1).reshape(-1, dimensions)
     basis, shifts = klt.analyze(samples, step)
@@ -33,7 +37,7 @@ def encode_klt(kind: int, values: np.ndarray, step: float, predictor: Predictor)
     wanted = found.reshape(count, -1)[:, order]
     ends = ends_of(wanted, classes)
     order = order[: max(int(ends.max()), 1)]
-    kinds = int((order // channels).max()) + 1  # of the basis, what some point has
+    kinds = int((order // channels).max()) + 1  # vectors of the basis that some point uses
     basis, shifts, columns = basis[:, :kinds], shifts[:kinds], order % channels
     body, kept = encode_lod(wanted[:, : len(order)], predictor.levels, classes, ends)
     streams = (
@@ -49,7 +53,15 @@ def encode_klt(kind: int, values: np.ndarray, step: float, predictor: Predictor)
 
 @dataclass(frozen=True)
 class Coefficients:
-    """A `klt` section before the transform back: found [N, L], of which points have the first ends [N]; see `klt.expand`."""
+    """Decoded `klt` section before the inverse transform; see `klt.expand`.
+
+    Attributes:
+        found: Coefficients, [N, L].
+        ends: Number of coefficients that each point has, [N].
+        basis: Basis, [D, K].
+        columns: Channel of each column, [L].
+        channels: Number of channels C.
+    """
 
     found: np.ndarray
     ends: np.ndarray
@@ -58,12 +70,12 @@ class Coefficients:
     channels: int
 
     def expand(self, some: slice) -> np.ndarray:
-        """Values [D, n, C] float32 of some of the points: a group's are large, and what is made of them is needed beside them."""
+        """Return the values [D, n, C] float32 of a slice of the points, which limits the memory for large groups."""
         return klt.expand(self.found[some], self.ends[some], self.basis, self.columns, self.channels)
 
 
 def decode_klt(kind: int, section: Section, dimensions: int, channels: int, predictor: Predictor) -> Coefficients:
-    """What the section holds of values [D, N, C]. Raises `ReelError`."""
+    """Decode the coefficients of values [D, N, C]. Raise `ReelError` if the section is damaged."""
     data, parameters = section.data, section.parameters
     sizes = _STREAMS.unpack_from(data) if len(data) >= _STREAMS.size else (0,) * 4
     if _STREAMS.size + sum(sizes) != len(data):
@@ -82,6 +94,6 @@ def decode_klt(kind: int, section: Section, dimensions: int, channels: int, pred
 
 
 def blocks(count: int, dimensions: int) -> Iterator[slice]:
-    """Slices of points of which `dimensions` values each are worked on at a time."""
+    """Return slices of points for processing `dimensions` values per point."""
     size = max(_BLOCK_VALUES // dimensions, 1)
     return (slice(first, min(first + size, count)) for first in range(0, count, size))

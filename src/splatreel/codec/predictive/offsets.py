@@ -1,4 +1,4 @@
-"""Offsets in the predictive codec: motion of points over a group as few coefficients in a basis of the group's own."""
+"""Offsets in the predictive codec: motion over a group as few coefficients in the group's own basis."""
 
 from __future__ import annotations
 
@@ -17,10 +17,17 @@ from splatreel.scene import rotations
 def encode_offsets(
     dx: np.ndarray, dq: np.ndarray, points: EncodedPoints, config: EncodeConfig, steps: Steps
 ) -> Sections:
-    """Sections `dx` and `dq` of offsets dx [T, N, 3] and dq [T, N, 4] in the order of the input points.
+    """Encode the sections `dx` and `dq`.
 
-    Rotations are stored about the world's axes, since neighbors turn alike about them. Each section is decoded again, and its
-    largest error, of a coordinate in world units or of a rotation in radians, is stored.
+    Rotations are stored about the world's axes, because neighbors turn alike about them. Each section is decoded again,
+    and its largest error is stored: of a coordinate in world units, or of a rotation in radians.
+
+    Args:
+        dx: Position offsets, [T, N, 3], in the order of the input points.
+        dq: Rotation offsets, [T, N, 4], in the order of the input points.
+        points: Encoded points.
+        config: Encoding settings.
+        steps: Quantization steps at a coarseness of 1.
     """
     predictor = points.predictor
     moves = np.asarray(dx, np.float64)[:, points.order].transpose(1, 0, 2)
@@ -38,7 +45,7 @@ def encode_offsets(
 def decode_offsets(
     sections: Sections, frames: int, quats: np.ndarray, predictor: Predictor
 ) -> tuple[np.ndarray, np.ndarray]:
-    """dx [T, N, 3] and unit dq [T, N, 4], float32, of points turned by quats [N, 4]. Raises `ReelError`."""
+    """Decode dx [T, N, 3] and unit dq [T, N, 4], float32, of points with rotations quats [N, 4]. Raise `ReelError` if damaged."""
     count = len(quats)
     dx = named("dx", decode_klt, MOTION, section_of(sections, "dx", "klt"), frames, 3, predictor).expand(
         slice(0, count)

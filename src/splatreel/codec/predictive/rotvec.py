@@ -1,4 +1,4 @@
-"""Rotation vectors: the axis of a rotation times its angle, radians. They add up where rotations are small."""
+"""Rotation vectors: axis times angle in radians. For small rotations they are additive."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from splatreel.jit import EXACT
 
 
 def of_quats(quats: np.ndarray) -> np.ndarray:
-    """Vectors [T, N, 3] of unit quaternions [T, N, 4]: of all that mean one rotation, those nearest to the frame before's."""
+    """Return vectors [T, N, 3] of unit quaternions [T, N, 4], choosing the equivalent rotation nearest to the frame before."""
     quats = np.where(quats[..., :1] < 0, -quats, quats)
     sine = np.linalg.norm(quats[..., 1:], axis=-1, keepdims=True)
     angle = 2 * np.arctan2(sine, quats[..., :1])
@@ -25,8 +25,9 @@ def of_quats(quats: np.ndarray) -> np.ndarray:
 
 @njit(**EXACT)
 def expand(vectors, turns):
-    """Unit quaternions [T, N, 4] float32 of vectors [T, N, 3] float32 about the world's axes, about those that turns [N, 3, 3] made of
-    them; fast where they are zero.
+    """Return unit quaternions [T, N, 4] float32 of vectors [T, N, 3] float32 about the world's axes.
+
+    The result is about the axes that turns [N, 3, 3] made of the world's. Zero vectors are fast.
     """
     frames, count, _ = vectors.shape
     quats = np.empty((frames, count, 4), np.float32)
