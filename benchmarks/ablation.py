@@ -19,9 +19,8 @@ from splatreel.cli.options import parse_frames
 from splatreel.codec.info import reel_info
 from splatreel.config import Quality, preset
 from splatreel.config.settings import changed
-from splatreel.evaluation.moving import median_pictures, moving_pixels
-from splatreel.evaluation.oracle import HeldOutPictures, held_out_views
-from splatreel.evaluation.oracle_report import Score
+from splatreel.evaluation.bench.oracle import HeldOutPictures, held_out_views, median_pictures, moving_pixels
+from splatreel.evaluation.bench.oracle_report import Score
 from splatreel.play.timeline import open_reel
 from splatreel.process import keep_freed_memory
 from splatreel.progress import console

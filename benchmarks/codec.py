@@ -10,10 +10,9 @@ import tyro
 
 from record import record
 from splatreel.capture.opening import open_capture
-from splatreel.evaluation.bd_rate import bd_rate
+from splatreel.evaluation.bench.paper_tables import paper_tables
+from splatreel.evaluation.bench.rate_distortion import Sweep, bd_rate, curves, rate_distortion_points, sweep_of, table
 from splatreel.evaluation.evaluate import reel_width
-from splatreel.evaluation.paper_tables import paper_tables
-from splatreel.evaluation.rate_distortion import Sweep, curves, rate_distortion_points, sweep_of, table
 from splatreel.progress import Silent
 
 

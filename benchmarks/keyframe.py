@@ -16,8 +16,8 @@ from splatreel.capture.base import Capture
 from splatreel.capture.opening import open_capture
 from splatreel.config import Config, Quality, preset
 from splatreel.config.settings import changed
+from splatreel.evaluation.bench.oracle import held_out_views
 from splatreel.evaluation.metrics import psnr
-from splatreel.evaluation.oracle import held_out_views
 from splatreel.kernels.image import render_image
 from splatreel.motion.temporal_mean import temporal_mean
 from splatreel.process import keep_freed_memory

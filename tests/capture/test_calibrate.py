@@ -9,9 +9,8 @@ from scipy.spatial.transform import Rotation
 from splatreel.capture.builtin import toyroom
 from splatreel.capture.builtin.raytracer import trace_frame, trace_static
 from splatreel.capture.builtin.synthetic import TARGET, make_capture
-from splatreel.capture.calibrate import _Solver, calibrate
+from splatreel.capture.calibrate import _Solver, calibrate, check_photos
 from splatreel.capture.calibration_agreement import CalibratedCamera
-from splatreel.capture.connecting_photos import check_photos
 from splatreel.capture.opening import open_capture
 from splatreel.capture.sidecar import Sidecar, read_sidecar, write_failure
 from splatreel.errors import CaptureError

@@ -210,7 +210,10 @@ class Publication:
             raise ReelError(f"{self.reel / uri}: cannot be read ({error.strerror}).") from error
 
     def _remove_unreferenced(self, named: set[str]) -> int:
-        """Delete files past their grace period and return their number. A file beside the manifest records when they were last referenced."""
+        """Delete files past their grace period and return their number.
+
+        A file beside the manifest records when they were last referenced.
+        """
         there, now, noted = self._list_folder(), self._clock(), self._read_record()
         left = {name: noted.get(name, now) for name in sorted(there) if is_published_name(name) and name not in named}
         if left.keys() != noted.keys():

@@ -8,6 +8,7 @@ from dataclasses import asdict, replace
 from pathlib import Path
 
 import numpy as np
+from PIL import Image
 
 from splatreel.capture.base import Capture
 from splatreel.codec.info import ReelInfo, reel_info
@@ -15,14 +16,13 @@ from splatreel.codec.manifest import Manifest
 from splatreel.codec.reader import ReelReader
 from splatreel.errors import UsageError
 from splatreel.evaluation import perceptual
-from splatreel.evaluation.comparison import comparison, write_png
 from splatreel.evaluation.flicker import Flicker, border_frames
 from splatreel.evaluation.metrics import psnr, psnr_per_channel, ssim
 from splatreel.evaluation.report import Quality, Report
 from splatreel.play.timeline import Timeline
 from splatreel.process import peak_memory_bytes
 from splatreel.progress import Progress, Silent
-from splatreel.scene.atomic import sweep
+from splatreel.scene.atomic import replacing, sweep
 from splatreel.scene.camera import Camera, angles_apart
 from splatreel.scene.gaussians import Gaussians
 
@@ -225,3 +225,21 @@ def check_unseen(manifest: Manifest, views: Sequence[Camera], reel: str) -> None
 def reel_width(reel: str | Path) -> int:
     """Width in pixels of the images that the reel was made from."""
     return ReelReader(reel).manifest.camera.width
+
+
+ERROR_GAIN = 4
+"""The error is shown four times as bright: 1/4 of the range is white."""
+
+
+def comparison(truth: np.ndarray, render: np.ndarray) -> np.ndarray:
+    """Truth, render and amplified absolute error side by side. Two float images [H, W, 3] 0..1 -> uint8 [H, 3 W, 3]."""
+    error = np.abs(truth - render) * ERROR_GAIN
+    strip = np.concatenate([truth, render, error], axis=1)
+    return (np.clip(strip, 0, 1) * 255 + 0.5).astype(np.uint8)
+
+
+def write_png(path: Path, image: np.ndarray) -> None:
+    """Write a uint8 [H, W, 3] image, at once."""
+    path.parent.mkdir(parents=True, exist_ok=True)
+    with replacing(path) as temporary:
+        Image.fromarray(image).save(temporary, format="PNG")

@@ -15,7 +15,7 @@ _URL = re.compile(r"[A-Za-z][A-Za-z0-9+.-]+://", re.ASCII)
 
 
 def is_url(text: str) -> bool:
-    """Return whether text is a URL and not a path: `s3://bucket/reel`, but not `C:\\reel`."""
+    """Return whether text is a URL such as `s3://bucket/reel`, and not a path with a Windows drive letter."""
     return _URL.match(text) is not None
 
 

@@ -7,6 +7,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from threading import Event, Lock, Thread
+from typing import BinaryIO
 
 import av
 import numpy as np
@@ -15,9 +16,44 @@ from av.error import FFmpegError
 
 from splatreel.capture.growing.growing_sound import Packets, guard
 from splatreel.capture.growing.growth import Growth
-from splatreel.capture.growing.tail import Tail
 from splatreel.capture.video import to_rgb
 from splatreel.errors import CaptureError
+
+
+class Tail:
+    """A file as FFmpeg reads a stream, from its start on. `read` waits for bytes that are not written yet, until it has ended.
+
+    left: set when nobody reads it any more.
+    """
+
+    def __init__(self, path: Path, growth: Growth, left: Event) -> None:
+        self.name = str(path)
+        self._path, self._growth, self._left = path, growth, left
+        self._file: BinaryIO | None = None
+
+    def read(self, count: int) -> bytes:
+        """At least one byte; none at the end. Raises OSError where the file cannot be read."""
+        while True:
+            if self._growth.stopped or self._left.is_set():
+                return b""
+            ended = self._growth.ended  # asked first: what was written before the end is still read
+            data = self._there(count)
+            if data or ended:
+                return data
+            self._growth.pause()
+
+    def close(self) -> None:
+        if self._file is not None:
+            self._file.close()
+
+    def _there(self, count: int) -> bytes:
+        if self._file is None:
+            try:
+                self._file = open(self._path, "rb", buffering=0)  # noqa: SIM115 - `close` closes it
+            except FileNotFoundError:
+                return b""
+        return self._file.read(count)
+
 
 OPTIONS = {"analyzeduration": "1000000", "fpsprobesize": "1"}
 """FFmpeg looks at no more of the file than it needs to say what is in it: more is not there yet."""

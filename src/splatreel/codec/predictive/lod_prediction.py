@@ -73,7 +73,7 @@ def levels_of(quantized: np.ndarray) -> Levels:
 
 @njit(**EXACT)
 def _nearest(quantized, order, strides):
-    """Return the nearest of 16 multiples of the stride around each point, earlier ones first on ties. Weights fall with the distance."""
+    """Return the nearest of 16 multiples of the stride around each point, earlier ones on ties. Weights fall with distance."""
     count = len(order)
     neighbors = np.zeros((count, NEIGHBORS), np.int32)
     weights = np.zeros((count, NEIGHBORS), np.int32)

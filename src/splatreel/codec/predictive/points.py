@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from splatreel.codec.predictive import covariance
-from splatreel.codec.predictive.klt_section import blocks, decode_klt, encode_klt
+from splatreel.codec.predictive.klt import blocks, decode_klt, encode_klt
 from splatreel.codec.predictive.lod_prediction import MAX_CLASS, levels_of
 from splatreel.codec.predictive.precision import (
     COLOR,

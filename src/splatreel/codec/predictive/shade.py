@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from splatreel.codec.predictive.klt_section import blocks, decode_klt, encode_klt
+from splatreel.codec.predictive.klt import blocks, decode_klt, encode_klt
 from splatreel.codec.predictive.points import COLORS
 from splatreel.codec.predictive.precision import COLOR, Steps
 from splatreel.codec.predictive.predictor import Predictor

@@ -8,7 +8,7 @@ import numpy as np
 import torch
 
 from splatreel import threads
-from splatreel.evaluation.timing import Timing, medians_ms, ratio
+from splatreel.evaluation.bench.timing import Timing, medians_ms, ratio
 from splatreel.recon.run.machine_speed import on_one_thread
 from splatreel.recon.train.points import TrainablePoints, default_rates
 from splatreel.recon.train.render import StaticCache, View, deformed, draw, moving_tiles

@@ -5,7 +5,7 @@ from types import SimpleNamespace
 import pytest
 
 from splatreel.evaluation import timing
-from splatreel.evaluation.timing import median_ms, medians_ms
+from splatreel.evaluation.bench.timing import median_ms, medians_ms
 
 
 def test_the_median_of_times_is_in_milliseconds(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -6,7 +6,7 @@ import numpy as np
 
 from splatreel.codec.group_file import decode_group, encode_group
 from splatreel.config import EncodeConfig
-from splatreel.evaluation.timing import Timing, median_ms
+from splatreel.evaluation.bench.timing import Timing, median_ms
 from splatreel.kernels.image import render_image
 from splatreel.scene.camera import Camera
 from splatreel.scene.gaussians import Gaussians
@@ -19,7 +19,7 @@ def bench_kernels(points: int, width: int, height: int, repeats: int) -> list[Ti
     shape: Timing = {"points": points, "width": width, "height": height}
     rows = [{"what": "render_image", **shape, "ms": median_ms(lambda: render_image(gaussians, camera), repeats)}]
     try:
-        from splatreel.evaluation.step_timings import step_rows
+        from splatreel.evaluation.bench.step_timings import step_rows
     except ImportError:
         return rows
     return [*rows, *step_rows(gaussians, camera, repeats)]

@@ -12,7 +12,7 @@ from splatreel.codec.header import ReelHeader
 from splatreel.codec.writer import ReelWriter
 from splatreel.config import Config, EncodeConfig
 from splatreel.errors import UsageError
-from splatreel.evaluation.oracle import oracle
+from splatreel.evaluation.bench.oracle import oracle
 from splatreel.progress import Silent, Span
 from splatreel.recon.encode.importance import weigh
 from splatreel.recon.train.single_frame import reconstruct_single_frame

@@ -11,11 +11,10 @@ import torch
 
 from splatreel import threads
 from splatreel.capture.base import Capture
-from splatreel.capture.looped import LoopedCapture
 from splatreel.config import Config
 from splatreel.errors import UsageError
+from splatreel.evaluation.bench.timing import Timing, medians_ms, ratio
 from splatreel.evaluation.evaluate import evaluate
-from splatreel.evaluation.timing import Timing, medians_ms, ratio
 from splatreel.process import peak_memory_bytes
 from splatreel.progress import Progress, Silent
 from splatreel.recon.cameras.group_input import GroupInput
@@ -165,3 +164,31 @@ def _tiles(trainer: GroupTrainer) -> float:
         assert tiles is not None
         shares.append(float(tiles.float().mean()))
     return sum(shares) / len(shares)
+
+
+class LoopedCapture(Capture):
+    """As many frames as one likes of a capture: after the last comes the first again. The source stays the caller's to close."""
+
+    def __init__(self, source: Capture, frames: int) -> None:
+        self.source = source
+        super().__init__(
+            source.path,
+            source.cameras,
+            held_out=source.held_out,
+            frame_range=(0, frames),
+            fps=source.fps,
+            points=source.points,
+            point_colors=source.point_colors,
+            near=source.near,
+        )
+
+    def sources(self) -> list[Path]:
+        return self.source.sources()
+
+    def _read_into(self, out: np.ndarray, first: int, cameras: list[str]) -> None:
+        done = 0
+        while done < len(out):
+            frame = (first + done) % self.source.frames
+            count = min(self.source.frames - frame, len(out) - done)
+            out[done : done + count] = self.source.read(frame, count, cameras)
+            done += count

@@ -6,11 +6,14 @@ baseline "3DGS per frame", with its bytes and its seconds.
 
 from __future__ import annotations
 
+import dataclasses
+import json
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import torch
@@ -18,19 +21,20 @@ import torch
 from splatreel.capture.base import Capture
 from splatreel.codec.group_file import decode_layer, encode_layer
 from splatreel.config import Config
+from splatreel.config.records import updated
 from splatreel.errors import UsageError
 from splatreel.evaluation import perceptual
+from splatreel.evaluation.bench.oracle_report import OracleReport, Score, SingleFrame
 from splatreel.evaluation.evaluate import check_same_capture, check_unseen, measure
-from splatreel.evaluation.moving import median_pictures, moving_pixels
-from splatreel.evaluation.oracle_frames import OracleFrames
-from splatreel.evaluation.oracle_report import OracleReport, Score, SingleFrame
 from splatreel.evaluation.report import Quality, write_text
 from splatreel.kernels.image import render_image
 from splatreel.play.timeline import Timeline, open_reel
 from splatreel.progress import Progress, Silent
 from splatreel.recon.encode.importance import weigh
+from splatreel.recon.run import checkpoint
 from splatreel.recon.run.device import pick_device
 from splatreel.recon.run.requirements import check_capture
+from splatreel.recon.run.run_record import differences
 from splatreel.recon.train.single_frame import reconstruct_single_frame
 from splatreel.scene.camera import Camera
 from splatreel.scene.gaussians import Gaussians
@@ -159,3 +163,77 @@ def check_reel(timeline: Timeline, capture: Capture, reel: str) -> None:
     """Raises `UsageError` for a reel of another capture, or one that has seen what is held out."""
     check_same_capture(timeline.manifest, capture, reel)
     check_unseen(timeline.manifest, held_out_views(capture), reel)
+
+
+VERSION = 1
+"""Raised when frames of before cannot be compared with new ones."""
+DECIDING = ("keyframe", "encode", "correct_colors", "seed")
+"""The fields of `Config` that a single frame depends on."""
+
+
+class OracleFrames:
+    """The finished frames of one capture and configuration, in a file that is replaced whenever one is added.
+
+    Raises `UsageError` where the file holds those of another, `ReconstructionError` where it cannot be read.
+    """
+
+    def __init__(self, path: Path, capture: Capture, config: Config) -> None:
+        decide = json.loads(config.to_json())
+        self.path = path
+        self.record: dict[str, Any] = {
+            "version": VERSION,
+            "capture": capture.describe(),
+            "config": {name: decide[name] for name in DECIDING},
+        }
+        self.frames: dict[int, SingleFrame] = self._load() if path.exists() else {}
+
+    def _load(self) -> dict[int, SingleFrame]:
+        found = checkpoint.load_json(self.path)
+        theirs: dict[str, Any] = found if isinstance(found, dict) else {}
+        settings = updated(theirs.get("config"))
+        theirs = theirs | {"config": {name: settings.get(name) for name in DECIDING}}
+        others = differences({name: theirs.get(name) for name in self.record}, self.record)
+        if others:
+            raise UsageError(
+                f"{self.path}: holds frames of another capture or configuration: {'; '.join(others[:3])}. "
+                "Choose another --out, ask for the same again, or delete the file to start over."
+            )
+        try:
+            return {frame["frame"]: SingleFrame.from_dict(frame) for frame in theirs["frames"]}
+        except (KeyError, TypeError, AttributeError) as error:
+            raise UsageError(f"{self.path}: is damaged ({error!r}). Delete it to start over.") from error
+
+    def add(self, frame: SingleFrame) -> None:
+        self.frames[frame.frame] = frame
+        self.save(None)
+
+    def save(self, reel: dict[str, Any] | None) -> None:
+        frames = [dataclasses.asdict(self.frames[number]) for number in sorted(self.frames)]
+        checkpoint.save_json(self.path, self.record | {"frames": frames, "reel": reel})
+
+
+THRESHOLD = 8 / 255
+"""Mean absolute difference of the channels, 0..1, from the camera's median picture."""
+MOST_FRAMES = 20
+"""Frames that the median is taken of."""
+
+
+def median_pictures(capture: Capture, names: list[str]) -> list[np.ndarray]:
+    """The median over the capture's frames of each named camera, uint8 [H, W, 3].
+
+    At most 20 frames, spread evenly over all; of an even number the lower middle. One camera's frames are held at a time. Raises
+    what reading the capture raises.
+    """
+    times = np.linspace(0, capture.frames - 1, min(MOST_FRAMES, capture.frames)).round().astype(int)
+    middle = (len(times) - 1) // 2
+    pictures = []
+    for name in names:
+        stack = np.stack([capture.read(int(time), 1, [name])[0, 0] for time in times])
+        stack.partition(middle, axis=0)
+        pictures.append(stack[middle].copy())
+    return pictures
+
+
+def moving_pixels(truth: np.ndarray, median: np.ndarray) -> np.ndarray:
+    """[H, W] bool: where a picture, float32 [H, W, 3] 0..1, is not as its camera's median picture, uint8 [H, W, 3]."""
+    return np.abs(truth - median.astype(np.float32) / 255).mean(-1) > THRESHOLD

@@ -2,7 +2,7 @@ import dataclasses
 
 import pytest
 
-from splatreel.evaluation.oracle_report import OracleReport, Score, SingleFrame
+from splatreel.evaluation.bench.oracle_report import OracleReport, Score, SingleFrame
 from splatreel.evaluation.report import Quality
 
 FRAMES = [

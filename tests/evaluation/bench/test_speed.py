@@ -12,8 +12,8 @@ from splatreel.codec.reader import ReelReader
 from splatreel.config import Config, preset
 from splatreel.errors import UsageError
 from splatreel.evaluation import speed
-from splatreel.evaluation.provenance import append, label
-from splatreel.evaluation.speed import bench_reconstruct
+from splatreel.evaluation.bench.provenance import append, label
+from splatreel.evaluation.bench.speed import bench_reconstruct
 from tests.recon.captures import WallCapture
 
 
