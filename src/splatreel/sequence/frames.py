@@ -1,4 +1,4 @@
-"""A film as another program wrote it: a set of Gaussians for each frame."""
+"""Sequences written by other programs: one set of Gaussians per frame."""
 
 from __future__ import annotations
 
@@ -21,32 +21,42 @@ LOOKED_FOR = """\
   PLY files:            frame0000.ply, frame0001.ply, ..., each as 3DGS writes it; or a numbered folder a frame with one PLY file in it
   Dynamic 3D Gaussians: params.npz"""
 Gaps = Literal["refuse", "hold"]
-"""What to do where numbers are missing: refuse the film, or hold the frame before for as long."""
+"""Treatment of missing frame numbers: refuse the sequence, or hold the previous frame."""
 MOST_FRAMES = 1_000_000
-"""Frames of a film, with those that are held."""
+"""Maximum number of frames, including held ones."""
 _LAST_NUMBER = re.compile(r"^(.*?)([0-9]+)$")
 
 
 class Frames(Protocol):
-    """path: where it was read from. size: bytes on the disk."""
+    """Sequence of Gaussians.
+
+    Attributes:
+        path: File or folder of the sequence.
+        size: Bytes on disk.
+    """
 
     path: Path
     size: int
 
     def __len__(self) -> int:
-        """How many frames there are."""
+        """Return the number of frames."""
         ...
 
     def read(self, frame: int, origin: np.ndarray | None = None) -> Gaussians:
-        """Those of a frame, counted from 0. Raises `GaussiansError` naming the file where that cannot be read.
+        """Return the Gaussians of a frame.
 
-        origin: [3] float64, subtracted from all positions before these are rounded to float32; nothing by default.
+        Args:
+            frame: Number of the frame, from 0.
+            origin: Point subtracted from all positions before rounding to float32, [3] float64; None subtracts nothing.
+
+        Raises:
+            GaussiansError: The frame cannot be read. The message names the file.
         """
         ...
 
 
 class PlyFrames:
-    """files: one a frame, in order; the same one again where a frame is held."""
+    """Sequence of PLY files, one per frame in order. A held frame repeats the previous file."""
 
     def __init__(self, path: Path, files: list[Path]) -> None:
         self.path, self.files = path, files
@@ -61,9 +71,10 @@ class PlyFrames:
 
 
 def open_frames(path: str | Path, gaps: Gaps = "refuse") -> Frames:
-    """Open a folder of numbered PLY files, or a `params.npz` of Dynamic 3D Gaussians or a folder with one.
+    """Open a folder of numbered PLY files, or a `params.npz` of Dynamic 3D Gaussians, or a folder with one.
 
-    Raises `GaussiansError` for anything else, for files whose order cannot be told, and for frames that are missing or are no files.
+    Raises:
+        GaussiansError: The path is anything else, the order of the files is unclear, or frames are missing.
     """
     place = Path(path)
     archive = place / "params.npz" if place.is_dir() else place
@@ -73,11 +84,11 @@ def open_frames(path: str | Path, gaps: Gaps = "refuse") -> Frames:
         raise GaussiansError(f"{place}: is not a folder; one of these was looked for:\n{LOOKED_FOR}")
     files = sorted(file for file in place.iterdir() if file.suffix.lower() == ".ply" and not file.name.startswith("."))
     if odd := next((file for file in files if not file.is_file()), None):
-        raise _no_file(odd)
+        raise _not_a_file_error(odd)
     if not files:
-        folders = [folder for folder in sorted(place.iterdir()) if _number(folder) and not folder.is_file()]
+        folders = [folder for folder in sorted(place.iterdir()) if _split_number(folder) and not folder.is_file()]
         if any(folder.is_dir() for folder in folders) and (odd := next((f for f in folders if not f.is_dir()), None)):
-            raise _no_file(odd)
+            raise _not_a_file_error(odd)
         files = [_only_ply(folder) for folder in folders]
     if not files:
         raise GaussiansError(f"{place}: holds none of these:\n{LOOKED_FOR}")
@@ -87,17 +98,18 @@ def open_frames(path: str | Path, gaps: Gaps = "refuse") -> Frames:
     return PlyFrames(place, [named[name] for name in held])
 
 
-def _no_file(path: Path) -> GaussiansError:
+def _not_a_file_error(path: Path) -> GaussiansError:
     what = "a link to nothing" if path.is_symlink() and not path.exists() else "no file"
     return GaussiansError(f"{path}: is {what}, so that a frame is missing. Put the file there, or take the entry away.")
 
 
 def _without_gaps(names: list[Path], place: Path, gaps: Gaps) -> list[Path]:
-    """Names in order, the one before a gap again for each that is missing. Numbers that always grow by the same are no gaps.
+    """Return names in order, with the previous name repeated for each missing number. A constant step between numbers is no gap.
 
-    Raises `GaussiansError` for gaps that are not to be held.
+    Raises:
+        GaussiansError: There are gaps and `gaps` is "refuse".
     """
-    numbers = [number[1] for name in names if (number := _number(name))]
+    numbers = [number[1] for name in names if (number := _split_number(name))]
     steps = [after - before for before, after in pairwise(numbers)]
     if len(set(steps)) <= 1:
         return names
@@ -117,8 +129,12 @@ def _without_gaps(names: list[Path], place: Path, gaps: Gaps) -> list[Path]:
 
 
 def _in_order(names: list[Path], place: Path) -> list[Path]:
-    """By the number at the end of each name. Raises `GaussiansError` where one has none, another prefix or the same number."""
-    numbers = {name: _number(name) for name in names}
+    """Sort names by the number at their end.
+
+    Raises:
+        GaussiansError: A name has no number, another prefix, or a number that another name has.
+    """
+    numbers = {name: _split_number(name) for name in names}
     bare = [name.name for name, number in numbers.items() if number is None]
     if bare and len(names) > 1:
         raise GaussiansError(
@@ -137,16 +153,20 @@ def _in_order(names: list[Path], place: Path) -> list[Path]:
     return sorted(names, key=lambda name: (numbers[name] or ("", 0))[1])
 
 
-def _number(name: Path) -> tuple[str, int] | None:
-    """What stands before the number at the end of a name, and the number; None where there is none."""
+def _split_number(name: Path) -> tuple[str, int] | None:
+    """Return the text before the number at the end of a name, and the number; None without a number."""
     found = _LAST_NUMBER.match(name.stem if name.suffix.lower() == ".ply" else name.name)
     return (found[1], int(found[2])) if found else None
 
 
 def _only_ply(folder: Path) -> Path:
-    """The PLY file of a frame's folder, the newest iteration where there are several. Raises `GaussiansError` for none, or a choice."""
+    """Return the PLY file of a frame's folder, the newest iteration if there are several.
+
+    Raises:
+        GaussiansError: There is no file, or the choice is unclear.
+    """
     found = sorted(folder.rglob("*.ply"))
-    iterations = {number[1]: file for file in found if (number := _number(file.parent))}
+    iterations = {number[1]: file for file in found if (number := _split_number(file.parent))}
     if len(found) > 1 and len(iterations) == len(found):
         return iterations[max(iterations)]
     if len(found) != 1:

@@ -76,11 +76,11 @@ def test_each_frame_is_measured_on_its_own(out: Path) -> None:
 
 def test_a_killed_run_continues(out: Path, tmp_path: Path) -> None:
     with pytest.raises(KeyboardInterrupt):
-        oracle(HeldOutWall(), tmp_path, CONFIG, [0, 6], device="cpu", progress=Trace("frame 6 on its own (2 of 2)"))
+        oracle(HeldOutWall(), tmp_path, CONFIG, [0, 6], device="cpu", progress=Trace("frame 6 by itself (2 of 2)"))
     assert [frame["frame"] for frame in json.loads((tmp_path / "oracle.json").read_text())["frames"]] == [0]
     trace = Trace()
     oracle(HeldOutWall(), tmp_path, CONFIG, [0, 6], device="cpu", progress=trace)
-    assert trace.stages == [("frame 6 on its own (1 of 1)", 20, (0, 1))]
+    assert trace.stages == [("frame 6 by itself (1 of 1)", 20, (0, 1))]
     assert without_seconds(tmp_path / "oracle.json") == without_seconds(out / "oracle.json")
 
 

@@ -1,4 +1,4 @@
-"""Timings of rendering, training steps and coding, on made-up input of a stated size."""
+"""Timings of rendering, training steps and coding on synthetic data of a given size."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from splatreel.scene.group import Group
 
 
 def bench_kernels(points: int, width: int, height: int, repeats: int) -> list[Timing]:
-    """Milliseconds a picture: rendering to numpy, and, if torch is installed, training steps of a keyframe and a group."""
+    """Measure milliseconds per image of rendering and, with torch, of training steps of a keyframe and a group."""
     gaussians, camera = cloud(points), front_camera(width, height)
     shape: Timing = {"points": points, "width": width, "height": height}
     rows = [{"what": "render_image", **shape, "ms": median_ms(lambda: render_image(gaussians, camera), repeats)}]
@@ -26,7 +26,7 @@ def bench_kernels(points: int, width: int, height: int, repeats: int) -> list[Ti
 
 
 def bench_codec(points: int, frames: int, repeats: int) -> list[Timing]:
-    """Milliseconds and bytes of encoding and decoding one group whose points swing smoothly, by each codec."""
+    """Measure milliseconds and bytes of encoding and decoding one smoothly moving group with each codec."""
     group = swinging_group(points, frames)
     rows: list[Timing] = []
     for codec in ("predictive", "h265"):
@@ -41,7 +41,7 @@ def bench_codec(points: int, frames: int, repeats: int) -> list[Timing]:
 
 
 def cloud(points: int, seed: int = 0) -> Gaussians:
-    """Random small Gaussians in a box in front of `front_camera`; their color hardly changes with the view."""
+    """Return random small Gaussians in a box in front of `front_camera`. Their colors depend little on the view."""
     rng = np.random.default_rng(seed)
     quats = rng.normal(size=(points, 4))
     sh = rng.normal(0, 0.02, (points, 16, 3))
@@ -56,7 +56,7 @@ def cloud(points: int, seed: int = 0) -> Gaussians:
 
 
 def front_camera(width: int, height: int) -> Camera:
-    """Looks at the cloud from four units away."""
+    """Return a camera that looks at the cloud from four units away."""
     viewmat = np.eye(4)
     viewmat[2, 3] = 4
     K = np.array([[width, 0, width / 2], [0, width, height / 2], [0, 0, 1]])
@@ -64,7 +64,7 @@ def front_camera(width: int, height: int) -> Camera:
 
 
 def swinging_group(points: int, frames: int) -> Group:
-    """The cloud, every point swinging by a tenth of a unit with the phase of its place."""
+    """Return a group of the cloud in which every point swings by a tenth of a unit, with a phase from its position."""
     dynamic = cloud(points)
     t = np.arange(frames)[:, None, None] / 30
     dx = 0.1 * np.sin(2 * np.pi * t + 2 * dynamic.means[None])

@@ -1,7 +1,7 @@
-"""The oracle: single frames reconstructed each on its own, compared with held-out cameras. It shows what geometry and cameras allow.
+"""Oracle: single frames reconstructed independently and compared with held-out cameras.
 
-No motion, layers or cross-fade can go wrong there, so every dynamic result is judged by its distance to this. It is also the
-baseline "3DGS per frame", with its bytes and its seconds.
+It shows the quality that geometry and cameras allow, without errors of motion, layers or cross-fades. Reels are judged
+by their distance to it. It is also the baseline "3DGS per frame", with its size and time.
 """
 
 from __future__ import annotations
@@ -50,12 +50,23 @@ def oracle(
     device: str = "auto",
     progress: Progress | None = None,
 ) -> OracleReport:
-    """Reconstruct frames each on its own and measure them, and the same frames of a reel, on the held-out cameras.
+    """Reconstruct single frames, and measure them and the same frames of a reel on the held-out cameras.
 
-    frames: counted within the capture's range, as the reel counts them. OUT/oracle.json gets each frame as it is finished, so that
-    the same call continues an interrupted one, and OUT/oracle.md the tables. Raises `UsageError` where no camera is held out, a
-    frame is not there, OUT holds frames of another capture or configuration, or the reel was made from other cameras, and what
-    reading and reconstruction raise.
+    OUT/oracle.json receives each finished frame, so the same call continues after an interruption. OUT/oracle.md
+    receives the tables.
+
+    Args:
+        capture: Capture with held-out cameras.
+        out: Output folder.
+        config: Configuration.
+        frames: Frames within the capture's range, as the reel counts them.
+        reel: Reel to compare; None compares nothing.
+        device: auto, cpu or cuda.
+        progress: Progress display.
+
+    Raises:
+        UsageError: No camera is held out, a frame does not exist, OUT belongs to another capture or configuration, or
+            the reel was made with other cameras.
     """
     check_capture(capture)
     chosen, views = pick_device(device), held_out_views(capture)
@@ -75,7 +86,7 @@ def oracle(
         if frame in todo:
             done = todo.index(frame)
             title, span = (
-                f"frame {frame} on its own ({done + 1} of {len(todo)})",
+                f"frame {frame} by itself ({done + 1} of {len(todo)})",
                 (done / len(todo), (done + 1) / len(todo)),
             )
             progress.stage(title, config.keyframe.first_iterations, span)
@@ -91,10 +102,10 @@ def oracle(
 def reconstruct_frame(
     capture: Capture, frame: int, config: Config, held_out: HeldOutPictures, device: torch.device, progress: Progress
 ) -> SingleFrame:
-    """Reconstruct one frame from its own images alone, encode and measure it."""
+    """Reconstruct one frame from its own images, encode and measure it."""
     cameras = capture.training_cameras
     images = capture.read(frame, 1, [camera.name for camera in cameras])[0]
-    first = capture.first_frame + frame == 0  # sparse points that a capture brings are of its first frame
+    first = capture.first_frame + frame == 0  # the capture's sparse points belong to its first frame
     start = time.monotonic()
     gaussians, layout = reconstruct_single_frame(
         cameras,
@@ -117,7 +128,14 @@ def reconstruct_frame(
 
 @dataclass(frozen=True)
 class HeldOutPictures:
-    """The held-out pictures of one frame. truths: float32 [C, H, W, 3] 0..1. masks: C of [H, W] bool, where something moves."""
+    """Held-out images of one frame.
+
+    Attributes:
+        views: Held-out cameras, C.
+        truths: Camera images, float32 [C, H, W, 3] 0..1.
+        masks: Pixels with motion, C of [H, W] bool.
+        lpips: LPIPS metric, or None.
+    """
 
     views: list[Camera]
     truths: np.ndarray
@@ -125,7 +143,7 @@ class HeldOutPictures:
     lpips: perceptual.Distance | None
 
     def score(self, gaussians: Gaussians, draw: Callable[[Gaussians, Camera], np.ndarray]) -> Score:
-        """Draw Gaussians from every view and compare; the mean over the views, inside the masks over those that have any."""
+        """Draw Gaussians from every view and return the mean score over views; `moving` uses the views with a non-empty mask."""
         whole: list[Quality] = []
         moving: list[Quality] = []
         for view, truth, mask in zip(self.views, self.truths, self.masks, strict=True):
@@ -137,7 +155,7 @@ class HeldOutPictures:
 
 
 def held_out_views(capture: Capture) -> list[Camera]:
-    """The held-out cameras. Raises `UsageError` if there are none."""
+    """Return the held-out cameras. Raise `UsageError` if there are none."""
     if not capture.held_out:
         raise UsageError(
             f"{capture.path}: no camera is held out, so there is nothing to compare with. Name some: --hold-out NAME,NAME."
@@ -146,7 +164,7 @@ def held_out_views(capture: Capture) -> list[Camera]:
 
 
 def check_frames(frames: list[int], capture: Capture, timeline: Timeline | None) -> list[int]:
-    """Frames in order, each once. Raises `UsageError` for none, or one that the capture or the reel does not have."""
+    """Return sorted distinct frames. Raise `UsageError` if there are none, or if the capture or the reel lacks one."""
     first, available = 0, capture.frames
     if timeline is not None:
         first, available = timeline.manifest.first_frame, min(capture.frames, timeline.frames)
@@ -160,21 +178,23 @@ def check_frames(frames: list[int], capture: Capture, timeline: Timeline | None)
 
 
 def check_reel(timeline: Timeline, capture: Capture, reel: str) -> None:
-    """Raises `UsageError` for a reel of another capture, or one that has seen what is held out."""
+    """Raise `UsageError` for a reel of another capture, or one trained on held-out cameras."""
     check_same_capture(timeline.manifest, capture, reel)
     check_unseen(timeline.manifest, held_out_views(capture), reel)
 
 
 VERSION = 1
-"""Raised when frames of before cannot be compared with new ones."""
+"""Increase when earlier frames cannot be compared with new ones."""
 DECIDING = ("keyframe", "encode", "correct_colors", "seed")
-"""The fields of `Config` that a single frame depends on."""
+"""Fields of `Config` that affect a single frame."""
 
 
 class OracleFrames:
-    """The finished frames of one capture and configuration, in a file that is replaced whenever one is added.
+    """Finished frames of a capture and configuration, in a file that is replaced after each frame.
 
-    Raises `UsageError` where the file holds those of another, `ReconstructionError` where it cannot be read.
+    Raises:
+        UsageError: The file belongs to another capture or configuration.
+        ReconstructionError: The file cannot be read.
     """
 
     def __init__(self, path: Path, capture: Capture, config: Config) -> None:
@@ -204,25 +224,27 @@ class OracleFrames:
             raise UsageError(f"{self.path}: is damaged ({error!r}). Delete it to start over.") from error
 
     def add(self, frame: SingleFrame) -> None:
+        """Add a frame and write the file."""
         self.frames[frame.frame] = frame
         self.save(None)
 
     def save(self, reel: dict[str, Any] | None) -> None:
+        """Write the file with the results of the reel, if any."""
         frames = [dataclasses.asdict(self.frames[number]) for number in sorted(self.frames)]
         checkpoint.save_json(self.path, self.record | {"frames": frames, "reel": reel})
 
 
 THRESHOLD = 8 / 255
-"""Mean absolute difference of the channels, 0..1, from the camera's median picture."""
+"""Mean absolute difference of the channels, 0..1, from the camera's median image, above which a pixel moves."""
 MOST_FRAMES = 20
-"""Frames that the median is taken of."""
+"""Maximum number of frames for the median."""
 
 
 def median_pictures(capture: Capture, names: list[str]) -> list[np.ndarray]:
-    """The median over the capture's frames of each named camera, uint8 [H, W, 3].
+    """Return the median of each named camera over the capture's frames, uint8 [H, W, 3].
 
-    At most 20 frames, spread evenly over all; of an even number the lower middle. One camera's frames are held at a time. Raises
-    what reading the capture raises.
+    At most 20 evenly spread frames are used; of an even number the lower middle. One camera's frames are in memory at a
+    time.
     """
     times = np.linspace(0, capture.frames - 1, min(MOST_FRAMES, capture.frames)).round().astype(int)
     middle = (len(times) - 1) // 2
@@ -235,5 +257,5 @@ def median_pictures(capture: Capture, names: list[str]) -> list[np.ndarray]:
 
 
 def moving_pixels(truth: np.ndarray, median: np.ndarray) -> np.ndarray:
-    """[H, W] bool: where a picture, float32 [H, W, 3] 0..1, is not as its camera's median picture, uint8 [H, W, 3]."""
+    """Return the pixels where an image, float32 [H, W, 3] 0..1, differs from its camera's median, uint8 [H, W, 3], as [H, W] bool."""
     return np.abs(truth - median.astype(np.float32) / 255).mean(-1) > THRESHOLD

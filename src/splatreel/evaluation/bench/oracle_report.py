@@ -1,4 +1,4 @@
-"""The contents of oracle.json and oracle.md: how good single frames are, and how far below them a reel is."""
+"""Content of oracle.json and oracle.md: quality of single frames, and the distance of a reel to them."""
 
 from __future__ import annotations
 
@@ -11,9 +11,11 @@ from splatreel.evaluation.report import Quality
 
 @dataclass(frozen=True)
 class Score:
-    """One frame, as the mean over the held-out cameras, or the mean of several frames.
+    """Quality of one frame as the mean over held-out cameras, or the mean of several frames.
 
-    whole: of whole pictures. moving: of the pixels where something moves only; None where nothing does.
+    Attributes:
+        whole: Quality of whole images.
+        moving: Quality of pixels with motion; None without motion.
     """
 
     whole: Quality
@@ -21,22 +23,29 @@ class Score:
 
     @staticmethod
     def mean(items: list[Score]) -> Score:
-        """Arithmetic mean of each number; `moving` over those items that have it."""
+        """Return the arithmetic mean of each metric. The mean of `moving` is over the scores that have it."""
         moving = [s.moving for s in items if s.moving is not None]
         return Score(Quality.mean([s.whole for s in items]), Quality.mean(moving) if moving else None)
 
     @staticmethod
     def from_dict(value: dict[str, Any]) -> Score:
-        """Raises TypeError or KeyError for anything else than `dataclasses.asdict` gave."""
+        """Return the score of a dictionary from `dataclasses.asdict`. Raise TypeError or KeyError for anything else."""
         moving = value["moving"]
         return Score(Quality(**value["whole"]), None if moving is None else Quality(**moving))
 
 
 @dataclass(frozen=True)
 class SingleFrame:
-    """A frame reconstructed on its own. score: before encoding; decoded: whole pictures of what a reader of its file shows.
+    """Frame reconstructed independently.
 
-    bytes: of the file of its points. seconds: wall time of initial points and training. device: cpu or cuda.
+    Attributes:
+        frame: Number of the frame.
+        score: Quality before encoding.
+        decoded: Quality of whole images after encoding.
+        points: Number of points.
+        bytes: Size of the encoded points.
+        seconds: Wall time of initial points and training.
+        device: cpu or cuda.
     """
 
     frame: int
@@ -49,45 +58,47 @@ class SingleFrame:
 
     @staticmethod
     def from_dict(value: dict[str, Any]) -> SingleFrame:
-        """Raises TypeError or KeyError for anything else than `dataclasses.asdict` gave."""
+        """Return the frame of a dictionary from `dataclasses.asdict`. Raise TypeError or KeyError for anything else."""
         nested = {"score": Score.from_dict(value["score"]), "decoded": Quality(**value["decoded"])}
         return SingleFrame(**(value | nested))
 
 
 @dataclass(frozen=True)
 class OracleReport:
-    """Frames reconstructed each on its own and, if reel is not empty, the same frames of a reel, in the same order."""
+    """Single frames and, unless `reel` is empty, the same frames of a reel in the same order."""
 
     frames: list[SingleFrame]
     reel: list[Score]
 
     def mean(self) -> Score:
+        """Return the mean score of the single frames."""
         return Score.mean([frame.score for frame in self.frames])
 
     def decoded(self) -> Quality:
+        """Return the mean quality of the single frames after encoding."""
         return Quality.mean([frame.decoded for frame in self.frames])
 
     def distance(self) -> dict[str, float | None]:
-        """dB that the reel's mean PSNR is below the single frames', of whole pictures and where something moves."""
-        return below(self.mean(), Score.mean(self.reel))
+        """Return the difference in dB between the mean PSNR of the single frames and of the reel."""
+        return psnr_distance(self.mean(), Score.mean(self.reel))
 
     def reel_dict(self, name: str) -> dict[str, Any]:
-        """The part of oracle.json about the reel of that name."""
+        """Return the part of oracle.json about a named reel."""
         pairs = zip(self.frames, self.reel, strict=True)
-        frames = [{"frame": f.frame, **dataclasses.asdict(r), "distance": below(f.score, r)} for f, r in pairs]
+        frames = [{"frame": f.frame, **dataclasses.asdict(r), "distance": psnr_distance(f.score, r)} for f, r in pairs]
         return {"reel": name, "frames": frames, "distance": self.distance()}
 
     def to_markdown(self) -> str:
-        """A table of the single frames and, if there is one, a table of the reel's distance."""
+        """Return a table of the single frames and, with a reel, a table of its distance."""
         count = len(self.frames)
-        rows = [_still_row(str(f.frame), f.score, f.decoded, f.points, f.bytes, f.seconds) for f in self.frames]
+        rows = [_single_frame_row(str(f.frame), f.score, f.decoded, f.points, f.bytes, f.seconds) for f in self.frames]
         sums = [sum(getattr(f, name) for f in self.frames) / count for name in ("points", "bytes", "seconds")]
-        rows.append(_still_row("mean", self.mean(), self.decoded(), *sums))
+        rows.append(_single_frame_row("mean", self.mean(), self.decoded(), *sums))
         heads = ["frame", "PSNR dB", "per channel", "SSIM", "moving dB", "moving SSIM", "decoded dB"]
         lines = [
             "# Oracle",
             "",
-            "Held-out cameras against a static reconstruction of each frame on its own, not encoded.",
+            "Held-out cameras against an independent static reconstruction of each frame, not encoded.",
         ]
         lines += [
             "Moving: only the pixels that differ from their camera's median picture. Decoded: after encoding.",
@@ -103,15 +114,17 @@ class OracleReport:
         return "\n".join(lines) + "\n"
 
 
-def below(oracle: Score, reel: Score) -> dict[str, float | None]:
-    """dB that one PSNR is below the other, of whole pictures and where something moves (None where nothing does)."""
+def psnr_distance(oracle: Score, reel: Score) -> dict[str, float | None]:
+    """Return how many dB the reel's PSNR is below the oracle's, for whole images and for pixels with motion (None without motion)."""
     moving = None
     if oracle.moving is not None and reel.moving is not None:
         moving = oracle.moving.psnr - reel.moving.psnr
     return {"whole": oracle.whole.psnr - reel.whole.psnr, "moving": moving}
 
 
-def _still_row(name: str, score: Score, decoded: Quality, points: float, size: float, seconds: float) -> list[str]:
+def _single_frame_row(
+    name: str, score: Score, decoded: Quality, points: float, size: float, seconds: float
+) -> list[str]:
     whole, moving = score.whole, score.moving
     cells = [name, f"{whole.psnr:.2f}", f"{whole.psnr_per_channel:.2f}", f"{whole.ssim:.4f}"]
     cells += ["", ""] if moving is None else [f"{moving.psnr:.2f}", f"{moving.ssim:.4f}"]
@@ -119,7 +132,7 @@ def _still_row(name: str, score: Score, decoded: Quality, points: float, size: f
 
 
 def _distance_row(name: str, oracle: Score, reel: Score) -> list[str]:
-    distance, a, b = below(oracle, reel), oracle.whole, reel.whole
+    distance, a, b = psnr_distance(oracle, reel), oracle.whole, reel.whole
     cells = [name, f"{a.psnr:.2f}", f"{b.psnr:.2f}", f"{distance['whole']:.2f}", f"{a.ssim:.4f}", f"{b.ssim:.4f}"]
     if oracle.moving is None or reel.moving is None:
         return [*cells, "", "", ""]

@@ -1,7 +1,8 @@
-"""The paper's tables about size (4, 8, 9 and 10) in their own layout, with our numbers: one reconstruction, encoded in its ways.
+"""The paper's tables about size (4, 8, 9 and 10) in their own layout: one reconstruction, encoded in several ways.
 
-Sizes are of real files in megabytes, but for Table 8, config. 1, and what Table 4 has before compression: that many float32 numbers.
-PSNR is of the run's held-out cameras. Table 9 is of the first frame alone. What cannot be had without another training says so.
+Sizes are of real files in megabytes, except Table 8, config. 1, and Table 4 before compression, which count float32
+numbers. PSNR is of the run's held-out cameras. Table 9 uses the first frame. Entries that would need another training
+say so.
 """
 
 from __future__ import annotations
@@ -43,7 +44,7 @@ TABLE_10: dict[tuple[str, ...], EncodeConfig] = {
 
 
 def paper_tables(sweep: Sweep, first: Sweep) -> str:
-    """Tables 4, 8, 9 and 10 as Markdown. first: a sweep of the first frame only."""
+    """Return Tables 4, 8, 9 and 10 as Markdown. `first` is a sweep of the first frame only."""
     ten = [sweep.measure(f"table 10: {' '.join(key)}", config) for key, config in TABLE_10.items()]
     nine = [
         first.measure(f"table 9: {' '.join(key)}", config, lambda reel, c: write_first_frame(first.run, reel, c))
@@ -75,7 +76,7 @@ def _table_4(before: float, v3: RatePoint, ten: list[RatePoint], sizes: dict[str
 
 
 def _table_8(run: Path, plain: RatePoint, ten: list[RatePoint], sizes: dict[str, int]) -> str:
-    """Config. 1 has every point in every group, offsets included; it is counted, not trained, and has no PSNR."""
+    """Return Table 8. Config. 1 has every point in every group, with offsets. It is counted, not trained, and has no PSNR."""
     total = sizes["points"] + sizes["offsets"]
     seconds = Store(run / "work").seconds()
     minutes = f"{sum(seconds.values()) / 60:.1f}"
@@ -120,8 +121,8 @@ def _markdown(title: str, header: list[str], rows: list[list[str]]) -> str:
     return f"{title}\n\n" + "\n".join(f"| {' | '.join(line)} |" for line in lines) + "\n"
 
 
-def whole_groups(undecoded: UncompressedReel, index: int) -> Group:
-    """A group that carries all points that are seen in it: the static ones are dynamic points that do not move."""
+def group_without_layers(undecoded: UncompressedReel, index: int) -> Group:
+    """Return a group with all points visible in it. Static points become dynamic points without motion."""
     group, (static, _) = undecoded.group(index), undecoded.static(index)
     resting = static[group.alive]
     frames, still = group.frames, len(resting)
@@ -137,17 +138,17 @@ def whole_groups(undecoded: UncompressedReel, index: int) -> Group:
 
 
 def write_unlayered(run: Path, reel: Path, config: EncodeConfig) -> None:
-    """A reel without layers, of the checkpoints of a run."""
+    """Write a reel without layers from the checkpoints of a run."""
     undecoded = UncompressedReel(run / "work", run / "reel")
     writer = open_writer(Store(run / "work"), reel, config, resume=False)
     for index in range(undecoded.store.finished_groups()):
-        writer.add_group(whole_groups(undecoded, index))
+        writer.add_group(group_without_layers(undecoded, index))
     writer.finish()
 
 
 def write_first_frame(run: Path, reel: Path, config: EncodeConfig) -> None:
-    """A reel of the first frame: all of its points are static."""
-    group = whole_groups(UncompressedReel(run / "work", run / "reel"), 0)
+    """Write a reel of the first frame, in which all points are static."""
+    group = group_without_layers(UncompressedReel(run / "work", run / "reel"), 0)
     points = group.at(0)
     writer = open_writer(Store(run / "work"), reel, config, resume=False)
     writer.add_layer(0, 0, points)
@@ -157,7 +158,10 @@ def write_first_frame(run: Path, reel: Path, config: EncodeConfig) -> None:
 
 
 def float32_bytes(undecoded: UncompressedReel, groups: int) -> dict[str, int]:
-    """Bytes of the arrays as they are, without layers: `points` and `offsets` of every group, `frames`: points at each frame."""
+    """Return the size of the uncompressed arrays without layers.
+
+    `points` and `offsets` are summed over the groups. `frames` counts the points of every frame.
+    """
     sizes = {"points": 0, "offsets": 0, "frames": 0}
     for index in range(groups):
         group = undecoded.group(index)

@@ -1,4 +1,4 @@
-"""The provenance of a measurement: version, machine and capture that it was made on."""
+"""Provenance of a measurement: version, machine and capture."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from splatreel.capture.base import Capture
 
 
 def label(capture: Capture, device: str) -> dict[str, Any]:
-    """version, date, machine with its load, threads, device, and of the capture: name, frames, cameras, width, height."""
+    """Return version, date, machine and load, threads, device, and name, frames, cameras and size of the capture."""
     load = f", load {os.getloadavg()[0]:.1f}" if hasattr(os, "getloadavg") else ""
     return {
         "version": __version__,
@@ -31,6 +31,6 @@ def label(capture: Capture, device: str) -> dict[str, Any]:
 
 
 def append(path: Path, label: dict[str, Any], rows: list[dict[str, Any]]) -> None:
-    """Adds one JSON line a row, with the label, to a file."""
+    """Append one JSON line per row to a file, each with the label."""
     with path.open("a", encoding="utf-8") as file:
         file.writelines(json.dumps({**label, **row}, allow_nan=False) + "\n" for row in rows)

@@ -1,4 +1,4 @@
-"""Rate and distortion: one reconstruction encoded in many ways, each decoded again and compared with cameras held out."""
+"""Rate and distortion: one reconstruction encoded in many ways, each decoded and compared with held-out cameras."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ from splatreel.scene.gaussians import Gaussians
 from splatreel.scene.untrusted import JSON_BYTES, parse_json, read_file
 
 PAPER = EncodeConfig(codec="h265").with_h265(weighted_codebook=False)
-"""The paper's codec with logarithms of scales and folded bytes, which cost nothing; `PRINTED` is without them."""
+"""The paper's codec with logarithms of scales and folded bytes, which cost no quality. `PRINTED` is without them."""
 PRINTED = PAPER.with_h265(log_scales=False, fold=False)
 CONFIGURATIONS: dict[str, EncodeConfig] = {
     "paper": PAPER,
@@ -42,12 +42,21 @@ CONFIGURATIONS: dict[str, EncodeConfig] = {
 }
 MOTION = ("offsets", "dx", "dq", "shade")
 Write = Callable[[Path, EncodeConfig], object]
-"""Writes a reel into a folder."""
+"""Function that writes a reel into a folder."""
 
 
 @dataclass(frozen=True)
 class RatePoint:
-    """One way to encode. loss: dB below the PSNR before encoding. sections: bytes by kind of file and section."""
+    """Result of one configuration.
+
+    Attributes:
+        name: Name of the configuration.
+        bytes: Size of the reel.
+        offset_bytes: Size of the motion sections.
+        psnr: PSNR in dB after decoding.
+        loss: PSNR before encoding minus `psnr`, dB.
+        sections: Bytes by kind of file and section.
+    """
 
     name: str
     bytes: int
@@ -58,10 +67,14 @@ class RatePoint:
 
 
 class Sweep:
-    """Measures encodings of one run against cameras held out. frames: which of the run's.
+    """Measurement of encodings of one run on held-out cameras.
 
-    record: a file that gets a line a row; rows that it has already of the same run and frames are not measured again.
-    Raises what reading the run and its capture raises.
+    Args:
+        run: Output folder of a reconstruction.
+        capture: Capture of the run.
+        frames: Frames to measure.
+        progress: Progress display.
+        record: File with a line per result. Results of the same run and frames are not measured again.
     """
 
     def __init__(
@@ -81,7 +94,13 @@ class Sweep:
         self.before = self._cached("before encoding", self._before)["psnr"]
 
     def measure(self, name: str, config: EncodeConfig, write: Write | None = None) -> RatePoint:
-        """Encode, decode and compare. write: how the reel is written; by default the run as it is."""
+        """Encode, decode and compare.
+
+        Args:
+            name: Name of the result.
+            config: Encoding settings.
+            write: Function that writes the reel; None encodes the run as it is.
+        """
         return RatePoint(**self._cached(name, lambda: dataclasses.asdict(self._measure(name, config, write))))
 
     def _measure(self, name: str, config: EncodeConfig, write: Write | None) -> RatePoint:
@@ -99,7 +118,7 @@ class Sweep:
         return {"psnr": self._score(uncompressed_frames(self.run / "work", self.run / "reel"))}
 
     def _score(self, at: Callable[[int], Gaussians]) -> float:
-        """Mean PSNR of all views and frames."""
+        """Return the mean PSNR of all views and frames."""
         values = []
         for frame, images in zip(self.frames, self.truths, strict=True):
             gaussians = at(frame)
@@ -130,14 +149,14 @@ class Sweep:
 def sweep_of(
     run: Path, capture: Capture, every: int, progress: Progress | None = None, record: Path | None = None
 ) -> Sweep:
-    """A sweep over every `every`-th frame that a run and its capture share."""
+    """Return a sweep over every `every`-th frame that a run and its capture share."""
     manifest = ReelReader(run / "reel").manifest
     frames = choose_frames(min(capture.frames, manifest.frames), None, manifest.first_frame)[::every]
     return Sweep(run, capture, frames, progress or Silent(), record)
 
 
 def rate_distortion_points(sweep: Sweep, names: Sequence[str] | None = None) -> list[RatePoint]:
-    """All ways of CONFIGURATIONS, or those named. Raises `UsageError` for an unknown name."""
+    """Measure all of CONFIGURATIONS, or those named. Raise `UsageError` for an unknown name."""
     unknown = set(names or []) - set(CONFIGURATIONS)
     if unknown:
         raise UsageError(f"No configuration is called {min(unknown)!r}. Known are {', '.join(CONFIGURATIONS)}.")
@@ -145,9 +164,10 @@ def rate_distortion_points(sweep: Sweep, names: Sequence[str] | None = None) -> 
 
 
 def bytes_at(rows: list[RatePoint], loss: float) -> float | None:
-    """The fewest bytes at which the configurations in rows lose no more than `loss`, in between by the logarithm of the bytes.
+    """Return the smallest size with a loss of at most `loss`, interpolated by the logarithm of the size.
 
-    Coarser steps may lose less on views held out: where the curve turns, its smaller end counts. None outside of what they cover.
+    Coarser steps may lose less on held-out views. Where the curve turns, the smaller end counts. None outside the
+    measured range.
     """
     points = sorted((np.log(row.bytes), row.loss) for row in rows)
     for (small, most), (large, least) in pairwise(points):
@@ -158,7 +178,7 @@ def bytes_at(rows: list[RatePoint], loss: float) -> float | None:
 
 
 def curves(rows: list[RatePoint]) -> dict[str, list[tuple[float, float]]]:
-    """(bytes, PSNR) of the paper's codec and of ours."""
+    """Return (bytes, PSNR) pairs of the paper's codec and of the predictive codec."""
     return {
         codec: [(row.bytes, row.psnr) for row in rows if row.name.startswith(codec)]
         for codec in ("paper", "predictive")
@@ -166,7 +186,7 @@ def curves(rows: list[RatePoint]) -> dict[str, list[tuple[float, float]]]:
 
 
 def table(rows: list[RatePoint]) -> str:
-    """The rows as Markdown, and what ours takes at the paper's quality."""
+    """Return the results as Markdown, and the size of the predictive codec at the paper's quality."""
     paper = next((row for row in rows if row.name == "paper"), rows[0])
     lines = ["| configuration | MB | of the first | offsets MB | PSNR dB | loss dB |", "|---|---|---|---|---|---|"]
     for row in rows:
@@ -192,16 +212,18 @@ def table(rows: list[RatePoint]) -> str:
 
 
 Curve = Sequence[tuple[float, float]]
-"""(bytes, PSNR in dB) of one codec at several settings."""
+"""Pairs (bytes, PSNR in dB) of one codec at several settings."""
 
 
 def bd_rate(anchor: Curve, test: Curve) -> float | None:
-    """Mean difference of bytes at equal PSNR, as a share of the anchor's: -0.3 is 30 % fewer.
+    """Return Bjontegaard's delta rate: mean relative difference of bytes at equal PSNR; -0.3 means 30 % fewer bytes than the anchor.
 
-    Logarithms of bytes are interpolated over PSNR by monotone cubics, through those settings that no other one beats in both.
-    None where fewer than two of them are left, or the curves have no quality in common.
+    Logarithms of bytes are interpolated over PSNR by monotone cubics, through the Pareto-optimal settings.
+
+    Returns:
+        The delta rate, or None if a curve has fewer than two such settings or the curves share no PSNR range.
     """
-    curves = [_front(curve) for curve in (anchor, test)]
+    curves = [_pareto_front(curve) for curve in (anchor, test)]
     if min(len(curve) for curve in curves) < 2:
         return None
     low = max(curve[0, 1] for curve in curves)
@@ -212,8 +234,8 @@ def bd_rate(anchor: Curve, test: Curve) -> float | None:
     return float(np.exp(means[1] - means[0]) - 1)
 
 
-def _front(curve: Curve) -> np.ndarray:
-    """[K, 2] (bytes, PSNR) with rising PSNR of the settings that are best for their bytes."""
+def _pareto_front(curve: Curve) -> np.ndarray:
+    """Return the Pareto-optimal pairs as [K, 2] (bytes, PSNR), PSNR ascending."""
     best: list[tuple[float, float]] = []
     for size, quality in sorted(curve):
         if not best or quality > best[-1][1]:

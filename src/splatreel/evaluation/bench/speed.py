@@ -1,4 +1,4 @@
-"""How fast a capture is reconstructed, as ratios within one run: seconds differ between machines and days."""
+"""Speed of a reconstruction, as ratios within one run, because seconds differ between machines and days."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ from splatreel.scene.spans import GroupSpan
 from splatreel.scene.static_points import StaticPoints
 
 BATCH = 8
-"""Iterations that are timed together: each looks at another camera and frame."""
+"""Iterations timed together. Each uses another camera and frame."""
 
 
 def bench_reconstruct(
@@ -44,11 +44,22 @@ def bench_reconstruct(
     repeats: int = 5,
     progress: Progress | None = None,
 ) -> list[Timing]:
-    """Reconstruct into OUT/<name> by every configuration, the first of which the others are compared with; then time its iterations.
+    """Reconstruct with every configuration into OUT/<name>, then time training iterations. The first configuration is the reference.
 
-    loop: reconstruct the first once more, with the capture played over and over for so many frames, and say how much more memory that
-    took. The same call continues what was interrupted; memory is that of this process. Raises `UsageError` for a loop that is none,
-    and what reconstruction raises.
+    The same call continues after an interruption. Memory is that of this process.
+
+    Args:
+        capture: Capture to reconstruct.
+        out: Output folder.
+        configs: Configurations by name.
+        device: auto, cpu or cuda.
+        loop: Also reconstruct the first configuration with the capture repeated for this many frames, and report the
+            additional memory.
+        repeats: Number of timings; the median counts.
+        progress: Progress display.
+
+    Raises:
+        UsageError: `loop` is not larger than the number of frames.
     """
     progress = progress or Silent()
     if loop is not None and loop <= capture.frames:
@@ -78,9 +89,9 @@ def bench_reconstruct(
 def _run(
     capture: Capture, out: Path, name: str, config: Config, device: str, progress: Progress
 ) -> tuple[Timing, Result]:
-    """Reconstruct and, where cameras are held out, evaluate the decoded reel on them.
+    """Reconstruct and, with held-out cameras, evaluate the decoded reel.
 
-    seconds_a_megapixel: of a frame, for each million pixels that one camera's picture has.
+    `seconds_a_megapixel` is per frame and per million pixels of one camera's image.
     """
     result = reconstruct(capture, out / name.replace(" ", "-"), config, device=device, progress=progress)
     seconds = sum(result.seconds.values())
@@ -100,7 +111,7 @@ def _run(
 
 
 def trainer_of(capture: Capture, work: Path, config: Config, device: torch.device) -> GroupTrainer:
-    """A trainer of the first group of a finished run as its training left it. It measures the static points whenever it may."""
+    """Return a trainer of the first group of a finished run, in its final state. It measures static points as often as possible."""
     store = Store(work)
     group, layout = store.group(0).group().group, store.layout()
     assert layout is not None
@@ -121,14 +132,16 @@ def trainer_of(capture: Capture, work: Path, config: Config, device: torch.devic
 
 
 def iteration_row(trainer: GroupTrainer, repeats: int) -> Timing:
-    """Milliseconds of an iteration of a group, median of batches.
+    """Time an iteration of a group, as the median of batches.
 
-    undivided: how many times as long it takes where every tile is drawn and the static points get gradients too; one_thread: and on
-    one thread; tiles: the share of them that is drawn otherwise, mean over some cameras and frames.
+    `undivided` is the slowdown if every tile is drawn and static points get gradients. `one_thread` is the slowdown on
+    one thread. `tiles` is the mean share of tiles drawn otherwise.
     """
     middle = trainer.iterations // 2 // MEASURE_EVERY * MEASURE_EVERY
-    layered, whole = (_batch(trainer, at) for at in (middle + MEASURE_EVERY // 2, middle))  # the same regularizers
-    layered()  # until every view has drawn its static points
+    layered, whole = (
+        _batch(trainer, at) for at in (middle + MEASURE_EVERY // 2, middle)
+    )  # both with the same regularizers
+    layered()  # warm up; the loop below draws the static points of every view
     for camera in range(len(trainer.pictures.views)):
         trainer.static.view(camera)
     works = [layered, whole]
@@ -156,7 +169,7 @@ def _batch(trainer: GroupTrainer, iteration: int) -> Callable[[], None]:
 
 @torch.no_grad()
 def _tiles(trainer: GroupTrainer) -> float:
-    """Share of the tiles that something moves in."""
+    """Return the share of tiles with dynamic points."""
     shares = []
     for camera, view in enumerate(trainer.pictures.views):
         moving = trainer.points.at(camera % trainer.pictures.count, view, trainer.pictures.near)
@@ -167,7 +180,7 @@ def _tiles(trainer: GroupTrainer) -> float:
 
 
 class LoopedCapture(Capture):
-    """As many frames as one likes of a capture: after the last comes the first again. The source stays the caller's to close."""
+    """Capture that repeats the frames of another one. The caller closes the source."""
 
     def __init__(self, source: Capture, frames: int) -> None:
         self.source = source

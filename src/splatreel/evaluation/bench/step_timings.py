@@ -1,4 +1,4 @@
-"""Timings of training steps on the CPU, each against the same step without an optimization, measured in turns."""
+"""Timings of training steps on the CPU, each alternating with the same step without an optimization."""
 
 from __future__ import annotations
 
@@ -17,14 +17,14 @@ from splatreel.scene.gaussians import Gaussians
 
 NEAR = 0.1
 UNIT = 4.0
-"""Near plane and viewing distance of `bench.front_camera`, world units."""
+"""Viewing distance of `front_camera`, world units."""
 
 
 def step_rows(gaussians: Gaussians, camera: Camera, repeats: int) -> list[Timing]:
-    """A step of a keyframe, and one of a group in which the leftmost quarter of the points moves; forward and backward.
+    """Time a step of a keyframe, and a step of a group whose leftmost quarter of points is dynamic; forward and backward.
 
-    `one_thread`, `undivided`: how many times as long it takes on one thread, and drawing every tile and not only those
-    that something moves in.
+    `one_thread` is the slowdown on one thread. `undivided` is the slowdown if every tile is drawn, not only tiles with
+    dynamic points.
     """
     view = View.of(camera, torch.device("cpu"))
     leftmost = np.argsort(gaussians.means[:, 0], kind="stable")

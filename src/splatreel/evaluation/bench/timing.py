@@ -1,4 +1,4 @@
-"""Wall times of work that is repeated, as medians."""
+"""Median wall times of repeated calls."""
 
 from __future__ import annotations
 
@@ -8,16 +8,16 @@ from collections.abc import Callable, Sequence
 import numpy as np
 
 Timing = dict[str, float | int | str]
-"""A row of a table of timings: what was measured, of which size, and its numbers."""
+"""Row of a table of timings: what was measured, its size, and the results."""
 
 
 def median_ms(work: Callable[[], object], repeats: int) -> float:
-    """Median milliseconds of `repeats` calls after one that is not counted, since it may compile."""
+    """Return the median milliseconds of `repeats` calls after a warm-up call, which may compile."""
     return medians_ms([work], repeats)[0]
 
 
 def medians_ms(works: Sequence[Callable[[], object]], repeats: int) -> list[float]:
-    """The same of each, called in turns: what else the machine does falls on all."""
+    """Return the median milliseconds of each function. Calls alternate, so that other load on the machine affects all alike."""
     times: list[list[float]] = [[] for _ in works]
     for turn in range(repeats + 1):
         for work, measured in zip(works, times, strict=True):
@@ -29,5 +29,5 @@ def medians_ms(works: Sequence[Callable[[], object]], repeats: int) -> list[floa
 
 
 def ratio(slow: float, quick: float) -> float:
-    """slow / quick, to two places."""
+    """Return slow / quick, rounded to two places."""
     return round(slow / quick, 2)
