@@ -10,7 +10,7 @@ from PIL import Image
 
 from splatreel.capture.base import Capture
 from splatreel.capture.follower import Follower, open_growing
-from splatreel.capture.growing.growing_pictures import is_whole
+from splatreel.capture.growing.growing_pictures import is_complete_picture
 from splatreel.capture.growing.growth import END, Growth
 from splatreel.errors import CaptureError
 from tests.capture import folders
@@ -155,11 +155,11 @@ def test_a_picture_that_is_half_written_does_not_count(tmp_path: Path) -> None:
     for suffix in ("png", "jpg", "tif", "webp", "bmp"):
         file = tmp_path / f"whole.{suffix}"
         Image.effect_noise((40, 30), 80).convert("RGB").save(file)
-        assert is_whole(file), suffix
+        assert is_complete_picture(file), suffix
         half = tmp_path / f"half.{suffix}"
         half.write_bytes(file.read_bytes()[: file.stat().st_size // 2])
-        assert not is_whole(half), suffix
-    assert not is_whole(tmp_path / "none.png")
+        assert not is_complete_picture(half), suffix
+    assert not is_complete_picture(tmp_path / "none.png")
 
 
 def test_a_capture_that_is_about_to_begin_is_waited_for(tmp_path: Path) -> None:

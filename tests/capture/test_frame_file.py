@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from splatreel.capture import frame_file
-from splatreel.capture.frame_file import frame_array, give_back, is_in_file
+from splatreel.capture.frame_file import frame_array, is_in_file, release_pages
 from splatreel.capture.prefetch import FramePrefetcher
 from splatreel.recon.pipeline import reconstruct
 from tests.recon.captures import WallCapture
@@ -45,13 +45,13 @@ def test_pages_that_were_given_back_come_back_as_they_were() -> None:
     before = resident()
     array[:] = np.resize(np.arange(251, dtype=np.uint8), len(array))
     assert resident() > before + (60 << 20)
-    give_back(array[7:])
+    release_pages(array[7:])
     assert resident() < before + (8 << 20)
     assert np.array_equal(array[: 2 * 251], np.tile(np.arange(251, dtype=np.uint8), 2))
     array[5] = 99
-    give_back(array)
+    release_pages(array)
     assert array[5] == 99
-    give_back(np.zeros(4, np.uint8))  # nothing to do
+    release_pages(np.zeros(4, np.uint8))  # nothing to do
 
 
 def test_without_room_or_a_disk_it_lies_in_memory(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from splatreel.capture.builtin.synthetic import make_cameras
-from splatreel.capture.pose_checks import inverted, turned_about, validate_poses
+from splatreel.capture.pose_checks import inverted, validate_poses, with_opengl_axes
 from splatreel.errors import CaptureError
 from splatreel.scene.camera import Camera
 from tests.capture import folders
@@ -59,7 +59,7 @@ def test_points_must_lie_before_the_cameras() -> None:
     cameras = RIGS["ring"]
     assert validate_poses(cameras, POINTS, "sparse/0") == []
     with pytest.raises(CaptureError, match=r"sparse/0: the poses do not fit the capture's points: .* 100% behind it\."):
-        validate_poses(turned_about(cameras), POINTS, "sparse/0")
+        validate_poses(with_opengl_axes(cameras), POINTS, "sparse/0")
     away = POINTS + np.array([0, 30.0, 0])  # where no camera looks, as it is said to stand; inverted, they all do
     told = inverted([replace(c, viewmat=c.viewmat @ translation(-away.mean(0))) for c in cameras])
     with pytest.raises(CaptureError, match=r"Inverted, they show them: they are camera to world"):
@@ -74,7 +74,7 @@ def translation(by: np.ndarray) -> np.ndarray:
 
 def test_without_points_there_are_doubts_and_no_refusal() -> None:
     cameras = RIGS["ring"]
-    (outwards,) = validate_poses(turned_about(cameras), None, "poses.txt")
+    (outwards,) = validate_poses(with_opengl_axes(cameras), None, "poses.txt")
     assert outwards.startswith(
         "poses.txt: the cameras look away from each other. That is right where they film outwards"
     )

@@ -8,7 +8,7 @@ import pytest
 
 from splatreel.capture import opening
 from splatreel.cli.main import main
-from splatreel.evaluation import rate_distortion
+from splatreel.evaluation.bench import rate_distortion
 from tests.evaluation import scenes
 
 

@@ -1,8 +1,8 @@
-"""Whether cameras can be what a capture's files say: world to camera in OpenCV's axes, with lenses that show something.
+"""Plausibility checks of poses: world to camera in OpenCV's axes, with valid lenses.
 
-A matrix that is no rotation, or that mirrors, is refused. Of which way it goes the matrix alone does not tell: the sparse points, where
-there are any, must lie before the cameras; without them only doubts can be had, for a rig may film outwards. Pictures decide then
-(`recon/cameras/readings.py`).
+Matrices that are not rotations or that mirror are refused. A matrix alone does not show whether it is inverted. Sparse
+points must be in front of the cameras. Without points only doubts are reported, because a rig may face outwards. Images
+then decide (`recon/cameras/readings.py`).
 """
 
 from __future__ import annotations
@@ -16,22 +16,22 @@ from splatreel.scene.camera import Camera
 
 NEEDED = "Needed are matrices of world to camera, in OpenCV's axes: x right, y down, z forward"
 UNIT = 1e-2
-"""How far products of a rotation's axes may be off those of unit axes at right angles."""
+"""Maximum deviation of the products of a rotation's axes from those of orthonormal axes."""
 PARALLEL = 2.0
-"""Degrees that axes must be apart, as a root mean square, for them to meet somewhere."""
+"""Root mean square angle in degrees between axes for them to meet in a point."""
 MEET, MISS = 0.25, 0.45
-"""Sines of the median angle between a camera's axis and the way to where the axes meet: at most, if they do; at least, if not."""
+"""Sine of the median angle between an axis and the direction to the meeting point: maximum if axes meet, minimum if they do not."""
 NO_WAY = 1e-3
-"""A camera stands where the axes meet if it is closer than this share of the larger distance, of the poses as given and inverted."""
+"""A camera is at the meeting point if it is closer than this share of the larger distance, of the given and the inverted poses."""
 MOST = 0.8
-"""Share of the cameras that must agree before a doubt is uttered, and of the points that must be behind them for a refusal."""
+"""Share of cameras that must agree before a doubt is reported, and of points behind cameras for a refusal."""
 HARDLY = 0.02
-"""Share of the points that a camera of a rig that fits them shows, at least."""
+"""Minimum share of the points that a camera shows if the poses fit."""
 ENOUGH_CAMERAS, ENOUGH_POINTS = 4, 20
 
 
 def check_rotation(rotation: np.ndarray, origin: str) -> None:
-    """Raises `CaptureError` for a matrix [3, 3] that is no rotation. origin: the file, and whose it is."""
+    """Raise `CaptureError` for a matrix [3, 3] that is not a rotation. `origin` starts the message."""
     rotation = np.asarray(rotation, np.float64)
     products, lengths = rotation @ rotation.T, np.linalg.norm(rotation, axis=1)
     if np.abs(products - np.eye(3)).max() > UNIT:
@@ -49,7 +49,7 @@ def check_rotation(rotation: np.ndarray, origin: str) -> None:
 
 
 def check_camera(camera: Camera, origin: str) -> None:
-    """Raises `CaptureError` for a camera whose matrices are none of a pinhole camera's. origin: the file."""
+    """Raise `CaptureError` for matrices that are not a pinhole camera's. `origin` is the file."""
     whose = f"{origin}: camera {camera.name!r}"
     check_rotation(camera.viewmat[:3, :3], f"{whose}: the 3x3 part of its pose")
     if np.abs(camera.viewmat[3] - [0, 0, 0, 1]).max() > 1e-6:
@@ -66,15 +66,21 @@ def check_camera(camera: Camera, origin: str) -> None:
 
 
 def validate_poses(cameras: list[Camera], points: np.ndarray | None, origin: str) -> list[str]:
-    """What is doubtful about the poses of a rig, in sentences. points: [P, 3] that the cameras see, if any. origin: the file.
+    """Return sentences about doubtful poses of a rig.
 
-    Raises `CaptureError` for matrices that cannot be a camera's, and for points that most cameras have behind them.
+    Args:
+        cameras: All cameras.
+        points: Visible sparse points, [P, 3], or None.
+        origin: File of the poses, for messages.
+
+    Raises:
+        CaptureError: A matrix is invalid, or most cameras have the points behind them.
     """
     for camera in cameras:
         check_camera(camera, origin)
     if points is not None and len(points) >= ENOUGH_POINTS:
-        shown, behind = _shown(cameras, points), float((_depths(cameras, points) < 0).mean())
-        inverse = shown < HARDLY and _shown(inverted(cameras), points) > 1 - MOST
+        shown, behind = _visible_share(cameras, points), float((_depths(cameras, points) < 0).mean())
+        inverse = shown < HARDLY and _visible_share(inverted(cameras), points) > 1 - MOST
         if inverse or behind > MOST:
             remedy = " Inverted, they show them: they are camera to world." if inverse else ""
             raise CaptureError(
@@ -86,12 +92,12 @@ def validate_poses(cameras: list[Camera], points: np.ndarray | None, origin: str
 
 
 def inverted(cameras: list[Camera]) -> list[Camera]:
-    """As if the poses were camera to world."""
+    """Return the cameras with inverted poses, as if they were camera to world."""
     return [_with(camera, np.linalg.inv(camera.viewmat.astype(np.float64))) for camera in cameras]
 
 
-def turned_about(cameras: list[Camera]) -> list[Camera]:
-    """As if the cameras' axes were OpenGL's: y up and z backwards."""
+def with_opengl_axes(cameras: list[Camera]) -> list[Camera]:
+    """Return the cameras with OpenGL's axes: y up and z backwards."""
     return [_with(camera, np.diag([1.0, -1, -1, 1]) @ camera.viewmat.astype(np.float64)) for camera in cameras]
 
 
@@ -100,7 +106,7 @@ def _with(camera: Camera, viewmat: np.ndarray) -> Camera:
 
 
 def _doubts(cameras: list[Camera], origin: str) -> list[str]:
-    """Return what the place where the cameras' axes meet, if they do, makes doubtful."""
+    """Return doubts that follow from the meeting point of the cameras' axes."""
     given, other = _meeting(cameras), _meeting(inverted(cameras))
     if len(cameras) < ENOUGH_CAMERAS or given is None:
         return []
@@ -121,34 +127,34 @@ def _doubts(cameras: list[Camera], origin: str) -> list[str]:
 
 @dataclass(frozen=True)
 class _Meeting:
-    """Where the cameras' axes come closest to each other, as each camera [C] sees that place."""
+    """Point where the cameras' axes come closest to each other, relative to each camera [C]."""
 
     depths: np.ndarray
-    """Its coordinate along the axis."""
+    """Coordinate of the point along the axis."""
     past: np.ndarray
-    """How far the axis passes it by."""
+    """Distance of the point from the axis."""
 
     @property
     def before(self) -> float:
-        """Share of the cameras that have it before them."""
+        """Share of cameras with the point in front of them."""
         return float((self.depths > 0).mean())
 
     @property
     def distance(self) -> float:
-        """From the cameras, in the median."""
+        """Median distance of the cameras from the point."""
         return float(np.median(np.hypot(self.depths, self.past)))
 
     def miss(self, shortest: float) -> float:
-        """Return the sine of the median angle between an axis and the way to the place.
+        """Return the sine of the median angle between an axis and the direction to the point.
 
-        A camera closer to it than `shortest` counts as if its axis were at right angles to that way, whose direction is only rounding.
+        For a camera closer than `shortest` the direction is only rounding error, and it counts as a right angle.
         """
         floor = max(shortest, 1e-12)
         return float(np.median(np.hypot(self.past, floor) / np.hypot(np.hypot(self.depths, self.past), floor)))
 
 
 def _meeting(cameras: list[Camera]) -> _Meeting | None:
-    """Return where the axes meet, by least squares, or None if they are parallel."""
+    """Return the least-squares meeting point of the axes, or None if they are parallel."""
     centers = np.stack([camera.center for camera in cameras]).astype(np.float64)
     forwards = np.stack([camera.forward for camera in cameras]).astype(np.float64)
     projectors = np.eye(3) - forwards[:, :, None] * forwards[:, None, :]
@@ -161,13 +167,13 @@ def _meeting(cameras: list[Camera]) -> _Meeting | None:
 
 
 def _depths(cameras: list[Camera], points: np.ndarray) -> np.ndarray:
-    """[C, P] of points [P, 3] along the cameras' axes."""
+    """Return the depths [C, P] of points [P, 3] along the cameras' axes."""
     rows = np.stack([camera.viewmat[2] for camera in cameras]).astype(np.float64)
     return rows[:, :3] @ points.T.astype(np.float64) + rows[:, 3:]
 
 
-def _shown(cameras: list[Camera], points: np.ndarray) -> float:
-    """Share of points [P, 3] that are in a camera's picture, median of the cameras."""
+def _visible_share(cameras: list[Camera], points: np.ndarray) -> float:
+    """Return the share of points [P, 3] within a camera's image, median over the cameras."""
     shares = []
     for camera in cameras:
         x, y, depth = camera.K.astype(np.float64) @ (camera.viewmat[:3, :3] @ points.T + camera.viewmat[:3, 3:])

@@ -1,4 +1,4 @@
-"""The sound that a capture's videos hold: reading it, and choosing the best track."""
+"""Sound of a capture's videos: reading it, and choosing the best track."""
 
 from __future__ import annotations
 
@@ -18,30 +18,30 @@ from splatreel.capture.files import LOCAL, Files, open_media
 from splatreel.errors import CaptureError
 
 RATE = 48_000
-"""Samples a second of what is read."""
+"""Samples per second."""
 LOUD = 0.99
-"""A sample of this size is taken for a clipped one."""
+"""Samples of at least this amplitude count as clipped."""
 CLIPPED = 1e-4
-"""Share of clipped samples, some five a second, up to which a track counts as undistorted."""
+"""Share of clipped samples, about five per second, up to which a track counts as undistorted."""
 SILENT = 1e-5
-"""Root mean square below which a track holds nothing: 100 dB below full scale."""
+"""Root mean square below which a track is silent, 100 dB below full scale."""
 WINDOWS, WINDOW = 12, 5.0
-"""By so many stretches of so many seconds a long track is judged."""
+"""Number and duration in seconds of the parts by which a long track is judged."""
 PREROLL = 2.0
-"""Seconds that are decoded before what is wanted: a decoder has to come into step."""
+"""Seconds decoded before the wanted part, so that the decoder settles."""
 GAP = 0.02
-"""Seconds by which a file's times may be off what came before; beyond, something is missing, and silence takes its place."""
+"""Tolerance in seconds of a file's times. Larger gaps are filled with silence."""
 
 
 @dataclass(frozen=True)
 class Track:
-    """Where the sound of some frames is.
+    """Location of the sound of some frames.
 
     Attributes:
-        file: A file, by which it is known whether there is any sound.
-        start: Seconds after its first picture from which on the sound is wanted.
-        files: Where the file lies.
-        blocks: Gives the sound of so many channels from `start` on, in blocks of [n, channels], where it is in several files.
+        file: File that shows whether there is sound.
+        start: Seconds after its first frame at which the sound starts.
+        files: Access to the file.
+        blocks: Function from a number of channels to blocks [n, channels] from `start` on, for sound in several files.
     """
 
     file: Path
@@ -50,7 +50,7 @@ class Track:
     blocks: Callable[[int], Iterator[np.ndarray]] | None = None
 
     def read(self, channels: int, skip: float = 0.0) -> Iterator[np.ndarray]:
-        """Yield blocks of [n, channels] float32 at `RATE` a second, from `skip` seconds after `start` on."""
+        """Yield blocks [n, channels] float32 at `RATE` from `skip` seconds after `start` on."""
         if self.blocks is None:
             return read_sound(self.file, channels, RATE, self.start + skip, self.files)
         return _without_first(self.blocks(channels), round(skip * RATE))
@@ -58,7 +58,14 @@ class Track:
 
 @dataclass(frozen=True)
 class Choice:
-    """The track to take. channels: 1 or 2. camera: whose it is; None for a file of its own. why: for people, after the name."""
+    """Chosen track.
+
+    Attributes:
+        track: The track.
+        channels: 1 or 2.
+        camera: Name of the camera; None for a separate file.
+        why: Reason for users, shown after the name.
+    """
 
     track: Track
     channels: int
@@ -70,29 +77,35 @@ class Choice:
         return f"{name} ({self.why})" if self.why else name
 
     def samples(self, seconds: float, skip: float = 0.0) -> Iterator[np.ndarray]:
-        """Yield blocks of [n, channels] float32 at `RATE` a second, so many seconds in all; silence where there is none.
+        """Yield blocks [n, channels] float32 at `RATE` for a duration, padded with silence.
 
         Args:
-            seconds: How many.
-            skip: Seconds to leave out at the start.
+            seconds: Duration.
+            skip: Seconds to skip at the start.
         """
         yield from _cut(self.track.read(self.channels, skip), seconds, self.channels)
 
 
 @dataclass(frozen=True)
 class Loudness:
-    """Of a track: root mean square of the samples, and the share of clipped ones."""
+    """Loudness of a track: root mean square of the samples, and share of clipped samples."""
 
     rms: float
     clipped: float
 
 
 def choose(wanted: str, tracks: dict[str, Track], seconds: float, begin: float, path: Path) -> Choice | None:
-    """The sound for a reel of so many seconds; None where there is none, or none is wanted.
+    """Return the sound for a reel, or None without sound.
 
-    wanted: auto, none, the name of a camera, or a file. tracks: of the cameras whose pictures are videos. begin: seconds from the
-    start of the capture to the reel's first frame, from which on a file is taken. path: of the capture, for messages.
-    Raises `CaptureError` for a camera or a file that has no sound in these frames, or cannot be read.
+    Args:
+        wanted: auto, none, the name of a camera, or a file.
+        tracks: Tracks of cameras with videos.
+        seconds: Duration of the reel.
+        begin: Seconds from the start of the capture to the reel's first frame, at which a file starts.
+        path: Folder of the capture, for messages.
+
+    Raises:
+        CaptureError: The wanted camera or file has no sound in these frames, or cannot be read.
     """
     if wanted == "none":
         return None
@@ -114,25 +127,25 @@ def choose(wanted: str, tracks: dict[str, Track], seconds: float, begin: float, 
 
 
 def _best(tracks: dict[str, Track], seconds: float) -> Choice | None:
-    """The loudest of the undistorted ones; where all are distorted, the least distorted one."""
-    with ThreadPoolExecutor(threads.count()) as pool:  # FFmpeg works without the interpreter lock
+    """Return the loudest undistorted track, or the least distorted one."""
+    with ThreadPoolExecutor(threads.count()) as pool:  # FFmpeg releases the interpreter lock
         counts = pool.map(lambda track: channels(track.file, track.files), tracks.values())
         choices = [
             Choice(track, count, name) for (name, track), count in zip(tracks.items(), counts, strict=True) if count
         ]
         found = pool.map(lambda choice: _loudness(choice, seconds), choices)
-        heard = {c: loudness for c, loudness in zip(choices, found, strict=True) if loudness.rms >= SILENT}
-    clean = [choice for choice in heard if heard[choice].clipped <= CLIPPED]
+        audible = {c: loudness for c, loudness in zip(choices, found, strict=True) if loudness.rms >= SILENT}
+    clean = [choice for choice in audible if audible[choice].clipped <= CLIPPED]
     if clean:
-        best = max(clean, key=lambda choice: heard[choice].rms)
-        return replace(best, why="the loudest without distortion" if len(heard) > 1 else "")
-    if heard:
-        return replace(min(heard, key=lambda choice: heard[choice].clipped), why="the least distorted")
+        best = max(clean, key=lambda choice: audible[choice].rms)
+        return replace(best, why="the loudest without distortion" if len(audible) > 1 else "")
+    if audible:
+        return replace(min(audible, key=lambda choice: audible[choice].clipped), why="the least distorted")
     return None
 
 
 def _loudness(choice: Choice, seconds: float) -> Loudness:
-    """Listen to all of a short track, and to `WINDOWS` parts of a long one."""
+    """Measure all of a short track, or `WINDOWS` parts of a long one."""
     length = seconds if seconds <= WINDOWS * WINDOW else WINDOW
     starts = [0.0] if length == seconds else np.linspace(0, seconds - WINDOW, WINDOWS).tolist()
     squares, clipped, count = 0.0, 0, 0
@@ -145,23 +158,24 @@ def _loudness(choice: Choice, seconds: float) -> Loudness:
 
 
 def channels(file: Path, files: Files = LOCAL) -> int:
-    """How many `read_sound` shall give of a file: 1, or 2 where it has more; 0 where it has no sound.
+    """Return the number of channels for `read_sound`: 1, or 2 for files with more, or 0 without sound.
 
-    Raises `CaptureError` where it cannot be opened.
+    Raises:
+        CaptureError: The file cannot be opened.
     """
     with _guard(file), open_media(files, file) as container:
         return min(container.streams.audio[0].layout.nb_channels, 2) if container.streams.audio else 0
 
 
 def read_sound(file: Path, channels: int, rate: int, start: float = 0.0, files: Files = LOCAL) -> Iterator[np.ndarray]:
-    """Yield the sound of a file to its end, in blocks of [n, channels] float32. Where something is missing is silence.
+    """Yield the sound of a file in blocks [n, channels] float32. Gaps become silence.
 
     Args:
-        file: A file of sound or video.
+        file: Sound or video file.
         channels: 1 or 2.
-        rate: Samples a second.
-        start: Seconds after the first picture, or else the first sound, to begin at.
-        files: Where the file lies.
+        rate: Samples per second.
+        start: Seconds after the first frame, or the first sample of a sound file.
+        files: Access to the file.
 
     Raises:
         CaptureError: The file has no sound, or it cannot be decoded.
@@ -173,10 +187,10 @@ def read_sound(file: Path, channels: int, rate: int, start: float = 0.0, files: 
         first = container.streams.video[0] if container.streams.video else audio
         zero = float((first.start_time or 0) * (first.time_base or 0)) + start
         if start > PREROLL and audio.time_base:
-            with suppress(FFmpegError):  # then it is read from the start of the file
+            with suppress(FFmpegError):  # otherwise read from the start of the file
                 container.seek(int((zero - PREROLL) / audio.time_base), stream=audio)
         resampler = av.AudioResampler("flt", "mono" if channels == 1 else "stereo", rate)
-        now: int | None = None  # where the next sample belongs, in samples from `start` on
+        now: int | None = None  # position of the next sample, counted from `start`
         for frame in container.decode(audio):
             time = now if frame.time is None else round((frame.time - zero) * rate)
             if now is None:
@@ -210,7 +224,7 @@ def _cut(blocks: Iterator[np.ndarray], seconds: float, channels: int) -> Iterato
 
 @contextmanager
 def _guard(file: Path) -> Iterator[None]:
-    """FFmpeg's errors as ours."""
+    """Convert FFmpeg's errors to `CaptureError`."""
     try:
         yield
     except (FFmpegError, OSError, ValueError) as error:

@@ -8,7 +8,7 @@ import cv2
 import numpy as np
 
 from splatreel import threads
-from splatreel.capture.frame_file import give_back
+from splatreel.capture.frame_file import release_pages
 
 MIN_DIFFERENCE = 8 / 255
 """Mean absolute difference of the colors around a pixel, 0..1, from which on it counts as changed."""
@@ -34,7 +34,7 @@ def changes(frames: np.ndarray) -> np.ndarray:
 
     def of(camera: int) -> np.ndarray:
         found = _changes(frames[:, camera])
-        give_back(frames)
+        release_pages(frames)
         return found
 
     with ThreadPoolExecutor(threads.count()) as pool:

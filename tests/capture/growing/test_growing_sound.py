@@ -8,7 +8,7 @@ import pytest
 
 from splatreel.capture.file_capture import FileCapture
 from splatreel.capture.follower import open_growing
-from splatreel.capture.growing.growing_sound import begin_with
+from splatreel.capture.growing.growing_sound import choose_growing_track
 from splatreel.capture.growing.growing_videos import GrowingVideos
 from splatreel.capture.growing.growth import Growth
 from splatreel.capture.soundtrack import GAP
@@ -61,10 +61,10 @@ def test_a_camera_is_chosen_by_what_is_heard_so_far(tmp_path: Path) -> None:
         recorder.write(FRAMES)
     noisy, quiet, mute = (tmp_path / name for name in ("loud/cam00.ts", "silent/cam00.ts", "loud/cam01.ts"))
     files = {"a": quiet, "b": noisy, "c": mute}
-    assert begin_with("auto", files, 2.0, tmp_path) == ("b", 1)
-    assert begin_with("auto", {"a": quiet, "c": mute}, 2.0, tmp_path) == ("a", 1)  # it may still be heard
-    assert begin_with("auto", {"c": mute}, 2.0, tmp_path) is None
-    assert begin_with("none", files, 2.0, tmp_path) is None
-    assert begin_with("a", files, 2.0, tmp_path) == ("a", 1)
+    assert choose_growing_track("auto", files, 2.0, tmp_path) == ("b", 1)
+    assert choose_growing_track("auto", {"a": quiet, "c": mute}, 2.0, tmp_path) == ("a", 1)  # it may still be heard
+    assert choose_growing_track("auto", {"c": mute}, 2.0, tmp_path) is None
+    assert choose_growing_track("none", files, 2.0, tmp_path) is None
+    assert choose_growing_track("a", files, 2.0, tmp_path) == ("a", 1)
     with pytest.raises(CaptureError, match="the cameras with sound are a, b"):
-        begin_with("c", files, 2.0, tmp_path)
+        choose_growing_track("c", files, 2.0, tmp_path)

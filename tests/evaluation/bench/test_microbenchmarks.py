@@ -1,6 +1,6 @@
 import pytest
 
-from splatreel.evaluation import step_timings
+from splatreel.evaluation.bench import step_timings
 from splatreel.evaluation.bench.microbenchmarks import bench_codec, bench_kernels, cloud, front_camera
 from splatreel.evaluation.bench.step_timings import step_rows
 from splatreel.kernels.image import render_image

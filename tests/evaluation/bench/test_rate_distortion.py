@@ -8,7 +8,7 @@ from xml.etree import ElementTree
 import pytest
 
 from splatreel.errors import MissingDependencyError, UsageError
-from splatreel.evaluation import rate_distortion
+from splatreel.evaluation.bench import rate_distortion
 from splatreel.evaluation.bench.paper_tables import paper_tables
 from splatreel.evaluation.bench.rate_chart import rate_chart
 from splatreel.evaluation.bench.rate_distortion import (

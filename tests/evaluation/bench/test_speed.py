@@ -11,7 +11,7 @@ from splatreel.cli.main import main
 from splatreel.codec.reader import ReelReader
 from splatreel.config import Config, preset
 from splatreel.errors import UsageError
-from splatreel.evaluation import speed
+from splatreel.evaluation.bench import speed
 from splatreel.evaluation.bench.provenance import append, label
 from splatreel.evaluation.bench.speed import bench_reconstruct
 from tests.recon.captures import WallCapture

@@ -4,7 +4,7 @@ from types import SimpleNamespace
 
 import pytest
 
-from splatreel.evaluation import timing
+from splatreel.evaluation.bench import timing
 from splatreel.evaluation.bench.timing import median_ms, medians_ms
 
 

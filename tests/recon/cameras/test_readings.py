@@ -5,7 +5,7 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from splatreel.capture.pose_checks import inverted, turned_about
+from splatreel.capture.pose_checks import inverted, with_opengl_axes
 from splatreel.recon.cameras.findings import Findings
 from splatreel.recon.cameras.poses import check_poses
 from splatreel.recon.cameras.readings import match_nearest, misread
@@ -26,8 +26,8 @@ def test_poses_that_are_right_are_read_as_they_are() -> None:
     ("stored", "meant"),
     [
         (inverted, "camera to world"),
-        (turned_about, "world to camera in OpenGL's axes (y up, z backwards)"),
-        (lambda cameras: inverted(turned_about(cameras)), "camera to world in OpenGL's axes (y up, z backwards)"),
+        (with_opengl_axes, "world to camera in OpenGL's axes (y up, z backwards)"),
+        (lambda cameras: inverted(with_opengl_axes(cameras)), "camera to world in OpenGL's axes (y up, z backwards)"),
     ],
 )
 def test_what_is_stored_is_told(stored: Callable[[list[Camera]], list[Camera]], meant: str) -> None:

@@ -1,4 +1,4 @@
-"""A folder of numbered pictures a camera, to which more are being added."""
+"""Folders of numbered images, one per camera, that are still being written."""
 
 from __future__ import annotations
 
@@ -15,13 +15,13 @@ from splatreel.capture.soundtrack import Track
 from splatreel.errors import CaptureError
 
 END_MARKS = {".jpg": b"\xff\xd9", ".jpeg": b"\xff\xd9", ".png": b"IEND\xaeB`\x82"}
-"""The last bytes of a picture."""
+"""Last bytes of a complete image."""
 
 
 class GrowingPictures:
-    """The pictures of all cameras, which count one by one from the same number on. They start together.
+    """Images of all cameras, numbered consecutively from the same number. They start together.
 
-    A picture counts when it is whole and all before it are. fps: what the sidecar says, or 30: pictures do not tell.
+    An image counts when it and all earlier ones are complete. The frame rate is the sidecar's, or 30.
     """
 
     def __init__(self, path: Path, files: dict[str, list[Path]], sidecar: Sidecar) -> None:
@@ -43,34 +43,34 @@ class GrowingPictures:
         self.update()
 
     def size(self, name: str) -> tuple[int, int]:
-        """(width, height) of a camera's first picture."""
+        """Return width and height of a camera's first image."""
         return image_size(self._names[name].file(0))
 
     @property
     def frames(self) -> int:
-        """Time steps that are whole in all cameras."""
+        """Number of time steps complete in all cameras."""
         return min(self._counts.values(), default=0)
 
     def counts(self) -> dict[str, int]:
-        """By camera, how many time steps of it are whole."""
+        """Return the number of complete time steps by camera."""
         return dict(self._counts)
 
     def waiting_for(self, name: str) -> Path:
-        """The file that will be a camera's next frame."""
+        """Return the file of a camera's next image."""
         return self._names[name].file(self._counts[name])
 
     def update(self) -> None:
-        """Look for what was written."""
+        """Check for new images."""
         for name, names in self._names.items():
-            while is_whole(names.file(self._counts[name])):
+            while is_complete_picture(names.file(self._counts[name])):
                 self._counts[name] += 1
 
     def settle(self) -> None:
-        """Once the capture has ended: the last look."""
+        """Check for the last time, after the capture has ended."""
         self.update()
 
     def read_camera(self, out: np.ndarray, first: int, name: str) -> None:
-        """Time steps first .. first + len(out) - 1 of a camera into out [count, H, W, 3] uint8."""
+        """Read time steps from `first` on of a camera into out [count, H, W, 3] uint8."""
         for index, picture in enumerate(out):
             picture[:] = read_image(self._names[name].file(first + index), out.shape[2], out.shape[1])
 
@@ -78,21 +78,21 @@ class GrowingPictures:
         return [names.folder for names in self._names.values()]
 
     def tables(self) -> dict[Path, FrameTable]:
-        """Nothing: pictures need none."""
+        """Return nothing, because images have no frame tables."""
         return {}
 
     def tracks(self, first: int) -> dict[str, Track]:
-        """Pictures have none."""
+        """Return nothing, because images have no sound."""
         return {}
 
     def close(self) -> None:
-        """Nothing is held open."""
+        """Do nothing, because no files stay open."""
 
 
-def is_whole(file: Path) -> bool:
-    """Whether a picture is there and nobody is still writing it."""
+def is_complete_picture(file: Path) -> bool:
+    """Return whether an image exists and is complete."""
     if not file.is_file():
-        return False  # a pipe would be waited for
+        return False  # reading a pipe would block
     try:
         mark = END_MARKS.get(file.suffix.lower())
         if mark is not None:
@@ -100,7 +100,7 @@ def is_whole(file: Path) -> bool:
                 opened.seek(max(file.stat().st_size - len(mark), 0))
                 if opened.read() == mark:
                     return True
-        with Image.open(file) as image:  # other formats, and files with something behind the picture
+        with Image.open(file) as image:  # other formats, and files with data after the image
             image.load()
         return True
     except (OSError, UnidentifiedImageError, SyntaxError, ValueError):

@@ -1,4 +1,4 @@
-"""The sound of videos that are still being written, as far as it is there, and choosing one when nobody knows how it goes on."""
+"""Sound of videos that are still being written, and the choice of a track before the whole sound is known."""
 
 from __future__ import annotations
 
@@ -14,18 +14,26 @@ from splatreel.capture.soundtrack import GAP, RATE, Track, channels, choose
 from splatreel.errors import CaptureError
 
 Packets = Iterator[tuple[float, av.Packet]]
-"""Packets of one sound track, which may be in several files, each with the seconds by which its own time is more than the camera's."""
+"""Packets of one sound track, possibly from several files, each with the seconds by which its time exceeds the camera's."""
 
 
 def read_packets(packets: Packets, count: int, start: float) -> Iterator[np.ndarray]:
-    """Decoded, in blocks [n, count] float32 of `RATE` from `start` seconds after the camera's first picture on.
+    """Decode packets to blocks [n, count] float32 at `RATE`, starting `start` seconds after the camera's first frame.
 
-    Silence where something is missing; what comes twice is heard once. Files that follow each other are decoded as one, since a decoder
-    that begins anew has to come into step. count: channels, 1 or 2. Raises `CaptureError` for what cannot be decoded.
+    Gaps become silence, and repeated parts are dropped. Consecutive files share a decoder, because a new decoder has to
+    settle.
+
+    Args:
+        packets: Packets of the track.
+        count: Channels, 1 or 2.
+        start: Seconds after the first frame.
+
+    Raises:
+        CaptureError: A packet cannot be decoded.
     """
     context: av.AudioCodecContext | None = None
     resampler = av.AudioResampler("flt", "mono" if count == 1 else "stereo", RATE)
-    now: int | None = None  # samples that were given
+    now: int | None = None  # samples yielded so far
     for shift, packet in packets:
         if packet.pts is not None and float(packet.pts * packet.time_base) - shift < start - 1:
             continue
@@ -45,11 +53,17 @@ def read_packets(packets: Packets, count: int, start: float) -> Iterator[np.ndar
                     now, at = (now or 0) + len(block), at + len(block)
 
 
-def begin_with(wanted: str, files: dict[str, Path], seconds: float, path: Path) -> tuple[str, int] | None:
-    """The camera whose sound to take, and its channels; None where there is none, or none is wanted.
+def choose_growing_track(wanted: str, files: dict[str, Path], seconds: float, path: Path) -> tuple[str, int] | None:
+    """Return the camera whose sound to use, and its number of channels; None without sound.
 
-    wanted: auto, none, or the name of a camera. files: of the cameras, as far as they are written. seconds: to judge by; if none can be
-    heard in them, the first camera that has a track is taken. path: of the capture, for messages. Raises `CaptureError` for another.
+    Args:
+        wanted: auto, none, or the name of a camera.
+        files: File of each camera that is written so far.
+        seconds: Duration to judge by. If all of it is silent, the first camera with a track is used.
+        path: Folder of the capture, for messages.
+
+    Raises:
+        CaptureError: The wanted camera has no sound.
     """
     having = {name: count for name, file in files.items() if (count := channels(file))}
     if wanted == "none" or (wanted == "auto" and not having):
@@ -68,8 +82,8 @@ def begin_with(wanted: str, files: dict[str, Path], seconds: float, path: Path) 
 
 
 @contextmanager
-def guard(file: Path) -> Iterator[None]:
-    """FFmpeg's errors as ours."""
+def sound_errors(file: Path) -> Iterator[None]:
+    """Convert FFmpeg's errors to `CaptureError`."""
     try:
         yield
     except (FFmpegError, OSError, ValueError) as error:
@@ -83,6 +97,6 @@ def _decoded(context: av.AudioCodecContext, packet: av.Packet) -> list[av.AudioF
 
 
 def _resampled(resampler: av.AudioResampler, frame: av.AudioFrame) -> Iterator[np.ndarray]:
-    frame.pts = None  # files may count anew
+    frame.pts = None  # times may restart in each file
     for part in resampler.resample(frame):
         yield part.to_ndarray()

@@ -1,4 +1,4 @@
-"""One video that is still being written: Matroska, MPEG-TS or fragmented MP4."""
+"""Video that is still being written: Matroska, MPEG-TS or fragmented MP4."""
 
 from __future__ import annotations
 
@@ -14,16 +14,19 @@ import numpy as np
 from av.container import InputContainer
 from av.error import FFmpegError
 
-from splatreel.capture.growing.growing_sound import Packets, guard
+from splatreel.capture.growing.growing_sound import Packets
 from splatreel.capture.growing.growth import Growth
 from splatreel.capture.video import to_rgb
 from splatreel.errors import CaptureError
 
 
 class Tail:
-    """A file as FFmpeg reads a stream, from its start on. `read` waits for bytes that are not written yet, until it has ended.
+    """Growing file as a stream for FFmpeg. `read` waits for bytes that are not written yet, until the capture ends.
 
-    left: set when nobody reads it any more.
+    Args:
+        path: File to read.
+        growth: State of the capture.
+        left: Set when no reader is left.
     """
 
     def __init__(self, path: Path, growth: Growth, left: Event) -> None:
@@ -32,12 +35,12 @@ class Tail:
         self._file: BinaryIO | None = None
 
     def read(self, count: int) -> bytes:
-        """At least one byte; none at the end. Raises OSError where the file cannot be read."""
+        """Return at least one byte, or none at the end. Raise OSError if the file cannot be read."""
         while True:
             if self._growth.stopped or self._left.is_set():
                 return b""
-            ended = self._growth.ended  # asked first: what was written before the end is still read
-            data = self._there(count)
+            ended = self._growth.ended  # read before looking, so that everything written before the end is returned
+            data = self._read_available(count)
             if data or ended:
                 return data
             self._growth.pause()
@@ -46,7 +49,7 @@ class Tail:
         if self._file is not None:
             self._file.close()
 
-    def _there(self, count: int) -> bytes:
+    def _read_available(self, count: int) -> bytes:
         if self._file is None:
             try:
                 self._file = open(self._path, "rb", buffering=0)  # noqa: SIM115 - `close` closes it
@@ -56,27 +59,34 @@ class Tail:
 
 
 OPTIONS = {"analyzeduration": "1000000", "fpsprobesize": "1"}
-"""FFmpeg looks at no more of the file than it needs to say what is in it: more is not there yet."""
+"""FFmpeg options that read no more than needed to detect the streams, because more is not written yet."""
 COUNTED = 24
-"""Frames by whose times the rate is known where the file does not say it."""
+"""Number of frames whose times give the frame rate if the file does not state it."""
 HELD_BACK = 16
-"""Packets whose order is not known to be final where a file does not say when they are decoded: H.264 reorders no more."""
+"""Packets whose order may still change if the file has no decoding times. H.264 reorders no more than this."""
 
 
 class GrowingVideo:
-    """The frames of a video as far as they are whole, known by their presentation times.
+    """Complete frames of a growing video, indexed by presentation time.
 
-    A thread reads the packets as they are written, without decoding. A frame counts once it is there with all that is shown before
-    it. Reading forwards is cheap; going back begins at the start of the file again, and decodes from the keyframe on.
-    width, height: pixels. fps: average frames a second. Waits until the first one is whole.
-    Raises `CaptureError` for what can only be read once it is complete, and for what is no video.
+    A thread demuxes packets as they are written. A frame counts once it and all frames displayed before it exist.
+    Sequential reads are fast. Going back restarts at the beginning of the file and decodes from a keyframe. The
+    constructor waits for the first frame.
+
+    Attributes:
+        width: Width in pixels.
+        height: Height in pixels.
+        fps: Average frames per second.
+
+    Raises:
+        CaptureError: The file is not a video, or can only be read when complete.
     """
 
     def __init__(self, path: Path, growth: Growth) -> None:
         self.path, self._growth, self._left = path, growth, Event()
         self._pts: list[int] = []
         self._keys: list[int] = []
-        self._final: int | None = -(1 << 63)  # the time up to which no more frames can come; None: all are known
+        self._final: int | None = -(1 << 63)  # no frame before this time is missing; None: all frames are known
         self._lock, self._failure = Lock(), None
         self._decoder: Iterator[av.VideoFrame] | None = None
         self._next = 0
@@ -95,29 +105,29 @@ class GrowingVideo:
         self.fps = float(said) if said else self._counted_rate()
 
     def update(self) -> None:
-        """Nothing to do: a thread does it."""
+        """Do nothing, because a thread checks for new frames."""
 
     def settle(self) -> None:
-        """Once the capture has ended: wait until all that is there is known."""
+        """Wait until all frames are known, after the capture has ended."""
         self._thread.join()
 
     @property
     def waiting_for(self) -> Path:
-        """The file in which the next frame will be."""
+        """File of the next frame."""
         return self.path
 
     @property
     def last(self) -> float | None:
-        """Seconds from the first frame to the last one that is whole; None where none is."""
-        whole = self._whole()
+        """Seconds from the first frame to the last complete one, or None."""
+        whole = self._complete_frames()
         return self._seconds(self._pts[whole - 1]) if whole else None
 
     def numbers(self, wanted: np.ndarray) -> np.ndarray:
-        """Of each time, in seconds after the first frame, the number of the frame nearest to it."""
+        """Return the number of the frame nearest to each time, in seconds after the first frame."""
         return np.array([self._nearest(float(time)) for time in wanted], np.int64)
 
     def read_into(self, out: np.ndarray, numbers: np.ndarray) -> None:
-        """Decode the frames of these numbers, in rising order, into out [count, H, W, 3] uint8 sRGB, resized by area to H x W."""
+        """Decode frames with ascending numbers into out [count, H, W, 3] uint8 sRGB, resized by area to H x W."""
         missing = set(numbers.tolist())
         with self._guard():
             for number, frame in self._decode_from(int(numbers[0])):
@@ -133,18 +143,18 @@ class GrowingVideo:
 
     @property
     def written(self) -> Path:
-        """A file that can be read by now, to see what it holds."""
+        """File that can be read already."""
         return self.path
 
     def sound(self) -> Packets:
-        """The packets of its sound track, as they are written."""
-        with guard(self.path), av.open(Tail(self.path, self._growth, self._left), "r") as container:
+        """Yield the packets of the sound track as they are written."""
+        with sound_errors(self.path), av.open(Tail(self.path, self._growth, self._left), "r") as container:
             shift = self._pts[0] * self._time_base
             for packet in container.demux(container.streams.audio[0]):
                 yield shift, packet
 
     def close(self) -> None:
-        """Stop reading, for good."""
+        """Stop reading permanently."""
         self._left.set()
         self._thread.join()
         self._drop_decoder()
@@ -156,7 +166,7 @@ class GrowingVideo:
                     if packet.size and packet.pts is not None and not packet.is_discard and not packet.is_corrupt:
                         self._note(packet.pts, packet.dts, packet.is_keyframe)
         except (FFmpegError, ValueError) as error:
-            self._failure = error  # what comes after cannot be read; the camera stops here
+            self._failure = error  # later packets cannot be read, so the camera ends here
         with self._lock:
             self._final = None
 
@@ -171,18 +181,18 @@ class GrowingVideo:
                 self._final = self._pts[-1 - HELD_BACK]
 
     def _counted_rate(self) -> float:
-        """Frames a second, by the first ones; waits for them."""
+        """Return the frame rate measured on the first frames, after waiting for them."""
         self._wait(COUNTED)
-        first = self._pts[: min(self._whole(), COUNTED)]
+        first = self._pts[: min(self._complete_frames(), COUNTED)]
         return (len(first) - 1) / self._seconds(first[-1]) if len(first) > 1 else 0.0
 
     def _wait(self, frames: int) -> None:
-        """Until so many are whole, or no more come."""
-        while self._whole() < frames and self._thread.is_alive():
+        """Wait for a number of complete frames, or for the end."""
+        while self._complete_frames() < frames and self._thread.is_alive():
             self._growth.pause()
 
-    def _whole(self) -> int:
-        """How many frames are whole, from the first on."""
+    def _complete_frames(self) -> int:
+        """Return the number of complete frames from the first one on."""
         with self._lock:
             return len(self._pts) if self._final is None else bisect_right(self._pts, self._final)
 
@@ -198,7 +208,7 @@ class GrowingVideo:
             return after - 1 if sooner else after
 
     def _decode_from(self, first: int) -> Iterator[tuple[int, av.VideoFrame]]:
-        """(number, frame) from at most `first` on, going on where the last read ended if no keyframe is nearer."""
+        """Yield numbers and frames from at most `first` on, continuing after the last read unless a keyframe is nearer."""
         with self._lock:
             key = self._keys[max(bisect_right(self._keys, self._pts[first]) - 1, 0)]
             nearest = bisect_left(self._pts, key)
@@ -229,13 +239,13 @@ class GrowingVideo:
 
 
 def open_tail(tail: Tail) -> tuple[InputContainer, av.VideoStream | None]:
-    """A file that is being written, to be read once from its start on, and its video; waits until it says what is in it."""
+    """Open a growing file for one pass, and return its video stream. Waits until the streams are known."""
     container = av.open(tail, "r", options=OPTIONS)
     return container, container.streams.video[0] if container.streams.video else None
 
 
 def _frames(tail: Tail, start: int) -> Iterator[av.VideoFrame]:
-    """The frames from the packet of presentation time `start` on; what comes before is read, but not decoded."""
+    """Yield the frames from the packet with presentation time `start` on. Earlier packets are read, but not decoded."""
     container, stream = open_tail(tail)
     with container:
         assert stream is not None
@@ -248,7 +258,7 @@ def _frames(tail: Tail, start: int) -> Iterator[av.VideoFrame]:
 
 
 def _check_form(tail: Tail) -> None:
-    """An MP4 is either in fragments, or has its table of frames before them; else it cannot be read before it is complete."""
+    """Raise `CaptureError` for an MP4 file that is neither fragmented nor starts with its frame table."""
     if Path(tail.name).suffix.lower() not in (".mp4", ".m4v", ".mov"):
         return
     try:

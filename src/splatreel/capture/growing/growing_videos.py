@@ -1,4 +1,4 @@
-"""A video a camera, all of which are still being written, and which of their frames belong together."""
+"""Growing videos of all cameras, and the alignment of their frames."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from splatreel.errors import CaptureError
 
 
 class GrowingCamera(Protocol):
-    """The frames of one camera, as far as they are whole: `GrowingVideo` or `SegmentedVideo`."""
+    """Complete frames of one camera: `GrowingVideo` or `SegmentedVideo`."""
 
     path: Path
     width: int
@@ -41,10 +41,16 @@ class GrowingCamera(Protocol):
 
 
 class GrowingVideos:
-    """The videos of a capture, by camera; frames are taken by their times, as `Videos` does where a sidecar says when they start.
+    """Growing videos of a capture by camera. Frames are aligned by time, as `Videos` does with start times.
 
-    They start together, or when the sidecar says. A frame that a camera missed is the one nearest to its time.
-    fps: what the sidecar says, or the median of what the files do. files: a video, or a folder of numbered ones, by camera.
+    Videos start together, or at the times in the sidecar. A frame that a camera missed is replaced by the nearest one.
+    The frame rate is the sidecar's, or the median of the files'.
+
+    Args:
+        path: Folder of the capture.
+        files: Video, or folder of numbered videos, by camera.
+        sidecar: Content of `splatreel.json`.
+        growth: State of the capture.
     """
 
     def __init__(self, path: Path, files: dict[str, Path], sidecar: Sidecar, growth: Growth) -> None:
@@ -65,29 +71,29 @@ class GrowingVideos:
 
     @property
     def frames(self) -> int:
-        """Time steps that are whole in all cameras."""
+        """Number of time steps complete in all cameras."""
         return min(self.counts().values(), default=0)
 
     def counts(self) -> dict[str, int]:
-        """By camera, how many time steps of it are whole."""
+        """Return the number of complete time steps by camera."""
         return {name: self._count(name, camera.last) for name, camera in self._cameras.items()}
 
     def waiting_for(self, name: str) -> Path:
-        """The file in which a camera's next frame will be."""
+        """Return the file of a camera's next frame."""
         return self._cameras[name].waiting_for
 
     def update(self) -> None:
-        """Look for what was written."""
+        """Check for new frames."""
         for camera in self._cameras.values():
             camera.update()
 
     def settle(self) -> None:
-        """Once the capture has ended: all that is there counts."""
+        """Count everything that exists, after the capture has ended."""
         for camera in self._cameras.values():
             camera.settle()
 
     def read_camera(self, out: np.ndarray, first: int, name: str) -> None:
-        """Time steps first .. first + len(out) - 1 of a camera into out [count, H, W, 3] uint8."""
+        """Read time steps from `first` on of a camera into out [count, H, W, 3] uint8."""
         wanted = self._starts.get(name, 0.0) + (first + np.arange(len(out))) / self.fps
         camera = self._cameras[name]
         camera.read_into(out, camera.numbers(wanted))
@@ -96,15 +102,15 @@ class GrowingVideos:
         return [camera.path for camera in self._cameras.values()]
 
     def tables(self) -> dict[Path, FrameTable]:
-        """Nothing: more frames are to come."""
+        """Return nothing, because more frames will follow."""
         return {}
 
     def tracks(self, first: int) -> dict[str, Track]:
-        """By camera, a file that is written and may have sound. It is followed by `sound`."""
+        """Return by camera a written file that may have sound. `sound` follows it."""
         return {name: Track(camera.written, 0.0) for name, camera in self._cameras.items()}
 
     def sound(self, name: str, channels: int, first: int, seconds: float) -> Iterator[np.ndarray]:
-        """That of a camera, in blocks [n, channels] float32 of 48 kHz, from so many seconds after time step `first` on."""
+        """Yield a camera's sound in blocks [n, channels] float32 at 48 kHz, from `seconds` after time step `first` on."""
         start = self._starts.get(name, 0.0) + first / self.fps + seconds
         yield from read_packets(self._cameras[name].sound(), channels, start)
 

@@ -1,4 +1,4 @@
-"""A camera whose video is written in numbered files of some seconds each, such as `cam00/000001.mp4`."""
+"""Video of a camera in numbered files of some seconds each, such as `cam00/000001.mp4`."""
 
 from __future__ import annotations
 
@@ -11,21 +11,21 @@ import numpy as np
 
 from splatreel.capture.files import LOCAL, Files, open_media
 from splatreel.capture.frame_table import FrameTable
-from splatreel.capture.growing.growing_sound import Packets, guard
+from splatreel.capture.growing.growing_sound import Packets
 from splatreel.capture.growing.growth import Growth
 from splatreel.capture.video import VIDEO_SUFFIXES, VideoFile
 from splatreel.errors import CaptureError
 
 NUMBERED = re.compile(r"(.*?)(\d+)")
 SELF_CONTAINED = (".mp4", ".m4v", ".mov")
-"""Files that can be read as soon as they are complete, and not before; of others only the next one tells that they are."""
+"""Files that become readable when they are complete. Other files are complete when the next one exists."""
 OPEN = 2
-"""Files that are held open."""
+"""Number of files kept open."""
 
 
 @dataclass(frozen=True)
 class Numbered:
-    """Files of a folder that count one by one. start: the number of the first one."""
+    """Consecutively numbered files of a folder. `start` is the number of the first."""
 
     folder: Path
     prefix: str
@@ -34,12 +34,12 @@ class Numbered:
     start: int
 
     def file(self, index: int) -> Path:
-        """The file that many after the first."""
+        """Return the file at an index from the first."""
         return self.folder / f"{self.prefix}{self.start + index:0{self.digits}d}{self.suffix}"
 
 
 def numbered(files: list[Path]) -> Numbered | None:
-    """How files of one folder are called; None where there is none. Raises `CaptureError` for one whose name is not numbered."""
+    """Return the naming of the files of a folder, or None without files. Raise `CaptureError` for a name without a number."""
     found: list[tuple[int, re.Match[str], Path]] = []
     for file in files:
         match = NUMBERED.fullmatch(file.stem)
@@ -53,13 +53,21 @@ def numbered(files: list[Path]) -> Numbered | None:
 
 
 def segment_files(folder: Path) -> list[Path]:
-    """Return the videos that lie in a folder."""
+    """Return the videos in a folder."""
     return [file for file in folder.iterdir() if file.suffix.lower() in VIDEO_SUFFIXES and file.is_file()]
 
 
 @dataclass(frozen=True)
 class Segment:
-    """first: the number of its first frame. start: seconds from the first frame of all to its own; begins: what the file says of it."""
+    """File of a segmented video.
+
+    Attributes:
+        file: Path of the file.
+        first: Number of its first frame.
+        start: Seconds from the first frame of the video to its first frame.
+        times: Times of its frames after its first.
+        begins: Time of its first frame in the file.
+    """
 
     file: Path
     first: int
@@ -69,10 +77,10 @@ class Segment:
 
 
 class SegmentedVideo:
-    """The frames of all files that are complete, one after the other.
+    """Frames of all complete files in order.
 
-    A file is complete when the next one is there, or the capture has ended, or it is an MP4 file that can be read. Times in the files
-    may go on from one to the next, or begin anew in each.
+    A file is complete when the next one exists, when the capture has ended, or when it is a readable MP4 file. Times
+    may continue from file to file or restart in each.
     """
 
     def __init__(
@@ -100,7 +108,7 @@ class SegmentedVideo:
         self.width, self.height, self.fps = first.width, first.height, first.fps
 
     def update(self) -> None:
-        """Look for files that were completed."""
+        """Check for completed files."""
         while (video := self._complete(len(self.segments))) is not None:
             if not self.segments:
                 self._origin = video.start
@@ -111,33 +119,33 @@ class SegmentedVideo:
             self.segments.append(Segment(video.path, first, start, video.times, video.start))
 
     def settle(self) -> None:
-        """Once the capture has ended: the last file counts as far as it is whole."""
+        """Count the readable part of the last file, after the capture has ended."""
         self.update()
 
     @property
     def frames(self) -> int:
-        """Number of frames that are whole."""
+        """Number of complete frames."""
         return self.segments[-1].first + len(self.segments[-1].times) if self.segments else 0
 
     @property
     def times(self) -> np.ndarray:
-        """[frames] float64, seconds after the first frame."""
+        """Times of the frames in seconds after the first one, [frames] float64."""
         return np.concatenate([segment.start + segment.times for segment in self.segments] or [np.zeros(0)])
 
     @property
     def waiting_for(self) -> Path:
-        """The file in which the next frame will be."""
+        """File of the next frame."""
         return self._names.file(len(self.segments))
 
     @property
     def last(self) -> float | None:
-        """Seconds from the first frame to the last one that is whole; None where none is."""
+        """Seconds from the first frame to the last complete one, or None."""
         if not self.segments:
             return None
         return self.segments[-1].start + float(self.segments[-1].times[-1])
 
     def numbers(self, wanted: np.ndarray) -> np.ndarray:
-        """Of each time, in seconds after the first frame, the number of the frame nearest to it."""
+        """Return the number of the frame nearest to each time, in seconds after the first frame."""
         starts = np.array([segment.start for segment in self.segments])
         low = max(int(np.searchsorted(starts, wanted.min(), "right")) - 2, 0)
         high = int(np.searchsorted(starts, wanted.max(), "right")) + 1
@@ -146,7 +154,7 @@ class SegmentedVideo:
         return near[0].first + np.searchsorted((times[1:] + times[:-1]) / 2, wanted)
 
     def read_into(self, out: np.ndarray, numbers: np.ndarray) -> None:
-        """Decode the frames of these numbers, in rising order, into out [count, H, W, 3] uint8 sRGB, resized by area to H x W."""
+        """Decode frames with ascending numbers into out [count, H, W, 3] uint8 sRGB, resized by area to H x W."""
         firsts = np.array([segment.first for segment in self.segments])
         which = np.searchsorted(firsts, numbers, "right") - 1
         for index in np.unique(which):
@@ -158,14 +166,14 @@ class SegmentedVideo:
 
     @property
     def written(self) -> Path:
-        """A file that can be read by now, to see what it holds."""
+        """File that can be read already."""
         return self.segments[0].file
 
     def sound(self) -> Packets:
-        """The packets of its sound track, file after file, as they are completed."""
+        """Yield the packets of the sound track, file by file as they are completed."""
         index = 0
         while True:
-            ended = self._growth.ended  # asked first: files that were completed before count
+            ended = self._growth.ended  # read before looking, so that all completed files count
             if index < len(self.segments):
                 yield from self._sound_of(self.segments[index])
                 index += 1
@@ -175,7 +183,7 @@ class SegmentedVideo:
                 self._growth.pause()
 
     def _sound_of(self, segment: Segment) -> Packets:
-        with guard(segment.file), open_media(self._files, segment.file) as container:
+        with sound_errors(segment.file), open_media(self._files, segment.file) as container:
             for packet in container.demux(container.streams.audio[0]):
                 if packet.size:
                     yield segment.begins - segment.start, packet
@@ -186,7 +194,7 @@ class SegmentedVideo:
         self._open.clear()
 
     def _end(self) -> float:
-        """Where the next frame belongs if none is missing."""
+        """Return the time at which the next frame is expected."""
         if not self.segments:
             return 0.0
         last = self.segments[-1]
@@ -204,7 +212,7 @@ class SegmentedVideo:
             video = self._video(file)
         except CaptureError:
             if self._growth.ended:
-                return None  # its last file was cut off
+                return None  # the last file was truncated
             if over:
                 raise
             return None
@@ -214,7 +222,7 @@ class SegmentedVideo:
         video = self._open.pop(file, None)
         if video is None:
             video = VideoFile(file, self._files, self.tables.get(file) or self._known.get(file))
-        self._open[file] = video  # the one used last is the last
+        self._open[file] = video  # most recently used last
         while len(self._open) > OPEN:
             oldest = next(iter(self._open))
             self._open.pop(oldest).close()

@@ -12,7 +12,7 @@ import numpy as np
 
 from splatreel.capture.file_capture import FileCapture
 from splatreel.capture.follower import Follower
-from splatreel.capture.growing.growing_sound import begin_with
+from splatreel.capture.growing.growing_sound import choose_growing_track
 from splatreel.capture.growing.growing_videos import GrowingVideos
 from splatreel.codec.container import write_atomically
 from splatreel.codec.fragments import RATE, initialization
@@ -104,7 +104,7 @@ class LiveSound:
         capture = self.follower.capture
         tracks = {name: track.file for name, track in capture.tracks().items()}
         seconds = min(self.follower.frames / capture.fps, JUDGED)
-        chosen = begin_with(wanted, tracks, seconds, capture.path) if self._source is not None else None
+        chosen = choose_growing_track(wanted, tracks, seconds, capture.path) if self._source is not None else None
         self.progress.note("Sound: none" if chosen is None else f"Sound: camera {chosen[0]}, as it is recorded")
         if chosen is None:
             checkpoint.save_json(file, None)

@@ -11,7 +11,7 @@ import torch
 from torch import Tensor
 
 from splatreel import threads
-from splatreel.capture.frame_file import frame_array, give_back
+from splatreel.capture.frame_file import frame_array
 from splatreel.recon.train.render import View
 
 
@@ -64,7 +64,7 @@ class Pictures:
     def give_back(self) -> None:
         """Take the pages of pictures that lie in a file out of this process; they are read again as they are needed."""
         if self.array is not None:
-            give_back(self.array)
+            release_pages(self.array)
 
     def halved(self) -> Pictures:
         """The same at half size. A frame at a time, into its place: as floats, or in pieces, a group's pictures take much memory."""
