@@ -24,8 +24,8 @@ from splatreel.play.timeline import Moment, Timeline, open_reel
 from splatreel.progress import Silent
 from splatreel.scene.gaussians import Gaussians
 from splatreel.scene.ply import write_ply
+from splatreel.sequence.comparison import compare
 from splatreel.sequence.frames import open_frames
-from splatreel.sequence.reel import compared
 
 SIZES, EVERY = 0.3, 21
 """By which the logarithm of a size changes, at most, and the frames in which it does so once."""
@@ -80,7 +80,7 @@ def main(
             "film_bytes": film.size,
             "reel_bytes": sum(file.bytes for file in manifest.files),
             "groups": len(manifest.groups),
-            "psnr": round(compared(film, made, Silent()).psnr, 2),
+            "psnr": round(compare(film, made, Silent()).psnr, 2),
             "seconds": round(time.monotonic() - started, 1),
         }
         print(record(f"sequence {kind}", found, note))

@@ -14,7 +14,7 @@ import numpy as np
 from av.container import InputContainer
 from av.error import FFmpegError
 
-from splatreel.capture.growing.growing_sound import Packets
+from splatreel.capture.growing.growing_sound import Packets, sound_errors
 from splatreel.capture.growing.growth import Growth
 from splatreel.capture.video import to_rgb
 from splatreel.errors import CaptureError

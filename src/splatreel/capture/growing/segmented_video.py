@@ -11,7 +11,7 @@ import numpy as np
 
 from splatreel.capture.files import LOCAL, Files, open_media
 from splatreel.capture.frame_table import FrameTable
-from splatreel.capture.growing.growing_sound import Packets
+from splatreel.capture.growing.growing_sound import Packets, sound_errors
 from splatreel.capture.growing.growth import Growth
 from splatreel.capture.video import VIDEO_SUFFIXES, VideoFile
 from splatreel.errors import CaptureError

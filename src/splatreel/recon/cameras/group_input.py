@@ -10,7 +10,7 @@ import numpy as np
 import torch
 
 from splatreel import threads
-from splatreel.capture.frame_file import frame_array
+from splatreel.capture.frame_file import frame_array, release_pages
 from splatreel.kernels.image import Backdrop, render_image
 from splatreel.recon.init.layout import Layout
 from splatreel.scene.camera import Camera

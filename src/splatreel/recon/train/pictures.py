@@ -11,7 +11,7 @@ import torch
 from torch import Tensor
 
 from splatreel import threads
-from splatreel.capture.frame_file import frame_array
+from splatreel.capture.frame_file import frame_array, release_pages
 from splatreel.recon.train.render import View
 
 
