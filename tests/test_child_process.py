@@ -44,7 +44,7 @@ def is_alive(pid: int) -> bool:
     return True
 
 
-def test_a_result_and_messages_come_back() -> None:
+def test_child_returns_result_and_messages() -> None:
     heard: list[Any] = []
     assert run_in_child(double, 21, on_message=heard.append) == 42
     assert heard[0] == "half"
@@ -52,17 +52,17 @@ def test_a_result_and_messages_come_back() -> None:
     assert not is_alive(heard[1])
 
 
-def test_an_error_is_raised_here() -> None:
+def test_child_error_is_raised_in_the_parent() -> None:
     with pytest.raises(CaptureError, match="scene: is none"):
         run_in_child(fail, on_message=print)
 
 
-def test_a_child_that_is_killed_is_told() -> None:
+def test_killed_child_is_reported() -> None:
     with pytest.raises(ChildEndedError, match="by SIGKILL"):
         run_in_child(die, on_message=print)
 
 
-def test_a_child_is_killed_when_its_parent_is_interrupted() -> None:
+def test_interrupt_kills_the_child() -> None:
     """However deaf it is."""
     heard: list[int] = []
 

@@ -26,7 +26,7 @@ def room(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.mark.slow
-def test_cameras_stand_where_they_stood(room: Path, tmp_path: Path) -> None:
+def test_calibration_recovers_poses(room: Path, tmp_path: Path) -> None:
     pytest.importorskip("pycolmap")
     known = open_capture(room)
     videos = tmp_path / "videos"
@@ -54,7 +54,7 @@ def fitted(here: np.ndarray, there: np.ndarray) -> np.ndarray:
     return (S @ flip).sum() / (a**2).sum() * a @ U @ flip @ Vt + there.mean(0)
 
 
-def test_videos_that_show_nothing_are_refused(tmp_path: Path) -> None:
+def test_videos_without_features_are_refused(tmp_path: Path) -> None:
     pytest.importorskip("pycolmap")
     for c in range(3):
         folders.write_video(tmp_path / f"phone{c}.mp4", [folders.frame(c, 0, 128, 96)])
@@ -72,7 +72,7 @@ def test_videos_that_show_nothing_are_refused(tmp_path: Path) -> None:
 
 
 @pytest.mark.slow
-def test_photographs_connect_cameras_that_are_far_apart(room: Path, tmp_path: Path) -> None:
+def test_photographs_connect_distant_cameras(room: Path, tmp_path: Path) -> None:
     """By what COLMAP draws at random the focal lengths come out 2 to 6 % too long, and 3 to 11 % if all photographs are equally far
     away (twelve seeds each)."""
     pytest.importorskip("pycolmap")
@@ -114,7 +114,7 @@ def photograph(azimuth: float, elevation: float, distance: float) -> np.ndarray:
     return trace_frame(camera, trace_static(camera, still, toyroom.LIGHT), still, toyroom.moving(0), toyroom.LIGHT)
 
 
-def test_pictures_are_numbered_in_their_order(tmp_path: Path) -> None:
+def test_images_are_numbered_in_order(tmp_path: Path) -> None:
     """However long their features take to be found: COLMAP begins with other pairs if they are numbered otherwise."""
     colmap = pytest.importorskip("pycolmap")
     pictures = tmp_path / "images"
@@ -129,7 +129,7 @@ def test_pictures_are_numbered_in_their_order(tmp_path: Path) -> None:
         )
 
 
-def test_photographs_that_are_none_are_refused(room: Path, tmp_path: Path) -> None:
+def test_invalid_photographs_are_refused(room: Path, tmp_path: Path) -> None:
     with pytest.raises(CaptureError, match="is not a folder"):
         check_photos(tmp_path / "nowhere")
     with pytest.raises(CaptureError, match="holds no photographs"):
@@ -139,7 +139,7 @@ def test_photographs_that_are_none_are_refused(room: Path, tmp_path: Path) -> No
         check_photos(tmp_path)
 
 
-def test_a_success_takes_back_that_calibration_failed(tmp_path: Path) -> None:
+def test_success_removes_the_recorded_failure(tmp_path: Path) -> None:
     (tmp_path / "splatreel.json").write_text('{"fps": 25}')
     write_failure(tmp_path, "too far apart")
     assert read_sidecar(tmp_path) == Sidecar(fps=25, failure="too far apart")
@@ -174,7 +174,7 @@ def placed(seed: int, focal: float = 1.0, points: int = 40) -> dict[str, Calibra
         ([placed(0)], "only 0 of 3 cameras see enough to be sure of them, 100 points"),
     ],
 )
-def test_what_colmap_returns_of_next_to_nothing_is_refused(
+def test_unreliable_model_is_refused(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, moments: list[dict[str, CalibratedCamera]], said: str
 ) -> None:
     pytest.importorskip("pycolmap")

@@ -28,7 +28,7 @@ def same(a: FrameTable, b: FrameTable) -> bool:
 
 
 @pytest.mark.parametrize("options", [{}, {"movflags": "faststart"}, {"movflags": "frag_keyframe+empty_moov"}])
-def test_the_tables_of_an_mp4_file_say_what_all_of_it_says(tmp_path: Path, options: dict[str, str]) -> None:
+def test_index_only_gives_the_same_table(tmp_path: Path, options: dict[str, str]) -> None:
     for coding in (*CODINGS,):
         path = write_film(tmp_path / "film.mp4", coding, options=options, sound=True)
         with open_media(LOCAL, path) as container:
@@ -36,7 +36,7 @@ def test_the_tables_of_an_mp4_file_say_what_all_of_it_says(tmp_path: Path, optio
         assert same(VideoFile(path).table, expected), coding
 
 
-def test_tables_are_kept(tmp_path: Path) -> None:
+def test_frame_tables_round_trip(tmp_path: Path) -> None:
     tables = {name: VideoFile(write_film(tmp_path / name)).table for name in ("a.mp4", "b.ts")}
     (tmp_path / "tables").write_bytes(pack_tables(tables))
     found = load_tables(tmp_path / "tables")
@@ -47,9 +47,7 @@ def test_tables_are_kept(tmp_path: Path) -> None:
     assert load_tables(tmp_path / "tables") == {}
 
 
-def test_a_known_video_is_not_scanned_and_another_of_its_name_is(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_known_video_is_not_scanned_again(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     capture = folders.neu3dv(tmp_path / "capture")
     tables = tmp_path / "tables"
     with_scan = open_capture(capture)
@@ -72,9 +70,7 @@ def big_film(path: Path) -> Path:
 
 
 @pytest.mark.parametrize("suffix", [".mp4", ".ts", ".mkv"])
-def test_a_stretch_of_a_video_elsewhere_takes_its_own_bytes(
-    tmp_path: Path, suffix: str, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_remote_stretch_fetches_only_its_bytes(tmp_path: Path, suffix: str, monkeypatch: pytest.MonkeyPatch) -> None:
     pytest.importorskip("fsspec", reason="needs the extra cloud")
     path = big_film(tmp_path / f"cam00{suffix}")
     size, table = path.stat().st_size, VideoFile(path).table
@@ -97,7 +93,7 @@ def test_a_stretch_of_a_video_elsewhere_takes_its_own_bytes(
 
 
 @pytest.mark.parametrize("layout", [folders.neu3dv, folders.colmap, folders.panoptic])
-def test_a_capture_in_a_bucket_is_that_of_the_folder(tmp_path: Path, bucket: Bucket, layout) -> None:
+def test_remote_capture_equals_the_local_one(tmp_path: Path, bucket: Bucket, layout) -> None:
     local = layout(tmp_path / "capture")
     for file in local.rglob("*"):
         if file.is_file():
@@ -117,7 +113,7 @@ def test_a_capture_in_a_bucket_is_that_of_the_folder(tmp_path: Path, bucket: Buc
         open_capture(bucket.url("nothing"))
 
 
-def test_blocks_are_fetched_once_and_ahead_where_a_file_is_read_forwards(tmp_path: Path) -> None:
+def test_ranged_file_prefetches_sequential_reads(tmp_path: Path) -> None:
     content = np.random.default_rng(0).bytes(5 * BLOCK + 100)
     (tmp_path / "file").write_bytes(content)
     file = RangedFile(LocalFolder(tmp_path), "file", len(content))
@@ -130,9 +126,7 @@ def test_blocks_are_fetched_once_and_ahead_where_a_file_is_read_forwards(tmp_pat
     assert file.fetched == len(content)
 
 
-def test_a_long_track_is_judged_by_parts_and_read_from_where_it_is_wanted(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_long_track_is_judged_by_parts(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     from splatreel.capture import soundtrack as sound_module
     from tests.capture.films import HEARD, film
 

@@ -28,7 +28,7 @@ def changed(cameras: list[Camera], change: np.ndarray) -> list[Camera]:
 
 
 @pytest.mark.parametrize("rig", RIGS)
-def test_rigs_that_are_right_give_no_alarm(rig: str) -> None:
+def test_correct_rigs_give_no_doubts(rig: str) -> None:
     assert validate_poses(RIGS[rig], None, "poses.txt") == []
 
 
@@ -44,18 +44,18 @@ def test_rigs_that_are_right_give_no_alarm(rig: str) -> None:
         (np.diag([1.0, 1, 1, 2]), r"the last row of the pose is \[0\.0, 0\.0, 0\.0, 2\.0\]"),
     ],
 )
-def test_matrices_that_are_no_pose_are_refused(change: np.ndarray, message: str) -> None:
+def test_invalid_pose_matrices_are_refused(change: np.ndarray, message: str) -> None:
     with pytest.raises(CaptureError, match=message):
         validate_poses(changed(folders.cameras(), change), None, "poses.txt")
 
 
 @pytest.mark.parametrize("K", [np.zeros((3, 3)), np.diag([-40.0, 40, 1]), [[40, 9, 16], [0, 40, 12], [0, 0, 1]]])
-def test_lenses_that_show_nothing_are_refused(K: np.ndarray) -> None:
+def test_invalid_intrinsics_are_refused(K: np.ndarray) -> None:
     with pytest.raises(CaptureError, match=r"camera 'cam00': K is .* expected fx, 0, cx"):
         validate_poses([replace(folders.cameras()[0], K=K), *folders.cameras()[1:]], None, "poses.txt")
 
 
-def test_points_must_lie_before_the_cameras() -> None:
+def test_points_behind_cameras_are_refused() -> None:
     cameras = RIGS["ring"]
     assert validate_poses(cameras, POINTS, "sparse/0") == []
     with pytest.raises(CaptureError, match=r"sparse/0: the poses do not fit the capture's points: .* 100% behind it\."):
@@ -72,7 +72,7 @@ def translation(by: np.ndarray) -> np.ndarray:
     return matrix
 
 
-def test_without_points_there_are_doubts_and_no_refusal() -> None:
+def test_poses_without_points_give_only_doubts() -> None:
     cameras = RIGS["ring"]
     (outwards,) = validate_poses(with_opengl_axes(cameras), None, "poses.txt")
     assert outwards.startswith(
@@ -84,7 +84,7 @@ def test_without_points_there_are_doubts_and_no_refusal() -> None:
 
 
 @pytest.mark.parametrize("nudge", [0.0, *(10.0**-power for power in range(4, 10))])
-def test_rounding_decides_nothing_where_inverted_cameras_stand_at_one_place(nudge: float) -> None:
+def test_rounding_does_not_cause_doubts(nudge: float) -> None:
     """Cameras at one distance from the origin, which they look at: inverted, their centers are equal but for rounding."""
     rng = np.random.default_rng(0)
     for cameras in (inverted(ring(count, width=48, height=32)) for count in range(4, 12)):

@@ -29,7 +29,7 @@ def recorded(folder: Path, kind: str) -> Recorder:
 
 
 @pytest.mark.parametrize("kind", KINDS)
-def test_what_was_followed_is_opened_as_it_was_followed(kind: str, tmp_path: Path) -> None:
+def test_recorded_capture_opens_as_followed(kind: str, tmp_path: Path) -> None:
     recorder = recorded(tmp_path / "show", kind)
     recorder.end()
     growth = Growth(tmp_path / "show", 5.0)
@@ -59,7 +59,7 @@ def test_what_was_followed_is_opened_as_it_was_followed(kind: str, tmp_path: Pat
             assert sum(len(block) for block in choice.samples(1.0, 0.2)) == RATE
 
 
-def test_a_frame_that_a_camera_missed_is_the_nearest_one(tmp_path: Path) -> None:
+def test_recorded_missed_frame_uses_the_nearest(tmp_path: Path) -> None:
     recorder = Recorder(tmp_path / "show", "ts")
     recorder.write(5)
     recorder.lose(1, 2)
@@ -72,7 +72,7 @@ def test_a_frame_that_a_camera_missed_is_the_nearest_one(tmp_path: Path) -> None
         assert [marks(image)[1] for image in found] == [4, 4, 7, 7, 8]
 
 
-def test_numbered_files_need_no_end_mark_and_keep_their_tables(tmp_path: Path) -> None:
+def test_segmented_videos_need_no_end_mark(tmp_path: Path) -> None:
     recorder = recorded(tmp_path / "show", "segments")
     recorder.end()
     (tmp_path / "show" / "splatreel.end").unlink()

@@ -46,7 +46,7 @@ def tracks(folder: Path, **sounds: np.ndarray | None) -> dict[str, Track]:
 
 @pytest.mark.parametrize("start", [0.0, 0.5, 0.7371])
 @pytest.mark.parametrize(("codec", "late"), [("aac", 0.0), ("aac", 0.3), ("pcm_s16le", 0.0), ("pcm_s16le", 0.3)])
-def test_a_click_is_at_its_time(tmp_path: Path, codec: str, late: float, start: float) -> None:
+def test_click_keeps_its_time(tmp_path: Path, codec: str, late: float, start: float) -> None:
     """Also where the sound begins after the pictures, and from the middle on."""
     file = tmp_path / ("a.mp4" if codec == "aac" else "a.mkv")
     film(file, click(1.25), late=late, codec=codec)
@@ -55,7 +55,7 @@ def test_a_click_is_at_its_time(tmp_path: Path, codec: str, late: float, start: 
     assert len(found) / RATE == pytest.approx(4 + late - start, abs=0.05)
 
 
-def test_two_channels_stay_two(tmp_path: Path) -> None:
+def test_stereo_stays_stereo(tmp_path: Path) -> None:
     film(tmp_path / "a.mp4", np.stack([click(1.0), click(2.0)], 1))
     choice = chosen("a", {"a": Track(tmp_path / "a.mp4", 0.0)})
     sound = np.concatenate(list(choice.samples(3)))
@@ -63,7 +63,7 @@ def test_two_channels_stay_two(tmp_path: Path) -> None:
     assert [onset(sound[:, i : i + 1]) for i in (0, 1)] == pytest.approx([1.0, 2.0], abs=1e-3)
 
 
-def test_what_is_missing_is_silence(tmp_path: Path) -> None:
+def test_gaps_become_silence(tmp_path: Path) -> None:
     film(tmp_path / "a.mp4", click(1.0))
     sound = np.concatenate(list(chosen("a", {"a": Track(tmp_path / "a.mp4", 0.5)}).samples(6)))
     assert sound.shape == (6 * RATE, 1)
@@ -71,7 +71,7 @@ def test_what_is_missing_is_silence(tmp_path: Path) -> None:
     assert not sound[4 * RATE :].any()
 
 
-def test_the_loudest_without_distortion_is_taken(tmp_path: Path) -> None:
+def test_loudest_undistorted_track_is_chosen(tmp_path: Path) -> None:
     found = tracks(tmp_path, near=np.clip(hum(3.0), -1, 1), middle=hum(0.5), far=hum(0.1), deaf=None, dead=hum(0.0))
     assert str(chosen("auto", found)) == "camera middle (the loudest without distortion)"
     assert str(chosen("auto", {name: found[name] for name in ("near", "deaf")})) == "camera near (the least distorted)"
@@ -82,7 +82,7 @@ def test_the_loudest_without_distortion_is_taken(tmp_path: Path) -> None:
     assert str(chosen("far", found)) == "camera far"
 
 
-def test_only_what_is_heard_in_the_frames_counts(tmp_path: Path) -> None:
+def test_choice_uses_only_the_chosen_frames(tmp_path: Path) -> None:
     late, early = hum(0.5), hum(0.5)
     late[: 2 * HEARD], early[2 * HEARD :] = 0, 0
     found = tracks(tmp_path, late=late + hum(0.01), early=early + hum(0.01))
@@ -90,14 +90,14 @@ def test_only_what_is_heard_in_the_frames_counts(tmp_path: Path) -> None:
     assert chosen("auto", {name: Track(track.file, 2.0) for name, track in found.items()}, 2).camera == "late"
 
 
-def test_a_file_starts_with_the_capture(tmp_path: Path) -> None:
+def test_sound_file_starts_with_the_capture(tmp_path: Path) -> None:
     film(tmp_path / "room.mp4", click(2.0))
     choice = chosen(str(tmp_path / "room.mp4"), {}, begin=1.5)
     assert choice.camera is None
     assert onset(np.concatenate(list(choice.samples(2)))) == pytest.approx(0.5, abs=1e-3)
 
 
-def test_what_has_no_sound_is_said_at_once(tmp_path: Path) -> None:
+def test_missing_sound_is_an_error(tmp_path: Path) -> None:
     found = tracks(tmp_path, loud=click(0.5), deaf=None)
     with pytest.raises(CaptureError, match=r"deaf\.mp4: has no sound"):
         chosen("deaf", found)
@@ -114,7 +114,7 @@ def test_what_has_no_sound_is_said_at_once(tmp_path: Path) -> None:
         chosen(str(broken), found)
 
 
-def test_tracks_begin_where_the_frames_do(tmp_path: Path) -> None:
+def test_tracks_start_at_the_first_frame(tmp_path: Path) -> None:
     """The cameras' offsets are taken to the millisecond, not to the frame."""
     films = tracks(tmp_path, a=click(1.0), b=click(1.777))
     files = {name: track.file for name, track in films.items()}
@@ -128,7 +128,7 @@ def test_tracks_begin_where_the_frames_do(tmp_path: Path) -> None:
     assert Videos(tmp_path, files, read_sidecar(tmp_path), Request()).tracks(7)["a"].start == pytest.approx(0.7)
 
 
-def test_a_film_without_sound_is_named(tmp_path: Path) -> None:
+def test_video_without_sound_is_named(tmp_path: Path) -> None:
     film(tmp_path / "silent.mp4", None)
     with pytest.raises(CaptureError, match=r"silent\.mp4: has no sound"):
         next(read_sound(tmp_path / "silent.mp4", 1, RATE))

@@ -29,7 +29,7 @@ def movie(*tables: bytes) -> bytes:
         struct.pack(">I", 1) + b"free" + struct.pack(">Q", 20) + bytes(4),
     ],
 )
-def test_what_a_reel_holds(data: bytes) -> None:
+def test_boxes_of_reels_are_accepted(data: bytes) -> None:
     check_samples(data, 8)
 
 
@@ -49,6 +49,6 @@ def test_what_a_reel_holds(data: bytes) -> None:
         (b"\0\0\0", "whole MP4 boxes"),
     ],
 )
-def test_what_claims_more_or_hides_something(data: bytes, message: str) -> None:
+def test_excess_samples_and_hidden_boxes_are_refused(data: bytes, message: str) -> None:
     with pytest.raises(ReelError, match=message):
         check_samples(data, 8)

@@ -54,7 +54,7 @@ def still(frames: int, points: Gaussians) -> Group:
 
 @pytest.mark.slow
 @pytest.mark.skipif(sys.platform != "linux", reason="measures the memory of a process by /proc")
-def test_a_file_at_the_bound_takes_no_more_memory_than_that(tmp_path) -> None:
+def test_decoding_stays_within_the_memory_bound(tmp_path) -> None:
     """Equal points, so that it is their number alone that counts; padded, all of them are as small as they may be."""
     predictive, paper = EncodeConfig(), EncodeConfig(codec="h265", sh_entries=2)
     files = {
@@ -77,7 +77,7 @@ def test_a_file_at_the_bound_takes_no_more_memory_than_that(tmp_path) -> None:
 @pytest.mark.parametrize(
     "config", [EncodeConfig(coarseness=100.0), EncodeConfig(codec="h265", sh_entries=0).with_h265(crf=51)]
 )
-def test_the_emptiest_files_that_we_write_are_read(config: EncodeConfig) -> None:
+def test_padded_files_are_read(config: EncodeConfig) -> None:
     same = equal(140_000, 0, config.codec == "h265")
     data, _ = encode_layer(0, 0, same, config)
     assert len(decode_layer(data, "it")[1]) == len(same)
@@ -87,7 +87,7 @@ def test_the_emptiest_files_that_we_write_are_read(config: EncodeConfig) -> None
 
 
 @pytest.mark.parametrize("coarseness", [0.3, 2.5])
-def test_ordinary_files_are_far_from_the_bound(coarseness: float) -> None:
+def test_ordinary_files_are_far_below_the_bound(coarseness: float) -> None:
     """As small as they are, the floor alone would let in any file of this test: what counts is what a byte lets in."""
     moving = points(5000, degree=1)
     dx, dq = random_motion(np.random.default_rng(0), moving, 35)
@@ -97,14 +97,14 @@ def test_ordinary_files_are_far_from_the_bound(coarseness: float) -> None:
     assert claimed_memory(header.points, header.frames, sections) < A_BYTE * len(data) / 2
 
 
-def test_whoever_trusts_a_file_allows_more() -> None:
+def test_memory_limit_can_be_raised() -> None:
     data, _ = encode_layer(0, 0, points(20), EncodeConfig())
     with pytest.raises(ReelError, match=r"it: claims 20 points in \d+ bytes.* more than the 1 MB .* --max-memory 1\.$"):
         decode_layer(data, "it", most=1000)
     assert len(decode_layer(data, "it", most=FLOOR)[1]) == 20
 
 
-def test_a_reader_has_a_budget(tmp_path) -> None:
+def test_reader_applies_the_memory_limit(tmp_path) -> None:
     reel = ReelReader(write_reel(tmp_path), most=1000)
     with pytest.raises(ReelError, match="claims 20 points"):
         reel.layer(0)

@@ -59,7 +59,7 @@ def reels(draw):
 
 @settings(deadline=None, max_examples=150)
 @given(reels())
-def test_whatever_is_split_into_pages_is_joined_again(reel):
+def test_pages_join_to_the_same_manifest(reel):
     layers, groups, page, first, names = reel
     manifest, files = paged(layers, groups, page, first, names)
     found = parsed(manifest, files)
@@ -75,7 +75,7 @@ def test_whatever_is_split_into_pages_is_joined_again(reel):
 
 @settings(deadline=None, max_examples=100)
 @given(reels(), st.data())
-def test_who_knows_one_page_and_the_manifest_alone_counts_the_same_points(reel, data):
+def test_one_page_and_the_manifest_suffice_for_its_groups(reel, data):
     """What a player does that joins late: the layers of the manifest itself and those of one page, in this order by birth."""
     layers, groups, page, first, names = reel
     manifest, files = paged(layers, groups, page, first, names)
@@ -91,7 +91,7 @@ def test_who_knows_one_page_and_the_manifest_alone_counts_the_same_points(reel, 
         assert lives == [layers[i].uri for i in manifest.living_layers(number)]
 
 
-def test_a_reel_without_anything_new_is_of_the_first_version():
+def test_version_is_as_low_as_possible():
     assert json.loads(PLAIN.to_json())["version"] == 1
     groups = [entry("groups", i) for i in range(2)]
     for layers, first, version in (
@@ -106,7 +106,7 @@ def test_a_reel_without_anything_new_is_of_the_first_version():
         assert parsed(manifest, {}).layers == tuple(layers)
 
 
-def test_the_first_version_knows_nothing_of_the_second():
+def test_version_1_ignores_fields_of_version_2():
     """As readers did before there was a second: what they do not know they ignore, and two layers of one group are refused."""
     layers = [entry("layers", 0, until=1), entry("layers", 1)]
     document = json.loads(paged(layers, [entry("groups", i) for i in range(2)], 0)[0].to_json())
@@ -118,7 +118,7 @@ def test_the_first_version_knows_nothing_of_the_second():
         parse_manifest(json.dumps(document).encode(), "m")
 
 
-def test_the_manifest_of_an_hour_is_small():
+def test_manifest_of_an_hour_is_small():
     """10,000 groups in chapters of ten, a shared layer, one of each chapter, and one of each second group that is retired with it."""
     layers = [entry("layers", 0)]
     for i in range(10_000):
@@ -152,7 +152,7 @@ def forged(reel, tmp_path, change, page=None):
     return parse_manifest(json.dumps(document).encode(), "m", lambda uri, limit: files[uri][: limit + 1])
 
 
-def test_a_forged_manifest_without_a_change_is_read(reel, tmp_path):
+def test_unchanged_forged_manifest_is_read(reel, tmp_path):
     for page in (None, 0, 2):
         assert len(forged(reel, tmp_path, lambda d: None, page).pages) == 3
 
@@ -193,7 +193,7 @@ def test_a_forged_manifest_without_a_change_is_read(reel, tmp_path):
         (lambda d: d["layers"][0].update(until=4), "lists other layers"),
     ],
 )
-def test_hostile_manifests_of_the_second_version(reel, tmp_path, change, message):
+def test_hostile_version_2_manifests_are_refused(reel, tmp_path, change, message):
     with pytest.raises(ReelError, match=f"^m: .*({message})"):
         forged(reel, tmp_path, change)
 
@@ -215,12 +215,12 @@ def test_hostile_manifests_of_the_second_version(reel, tmp_path, change, message
         (lambda d: d["layers"].append(d["layers"][1] | {"uri": "x", "group": 4, "until": 8}), "lists other layers"),
     ],
 )
-def test_hostile_pages(reel, tmp_path, change, message):
+def test_hostile_pages_are_refused(reel, tmp_path, change, message):
     with pytest.raises(ReelError, match=f"^m: .*({message})"):
         forged(reel, tmp_path, change, page=1)
 
 
-def test_a_page_with_a_layer_of_which_the_manifest_says_nothing_is_refused(reel, tmp_path):
+def test_page_with_an_unlisted_layer_is_refused(reel, tmp_path):
     """All lists agree only if each says of a layer the same, and all name it where it lives."""
 
     def extend(document):
@@ -230,13 +230,13 @@ def test_a_page_with_a_layer_of_which_the_manifest_says_nothing_is_refused(reel,
         forged(reel, tmp_path, extend, page=1)
 
 
-def test_pages_are_not_read_alone():
+def test_manifest_with_pages_needs_fetch():
     manifest, _ = paged([], [entry("groups", i) for i in range(8)], 2)
     with pytest.raises(ReelError, match="m: has pages, and is not read alone"):
         parse_manifest(manifest.to_json().encode(), "m")
 
 
-def test_renditions_are_counted_over_all_pages():
+def test_rendition_bytes_include_all_pages():
     groups = [entry("groups", i, renditions={"low": entry("groups", i, ".low", bytes=7)}) for i in range(8)]
     manifest, files = paged([], groups, 2, names=NAMES)
     found = parsed(manifest, files)
@@ -253,7 +253,7 @@ def test_renditions_are_counted_over_all_pages():
         parse_manifest(json.dumps(document).encode(), "m", lambda uri, limit: files[uri])
 
 
-def test_a_reel_in_pages_is_read_and_verified(reel):
+def test_paged_reel_is_read_and_verified(reel):
     found = verify_reel(reel)
     assert (found.groups, found.layers, found.strangers) == (9, 6, [])
     reader = ReelReader(reel)
@@ -261,7 +261,7 @@ def test_a_reel_in_pages_is_read_and_verified(reel):
     assert reader.static(5)[1].tolist() == [0] * 6 + [4] * 4 + [5] * 2
 
 
-def test_verify_names_a_page_that_is_missing_or_damaged(tmp_path):
+def test_verify_names_missing_and_damaged_pages(tmp_path):
     reel = write_chapters(tmp_path, groups=6)
     page = reel / "pages" / "000002.json"
     page.write_bytes(page.read_bytes().replace(b"layers/", b"lairs//", 1))
@@ -272,7 +272,7 @@ def test_verify_names_a_page_that_is_missing_or_damaged(tmp_path):
         verify_reel(reel)
 
 
-def test_alive_speaks_of_the_layers_that_live_then(tmp_path):
+def test_alive_covers_the_living_layers(tmp_path):
     reel = write_chapters(tmp_path, groups=3, chapter=2, page=4)
     edit_manifest(reel, lambda d: d["layers"][1].update(until=3))
     with pytest.raises(

@@ -30,7 +30,7 @@ def decoded(sound, first: int = 0) -> np.ndarray:
 
 @pytest.mark.parametrize("channels", [1, 2])
 @pytest.mark.parametrize("first", [0, 1, 2])
-def test_clicks_are_heard_at_their_times_from_any_segment_on(channels: int, first: int) -> None:
+def test_clicks_keep_their_times_from_any_segment(channels: int, first: int) -> None:
     sound = encode_sound(np.array_split(flashes.clicks(TIMES, 6.5, channels), 11), channels)
     assert [sound.span(i) for i in range(4)] == [(0, 2), (2, 2), (4, 2), (6, 0.5)]
     start = sound.span(first)[0]
@@ -38,7 +38,7 @@ def test_clicks_are_heard_at_their_times_from_any_segment_on(channels: int, firs
     np.testing.assert_allclose(flashes.onsets(decoded(sound, first)), expected, atol=MILLISECOND)
 
 
-def test_speech_comes_back_as_it_was() -> None:
+def test_speech_round_trips() -> None:
     rng = np.random.default_rng(0)
     tone = sum(np.sin(np.arange(3 * RATE) * 2 * np.pi * f / RATE + rng.random()) for f in (140, 280, 560, 1120)) / 8
     sound = encode_sound([tone[:, None]], 1)
@@ -48,22 +48,22 @@ def test_speech_comes_back_as_it_was() -> None:
     assert rate < 100_000
 
 
-def test_the_last_packet_is_filled_up() -> None:
+def test_last_packet_is_padded() -> None:
     sound = encode_sound([np.ones((961, 1), np.float32)], 1)
     assert (sound.samples, sound.span(0)) == (1920, (0, 0.04))
 
 
-def test_the_same_samples_give_the_same_bytes_however_they_are_cut() -> None:
+def test_sound_bytes_do_not_depend_on_blocks() -> None:
     samples = flashes.clicks(TIMES, 6.5, 2)
     assert encode_sound(np.array_split(samples, 7), 2) == encode_sound([samples], 2)
 
 
-def test_no_sound_is_an_error() -> None:
+def test_encoding_no_samples_is_an_error() -> None:
     with pytest.raises(ReelError, match="no sound"):
         encode_sound([], 1)
 
 
-def test_a_reel_gets_sound_and_loses_it(tmp_path) -> None:
+def test_write_sound_adds_and_removes_sound(tmp_path) -> None:
     reel = write_reel(tmp_path)
     before = (reel / "manifest.json").read_bytes()
     give_sound(reel, encode_sound([flashes.clicks()], 1), (1, 2, 3))
@@ -79,7 +79,7 @@ def test_a_reel_gets_sound_and_loses_it(tmp_path) -> None:
     assert not list((reel / "sound").glob("*"))
 
 
-def test_a_live_reel_has_it_from_the_first_group_on(tmp_path) -> None:
+def test_live_reel_has_sound_from_the_first_group(tmp_path) -> None:
     sound = encode_sound([flashes.clicks()], 1)
     writer = new_writer(tmp_path)
     write_sound(writer, sound)
@@ -98,7 +98,7 @@ def test_a_live_reel_has_it_from_the_first_group_on(tmp_path) -> None:
     verify_reel(tmp_path)
 
 
-def test_damage_is_found(tmp_path) -> None:
+def test_verify_finds_damaged_sound(tmp_path) -> None:
     reel = write_reel(tmp_path)
     give_sound(reel, encode_sound([flashes.clicks()], 1))
     file = reel / "sound" / "0001.m4s"
@@ -121,7 +121,7 @@ def test_damage_is_found(tmp_path) -> None:
         ({"segments": [{}, {"seconds": 3000}]}, "up to 4.000 s, not 3002.000 s"),
     ],
 )
-def test_a_manifest_that_says_something_else_is_found(tmp_path, change, said) -> None:
+def test_verify_finds_wrong_sound_times(tmp_path, change, said) -> None:
     reel = write_reel(tmp_path)
     give_sound(reel, encode_sound([flashes.clicks()], 1))
 
@@ -135,13 +135,13 @@ def test_a_manifest_that_says_something_else_is_found(tmp_path, change, said) ->
 
 
 @pytest.mark.parametrize("data", [b"", b"\0" * 100, b"RIFF" + bytes(60)], ids=["empty", "zeros", "other"])
-def test_what_is_no_sound_is_refused(data) -> None:
+def test_data_without_sound_is_refused(data) -> None:
     sound = encode_sound([flashes.clicks()], 1)
     with pytest.raises(ReelError):
         list(decode_sound(data, list(sound.segments), 1))
 
 
-def test_files_of_points_are_never_deleted_for_sound(tmp_path) -> None:
+def test_removing_sound_keeps_point_files(tmp_path) -> None:
     """A manifest may name anything as sound; taking that away must not take away a group."""
     reel = write_reel(tmp_path)
     give_sound(reel, encode_sound([flashes.clicks()], 1))
@@ -159,7 +159,7 @@ def test_files_of_points_are_never_deleted_for_sound(tmp_path) -> None:
     assert verify_reel(reel).groups == 2
 
 
-def test_damaged_sound_is_an_error_or_sound(tmp_path) -> None:
+def test_damaged_sound_raises_reel_error_or_decodes(tmp_path) -> None:
     """Whatever bytes change, decoding says `ReelError` or goes on, in bounded time."""
     rng = np.random.default_rng(0)
     init, data = ((flashes.GOLDEN / "sound" / name).read_bytes() for name in ("init.mp4", "0001.m4s"))
@@ -177,7 +177,7 @@ def test_damaged_sound_is_an_error_or_sound(tmp_path) -> None:
         assert length <= 120 * 100 * RATE // 1000
 
 
-def test_a_segment_cut_short_is_found(tmp_path) -> None:
+def test_verify_finds_truncated_segments(tmp_path) -> None:
     reel = write_reel(tmp_path)
     sound = encode_sound([flashes.clicks()], 1)
     give_sound(reel, dataclasses.replace(sound, segments=(sound.segments[0], sound.segments[1][:5000])))
@@ -185,7 +185,7 @@ def test_a_segment_cut_short_is_found(tmp_path) -> None:
         verify_reel(reel)
 
 
-def test_golden_reel() -> None:
+def test_golden_sound_is_unchanged() -> None:
     """The committed bytes still decode to clicks at the times of the flashes, and so does what is encoded today."""
     assert verify_reel(flashes.GOLDEN).groups == 4
     manifest = ReelReader(flashes.GOLDEN).manifest
@@ -200,14 +200,14 @@ def test_golden_reel() -> None:
     assert fresh.shape == found.shape
 
 
-def test_golden_reel_says_what_it_says() -> None:
+def test_golden_sound_manifest_is_unchanged() -> None:
     document = json.loads((flashes.GOLDEN / "manifest.json").read_text())
     entry = document["sound"]["segments"][1]
     assert (entry["uri"], entry["start"], entry["seconds"]) == ("sound/0001.m4s", 2, 2)
     assert dataclasses.asdict(ReelReader(flashes.GOLDEN).manifest.presentation)["sound"]["segments"][1]["start"] == 2
 
 
-def test_a_live_reel_drops_sound_with_its_groups_and_keeps_a_segment_before(tmp_path) -> None:
+def test_retention_drops_sound_but_keeps_one_earlier_segment(tmp_path) -> None:
     """Groups of two frames at 2 a second: the first frame of group g is at g seconds."""
     sound = encode_sound([flashes.clicks(TIMES, 9.5, 1)], 1)
 
@@ -239,7 +239,7 @@ def test_a_live_reel_drops_sound_with_its_groups_and_keeps_a_segment_before(tmp_
     assert verify_reel(tmp_path).strangers == []
 
 
-def test_sound_that_is_over_keeps_its_last_segment() -> None:
+def test_trimmed_sound_keeps_its_last_segment() -> None:
     said = describe_sound(encode_sound([flashes.clicks(TIMES, 6.5, 1)], 1), None)
     assert [segment.start for segment in said.trimmed_before(100).segments] == [6]
     assert said.trimmed_before(0) == said

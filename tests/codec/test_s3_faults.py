@@ -99,7 +99,9 @@ def faulty(server: tuple[str, Faults], monkeypatch: pytest.MonkeyPatch) -> tuple
 
 
 @pytest.mark.parametrize(("fault", "times"), [("fails", 2), ("is_slow", 100), ("cuts", 2), ("tags_wrongly", 100)])
-def test_a_reel_is_whole_after_faults(faulty: tuple[Bucket, Faults], tmp_path: Any, fault: str, times: int) -> None:
+def test_publication_is_complete_after_s3_faults(
+    faulty: tuple[Bucket, Faults], tmp_path: Any, fault: str, times: int
+) -> None:
     bucket, faults = faulty
     reel = write_reel(tmp_path / "reel")
     faults.fault, faults.left = fault, times
@@ -114,7 +116,7 @@ def test_a_reel_is_whole_after_faults(faulty: tuple[Bucket, Faults], tmp_path: A
     assert again.sent == 0
 
 
-def test_a_server_that_always_fails_leaves_no_half_reel(faulty: tuple[Bucket, Faults], tmp_path: Any) -> None:
+def test_failing_server_leaves_no_partial_reel(faulty: tuple[Bucket, Faults], tmp_path: Any) -> None:
     bucket, faults = faulty
     reel = write_reel(tmp_path / "reel")
     faults.fault, faults.left = "fails", 1000
@@ -126,7 +128,7 @@ def test_a_server_that_always_fails_leaves_no_half_reel(faulty: tuple[Bucket, Fa
     verify_reel(bucket.url("reel"))
 
 
-def test_what_a_server_spoils_silently_is_found_by_readers(faulty: tuple[Bucket, Faults], tmp_path: Any) -> None:
+def test_readers_find_silent_corruption(faulty: tuple[Bucket, Faults], tmp_path: Any) -> None:
     bucket, _ = faulty
     reel = write_reel(tmp_path / "reel")
     Publication(reel, open_folder(bucket.url("reel"))).update()

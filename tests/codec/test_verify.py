@@ -20,24 +20,24 @@ def reel(tmp_path):
     return write_reel(tmp_path / "reel")
 
 
-def test_a_good_reel(reel):
+def test_verify_accepts_a_good_reel(reel):
     found = verify_reel(reel)
     assert (found.files, found.layers, found.groups, found.points) == (5, 2, 2, 60)
     assert verify_reel(reel / "manifest.json") == found
 
 
-def test_no_reel(tmp_path):
+def test_verify_names_a_missing_reel(tmp_path):
     with pytest.raises(ReelError, match=r"manifest\.json: cannot be read"):
         verify_reel(tmp_path)
 
 
-def test_missing_file(reel):
+def test_verify_names_a_missing_file(reel):
     (reel / "groups/0001.safetensors").unlink()
     with pytest.raises(ReelError, match=r"0001\.safetensors: cannot be read"):
         verify_reel(reel)
 
 
-def test_truncated_and_flipped_files_are_both_named(reel):
+def test_verify_names_all_damaged_files(reel):
     group, layer = reel / "groups/0000.safetensors", reel / "layers/0001.safetensors"
     group.write_bytes(group.read_bytes()[:-1])
     data = bytearray(layer.read_bytes())
@@ -69,13 +69,13 @@ def forge(reel, kind, section, **change):
         ("groups", "alive", {"codec": "linear"}),
     ],
 )
-def test_forged_sections(reel, kind, section, change):
+def test_verify_finds_forged_sections(reel, kind, section, change):
     forge(reel, kind, section, **change)
     with pytest.raises(ReelError, match=rf"{kind}/0000\.safetensors: section '{section}'"):
         verify_reel(reel)
 
 
-def test_nan_in_a_file(reel):
+def test_verify_finds_nan(reel):
     """JSON has no NaN, but Python's parser takes it."""
     file = reel / "layers/0000.safetensors"
     data = file.read_bytes()
@@ -104,13 +104,13 @@ def test_nan_in_a_file(reel):
         (lambda d: d["groups"][1].update(uri="groups/0000.safetensors"), "0000"),
     ],
 )
-def test_manifest_that_does_not_fit_its_files(reel, change, message):
+def test_verify_finds_manifest_mismatch(reel, change, message):
     edit_manifest(reel, change)
     with pytest.raises(ReelError, match=message):
         verify_reel(reel)
 
 
-def test_info_adds_up():
+def test_info_sizes_add_up():
     info = reel_info(GOLDEN)
     files = [file for file in GOLDEN.rglob("*") if file.suffix == ".safetensors"]
     sizes = sum(file.stat().st_size for file in files)
@@ -123,7 +123,7 @@ def test_info_adds_up():
     assert info.float32_bytes == 4 * (59 * 390 + 7 * 8 * 190)
 
 
-def test_a_reader_keeps_what_it_decoded(reel):
+def test_reader_caches_decoded_files(reel):
     reader = ReelReader(reel)
     assert reader.group(0) is reader.group(0)
     static, born = reader.static(1)

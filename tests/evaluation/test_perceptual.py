@@ -34,12 +34,12 @@ def lpips(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Path:
     return tmp_path / "checkpoints" / perceptual.BACKBONE
 
 
-def test_nothing_is_downloaded(lpips: Path) -> None:
+def test_lpips_downloads_nothing(lpips: Path) -> None:
     assert not perceptual.available()
     assert perceptual.load() is None
 
 
-def test_with_weights_images_go_in_as_minus_one_to_one(lpips: Path) -> None:
+def test_lpips_receives_images_from_minus_one_to_one(lpips: Path) -> None:
     lpips.parent.mkdir()
     lpips.touch()
     distance = perceptual.load()

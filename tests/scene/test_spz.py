@@ -66,7 +66,7 @@ def signs(count: int) -> np.ndarray:
 
 
 @pytest.mark.parametrize("degree", [0, 1, 3])
-def test_comes_back_within_a_step(tmp_path: Path, degree: int) -> None:
+def test_spz_round_trips_within_a_step(tmp_path: Path, degree: int) -> None:
     given = random_gaussians(np.random.default_rng(degree), 200, degree, (1, -2, 3))
     given.sh[:, 1:] = np.clip(given.sh[:, 1:], -0.9, 0.9)
     write_spz(tmp_path / "f.spz", given)
@@ -83,14 +83,14 @@ def test_comes_back_within_a_step(tmp_path: Path, degree: int) -> None:
         assert np.abs(back.sh[:, 4:] - given.sh[:, 4:]).max(initial=0) <= 9 / 128
 
 
-def test_no_points_make_a_file_too(tmp_path: Path) -> None:
+def test_spz_without_points(tmp_path: Path) -> None:
     write_spz(tmp_path / "f.spz", Gaussians.empty(1))
     assert len(read_spz(tmp_path / "f.spz")) == 0
     write_spz(tmp_path / "f.spz", Gaussians.empty(1), antialias=True)
     assert gzip.decompress((tmp_path / "f.spz").read_bytes())[14] == 1
 
 
-def test_what_is_too_far_away_is_said(tmp_path: Path) -> None:
+def test_spz_refuses_distant_points(tmp_path: Path) -> None:
     far = Gaussians(
         np.array([[1e7, 0, 0]]), np.array([[1.0, 0, 0, 0]]), np.ones((1, 3)), np.ones(1), np.zeros((1, 1, 3))
     )

@@ -8,7 +8,7 @@ import pytest
 from splatreel.storage.parallel_transfers import transfer_in_threads
 
 
-def test_each_item_is_done_once_and_so_many_at_a_time():
+def test_each_item_is_transferred_once_in_parallel():
     together, seen, most = threading.Barrier(3), [], 0
     working = set()
 
@@ -26,7 +26,7 @@ def test_each_item_is_done_once_and_so_many_at_a_time():
     assert most == 3
 
 
-def test_nothing_is_begun_after_an_error_and_what_has_begun_is_waited_for():
+def test_error_stops_new_transfers_and_waits_for_running_ones():
     begun, ended, first = [], [], threading.Event()
 
     def work(item):
@@ -44,12 +44,12 @@ def test_nothing_is_begun_after_an_error_and_what_has_begun_is_waited_for():
     assert ended == [1]
 
 
-def test_nothing_to_do():
+def test_no_items_need_no_threads():
     assert list(transfer_in_threads(print, [], 4)) == []
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="Ctrl-C is sent as a POSIX signal")
-def test_an_interrupted_program_ends_though_a_transfer_hangs():
+def test_interrupt_does_not_wait_for_a_hanging_transfer():
     code = "import signal, sys, threading\nfrom splatreel.storage.parallel_transfers import transfer_in_threads\n"
     code += "signal.signal(signal.SIGALRM, signal.default_int_handler); signal.setitimer(signal.ITIMER_REAL, 0.2)\n"
     code += "try: list(transfer_in_threads(lambda _: threading.Event().wait(), range(9), 2))\n"

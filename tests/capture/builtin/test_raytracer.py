@@ -44,7 +44,7 @@ def together(a: sd.Shapes, b: sd.Shapes) -> sd.Shapes:
         (sd.CYLINDER, 4 - 0.5, None),
     ],
 )
-def test_a_solid_has_the_distance_and_the_outline_it_must_have(kind: int, depth: float, area: float | None) -> None:
+def test_solids_have_correct_distance_and_outline(kind: int, depth: float, area: float | None) -> None:
     camera = front()
     seen = rt.trace_static(camera, NOTHING, toyroom.LIGHT)
     cover, distance = rt.trace_cover(camera, seen, solid(kind, (0, 0, 0), (0.5, 0.4, 0.5)), np.ones(1, bool))
@@ -53,7 +53,7 @@ def test_a_solid_has_the_distance_and_the_outline_it_must_have(kind: int, depth:
         assert cover.sum() / 65**2 == pytest.approx(area, rel=0.03)
 
 
-def test_what_moves_looks_as_if_it_had_always_been_there() -> None:
+def test_moving_solids_look_like_static_ones() -> None:
     """A frame that reuses what stands still, and skips what cannot change, equals one traced anew, mirror and shadows included."""
     camera, light = make_cameras(96, 72)[3], toyroom.LIGHT
     still, moving = toyroom.standing(0), toyroom.moving(0.7)
@@ -67,7 +67,7 @@ def test_what_moves_looks_as_if_it_had_always_been_there() -> None:
     ).mean() > 0.1
 
 
-def test_a_mirror_shows_what_stands_before_it() -> None:
+def test_mirror_shows_objects_in_front_of_it() -> None:
     mirror = solid(sd.BOX, (0, 0, 0), (1, 1, 0.1), MIRROR)
     mirror.solids[:, sd.COLORS :] = 1.0
     red = solid(sd.ELLIPSOID, (0, 0, 6), (1, 1, 1))
@@ -79,7 +79,7 @@ def test_a_mirror_shows_what_stands_before_it() -> None:
     assert outside.min() > 100  # the sky
 
 
-def test_a_shadow_falls_away_from_the_lamp() -> None:
+def test_shadow_points_away_from_the_lamp() -> None:
     floor, ball = solid(sd.BOX, (0, -0.6, 0), (5, 0.1, 5)), solid(sd.ELLIPSOID, (0, 0, 0), (0.3, 0.3, 0.3))
     light = np.array([4.0, 4.0, 0.0])
     seen = rt.trace_static(front(), floor, light)

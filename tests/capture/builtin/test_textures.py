@@ -13,7 +13,7 @@ def colors(kind: int, points: np.ndarray) -> np.ndarray:
     return np.array([albedo(float(kind), *point, 0.0, 0.0, 1.0, half, COLORS, 3.0, 0.1) for point in points])
 
 
-def test_grain_makes_the_same_pattern_darker_and_lighter() -> None:
+def test_grain_scales_the_pattern() -> None:
     points = np.random.default_rng(0).uniform(-1, 1, (4000, 3))
     factor = colors(CHECKS + GRAINED, points) / colors(CHECKS, points)
     assert np.allclose(factor, factor[:, :1])
@@ -22,7 +22,7 @@ def test_grain_makes_the_same_pattern_darker_and_lighter() -> None:
     assert factor.min() > 0
 
 
-def test_grain_has_spots_of_all_sizes() -> None:
+def test_grain_has_all_frequencies() -> None:
     """What is half as far apart differs less, but not by half: a smooth texture would."""
     points = np.random.default_rng(1).uniform(-1, 1, (4000, 3))
 

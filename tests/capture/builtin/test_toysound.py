@@ -22,7 +22,7 @@ def onsets(sound: np.ndarray) -> list[float]:
     return (loud[np.diff(loud, prepend=-RATE) > RATE // 20] / RATE).tolist()
 
 
-def test_impacts_are_where_the_ball_turns() -> None:
+def test_impacts_coincide_with_bounces() -> None:
     times = np.arange(0, 6, 1e-3)
     x, y, _ = np.array([ball(t) for t in times]).T
     bounces = times[1:-1][(y[1:-1] <= y[:-2]) & (y[1:-1] < y[2:])]
@@ -35,7 +35,7 @@ def test_impacts_are_where_the_ball_turns() -> None:
     assert all(abs(abs(i.place[0]) - BALL_REACH - BALL_RADIUS) < 1e-9 for i in found if i.on == "bumper")
 
 
-def test_sound_takes_its_time_and_loses_its_strength() -> None:
+def test_sound_is_delayed_and_attenuated() -> None:
     near, far = (toysound.render_sound(np.array([0.0, 0.7, z]), SECONDS, 0) for z in (2.75, 7.6))
     for sound, z in ((near, 2.75), (far, 7.6)):
         distances = [np.linalg.norm(np.array(i.place) - (0, 0.7, z)) for i in impacts(SECONDS)]
@@ -50,7 +50,7 @@ def room(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return make_capture(tmp_path_factory.mktemp("room") / "room", width=16, height=16, frames=60)
 
 
-def test_its_films_have_it(room: Path) -> None:
+def test_videos_contain_the_sound(room: Path) -> None:
     capture = open_capture(room)
     for index, camera in enumerate(make_cameras()):
         found = np.concatenate(list(read_sound(capture.tracks()[camera.name].file, 1, RATE)))
@@ -60,7 +60,7 @@ def test_its_films_have_it(room: Path) -> None:
     assert choose("auto", capture.tracks(), SECONDS, 0, room).camera == "cam10"
 
 
-def test_the_sound_of_some_frames_is_that_of_their_time(room: Path) -> None:
+def test_sound_follows_the_frame_range(room: Path) -> None:
     capture = open_capture(room, frames=(12, 45))
     seconds, begin = capture.frames / capture.fps, capture.first_frame / capture.fps
     choice = choose("cam00", capture.tracks(), seconds, begin, room)
@@ -71,7 +71,7 @@ def test_the_sound_of_some_frames_is_that_of_their_time(room: Path) -> None:
     assert len(found) == 3
 
 
-def test_sync_finds_that_they_start_together(room: Path) -> None:
+def test_sync_finds_zero_offsets(room: Path) -> None:
     starts = synchronize(room, Silent())
     assert len(starts) == 14
     assert max(starts.values()) < 0.01, "what is left is the way of the sound"

@@ -35,7 +35,7 @@ def heard(sound: np.ndarray) -> list[float]:
 
 
 @pytest.mark.parametrize("kind", ["mkv", "ts", "mp4", "segments"])
-def test_sound_goes_on_from_file_to_file_and_is_in_time_with_the_pictures(kind: str, tmp_path: Path) -> None:
+def test_segmented_sound_is_continuous_and_in_sync(kind: str, tmp_path: Path) -> None:
     recorder = Recorder(tmp_path / "show", kind, fps=FPS, sound=clicks, segment=7)
     recorder.write(FRAMES)
     recorder.end()
@@ -54,7 +54,7 @@ def test_sound_goes_on_from_file_to_file_and_is_in_time_with_the_pictures(kind: 
     assert np.abs(between).max(1).min() > 0.02, "no silence, also where files meet"
 
 
-def test_a_camera_is_chosen_by_what_is_heard_so_far(tmp_path: Path) -> None:
+def test_growing_track_is_chosen_by_sound_so_far(tmp_path: Path) -> None:
     loud = Recorder(tmp_path / "loud", "ts", fps=FPS, sound=clicks)
     silent = Recorder(tmp_path / "silent", "ts", fps=FPS, sound=lambda frame: 0 * clicks(frame))
     for recorder in (loud, silent):

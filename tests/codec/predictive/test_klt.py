@@ -8,7 +8,7 @@ from splatreel.codec.predictive.entropy import entropy_encode
 from splatreel.errors import ReelError
 
 
-def test_klt_keeps_what_few_directions_hold():
+def test_klt_reconstructs_low_rank_samples():
     rng = np.random.default_rng(0)
     samples = rng.normal(size=(500, 3)) @ rng.normal(size=(3, 30))
     basis, shifts = klt.analyze(samples, 0.01)
@@ -20,7 +20,7 @@ def test_klt_keeps_what_few_directions_hold():
     )
 
 
-def test_columns_that_are_small_come_last():
+def test_small_columns_come_last():
     found = np.ones((5, 4, 2)) * np.array([8.0, 4, 1, 2])[:, None]
     found[..., 1] /= 100
     order = klt.columns_of(found)
@@ -33,7 +33,7 @@ def test_columns_that_are_small_come_last():
             klt.decode_columns(data, 8, kinds, channels)
 
 
-def test_a_sum_takes_each_column_to_its_vector_and_channel():
+def test_expand_sums_columns_by_vector_and_channel():
     basis = np.array([[1.0, 10.0], [2.0, 20.0]])  # two dimensions, two vectors
     found, columns = np.array([[1, 2, 3]], np.int32), np.array([0, 1, 0])
     whole = klt.expand(found, np.array([3]), basis, columns, 2)

@@ -6,7 +6,7 @@ from splatreel.evaluation.bench.speed import LoopedCapture
 from tests.evaluation import scenes
 
 
-def test_after_the_last_frame_comes_the_first() -> None:
+def test_looped_capture_repeats_its_frames() -> None:
     source = scenes.capture(Path("x"), ["cam03"])
     looped, names = LoopedCapture(source, 12), ["cam01", "cam03"]
     assert (looped.frames, looped.held_out, looped.fps) == (12, ["cam03"], source.fps)

@@ -25,7 +25,7 @@ class SquareCapture(Capture):
                 out[t, c, :SIDE, first + t : first + t + SIDE] = 200
 
 
-def test_the_median_is_what_stays() -> None:
+def test_median_picture_shows_static_content() -> None:
     capture = SquareCapture()
     for picture, value in zip(median_pictures(capture, ["cam01", "cam03"]), (10, 30), strict=True):
         assert picture.dtype == np.uint8
@@ -34,7 +34,7 @@ def test_the_median_is_what_stays() -> None:
     assert (min(capture.asked), max(capture.asked)) == (0, FRAMES - 1)
 
 
-def test_the_square_is_what_moves() -> None:
+def test_moving_pixels_cover_the_moving_square() -> None:
     capture = SquareCapture()
     median = median_pictures(capture, ["cam02"])[0]
     expected = np.zeros((scenes.HEIGHT, scenes.WIDTH), bool)
@@ -43,7 +43,7 @@ def test_the_square_is_what_moves() -> None:
     np.testing.assert_array_equal(moving_pixels(truth, median), expected)
 
 
-def test_a_small_difference_is_noise() -> None:
+def test_moving_pixels_ignore_small_differences() -> None:
     median = np.full((2, 3, 3), 100, np.uint8)
     truth = np.full((2, 3, 3), 100 / 255, np.float32)
     truth[0, 1] += 7 / 255
@@ -51,7 +51,7 @@ def test_a_small_difference_is_noise() -> None:
     assert np.argwhere(moving_pixels(truth, median)).tolist() == [[1, 2]]
 
 
-def test_nothing_moves_in_one_frame() -> None:
+def test_moving_pixels_are_empty_for_one_frame() -> None:
     capture = SquareCapture(1)
     truth = capture.read(0, 1, ["cam00"])[0, 0].astype(np.float32) / 255
     assert not moving_pixels(truth, median_pictures(capture, ["cam00"])[0]).any()

@@ -59,7 +59,7 @@ def out(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
-def test_each_frame_is_measured_on_its_own(out: Path) -> None:
+def test_oracle_measures_each_frame_independently(out: Path) -> None:
     record = json.loads((out / "oracle.json").read_text())
     assert [frame["frame"] for frame in record["frames"]] == [0, 6]
     assert record["reel"] is None
@@ -74,7 +74,7 @@ def test_each_frame_is_measured_on_its_own(out: Path) -> None:
     assert "| mean |" in (out / "oracle.md").read_text()
 
 
-def test_a_killed_run_continues(out: Path, tmp_path: Path) -> None:
+def test_oracle_continues_a_killed_run(out: Path, tmp_path: Path) -> None:
     with pytest.raises(KeyboardInterrupt):
         oracle(HeldOutWall(), tmp_path, CONFIG, [0, 6], device="cpu", progress=Trace("frame 6 by itself (2 of 2)"))
     assert [frame["frame"] for frame in json.loads((tmp_path / "oracle.json").read_text())["frames"]] == [0]
@@ -91,7 +91,7 @@ def test_a_killed_run_continues(out: Path, tmp_path: Path) -> None:
         (HeldOutWall("cam02"), CONFIG, r'capture.held_out is \["cam01"\] there, \["cam02"\] now'),
     ],
 )
-def test_the_folder_of_another_configuration_is_refused(
+def test_oracle_refuses_folder_of_another_configuration(
     out: Path, capture: HeldOutWall, config: Config, difference: str
 ) -> None:
     before = (out / "oracle.json").read_bytes()
@@ -100,7 +100,7 @@ def test_the_folder_of_another_configuration_is_refused(
     assert (out / "oracle.json").read_bytes() == before
 
 
-def test_a_damaged_record_is_named(tmp_path: Path, out: Path) -> None:
+def test_oracle_names_a_damaged_record(tmp_path: Path, out: Path) -> None:
     record = json.loads((out / "oracle.json").read_text())
     del record["frames"][0]["points"]
     (tmp_path / "oracle.json").write_text(json.dumps(record))
@@ -108,13 +108,13 @@ def test_a_damaged_record_is_named(tmp_path: Path, out: Path) -> None:
         oracle(HeldOutWall(), tmp_path, CONFIG, [0], device="cpu")
 
 
-def test_no_camera_is_held_out(tmp_path: Path) -> None:
+def test_oracle_refuses_capture_without_held_out_cameras(tmp_path: Path) -> None:
     with pytest.raises(UsageError, match=r"wall: no camera is held out.*--hold-out NAME,NAME"):
         oracle(HeldOutWall(None), tmp_path, CONFIG, [0], device="cpu")
 
 
 @pytest.mark.parametrize("frames", [[], [0, FRAMES], [-1]])
-def test_frames_that_are_not_there(frames: list[int], tmp_path: Path) -> None:
+def test_oracle_refuses_missing_frames(frames: list[int], tmp_path: Path) -> None:
     with pytest.raises(UsageError, match=r"wall has frames 0 to 6\. Choose among these"):
         oracle(HeldOutWall(), tmp_path, CONFIG, frames, device="cpu")
 
@@ -147,7 +147,7 @@ def still_reel(path: Path, capture: HeldOutWall, cameras: str = "training") -> P
     return path
 
 
-def test_a_reel_that_is_the_oracle_of_its_first_frame(out: Path, tmp_path: Path) -> None:
+def test_oracle_distance_is_zero_for_its_own_reel(out: Path, tmp_path: Path) -> None:
     """Encoding is all that lies between them there, so the reel scores what the decoded oracle does; later it is not right."""
     capture, trace = HeldOutWall(), Trace()
     reel, copy = still_reel(tmp_path / "reel", capture), shutil.copytree(out, tmp_path / "copy")
@@ -164,7 +164,7 @@ def test_a_reel_that_is_the_oracle_of_its_first_frame(out: Path, tmp_path: Path)
     assert "how far it is below" in (copy / "oracle.md").read_text()
 
 
-def test_a_reel_that_has_seen_what_is_held_out_is_refused(tmp_path: Path) -> None:
+def test_oracle_refuses_reel_trained_on_held_out_cameras(tmp_path: Path) -> None:
     reel = still_reel(tmp_path / "reel", HeldOutWall(), "all")
     with pytest.raises(UsageError, match="was trained on cam01, which cannot be held out of it any more"):
         oracle(HeldOutWall(), tmp_path / "out", CONFIG, [0], reel=reel, device="cpu")

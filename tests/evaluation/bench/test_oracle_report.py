@@ -14,11 +14,11 @@ FRAMES = [
 REEL = [Score(Quality(29.5, 30, 0.88), None), Score(Quality(31, 32, 0.9), Quality(23, 24, 0.7))]
 
 
-def test_a_frame_survives_its_record() -> None:
+def test_single_frame_round_trips_through_json() -> None:
     assert [SingleFrame.from_dict(dataclasses.asdict(frame)) for frame in FRAMES] == FRAMES
 
 
-def test_means_and_distances_are_known() -> None:
+def test_report_computes_known_means_and_distances() -> None:
     report = OracleReport(FRAMES, REEL)
     assert report.mean() == Score(Quality(32, 33, pytest.approx(0.92)), Quality(28, 29, 0.8))
     assert report.decoded().psnr == 31
@@ -31,7 +31,7 @@ def test_means_and_distances_are_known() -> None:
     ]
 
 
-def test_the_tables_say_the_same() -> None:
+def test_report_tables_match_the_numbers() -> None:
     text = OracleReport(FRAMES, REEL).to_markdown()
     assert "| 0 | 30.00 | 31.00 | 0.9000 |  |  | 29.00 | 100 | 2.000 MB | 10.0 s |" in text
     assert "| mean | 32.00 | 33.00 | 0.9200 | 28.00 | 0.8000 | 31.00 | 200 | 3.000 MB | 15.0 s |" in text

@@ -32,14 +32,12 @@ def run(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return scenes.write_run(tmp_path_factory.mktemp("rates") / "run")
 
 
-def test_what_the_run_was_trained_on_is_not_taken_for_held_out(run: Path) -> None:
+def test_sweep_refuses_training_cameras(run: Path) -> None:
     with pytest.raises(UsageError, match=r"was trained on cam01, cam02, which cannot be held out of it any more"):
         sweep_of(run, scenes.capture(run, held_out=["cam01", "cam02"]), 2)
 
 
-def test_rows_are_measured_from_real_reels_and_only_once(
-    run: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_sweep_measures_each_configuration_once(run: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     record, capture = tmp_path / "out" / "codec.jsonl", scenes.capture(run)
     rows = rate_distortion_points(sweep_of(run, capture, 2, record=record), NAMES)
     assert [row.name for row in rows] == NAMES
@@ -64,7 +62,7 @@ def test_rows_are_measured_from_real_reels_and_only_once(
         sweep_of(run, capture, 2, record=record)
 
 
-def test_an_unknown_configuration_is_named(run: Path) -> None:
+def test_unknown_configuration_is_named(run: Path) -> None:
     with pytest.raises(UsageError, match=r"No configuration is called 'best'\. Known are paper, "):
         rate_distortion_points(sweep_of(run, scenes.capture(run), 5), ["best"])
 
@@ -75,7 +73,7 @@ def cells(text: str, title: str) -> list[list[str]]:
     return [[cell.strip() for cell in line.strip("|").split("|")] for line in found.splitlines()[2:]]
 
 
-def test_the_papers_tables(run: Path) -> None:
+def test_paper_tables_have_all_rows(run: Path) -> None:
     capture = scenes.capture(run)
     sweep, first = (Sweep(run, capture, frames, Silent()) for frames in ([0, 4], [0]))
     text = paper_tables(sweep, first)
@@ -108,7 +106,7 @@ def test_bd_rate_known_answers() -> None:
     assert bd_rate(curve, [(1e5, 31.0)]) is None
 
 
-def test_bytes_at_a_loss() -> None:
+def test_bytes_at_interpolates_sizes() -> None:
     rows = [RatePoint("x", size, 0, 30 - loss, loss, {}) for size, loss in ((1000, 0.1), (4000, 0.0))]
     assert bytes_at(rows, 0.05) == pytest.approx(2000)
     assert bytes_at(rows, 0.2) is None

@@ -25,7 +25,7 @@ def config(iterations: int) -> Config:
 
 
 @pytest.mark.slow
-def test_what_is_measured(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_bench_reconstruct_reports_all_rows(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     def medians(works: list[Callable[[], None]], repeats: int) -> list[float]:
         """Of a batch in layers, of whole pictures, and on one thread."""
         assert repeats == 1
@@ -67,13 +67,13 @@ def test_what_is_measured(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> No
     assert lines[2]["frames"] == 8  # of the row, not of the capture
 
 
-def test_a_loop_must_be_longer_than_the_capture(tmp_path: Path) -> None:
+def test_loop_shorter_than_the_capture_is_refused(tmp_path: Path) -> None:
     with pytest.raises(UsageError, match="--loop 4 is out of range: the capture has 4 frames"):
         bench_reconstruct(WallCapture(4), tmp_path, {"quick": config(4)}, loop=4)
     assert not list(tmp_path.iterdir())
 
 
-def test_wrong_use(capsys: pytest.CaptureFixture[str]) -> None:
+def test_provenance_label_and_append(capsys: pytest.CaptureFixture[str]) -> None:
     for options in (["--repeats", "0"], ["--against", "standard"]):
         assert main(["bench", "reconstruct", "capture", "--out", "x", *options]) == 2
         assert capsys.readouterr().err.startswith("Error: bench reconstruct needs --repeats 1 or more")

@@ -8,7 +8,7 @@ from splatreel.evaluation.bench import timing
 from splatreel.evaluation.bench.timing import median_ms, medians_ms
 
 
-def test_the_median_of_times_is_in_milliseconds(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_median_ms_is_in_milliseconds(monkeypatch: pytest.MonkeyPatch) -> None:
     clock = SimpleNamespace(now=0.0)
     clock.perf_counter = lambda: clock.now
     monkeypatch.setattr(timing, "time", clock)
@@ -20,7 +20,7 @@ def test_the_median_of_times_is_in_milliseconds(monkeypatch: pytest.MonkeyPatch)
     assert median_ms(work, 3) == pytest.approx(23)
 
 
-def test_works_take_turns_and_the_first_call_of_each_does_not_count() -> None:
+def test_medians_ms_alternates_calls_and_skips_the_first() -> None:
     calls: list[str] = []
     assert len(medians_ms([lambda: calls.append("a"), lambda: calls.append("b")], 2)) == 2
     assert calls == ["a", "b"] * 3
