@@ -11,7 +11,7 @@ GIB = 1 << 30
 
 @pytest.fixture
 def mounted(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """An empty tree of groups."""
+    """Return an empty tree of groups."""
     monkeypatch.setattr(cgroups, "MOUNTED", tmp_path / "cgroup")
     monkeypatch.setattr(cgroups, "OWN", tmp_path / "own")
     (tmp_path / "cgroup").mkdir()

@@ -1,4 +1,4 @@
-"""A child process computes, tells how far it is, and never outlives the call."""
+"""A child process computes, reports progress and never outlives the call."""
 
 import os
 import signal
@@ -29,7 +29,7 @@ def die(send: Callable[[Any], None]) -> None:
 
 
 def never_end(send: Callable[[Any], None]) -> None:
-    """Block signals, as native code does that never returns to Python."""
+    """Block signals, like native code that never returns to Python."""
     signal.pthread_sigmask(signal.SIG_BLOCK, set(signal.Signals) - {signal.SIGKILL, signal.SIGSTOP})
     send(os.getpid())
     while True:
@@ -63,7 +63,7 @@ def test_killed_child_is_reported() -> None:
 
 
 def test_interrupt_kills_the_child() -> None:
-    """However deaf it is."""
+    """The child ignores signals."""
     heard: list[int] = []
 
     def interrupt(pid: int) -> None:

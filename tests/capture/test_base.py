@@ -14,7 +14,7 @@ from tests.capture import folders
 
 
 class Numbers(Capture):
-    """Every pixel of a frame is its number in the files."""
+    """Capture in which every pixel of a frame is its number in the files."""
 
     def _read_into(self, out: np.ndarray, first: int, cameras: list[str]) -> None:
         out[:] = np.arange(first, first + len(out)).reshape(-1, 1, 1, 1, 1)

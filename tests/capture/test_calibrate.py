@@ -21,7 +21,7 @@ from tests.capture import folders
 
 @pytest.fixture(scope="module")
 def room(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """The videos of the toy room."""
+    """Return the videos of the toy room."""
     return make_capture(tmp_path_factory.mktemp("film") / "room", frames=2)
 
 
@@ -47,7 +47,7 @@ def test_calibration_recovers_poses(room: Path, tmp_path: Path) -> None:
 
 
 def fitted(here: np.ndarray, there: np.ndarray) -> np.ndarray:
-    """Points turned, scaled and moved to lie near others [N, 3]."""
+    """Return points aligned by a similarity transform to others [N, 3]."""
     a, b = here - here.mean(0), there - there.mean(0)
     U, S, Vt = np.linalg.svd(a.T @ b)
     flip = np.diag([1, 1, np.sign(np.linalg.det(U @ Vt))])
@@ -73,8 +73,7 @@ def test_videos_without_features_are_refused(tmp_path: Path) -> None:
 
 @pytest.mark.slow
 def test_photographs_connect_distant_cameras(room: Path, tmp_path: Path) -> None:
-    """By what COLMAP draws at random the focal lengths come out 2 to 6 % too long, and 3 to 11 % if all photographs are equally far
-    away (twelve seeds each)."""
+    """Over twelve seeds focal lengths are 2 to 6 % too long, and 3 to 11 % if all photographs are equally distant."""
     pytest.importorskip("pycolmap")
     known, films, photos = open_capture(room, held_out=[]), tmp_path / "films", tmp_path / "photos"
     films.mkdir()
@@ -106,7 +105,7 @@ def test_photographs_connect_distant_cameras(room: Path, tmp_path: Path) -> None
 
 
 def photograph(azimuth: float, elevation: float, distance: float) -> np.ndarray:
-    """The toy room from elsewhere. Angles in degrees, distance from its middle in world units; [H, W, 3] uint8."""
+    """Return the toy room from another viewpoint, [H, W, 3] uint8. Angles are in degrees, the distance from its middle in world units."""
     a, e = np.radians(azimuth), np.radians(elevation)
     outwards = np.array([np.sin(a) * np.cos(e), np.sin(e), np.cos(a) * np.cos(e)])
     camera = facing("photograph", TARGET + distance * outwards, -outwards, 1.2 * 256, 256, 192)
@@ -115,7 +114,7 @@ def photograph(azimuth: float, elevation: float, distance: float) -> np.ndarray:
 
 
 def test_images_are_numbered_in_order(tmp_path: Path) -> None:
-    """However long their features take to be found: COLMAP begins with other pairs if they are numbered otherwise."""
+    """The order must not depend on the time to extract features, because COLMAP's initial pairs depend on it."""
     colmap = pytest.importorskip("pycolmap")
     pictures = tmp_path / "images"
     names = [f"{number}.png" for number in range(4)]

@@ -1,4 +1,4 @@
-"""Calibrations that are right, and such as COLMAP returns of next to nothing."""
+"""Correct calibrations, and calibrations like those that COLMAP returns for too few matches."""
 
 from dataclasses import replace
 
@@ -17,7 +17,7 @@ def rig(count: int = 6, points: int = 300) -> CalibratedRig:
 
 
 def elsewhere(cameras: CalibratedRig) -> CalibratedRig:
-    """The same rig in a world that is turned, larger and moved."""
+    """Return the same rig in a rotated, scaled and translated world."""
     turn = Rotation.from_rotvec([0.3, 1.2, -0.5]).as_matrix()
     return {
         name: replace(placed, rotation=placed.rotation @ turn, center=3 * turn.T @ placed.center + [1, 2, 3])

@@ -1,4 +1,4 @@
-"""Captures that are still being written: what counts, who waits for whom, and when they have ended."""
+"""Growing captures: complete frames, waiting, and their end."""
 
 import time
 from collections.abc import Callable, Iterator
@@ -17,7 +17,7 @@ from tests.capture import folders
 from tests.capture.growing.recorder import KINDS, Recorder, marks
 
 BEGUN = 26
-"""Frames from which on FFmpeg says what is in a video: it looks how they are reordered."""
+"""Frames after which FFmpeg detects the streams of a video, because it checks their reordering."""
 
 
 @contextmanager
@@ -33,7 +33,7 @@ def following(folder: Path, timeout: float = 60, **request: object) -> Iterator[
 
 
 def shown(capture: Capture, first: int, count: int) -> list[list[tuple[int, int]]]:
-    """(camera, frame) by the colors of what is read."""
+    """Return the cameras and frames that the colors of images encode."""
     names = [camera.name for camera in capture.cameras]
     return [[marks(image) for image in frame] for frame in capture.read(first, count, names)]
 
@@ -136,7 +136,7 @@ def test_fingerprint_does_not_change_with_growth(tmp_path: Path) -> None:
 
 
 def test_missed_frame_uses_the_nearest(tmp_path: Path) -> None:
-    """A Matroska file says when each frame is shown."""
+    """A Matroska file stores the time of each frame."""
     recorder = Recorder(tmp_path / "show", "mkv")
     recorder.write(4)
     recorder.lose(1, 2)
@@ -226,7 +226,7 @@ def test_stop_ends_waits(tmp_path: Path) -> None:
 
 
 def until(true: Callable[[], object], seconds: float = 120) -> None:
-    """Wait for what is about to happen."""
+    """Wait for a condition."""
     end = time.monotonic() + seconds
     while not true():
         assert time.monotonic() < end

@@ -1,4 +1,4 @@
-"""Frames that lie in a file are those that would lie in memory, and take none of it."""
+"""Frames in files equal frames in memory and do not use it."""
 
 import os
 from pathlib import Path
@@ -19,13 +19,13 @@ pytestmark = pytest.mark.skipif(not Path("/proc/self/status").exists(), reason="
 
 @pytest.fixture(autouse=True)
 def on_a_disk(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
-    """Arrays of any size go into files, of which this folder may have any."""
+    """Store arrays of any size in files of this folder."""
     monkeypatch.setattr(frame_file, "_lies_in_memory", lambda _: False)
     monkeypatch.setattr("tempfile.tempdir", str(tmp_path))
 
 
 def resident() -> int:
-    """Bytes of files and of shared memory that this process holds mapped."""
+    """Return the bytes of files and shared memory that this process has mapped."""
     lines = dict(line.split(":", 1) for line in Path("/proc/self/status").read_text().splitlines() if ":" in line)
     return 1024 * sum(int(lines[name].split()[0]) for name in ("RssFile", "RssShmem"))
 

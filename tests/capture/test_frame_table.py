@@ -1,4 +1,4 @@
-"""Videos are scanned once, by little of them, and read in places wherever they lie."""
+"""Videos are scanned once, mostly without image data, and read in parts wherever they are stored."""
 
 from pathlib import Path
 
@@ -63,7 +63,7 @@ def test_known_video_is_not_scanned_again(tmp_path: Path, monkeypatch: pytest.Mo
 
 
 def big_film(path: Path) -> Path:
-    """Some megabytes of noise, with a keyframe every five frames."""
+    """Write some megabytes of noise with a keyframe every five frames."""
     rng = np.random.default_rng(0)
     folders.write_video(path, [rng.integers(0, 255, (240, 320, 3), np.uint8) for _ in range(30)])
     return path

@@ -1,4 +1,4 @@
-"""Poses that are none, and such as are of other axes than OpenCV's or go the other way; rigs that are right give no alarm."""
+"""Invalid poses, inverted poses and poses with other axes are detected; correct rigs give no doubts."""
 
 from dataclasses import replace
 
@@ -23,7 +23,7 @@ RIGS = {
 
 
 def changed(cameras: list[Camera], change: np.ndarray) -> list[Camera]:
-    """The second of them by a matrix from the left."""
+    """Return cameras with the second one multiplied from the left by a matrix."""
     return [replace(c, viewmat=change @ c.viewmat) if i == 1 else c for i, c in enumerate(cameras)]
 
 
@@ -85,7 +85,7 @@ def test_poses_without_points_give_only_doubts() -> None:
 
 @pytest.mark.parametrize("nudge", [0.0, *(10.0**-power for power in range(4, 10))])
 def test_rounding_does_not_cause_doubts(nudge: float) -> None:
-    """Cameras at one distance from the origin, which they look at: inverted, their centers are equal but for rounding."""
+    """Cameras at one distance from the origin look at it. Inverted, their centers are equal except for rounding."""
     rng = np.random.default_rng(0)
     for cameras in (inverted(ring(count, width=48, height=32)) for count in range(4, 12)):
         moved = [replace(c, viewmat=c.viewmat @ translation(nudge * rng.normal(size=3))) for c in cameras]

@@ -12,7 +12,7 @@ from tests.capture import folders
 
 
 class Watched(Capture):
-    """Counts its reads; frame 20 cannot be read."""
+    """Capture that counts its reads; frame 20 cannot be read."""
 
     def __init__(self) -> None:
         super().__init__(Path("a"), folders.cameras(), held_out=[], frame_range=(0, 30))
@@ -29,7 +29,7 @@ class Watched(Capture):
 
 
 class Slow(Capture):
-    """A long capture that takes its time."""
+    """Long capture that reads slowly."""
 
     def __init__(self) -> None:
         super().__init__(Path("a"), folders.cameras(), held_out=[], frame_range=(0, 3000))

@@ -1,4 +1,4 @@
-"""A capture that was followed is, once it has ended, a capture as any other."""
+"""A followed capture can be opened like any other after its end."""
 
 import time
 from contextlib import closing
@@ -21,7 +21,7 @@ def tone(frame: int) -> np.ndarray:
 
 
 def recorded(folder: Path, kind: str) -> Recorder:
-    """A capture whose last camera stopped two frames before the others."""
+    """Return a capture whose last camera stopped two frames before the others."""
     recorder = Recorder(folder, kind, sound=None if kind == "pictures" else tone)
     recorder.write(FRAMES)
     recorder.write(2, but=(3,))

@@ -1,4 +1,4 @@
-"""Reading frames of videos in any order gives exactly the frames that were asked for, whatever the container and the coding."""
+"""Random access returns exactly the requested frames for every container and codec."""
 
 import struct
 from pathlib import Path
@@ -13,14 +13,14 @@ CONTAINERS = (".mp4", ".mov", ".mkv", ".ts", ".mts", ".avi")
 
 
 def read(video: VideoFile, numbers: list[int]) -> list[int]:
-    """What the frames of these numbers show."""
+    """Return the numbers that frames show."""
     out = np.empty((len(numbers), HEIGHT, WIDTH, 3), np.uint8)
     video.read_into(out, np.array(numbers))
     return [number_of(image) for image in out]
 
 
 def check_random_reads(path: Path, shown: list[int], seed: int = 0, reads: int = 12) -> None:
-    """Read stretches in random order, one decoder for all, and compare what they show with `shown`."""
+    """Read stretches in random order with one decoder and compare their content with `shown`."""
     video, rng = VideoFile(path), np.random.default_rng(seed)
     assert video.frames == len(shown)
     for _ in range(reads):

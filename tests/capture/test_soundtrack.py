@@ -1,4 +1,4 @@
-"""Which track is taken, and that what is heard in a film at a time is heard in the reel at that time."""
+"""Choice of a track, and times of sound in videos."""
 
 import json
 from pathlib import Path
@@ -17,7 +17,7 @@ HERE = Path("capture")
 
 
 def click(*times: float, seconds: float = 4) -> np.ndarray:
-    """Short bursts at these times, [samples]."""
+    """Return short bursts at some times, [samples]."""
     sound = np.zeros(round(seconds * HEARD))
     for time in times:
         at = round(time * HEARD)
@@ -30,7 +30,7 @@ def hum(level: float) -> np.ndarray:
 
 
 def onset(sound: np.ndarray) -> float:
-    """Seconds of the first loud sample, [n, channels] at `RATE`."""
+    """Return the time in seconds of the first loud sample of [n, channels] at `RATE`."""
     return float(np.flatnonzero(np.abs(sound).max(1) > 0.4)[0] / RATE)
 
 
@@ -47,7 +47,7 @@ def tracks(folder: Path, **sounds: np.ndarray | None) -> dict[str, Track]:
 @pytest.mark.parametrize("start", [0.0, 0.5, 0.7371])
 @pytest.mark.parametrize(("codec", "late"), [("aac", 0.0), ("aac", 0.3), ("pcm_s16le", 0.0), ("pcm_s16le", 0.3)])
 def test_click_keeps_its_time(tmp_path: Path, codec: str, late: float, start: float) -> None:
-    """Also where the sound begins after the pictures, and from the middle on."""
+    """Includes sound that starts after the images, and reads from the middle."""
     file = tmp_path / ("a.mp4" if codec == "aac" else "a.mkv")
     film(file, click(1.25), late=late, codec=codec)
     found = np.concatenate(list(read_sound(file, 1, RATE, start)))
@@ -115,7 +115,7 @@ def test_missing_sound_is_an_error(tmp_path: Path) -> None:
 
 
 def test_tracks_start_at_the_first_frame(tmp_path: Path) -> None:
-    """The cameras' offsets are taken to the millisecond, not to the frame."""
+    """The cameras' offsets are exact to the millisecond, not to the frame."""
     films = tracks(tmp_path, a=click(1.0), b=click(1.777))
     files = {name: track.file for name, track in films.items()}
     (tmp_path / "splatreel.json").write_text(json.dumps({"starts": {"b": 0.777}}))

@@ -11,11 +11,11 @@ from tests.capture.films import film
 
 HEARD = 44100
 BEGAN = {"a": 0.4, "b": 1.25, "c": 0.0}
-"""Seconds of the scene at which each video begins."""
+"""Seconds of the scene at which each video starts."""
 
 
 def scene(seconds: float) -> np.ndarray:
-    """Claps and a hum, [samples]."""
+    """Return claps and a hum, [samples]."""
     rng = np.random.default_rng(0)
     sound = 0.02 * np.sin(np.arange(round(seconds * HEARD)) * 0.02)
     for at in rng.uniform(0, seconds - 0.1, 12):

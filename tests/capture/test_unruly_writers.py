@@ -1,4 +1,4 @@
-"""Following a capture whose writer deletes, rewrites, skips and jumps: frames that were shown stay, and nothing hangs."""
+"""Writers that delete, rewrite or skip files: earlier frames stay valid, and nothing hangs."""
 
 import os
 from pathlib import Path

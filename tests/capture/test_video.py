@@ -101,7 +101,7 @@ def test_file_that_is_no_video_is_named(tmp_path: Path, content: bytes) -> None:
 
 @pytest.mark.parametrize(("turns", "matrix"), [(3, (0, 1, -1, 0)), (2, (-1, 0, 0, -1)), (1, (0, -1, 1, 0))])
 def test_rotation_metadata_is_applied(tmp_path: Path, turns: int, matrix: tuple[int, ...]) -> None:
-    """Phones store upright pictures lying, and say so in the track's header."""
+    """Phones store portrait videos in landscape with a rotation in the track's header."""
     lying = np.zeros((24, 32, 3), np.uint8)
     lying[:8, :16] = 255
     folders.write_video(tmp_path / "a.mp4", [lying] * 2)

@@ -13,7 +13,7 @@ from tests.codec.reels import new_group, new_writer, points
 
 
 class Told:
-    """What was told, and a way to wait for it."""
+    """Recorded messages, with a way to wait for them."""
 
     def __init__(self) -> None:
         self.lines: list[str] = []

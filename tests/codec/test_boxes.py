@@ -1,4 +1,4 @@
-"""MP4 files that claim more than they hold, before FFmpeg believes them."""
+"""MP4 files that claim more than they hold are refused before FFmpeg parses them."""
 
 import struct
 

@@ -1,4 +1,4 @@
-"""What a file may make its reader allocate: honest files never meet the bound, and files at it take what they say they do."""
+"""Memory limits of files: ordinary files stay far below the bound, and files at the bound take the claimed memory."""
 
 import subprocess
 import sys
@@ -39,7 +39,7 @@ for name in sys.argv[1:]:
 
 
 def equal(count: int, degree: int, spread: bool) -> Gaussians:
-    """Points that take hardly any bytes; spread: each at its own place, as Draco wants it."""
+    """Return points that take almost no bytes; `spread` gives each its own position for Draco."""
     grid = (
         np.stack(np.unravel_index(np.arange(count), (64, 64, -(-count // 4096))), 1) if spread else np.zeros((count, 3))
     )
@@ -55,7 +55,7 @@ def still(frames: int, points: Gaussians) -> Group:
 @pytest.mark.slow
 @pytest.mark.skipif(sys.platform != "linux", reason="measures the memory of a process by /proc")
 def test_decoding_stays_within_the_memory_bound(tmp_path) -> None:
-    """Equal points, so that it is their number alone that counts; padded, all of them are as small as they may be."""
+    """Equal points take few bytes, so only their number counts. Padding makes each file as short as allowed."""
     predictive, paper = EncodeConfig(), EncodeConfig(codec="h265", sh_entries=2)
     files = {
         "layer": encode_layer(0, 0, equal(140_000, 0, False), predictive)[0],
@@ -88,7 +88,7 @@ def test_padded_files_are_read(config: EncodeConfig) -> None:
 
 @pytest.mark.parametrize("coarseness", [0.3, 2.5])
 def test_ordinary_files_are_far_below_the_bound(coarseness: float) -> None:
-    """As small as they are, the floor alone would let in any file of this test: what counts is what a byte lets in."""
+    """The constant alone would admit these small files, so only the part that grows with length is tested."""
     moving = points(5000, degree=1)
     dx, dq = random_motion(np.random.default_rng(0), moving, 35)
     group = Group(0, 0, moving, 0 * dx, dq, np.ones(0, bool))

@@ -1,4 +1,4 @@
-"""Layer and group files: what they hold, and that damage is found."""
+"""Layer and group files: content and detection of damage."""
 
 import contextlib
 import json
@@ -21,7 +21,7 @@ SECTIONS = {"a": Section(b"hello", {"codec": "x", "n": 1}), "b": Section(b"", {"
 
 
 def with_header(change) -> bytes:
-    """A file whose safetensors header went through change."""
+    """Return a file with its safetensors header changed."""
     data = pack_file(HEADER, SECTIONS)
     (size,) = struct.unpack_from("<Q", data)
     header = json.loads(data[8 : 8 + size])
@@ -103,7 +103,7 @@ FILES = [
 @settings(max_examples=300, deadline=None)
 @given(st.sampled_from(FILES), st.data())
 def test_damaged_file_raises_reel_error_or_decodes(file, data):
-    """Truncated or with changed bytes: never another exception, a crash or endless work."""
+    """Truncation or changed bytes never cause other exceptions, crashes or endless work."""
     decode, whole = file
     damaged = bytearray(whole)
     for at in data.draw(st.lists(st.integers(0, len(damaged) - 1), max_size=4)):

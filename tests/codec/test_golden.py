@@ -1,4 +1,4 @@
-"""The golden reels decode to the numbers they always decoded to."""
+"""The golden reels decode to the same numbers as always."""
 
 import json
 
@@ -30,7 +30,7 @@ def test_golden_arrays_are_unchanged(arrays, path):
 
 
 def test_golden_samples_are_unchanged(arrays, path):
-    """The numbers the TypeScript decoder is tested against are the ones Python decodes."""
+    """The numbers in the TypeScript decoder's tests are those that Python decodes."""
     expected = json.loads((path / "expected.json").read_text())
     assert set(expected["arrays"]) == set(arrays)
     for name, sample in expected["arrays"].items():
@@ -69,7 +69,7 @@ def test_golden_version_2_reels_use_its_features():
 
 @pytest.mark.parametrize("name", ["manifest.json", "pages/000004.json"])
 def test_writer_splits_pages_like_the_golden_reel(tmp_path, name):
-    """But for digests and lengths, which depend on how a machine rounds."""
+    """Digests and lengths are excluded, because they depend on the machine's rounding."""
     golden_long.write_window(tmp_path)
     assert contents(tmp_path).keys() | {"expected.json"} == contents(golden_long.WINDOW).keys()
 

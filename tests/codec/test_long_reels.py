@@ -1,4 +1,4 @@
-"""Writing long reels: layers that are retired, pages, groups that are dropped; whatever is killed goes on to the same bytes."""
+"""Long reels: retired layers, pages, dropped groups; a killed writer resumes to the same bytes."""
 
 import contextlib
 import dataclasses
@@ -38,7 +38,7 @@ def numbers(path, kind: str) -> list[str]:
 
 
 def remembering(encode):
-    """Of the tests' layers and groups, which their number and size tell apart."""
+    """Cache the encoding of the tests' layers and groups by number and size."""
     known = {}
 
     def wrapped(self, what, *more):
@@ -209,7 +209,7 @@ def test_retention_with_kills_gives_the_same_reel(tmp_path):
 
 
 def test_killed_writer_leaves_a_valid_reel_that_resumes(tmp_path, monkeypatch):
-    """In a window that moves on, so that pages come and go. What is on disk is read at each of these moments."""
+    """The retention window moves, so pages are added and removed. The files on disk are read at each of these moments."""
     left = 0
 
     def may_be_killed(function):

@@ -1,4 +1,4 @@
-"""Version 2 of the manifest: layers that are retired, pages, and what of them is refused."""
+"""Version 2 of the manifest: retired layers, pages, and refused input."""
 
 import dataclasses
 import gzip
@@ -30,7 +30,7 @@ def entry(kind: str, number: int, more: str = "", **fields) -> FileEntry:
 
 
 def paged(layers, groups, page: int, first: int = 0, names=()) -> tuple[Manifest, dict[str, bytes]]:
-    """The manifest of these files, as a writer splits it, and its pages' files by uri."""
+    """Return the manifest of some files as a writer splits it, and its pages by URI."""
     manifest = dataclasses.replace(PLAIN, renditions=names, first_group=first).with_files(layers, groups)
     count = max(len(groups) // page - 1, 0) if page else 0
     made = [make_page(layers, manifest.groups[i * page : (i + 1) * page], names) for i in range(count)]
@@ -43,7 +43,7 @@ def parsed(manifest: Manifest, files: dict[str, bytes]) -> Manifest:
 
 @st.composite
 def reels(draw):
-    """Layers of any lives and groups, in renditions or not, and where the first group and the pages begin."""
+    """Generate layers with any lifetimes and groups, with or without renditions, and positions of the first group and the pages."""
     first, count = draw(st.integers(0, 5)), draw(st.integers(1, 12))
     names = draw(st.sampled_from([(), NAMES]))
     groups = [entry("groups", first + i) for i in range(count)]
@@ -76,7 +76,7 @@ def test_pages_join_to_the_same_manifest(reel):
 @settings(deadline=None, max_examples=100)
 @given(reels(), st.data())
 def test_one_page_and_the_manifest_suffice_for_its_groups(reel, data):
-    """What a player does that joins late: the layers of the manifest itself and those of one page, in this order by birth."""
+    """A player that starts late uses the layers of the manifest and of one page, in order of birth."""
     layers, groups, page, first, names = reel
     manifest, files = paged(layers, groups, page, first, names)
     if not files:
@@ -107,7 +107,7 @@ def test_version_is_as_low_as_possible():
 
 
 def test_version_1_ignores_fields_of_version_2():
-    """As readers did before there was a second: what they do not know they ignore, and two layers of one group are refused."""
+    """Readers of version 1 ignore unknown fields and refuse two layers of one group."""
     layers = [entry("layers", 0, until=1), entry("layers", 1)]
     document = json.loads(paged(layers, [entry("groups", i) for i in range(2)], 0)[0].to_json())
     document |= {"version": 1, "first_group": 7, "pages": "none"}
@@ -119,7 +119,7 @@ def test_version_1_ignores_fields_of_version_2():
 
 
 def test_manifest_of_an_hour_is_small():
-    """10,000 groups in chapters of ten, a shared layer, one of each chapter, and one of each second group that is retired with it."""
+    """10,000 groups in chapters of ten, one shared layer, one layer per chapter, and one for every second group that is retired with it."""
     layers = [entry("layers", 0)]
     for i in range(10_000):
         if i % 2 == 0:
@@ -138,7 +138,7 @@ def reel(tmp_path_factory):
 
 
 def forged(reel, tmp_path, change, page=None):
-    """A copy of the manifest with a change; of a page where one is named, whose length and digest then fit."""
+    """Return a copy of the manifest with a change; a changed page gets matching length and digest."""
     files = {p.relative_to(reel).as_posix(): p.read_bytes() for p in (reel / "pages").iterdir()}
     document = json.loads((reel / "manifest.json").read_text())
     if page is None:
@@ -221,7 +221,7 @@ def test_hostile_pages_are_refused(reel, tmp_path, change, message):
 
 
 def test_page_with_an_unlisted_layer_is_refused(reel, tmp_path):
-    """All lists agree only if each says of a layer the same, and all name it where it lives."""
+    """All lists must describe a layer identically and name it wherever it lives."""
 
     def extend(document):
         document["layers"].insert(0, document["layers"][0] | {"uri": "layers/x", "group": 0, "until": 7})

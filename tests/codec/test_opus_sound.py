@@ -1,4 +1,4 @@
-"""Sound goes into a reel and comes out at the reel's time."""
+"""Sound round trips through a reel at the reel's times."""
 
 import dataclasses
 import json
@@ -21,7 +21,7 @@ MILLISECOND = 1e-3
 
 
 def decoded(sound, first: int = 0) -> np.ndarray:
-    """All of the sound that a stream of segments from `first` on gives."""
+    """Return the whole sound of a stream of segments from `first` on."""
     parts = list(decode_sound(sound.init, list(sound.segments[first:]), sound.channels))
     assert parts[0][0] == round(sound.span(first)[0] * RATE), "the stream starts where its first segment does"
     assert all(b[0] == a[0] + len(a[1]) for a, b in pairwise(parts))
@@ -142,7 +142,7 @@ def test_data_without_sound_is_refused(data) -> None:
 
 
 def test_removing_sound_keeps_point_files(tmp_path) -> None:
-    """A manifest may name anything as sound; taking that away must not take away a group."""
+    """A manifest may name any file as sound. Removing the sound must not delete a group."""
     reel = write_reel(tmp_path)
     give_sound(reel, encode_sound([flashes.clicks()], 1))
 
@@ -160,7 +160,7 @@ def test_removing_sound_keeps_point_files(tmp_path) -> None:
 
 
 def test_damaged_sound_raises_reel_error_or_decodes(tmp_path) -> None:
-    """Whatever bytes change, decoding says `ReelError` or goes on, in bounded time."""
+    """With any changed bytes, decoding raises `ReelError` or continues, in bounded time."""
     rng = np.random.default_rng(0)
     init, data = ((flashes.GOLDEN / "sound" / name).read_bytes() for name in ("init.mp4", "0001.m4s"))
     for _ in range(300):
@@ -186,7 +186,7 @@ def test_verify_finds_truncated_segments(tmp_path) -> None:
 
 
 def test_golden_sound_is_unchanged() -> None:
-    """The committed bytes still decode to clicks at the times of the flashes, and so does what is encoded today."""
+    """The committed bytes, and a new encoding, decode to clicks at the times of the flashes."""
     assert verify_reel(flashes.GOLDEN).groups == 4
     manifest = ReelReader(flashes.GOLDEN).manifest
     sound = manifest.presentation.sound
@@ -208,7 +208,7 @@ def test_golden_sound_manifest_is_unchanged() -> None:
 
 
 def test_retention_drops_sound_but_keeps_one_earlier_segment(tmp_path) -> None:
-    """Groups of two frames at 2 a second: the first frame of group g is at g seconds."""
+    """Groups have two frames at 2 frames per second, so group g starts at g seconds."""
     sound = encode_sound([flashes.clicks(TIMES, 9.5, 1)], 1)
 
     def kept() -> list[float]:

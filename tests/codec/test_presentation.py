@@ -1,4 +1,4 @@
-"""What a manifest says beside the points: round trip, hostile content, and writing it."""
+"""Presentation in the manifest: round trip, hostile content, and writing."""
 
 import dataclasses
 import json
@@ -138,6 +138,6 @@ def test_presentation_is_kept_only_on_resume(tmp_path: Path) -> None:
 
 
 def test_unpaired_surrogates_are_not_written():
-    """What a terminal of another encoding hands over, and no reader takes."""
+    """Terminals with another encoding pass such text, and no reader accepts it."""
     with pytest.raises(ReelError, match="a title that holds half a character"):
         check_text("title", "caf\udce9")

@@ -1,4 +1,4 @@
-"""A reel's copy elsewhere: on a disk, in memory and in a bucket; lines that break, reels that change."""
+"""Publication of a reel to disk, memory and a bucket, with connection errors and changing reels."""
 
 import json
 import shutil
@@ -38,7 +38,7 @@ def reel(tmp_path):
 
 
 def named(data: bytes) -> set[str]:
-    """The files that a manifest names."""
+    """Return the files that a manifest names."""
     return {entry["uri"] for entry in file_entries(json.loads(data))}
 
 
@@ -143,7 +143,7 @@ def test_interrupted_publication_is_valid_and_resumes(request, reel, cut, arrive
 
 
 def test_every_published_manifest_finds_its_files(tmp_path):
-    """After each write and deletion, all files are there of every manifest of the last hour."""
+    """After each write and deletion, all files of every manifest of the last hour exist."""
     clock, reel = Clock(), tmp_path / "reel"
     there, manifests = LocalFolder(tmp_path / "there"), []
 

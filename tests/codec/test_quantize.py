@@ -1,4 +1,4 @@
-"""Bit packing and linear quantisation: known answers, round trips, hostile parameters."""
+"""Bit packing and linear quantization: known answers, round trips, hostile parameters."""
 
 import zlib
 
@@ -47,7 +47,7 @@ def test_constant_column_is_exact():
 
 
 def test_logarithms_keep_small_scales():
-    """Over three decades 12 bits of a logarithm err by a tenth of a percent, 12 linear bits by more than a point's size."""
+    """Over three decades, 12 logarithmic bits have an error of 0.1 %; 12 linear bits have an error above a point's size."""
     scales = np.exp(np.random.default_rng(0).normal(-4, 1.2, (5000, 3)))
     worst = {}
     for log in (True, False):

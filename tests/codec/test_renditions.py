@@ -1,4 +1,4 @@
-"""A reel in several renditions: written together, read one at a time."""
+"""A reel with several renditions: written together, read one at a time."""
 
 from dataclasses import fields
 

@@ -1,4 +1,4 @@
-"""Publishing to a bucket whose server fails, trickles, cuts uploads, spoils them, or answers with wrong tags."""
+"""Publication to a bucket whose server fails, stalls, truncates or corrupts uploads, or returns wrong tags."""
 
 import threading
 import time
@@ -17,7 +17,7 @@ from tests.codec.reels import write_reel
 
 
 class Faults:
-    """A WSGI app before another, which spoils uploads. fault: of `FAULTS`, for the first `left` of them."""
+    """WSGI middleware that corrupts the first `left` uploads with a `fault` of `FAULTS`."""
 
     def __init__(self, app: Any) -> None:
         self.app, self.fault, self.left, self.met = app, "", 0, 0
@@ -40,7 +40,7 @@ class Faults:
         return self.app(environ, start_response)
 
     def cuts(self, environ: dict[str, Any], start_response: Any) -> Iterable[bytes]:
-        """Take half of what is sent, and refuse it as incomplete."""
+        """Accept half of the data and refuse it as incomplete."""
         environ["wsgi.input"].read(int(environ.get("CONTENT_LENGTH") or 0) // 2)
         start_response("400 Bad Request", [("Content-Type", "application/xml"), ("Connection", "close")])
         return [
@@ -76,7 +76,7 @@ def server() -> Iterator[tuple[str, Faults]]:
 
 @pytest.fixture(autouse=True)
 def no_shared_clients() -> Iterator[None]:
-    """fsspec keeps clients by their arguments, which do not name the server: other tests would be sent to this one."""
+    """Clear fsspec's client cache, whose keys do not include the server."""
     s3fs = pytest.importorskip("s3fs")
     s3fs.S3FileSystem.clear_instance_cache()
     yield

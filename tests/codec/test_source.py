@@ -1,4 +1,4 @@
-"""Reels over HTTP: the same as from disk, and no way out of the host."""
+"""Reels over HTTP equal those on disk, and no request leaves the host."""
 
 import contextlib
 import dataclasses
@@ -108,7 +108,7 @@ def test_unreachable_server_is_an_error():
 
 @pytest.fixture
 def stored(bucket):
-    """The golden reel in a bucket, under its own names."""
+    """Return the golden reel in a bucket under its own names."""
     for path in GOLDEN.rglob("*.*"):
         bucket.client.put_object(Bucket=bucket.name, Key=f"a/{path.relative_to(GOLDEN)}", Body=path.read_bytes())
     return bucket.url("a")
@@ -161,7 +161,7 @@ def test_slow_server_hits_the_deadline(url, monkeypatch):
 
 
 def test_slow_response_header_hits_the_deadline(monkeypatch):
-    """A byte of a header every now and then would pass the timeout of every single read."""
+    """A server that sends a byte of the header now and then never exceeds the socket timeout."""
     monkeypatch.setattr("splatreel.codec.source.HEAD", 0.5)
     sent, most = [], 2400  # two minutes of it
     with socket.create_server(("127.0.0.1", 0)) as server:

@@ -1,4 +1,4 @@
-"""Every lie of a reel is found and named."""
+"""Verification finds and names every fault of a reel."""
 
 import json
 import struct
@@ -50,7 +50,7 @@ def test_verify_names_all_damaged_files(reel):
 
 
 def forge(reel, kind, section, **change):
-    """Change a section's parameters in file 0 of a kind, with digests that agree."""
+    """Change a section's parameters in file 0 of a kind, with matching digests."""
     file = reel / kind / "0000.safetensors"
     header, sections = unpack_file(file.read_bytes())
     sections[section] = Section(sections[section].data, sections[section].parameters | change)
@@ -76,7 +76,7 @@ def test_verify_finds_forged_sections(reel, kind, section, change):
 
 
 def test_verify_finds_nan(reel):
-    """JSON has no NaN, but Python's parser takes it."""
+    """JSON has no NaN, but Python's parser accepts it."""
     file = reel / "layers/0000.safetensors"
     data = file.read_bytes()
     (size,) = struct.unpack_from("<Q", data)

@@ -1,4 +1,4 @@
-"""Writing reels: the closed loop, atomic publishing, resuming, a full disk."""
+"""Writing reels: decoded results, atomic updates, resuming, a full disk."""
 
 import dataclasses
 import hashlib
@@ -24,7 +24,7 @@ def assert_same(a, b):
 
 
 def test_writer_returns_what_readers_decode(tmp_path):
-    """What add_layer and add_group return is exactly what a reader gets, and order leads back to the input."""
+    """`add_layer` and `add_group` return the data that a reader gets, and the order maps it to the input."""
     writer = new_writer(tmp_path)
     static = points(30)
     layer, order = writer.add_layer(0, 0, static)
@@ -42,7 +42,7 @@ def test_writer_returns_what_readers_decode(tmp_path):
 
 
 def test_offsets_follow_their_points(tmp_path):
-    """Each decoded point has the motion of the input point it came from."""
+    """Each decoded point has the motion of its input point."""
     group = new_group(0, 200, 0)
     decoded = new_writer(tmp_path).add_group(group)
     distance = np.linalg.norm(decoded.dynamic.means[:, None] - group.dynamic.means, axis=-1)

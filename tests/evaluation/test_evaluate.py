@@ -52,7 +52,7 @@ def test_good_reel_scores_high_with_a_complete_report(reel: Path, tmp_path: Path
 
 
 class Mirrored(scenes.FilmedCapture):
-    """Films the scene with left and right swapped."""
+    """Capture of the mirrored scene."""
 
     def _read_into(self, out: np.ndarray, first: int, cameras: list[str]) -> None:
         super()._read_into(out, first, cameras)
@@ -78,7 +78,7 @@ def test_frames_and_cameras_can_be_chosen(reel: Path, tmp_path: Path) -> None:
 
 
 def test_report_names_training_views(reel: Path, tmp_path: Path) -> None:
-    """As after `--hold-out none`: the reel has seen what the capture would hold out."""
+    """As after `--hold-out none`: the reel was trained on the cameras that the capture would hold out."""
     report = evaluate(reel, scenes.capture(tmp_path, held_out=["cam01", "cam02"]), frames=[0], out=tmp_path)
     assert report.held_out == []
     text = (tmp_path / "report.md").read_text()

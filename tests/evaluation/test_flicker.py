@@ -1,4 +1,4 @@
-"""Pictures whose steps are off by a known amount."""
+"""Flicker of images whose changes have a known error."""
 
 import dataclasses
 

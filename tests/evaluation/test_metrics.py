@@ -35,7 +35,7 @@ def test_equal_images_score_the_maximum() -> None:
 
 
 def half() -> np.ndarray:
-    """A mask of the upper ten rows."""
+    """Return a mask of the upper ten rows."""
     return np.arange(20)[:, None].repeat(30, 1) < 10
 
 
@@ -60,7 +60,7 @@ def test_empty_masks_are_refused(mask: np.ndarray) -> None:
 
 
 def slow_ssim(x: np.ndarray, y: np.ndarray) -> float:
-    """The definition with the 121 weights written out, zero padded."""
+    """Compute SSIM by its definition with 121 explicit weights and zero padding."""
     line = np.exp(-((np.arange(11) - 5.0) ** 2) / (2 * 1.5**2))
     weights = np.outer(line, line) / line.sum() ** 2
 

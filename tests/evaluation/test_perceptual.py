@@ -13,7 +13,7 @@ torch = pytest.importorskip("torch")
 
 @pytest.fixture
 def lpips(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Path:
-    """A stand-in for the package; returns where its backbone's weights would lie."""
+    """Install a stand-in for the package and return the path of its backbone's weights."""
     module = types.ModuleType("lpips")
     module.__spec__ = importlib.util.spec_from_loader("lpips", None)
 

@@ -1,4 +1,4 @@
-"""What is written is there whole or not at all, under names that nobody can guess, and what was left half made goes."""
+"""Atomic writes, random temporary names, and removal of files that killed programs left."""
 
 import os
 import subprocess

@@ -10,7 +10,7 @@ K = np.array([[100, 0, 50], [0, 110, 40], [0, 0, 1.0]])
 
 
 def looking_at(center, target, name="c"):
-    """A camera at center that looks at target, y down as good as can be."""
+    """Return a camera at `center` that looks at `target`, with y down as far as possible."""
     forward = np.subtract(target, center) / np.linalg.norm(np.subtract(target, center))
     right = np.cross([0, 1.0, 0.1], forward)
     right /= np.linalg.norm(right)
@@ -27,7 +27,7 @@ def test_center_and_forward():
 
 
 def test_resized_keeps_viewing_rays():
-    """A point at a share of the image is at the same share of the resized one."""
+    """A point keeps its relative position in the resized image."""
     camera = looking_at((0, 0, -4), (0, 0, 0))
     small = camera.resized(25, 40)
     point = camera.viewmat[:3, :3] @ (0.3, 0.2, 0.1) + camera.viewmat[:3, 3]

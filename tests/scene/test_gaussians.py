@@ -43,7 +43,7 @@ def test_check_finite_names_the_field(value):
 
 
 def test_moved_applies_offsets():
-    """x + dx, q * dq (paper 4.2): the offset turns the point about its own axes first."""
+    """x + dx, q * dq (paper 4.2): the offset rotates the point about its own axes first."""
     gaussians = points()
     dx = np.full((6, 3), 0.5)
     dq = np.tile([2.0, 0, 0, 2.0], (6, 1))  # not unit: a quarter turn about z

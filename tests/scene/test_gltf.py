@@ -1,4 +1,4 @@
-"""Binary glTF with KHR_gaussian_splatting, read back as any glTF reader would."""
+"""Binary glTF with KHR_gaussian_splatting, read by an independent reader."""
 
 import json
 import struct
@@ -17,7 +17,7 @@ TYPES = {5126: "<f4", 5121: "u1"}
 
 
 def read_glb(path: Path) -> tuple[dict, dict[str, np.ndarray]]:
-    """The document, and the arrays of its only primitive's attributes."""
+    """Return the document and the attribute arrays of its only primitive."""
     data = path.read_bytes()
     magic, version, total = struct.unpack_from("<4sII", data)
     assert (magic, version, total) == (b"glTF", 2, len(data))

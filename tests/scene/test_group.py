@@ -1,4 +1,4 @@
-"""Groups in time."""
+"""Groups at times."""
 
 import dataclasses
 

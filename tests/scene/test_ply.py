@@ -28,7 +28,7 @@ def test_ply_round_trips(tmp_path, degree):
 
 
 def test_ply_layout_is_that_of_3dgs(tmp_path):
-    """One point written by hand to the convention: logit, logarithm, and f_rest with all of red first."""
+    """One point written by hand: logit, logarithm, and f_rest with all of red first."""
     sh = np.arange(12, dtype=np.float32).reshape(1, 4, 3)
     one = Gaussians(np.array([[1, 2, 3]]), np.array([[1, 0, 0, 0]]), np.array([[1, np.e, 1]]), np.array([0.5]), sh)
     write_ply(tmp_path / "a.ply", one)

@@ -1,4 +1,4 @@
-"""SPZ files, read back by a decoder written from the format's description."""
+"""SPZ files, read by a decoder written from the format's description."""
 
 import gzip
 import struct
@@ -16,7 +16,7 @@ FLIP = np.array([1, -1, -1])
 
 
 def read_spz(path: Path) -> Gaussians:
-    """Axes as they were before they were written."""
+    """Read a file with axes as before writing."""
     data = gzip.decompress(path.read_bytes())
     magic, version, n, degree, bits, flags, zero = struct.unpack_from("<IIIBBBB", data)
     assert (magic, version, flags, zero) == (0x5053474E, 3, 0, 0)
@@ -40,7 +40,7 @@ def read_spz(path: Path) -> Gaussians:
 
 
 def rotations(codes: np.ndarray) -> np.ndarray:
-    """[N, 4] wxyz of the three smallest parts, of which the last is in the lowest bits."""
+    """Return [N, 4] wxyz of the three smallest components; the last is in the lowest bits."""
     xyzw = np.zeros((len(codes), 4))
     for i, code in enumerate(codes.tolist()):
         largest = code >> 30
@@ -53,7 +53,7 @@ def rotations(codes: np.ndarray) -> np.ndarray:
 
 
 def signs(count: int) -> np.ndarray:
-    """Of the harmonics in x, -y, -z, from their formulas."""
+    """Return signs of the harmonics in x, -y, -z, from their formulas."""
     x, y, z = 0.3, 0.5, 0.7
 
     def basis(x: float, y: float, z: float) -> np.ndarray:

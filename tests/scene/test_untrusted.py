@@ -1,4 +1,4 @@
-"""Files that others wrote: what is too large, nested, endless or of another kind is refused before it takes memory."""
+"""Untrusted files that are too large, nested, endless or of another kind are refused before allocation."""
 
 import io
 import json
@@ -146,7 +146,7 @@ def damaged(data: bytes) -> bytes:
 
 
 def encrypted(data: bytes) -> bytes:
-    """Return an archive whose members say that they are encrypted."""
+    """Return an archive whose members are marked as encrypted."""
     out = bytearray(data)
     for mark, offset in ((b"PK\3\4", 6), (b"PK\1\2", 8)):
         out[data.index(mark) + offset] |= 1

@@ -1,4 +1,4 @@
-"""A reel is compared with its film as it lies on the disk, by cameras that see something of it."""
+"""Comparison of a reel with its source sequence by cameras that see part of it."""
 
 import json
 from dataclasses import replace
@@ -16,11 +16,11 @@ from tests.sequence.films import cameras, frame, write_film
 from tests.sequence.test_viewpoints import entry
 
 FAR = np.array([448_000.0, 5_411_000.0, 300.0])
-"""A place on a map, in meters."""
+"""Position on a map, in meters."""
 
 
 def write_double(path: Path, points: Gaussians, offset: np.ndarray) -> None:
-    """Write a PLY whose positions are of 64 bits, moved by an offset."""
+    """Write a PLY file with 64-bit positions moved by an offset."""
     names = ["f_dc_0", "f_dc_1", "f_dc_2", "opacity"]
     names += [f"{part}_{i}" for part, count in (("scale", 3), ("rot", 4)) for i in range(count)]
     table = np.zeros(len(points), [(name, "<f8") for name in "xyz"] + [(name, "<f4") for name in names])
@@ -81,7 +81,7 @@ def test_comparison_names_a_low_rate_as_the_cause(
 
 
 def away(camera: Camera) -> Camera:
-    """Return the camera turned by half a turn: it looks away from what it saw."""
+    """Return the camera rotated by half a turn, so that it sees nothing."""
     return replace(camera, viewmat=np.diag([-1.0, 1, -1, 1]) @ camera.viewmat)
 
 

@@ -51,7 +51,7 @@ def test_rotations_take_the_shorter_way() -> None:
 
 
 def two_frames(numbers: np.ndarray, moved: int = 0) -> tuple[Gaussians, object]:
-    """The wall twice, its first points somewhere else, and what is made of that."""
+    """Return the wall twice, its first points displaced, and the resulting split."""
     wall = frame(0)[:WALL]
     means = wall.means.copy()
     means[:moved, 0] += 1

@@ -14,7 +14,7 @@ from tests.sequence.films import cameras, scene
 
 
 def entry(camera: Camera, index: int) -> dict[str, Any]:
-    """As 3DGS writes it: the inverse of world to camera, by its rotation and its position."""
+    """Return a camera as 3DGS writes it: inverse of world to camera, by rotation and position."""
     inverse = np.linalg.inv(camera.viewmat.astype(np.float64))
     size = {"width": camera.width, "height": camera.height, "fx": float(camera.K[0, 0]), "fy": float(camera.K[1, 1])}
     pose = {"position": inverse[:3, 3].tolist(), "rotation": inverse[:3, :3].tolist()}

@@ -30,7 +30,7 @@ def test_folder_round_trip(address):
 
 
 def test_changes_by_others_are_visible(address):
-    """No listing is kept."""
+    """Listings are not cached."""
     mine, other = open_folder(address), open_folder(address)
     mine.write("a", b"1")
     assert mine.sizes() == {"a": 1}
@@ -88,7 +88,7 @@ def test_header_arguments_depend_on_the_service():
 
 
 def test_partial_files_are_hidden_by_a_move(tmp_path, monkeypatch):
-    """Here fsspec's own files of this machine stand for those of SFTP and the like."""
+    """fsspec's local files stand in for SFTP and similar protocols."""
     fsspec = pytest.importorskip("fsspec", reason="needs the extra cloud")
     folder = RemoteFolder("memory://any")
     folder._files, folder._root, folder._protocol = fsspec.filesystem("file"), str(tmp_path / "there"), "sftp"

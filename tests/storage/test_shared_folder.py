@@ -68,7 +68,7 @@ def test_push_retries_and_keeps_old_versions_until_done(tmp_path):
 
 
 def test_pull_keeps_the_order_of_names(tmp_path):
-    """So that one that says that the others are whole can be named last."""
+    """A file that marks the others as complete can therefore be named last."""
     write(tmp_path / "one", {"a-done": "1", "b": "2", "c": "3"})
     shared = SharedFolder(tmp_path / "shared")
     logged = shared._folder._folder = BreakingFolder(shared._folder._folder, breaks=set())

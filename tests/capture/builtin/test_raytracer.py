@@ -24,7 +24,7 @@ def solid(
 
 
 def front(size: int = 65) -> Camera:
-    """At z = 4, looking along -z with y up."""
+    """Return a camera at z = 4 looking along -z with y up."""
     viewmat = np.diag([1.0, -1.0, -1.0, 1.0])
     viewmat[2, 3] = 4
     return Camera("front", viewmat, [[size, 0, size / 2], [0, size, size / 2], [0, 0, 1]], size, size)
@@ -54,7 +54,7 @@ def test_solids_have_correct_distance_and_outline(kind: int, depth: float, area:
 
 
 def test_moving_solids_look_like_static_ones() -> None:
-    """A frame that reuses what stands still, and skips what cannot change, equals one traced anew, mirror and shadows included."""
+    """A frame that reuses static results equals one traced anew, including mirror and shadows."""
     camera, light = make_cameras(96, 72)[3], toyroom.LIGHT
     still, moving = toyroom.standing(0), toyroom.moving(0.7)
     moving.solids[:, sd.OCCLUSION] = 0  # what moves does not darken the ambient light of what stands

@@ -23,10 +23,11 @@ def render_truth(
     fps: float = 30.0,
     seed: int = 0,
 ) -> np.ndarray:
-    """Ground truth of one frame from any camera.
+    """Return the ground truth of a frame from any camera.
 
-    `color`: uint8 [H, W, 3] sRGB before compression. `motion`: bool [H, W], pixels at least half filled by something that is not
-    at rest at that frame (shadows and reflections do not count). `depth`: float32 [H, W], mean distance along the viewing axis.
+    `color` is uint8 [H, W, 3] sRGB before compression. `motion` is bool [H, W]: pixels at least half covered by solids
+    in motion at that frame, without shadows and reflections. `depth` is float32 [H, W], the mean distance along the
+    viewing axis.
     """
     still, moving = toyroom.standing(seed), toyroom.moving(frame / fps)
     seen = trace_static(camera, still, toyroom.LIGHT)

@@ -1,4 +1,4 @@
-"""The scene keeps what its benchmarks rely on: who moves when, and how fast."""
+"""The scene keeps the properties that its benchmarks need: motion times and speeds."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""The built-in capture is render_sound: an impact where and when the ball strikes something, as late and weak as a camera is far."""
+"""Impacts in the built-in capture's sound have correct times, delays and amplitudes."""
 
 from pathlib import Path
 
@@ -17,7 +17,7 @@ SECONDS = 2.0
 
 
 def onsets(sound: np.ndarray) -> list[float]:
-    """Seconds at which it gets loud after silence."""
+    """Return the times in seconds at which sound starts after silence."""
     loud = np.flatnonzero(np.abs(sound) > 0.03)
     return (loud[np.diff(loud, prepend=-RATE) > RATE // 20] / RATE).tolist()
 

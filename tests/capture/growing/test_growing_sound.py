@@ -1,4 +1,4 @@
-"""The sound of videos that grow, without gaps where files meet."""
+"""Sound of growing videos without gaps between files."""
 
 from contextlib import closing
 from pathlib import Path
@@ -20,7 +20,7 @@ FRAMES = 30
 
 
 def clicks(frame: int) -> np.ndarray:
-    """A tone, and a burst at the beginning of every fifth frame."""
+    """Return a tone with a burst at the start of every fifth frame."""
     time = (frame * RATE // FPS + np.arange(RATE // FPS)) / RATE
     tone = 0.05 * np.sin(2 * np.pi * 200 * time)
     if frame % 5 == 0:
@@ -29,7 +29,7 @@ def clicks(frame: int) -> np.ndarray:
 
 
 def heard(sound: np.ndarray) -> list[float]:
-    """Seconds at which bursts begin."""
+    """Return the times in seconds at which bursts start."""
     loud = np.flatnonzero(np.abs(sound) > 0.4)
     return [float(at) / RATE for at in loud[np.diff(loud, prepend=-RATE) > RATE // 10]]
 

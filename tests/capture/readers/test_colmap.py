@@ -70,7 +70,7 @@ def test_smallest_sufficient_images_are_read(scene: Path) -> None:
     ],
 )
 def test_colmap_lens_distortion_is_removed(tmp_path: Path, model: str, params: str) -> None:
-    """Pictures whose colors say which way a pixel looks."""
+    """The colors of the images encode the direction of each pixel."""
     pycolmap = pytest.importorskip("pycolmap")
     scene = folders.colmap(tmp_path / "scene", model, params)
     lens = pycolmap.Camera(model=model, width=64, height=48, params=[float(p) for p in params.split()])
@@ -100,7 +100,7 @@ def test_invalid_lens_parameters_are_refused(tmp_path: Path) -> None:
 
 
 def filmed(folder: Path, names: list[str], frames: list[int]) -> Path:
-    """The model with a video of each camera."""
+    """Return the model with a video of each camera."""
     made = folders.colmap(folder)
     text = (made / "sparse/0/images.txt").read_text().replace("view/", "")
     (made / "sparse/0/images.txt").write_text(text)
@@ -143,7 +143,7 @@ def test_points_belong_to_the_calibrated_frame(tmp_path: Path) -> None:
 
 
 def test_start_times_align_videos(tmp_path: Path) -> None:
-    """Frames are those of the same moment; the last ones are those that all of the videos have."""
+    """Frames belong to the same time; the last ones exist in all videos."""
     pytest.importorskip("pycolmap")
     names = [f"cam{c:02d}.mp4" for c in range(4)]
     scene = filmed(tmp_path / "scene", names, [8, 9, 10, 11])
@@ -170,7 +170,7 @@ def test_start_times_align_videos(tmp_path: Path) -> None:
 
 
 def test_other_sizes_are_cropped_to_the_most_common(tmp_path: Path) -> None:
-    """One upright camera among lying ones: it sees less, and nothing is squeezed."""
+    """One portrait camera among landscape ones shows less, and nothing is distorted."""
     pytest.importorskip("pycolmap")
     scene = folders.colmap(tmp_path / "scene")
     sparse = scene / "sparse" / "0"
@@ -222,7 +222,7 @@ def test_missing_pycolmap_names_the_extra(tmp_path: Path, monkeypatch: pytest.Mo
 
 @pytest.mark.parametrize("named_by", ["camera", "picture"])
 def test_colmap_folder_of_images_per_camera(scene: Path, named_by: str) -> None:
-    """The model's images may be called as their cameras, or as the first picture in each one's folder."""
+    """The model's images may be named like their cameras, or like the first image in each camera's folder."""
     shutil.rmtree(scene / "images_2")
     for c in range(4):
         folder = scene / "images" / f"cam{c:02d}"

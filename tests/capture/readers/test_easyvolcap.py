@@ -24,7 +24,7 @@ def rewrite(scene: Path, file: str, old: str, new: str) -> None:
 
 
 def test_easyvolcap_cameras_and_frames(scene: Path) -> None:
-    """K is for pictures twice as large."""
+    """K is for images twice as large."""
     capture = open_capture(scene)
     assert ([c.name for c in capture.cameras], capture.held_out) == (["00", "01", "02", "03"], ["01"])
     assert (capture.frames, capture.fps, capture.width, capture.height) == (3, 30.0, 32, 24)
@@ -49,7 +49,7 @@ def test_sizes_default_to_the_images(tmp_path: Path) -> None:
 
 
 def test_easyvolcap_lens_distortion_is_removed(tmp_path: Path) -> None:
-    """Pictures whose colors say which way a pixel looks, through OpenCV's own lens."""
+    """The colors of the images encode the direction of each pixel, through OpenCV's own lens model."""
     bends = (-0.15, 0.02, 0.004, -0.003, 0.01)
     scene = folders.easyvolcap(tmp_path / "actor1", bends=bends, size=1)
     y, x = np.mgrid[:24, :32].astype(float) + 0.5

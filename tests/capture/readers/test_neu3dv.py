@@ -17,7 +17,7 @@ def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture
 def scene(made: Path, tmp_path: Path) -> Path:
-    """A copy to be spoiled."""
+    """Return a copy for modification."""
     return shutil.copytree(made, tmp_path / "scene")
 
 

@@ -43,7 +43,7 @@ def test_draco_takes_six_bytes_per_point():
 @settings(max_examples=20, deadline=None)
 @given(st.integers(2, 300), st.integers(1, 40), st.integers(0, 2**32 - 1))
 def test_coinciding_points_are_kept(count, places, seed):
-    """Clones share their positions; none may be lost, and all stay within a few lattice cells."""
+    """Clones share their positions. None may be lost, and all stay within a few grid cells."""
     rng = np.random.default_rng(seed)
     means = rng.normal(size=(places, 3))[rng.integers(0, places, count)]
     data, parameters, order = draco_points.encode_draco(means, 20)

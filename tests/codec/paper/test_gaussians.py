@@ -1,4 +1,4 @@
-"""Gaussians as sections: what the quantisation costs, and what is refused."""
+"""Gaussians as sections: quantization error and refused input."""
 
 import dataclasses
 
@@ -104,7 +104,7 @@ FLOATS = dict.fromkeys(("position_bits", "quat_bits", "opacity_bits", "scale_bit
 
 
 def test_float32_coding_is_lossless():
-    """The dashes of the paper's Table 9 are float32, in the order of the reel."""
+    """Dashes in the paper's Table 9 mean float32, in the order of the reel."""
     gaussians = points(300, degree=3)
     sections, order = encode_gaussians(gaussians, dataclasses.replace(CONFIG.with_h265(**FLOATS), sh_entries=None))
     decoded, original = decode_gaussians(sections, 300), gaussians[order]
@@ -127,7 +127,7 @@ def test_sh_rest_without_quantization_or_codebook():
 
 
 def test_attributes_as_images_round_trip():
-    """With 8 bits of video, as V3: within a few steps, and another CRF is coarser and smaller."""
+    """With 8 bits of video, as V3: errors are a few steps, and a higher CRF is coarser and smaller."""
     gaussians = points(500, degree=1)
     sizes, errors = [], []
     for crf in (0, 40):

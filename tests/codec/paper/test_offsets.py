@@ -25,12 +25,12 @@ def motion(count, frames, seed=0):
 
 
 def encode(dx, dq, config=CONFIG):
-    """Of points that `ofs` does not look at."""
+    """Encode motion of points that `ofs` ignores."""
     return offsets.encode(dx, dq, random_gaussians(np.random.default_rng(0), dx.shape[1], 0, (0, 0, 0)), config.h265)
 
 
 def angles(a, b):
-    """Degrees between rotations."""
+    """Return the angles in degrees between rotations."""
     return np.degrees(2 * np.arccos(np.clip(np.abs((a * b).sum(-1)), 0, 1)))
 
 
@@ -160,7 +160,7 @@ def test_damaged_video_is_refused():
     [("ofs", 0.003, 0.5), ("ori", 0.006, 1.5), ("dif", 0.02, 1.5), ("raw", 1e-6, 0.1)],
 )
 def test_all_sources_of_table_10_round_trip(source, tolerance, degrees):
-    """A file of each source decodes to the same moving points, some more exactly than others."""
+    """Files of all sources decode to the same dynamic points with different precision."""
     rng = np.random.default_rng(3)
     points = random_gaussians(rng, 400, 1, (2, 0, 0))
     dx, dq = random_motion(rng, points, 6)

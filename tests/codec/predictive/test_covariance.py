@@ -37,7 +37,7 @@ def test_shapes_do_not_depend_on_axis_order_or_sign():
 
 
 def test_shape_numbers_known_answers():
-    """Twice as large in every direction is an octave in each, and the first number has it all."""
+    """Doubling all scales adds one octave per direction, which only the first number contains."""
     still = np.array([[1.0, 0, 0, 0]])
     np.testing.assert_allclose(
         of_shapes(still, np.full((1, 3), 2.0)), [[3 * np.sqrt(2 / 3), 0, 0, 0, 0, 0]], atol=1e-12

@@ -1,4 +1,4 @@
-"""The entropy coder: round trips, its length against the entropy, damage."""
+"""Entropy coder: round trips, length compared with the entropy, damage."""
 
 import contextlib
 

@@ -1,4 +1,4 @@
-"""The Karhunen-Loeve transform: what it keeps, and the order of its columns."""
+"""Karhunen-Loeve transform: reconstruction, and the order of its columns."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""Prediction from neighbors: levels, error bounds, what it saves, damage."""
+"""Prediction from neighbors: levels, error bounds, savings, damage."""
 
 import contextlib
 from itertools import pairwise
@@ -35,7 +35,7 @@ def test_each_point_has_one_level_and_coarser_neighbors(count):
 
 
 def plain_nearest(q, point, stride):
-    """(neighbors, weights) of a point as the format says it, without compiling."""
+    """Return neighbors and weights of a point as the format defines them, without compilation."""
     middle = point // stride
     there = [j * stride for j in range(middle - 7, middle + 9) if 0 <= j * stride < len(q)]
     near = sorted(there, key=lambda other: ((q[other] - q[point]) ** 2).sum())[:4]

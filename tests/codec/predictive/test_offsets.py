@@ -1,4 +1,4 @@
-"""Points and their motion come back within what the header says; lies in it are found."""
+"""Points and motion round trip within the header's error; invalid headers are refused."""
 
 import dataclasses
 

@@ -1,4 +1,4 @@
-"""Classes of importance, and what they save."""
+"""Classes of importance, and their savings."""
 
 import dataclasses
 

@@ -1,4 +1,4 @@
-"""Positions come back within their steps."""
+"""Positions round trip within their steps."""
 
 import numpy as np
 import pytest

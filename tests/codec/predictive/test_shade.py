@@ -1,4 +1,4 @@
-"""Colors and opacities that change come back, in both codecs."""
+"""Changes of color and opacity round trip in both codecs."""
 
 import dataclasses
 

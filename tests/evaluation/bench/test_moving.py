@@ -11,7 +11,7 @@ SIDE = 4
 
 
 class SquareCapture(Capture):
-    """A bright square of 4 pixels that goes one pixel a frame to the right, over a background that says which camera it is."""
+    """Capture of a bright 4-pixel square that moves right by one pixel per frame, over a background that identifies the camera."""
 
     def __init__(self, frames: int = FRAMES) -> None:
         self.asked: list[int] = []

@@ -1,4 +1,4 @@
-"""The oracle on a wall that a cluster passes: measured, continued, refused, and compared with a reel."""
+"""The oracle on a wall with a moving cluster: measurement, continuation, refusals, and comparison with a reel."""
 
 import json
 import shutil
@@ -25,7 +25,7 @@ FRAMES = 7
 
 
 class HeldOutWall(WallCapture):
-    """The second camera is held out."""
+    """Wall capture whose second camera is held out."""
 
     def __init__(self, held_out: str | None = "cam01") -> None:
         super().__init__(FRAMES, cameras=5)
@@ -33,7 +33,7 @@ class HeldOutWall(WallCapture):
 
 
 class Trace(Silent):
-    """Remembers the stages; stops a run before the one that is named."""
+    """Progress that records stages and stops a run before a given one."""
 
     def __init__(self, stop: str | None = None) -> None:
         self.stop, self.stages = stop, []
@@ -53,7 +53,7 @@ def without_seconds(file: Path) -> dict:
 
 @pytest.fixture(scope="module")
 def out(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """The folder of a run that nothing disturbs."""
+    """Return the folder of an uninterrupted run."""
     folder = tmp_path_factory.mktemp("oracle")
     oracle(HeldOutWall(), folder, CONFIG, [0, 6], device="cpu")
     return folder
@@ -120,7 +120,7 @@ def test_oracle_refuses_missing_frames(frames: list[int], tmp_path: Path) -> Non
 
 
 def still_reel(path: Path, capture: HeldOutWall, cameras: str = "training") -> Path:
-    """A reel in which nothing moves: frame 0 all the time."""
+    """Write a static reel that always shows frame 0."""
     views = capture.training_cameras if cameras == "training" else capture.cameras
     images = capture.read(0, 1, [c.name for c in capture.training_cameras])[0]
     gaussians, layout = reconstruct_single_frame(capture.training_cameras, images, CONFIG)
@@ -147,8 +147,8 @@ def still_reel(path: Path, capture: HeldOutWall, cameras: str = "training") -> P
     return path
 
 
-def test_oracle_distance_is_zero_for_its_own_reel(out: Path, tmp_path: Path) -> None:
-    """Encoding is all that lies between them there, so the reel scores what the decoded oracle does; later it is not right."""
+def test_oracle_matches_a_static_reel_at_its_frame(out: Path, tmp_path: Path) -> None:
+    """At frame 0 the reel scores like the decoded oracle, because both are encoded alike. Later it is wrong."""
     capture, trace = HeldOutWall(), Trace()
     reel, copy = still_reel(tmp_path / "reel", capture), shutil.copytree(out, tmp_path / "copy")
     before = json.loads((out / "oracle.json").read_text())["frames"]

@@ -1,4 +1,4 @@
-"""Bytes against quality of one run in many encodings, and the paper's tables of it."""
+"""Bytes against quality of one run in many encodings, and the paper's tables."""
 
 import re
 import sys
@@ -68,7 +68,7 @@ def test_unknown_configuration_is_named(run: Path) -> None:
 
 
 def cells(text: str, title: str) -> list[list[str]]:
-    """The rows of a table below its header."""
+    """Return the rows of a table below its header."""
     found = text[text.index(title) :].split("\n\n")[1]
     return [[cell.strip() for cell in line.strip("|").split("|")] for line in found.splitlines()[2:]]
 

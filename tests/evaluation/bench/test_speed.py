@@ -1,4 +1,4 @@
-"""Reconstructions of a tiny capture: what is measured, and that ratios are of what they say."""
+"""Speed measurements of a tiny capture, and their ratios."""
 
 import json
 from collections.abc import Callable
@@ -27,7 +27,7 @@ def config(iterations: int) -> Config:
 @pytest.mark.slow
 def test_bench_reconstruct_reports_all_rows(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     def medians(works: list[Callable[[], None]], repeats: int) -> list[float]:
-        """Of a batch in layers, of whole pictures, and on one thread."""
+        """Return times of a layered batch, of whole images, and on one thread."""
         assert repeats == 1
         for work in works:
             work()
@@ -73,7 +73,7 @@ def test_loop_shorter_than_the_capture_is_refused(tmp_path: Path) -> None:
     assert not list(tmp_path.iterdir())
 
 
-def test_provenance_label_and_append(capsys: pytest.CaptureFixture[str]) -> None:
+def test_bench_reconstruct_refuses_invalid_options(capsys: pytest.CaptureFixture[str]) -> None:
     for options in (["--repeats", "0"], ["--against", "standard"]):
         assert main(["bench", "reconstruct", "capture", "--out", "x", *options]) == 2
         assert capsys.readouterr().err.startswith("Error: bench reconstruct needs --repeats 1 or more")

@@ -1,4 +1,4 @@
-"""Medians of wall times."""
+"""Median wall times."""
 
 from types import SimpleNamespace
 
