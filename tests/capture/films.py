@@ -10,7 +10,7 @@ HEARD = 44100
 
 
 def film(path: Path, sound: np.ndarray | None, seconds: float = 4, late: float = 0.0, codec: str = "aac") -> None:
-    """Write a black video of ten frames per second with sound [samples] or [samples, 2], or without; the sound starts `late` seconds later."""
+    """Write a black video of ten frames per second, with sound [samples] or [samples, 2] that starts `late` seconds later."""
     with av.open(str(path), "w") as container:
         pictures = container.add_stream("libx264", rate=10)
         pictures.width, pictures.height, pictures.pix_fmt = 32, 32, "yuv420p"

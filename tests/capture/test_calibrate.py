@@ -105,7 +105,7 @@ def test_photographs_connect_distant_cameras(room: Path, tmp_path: Path) -> None
 
 
 def photograph(azimuth: float, elevation: float, distance: float) -> np.ndarray:
-    """Return the toy room from another viewpoint, [H, W, 3] uint8. Angles are in degrees, the distance from its middle in world units."""
+    """Return the toy room from another viewpoint, [H, W, 3] uint8; angles in degrees, distance from its middle in world units."""
     a, e = np.radians(azimuth), np.radians(elevation)
     outwards = np.array([np.sin(a) * np.cos(e), np.sin(e), np.cos(a) * np.cos(e)])
     camera = facing("photograph", TARGET + distance * outwards, -outwards, 1.2 * 256, 256, 192)

@@ -119,7 +119,7 @@ def test_version_1_ignores_fields_of_version_2():
 
 
 def test_manifest_of_an_hour_is_small():
-    """10,000 groups in chapters of ten, one shared layer, one layer per chapter, and one for every second group that is retired with it."""
+    """10,000 groups in chapters of ten: a shared layer, one per chapter, and one for every second group, retired with it."""
     layers = [entry("layers", 0)]
     for i in range(10_000):
         if i % 2 == 0:
