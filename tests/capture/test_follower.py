@@ -75,7 +75,7 @@ def test_stopped_camera_is_named_and_awaited(kind: str, tmp_path: Path, monkeypa
         assert follower.frames <= BEGUN
         recorder.write(2, but=(0, 1, 3))
         until(lambda: len(told) > 1)
-        assert told[1].startswith("Camera cam02 goes on, from frame ")
+        assert told[1].startswith("Camera cam02 continues from frame ")
         (recorder.folder / END).touch()  # files are left as they are
         assert not follower.wait(38)
         assert follower.total is not None
@@ -182,13 +182,13 @@ def test_capture_that_never_starts_is_an_error(tmp_path: Path) -> None:
 
 def test_following_needs_camera_poses(tmp_path: Path) -> None:
     (tmp_path / "cam00.mkv").touch()
-    with pytest.raises(CaptureError, match=r"says nothing of its cameras.*capture calibrate"):
+    with pytest.raises(CaptureError, match=r"has no camera poses.*capture calibrate"):
         open_growing(tmp_path, Growth(tmp_path, 60), lambda _: None)
 
 
 def test_layouts_with_frame_lists_are_not_followed(tmp_path: Path) -> None:
     for made in (folders.panoptic(tmp_path / "panoptic"), folders.technicolor(tmp_path / "technicolor")):
-        with pytest.raises(CaptureError, match="say beforehand which frames they have"):
+        with pytest.raises(CaptureError, match="list their frames in advance"):
             open_growing(made, Growth(made, 60), lambda _: None)
 
 

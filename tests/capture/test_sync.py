@@ -49,7 +49,7 @@ def test_sync_names_a_video_without_sound(folder: Path) -> None:
 
 def test_sync_names_a_video_with_other_sound(folder: Path) -> None:
     film(folder / "d.mp4", 0.1 * np.random.default_rng(2).normal(size=4 * HEARD))
-    with pytest.raises(CaptureError, match="what d heard fits nothing"):
+    with pytest.raises(CaptureError, match="the sound of d matches none"):
         synchronize(folder, Silent())
 
 

@@ -78,7 +78,7 @@ def test_a_line_that_breaks_is_tried_again(monkeypatch, tmp_path: Path, capsys: 
     breaking = BreakingFolder(addresses.open_folder(tmp_path / "web"), {0, 3, 4})
     monkeypatch.setattr(addresses, "open_folder", lambda _: breaking)
     assert main(["publish", str(GOLDEN), str(tmp_path / "web")]) == 0
-    assert capsys.readouterr().err.count("the line is cut). Trying again.") == 3
+    assert capsys.readouterr().err.count("the line is cut). Retrying.") == 3
     assert verify_reel(tmp_path / "web").groups == 2
 
 
@@ -134,7 +134,7 @@ def test_a_reconstruction_is_published_as_it_grows_and_ends_whatever_the_line_do
     assert f"{url}: all of the reel is there" in capsys.readouterr().err
     assert main([*command, "s3://no-such-bucket/reel"]) == 1
     said = capsys.readouterr().err
-    assert said.count("It is tried again.") == 1
+    assert said.count("Retrying.") == 1
     assert f"The reel is whole in {out / 'reel'}, but not at s3://no-such-bucket/reel." in said
     assert f"splatreel publish {out / 'reel'} s3://no-such-bucket/reel" in said
     assert verify_reel(out / "reel").groups == 2

@@ -64,7 +64,7 @@ def test_unreachable_folder_is_reported_before_the_first_group(tmp_path):
     folder.sizes = refuse
     background = BackgroundPublication(Publication(tmp_path / "reel", folder), told, pauses=(60.0,))
     assert told.event.wait(120)
-    assert told.lines == ["s3://bucket/: cannot be listed (Forbidden). It is tried again."]
+    assert told.lines == ["s3://bucket/: cannot be listed (Forbidden). Retrying."]
     background.stop()
 
 
@@ -84,10 +84,10 @@ def test_failures_are_reported_once_and_do_not_block(tmp_path):
         background.changed()
     wait_for(lambda: folder.writes > 20)
     assert len(told.lines) == 1
-    assert told.lines[0].endswith("could not be written (the line is cut). It is tried again.")
+    assert told.lines[0].endswith("could not be written (the line is cut). Retrying.")
     folder.breaks = set()
     wait_for(lambda: len(told.lines) == 2)
-    assert told.lines[1].endswith("it works again, all that there is so far is there.")
+    assert told.lines[1].endswith("is reachable again; everything so far is published.")
     writer.finish()
     assert background.finish() is not None
     assert verify_reel(tmp_path / "there").groups == 3

@@ -39,7 +39,7 @@ def test_boxes_of_reels_are_accepted(data: bytes) -> None:
         (movie(table("stsz", 1, 9)), "claims 9 samples, at most 8"),
         (movie(table("stts", 2, 5, 512, 4, 512)), "claims 9 samples"),
         (movie(table("ctts", 1, 1 << 31, 0)), "claims 2147483648 samples"),
-        (movie(table("stts", 9, 1, 512)), "'stts' that is cut off"),
+        (movie(table("stts", 9, 1, 512)), "truncated table 'stts'"),
         (box("moof", box("traf", table("trun", 5))) + box("moof", box("traf", table("trun", 4))), "claims 9 samples"),
         (box("wide", box("moov")), "an MP4 box 'wide'"),
         (box("udta", box("trak", box("stsz"))), "an MP4 box 'udta'"),

@@ -276,6 +276,6 @@ def test_alive_covers_the_living_layers(tmp_path):
     reel = write_chapters(tmp_path, groups=3, chapter=2, page=4)
     edit_manifest(reel, lambda d: d["layers"][1].update(until=3))
     with pytest.raises(
-        ReelError, match=r"0002\.safetensors: section 'alive' holds 10 bits, the layers that live then 14"
+        ReelError, match=r"0002\.safetensors: section 'alive' holds 10 bits, the layers that live at the group 14"
     ):
         verify_reel(reel)

@@ -272,7 +272,7 @@ def test_reel_that_keeps_changing_is_given_up(tmp_path, reel):
 
 def test_damaged_reel_is_not_published(tmp_path, reel):
     (reel / "groups" / "0001.safetensors").write_bytes(b"damaged")
-    with pytest.raises(ReelError, match=r"groups/0001\.safetensors: is not what the manifest says"):
+    with pytest.raises(ReelError, match=r"groups/0001\.safetensors: does not match the manifest"):
         Publication(reel, LocalFolder(tmp_path / "there")).update()
     assert not (tmp_path / "there" / "manifest.json").exists()
 

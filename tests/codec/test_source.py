@@ -66,7 +66,7 @@ def test_paged_reel_is_read_over_http(url):
 
 def test_slow_pages_share_a_deadline(monkeypatch):
     monkeypatch.setattr("splatreel.codec.source.PATIENCE", -1.0)
-    with pytest.raises(ReelError, match=r"pages/0000\d+\.json: was not asked for"):
+    with pytest.raises(ReelError, match=r"pages/0000\d+\.json: was not requested"):
         ReelReader(LONG)
     monkeypatch.setattr("splatreel.codec.source.PATIENCE", 60.0)
     assert len(ReelReader(LONG).manifest.pages) == 4

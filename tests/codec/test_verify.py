@@ -98,7 +98,7 @@ def test_verify_finds_nan(reel):
         (lambda d: d["groups"][1].update(first_frame=9), "0001"),
         (lambda d: d["groups"][0].update(frames=2), "0000"),
         (lambda d: d["layers"][0].update(points=21), "0000"),
-        (lambda d: d["layers"].pop(), "'alive' holds 30 bits, the layers that live then 20"),
+        (lambda d: d["layers"].pop(), "'alive' holds 30 bits, the layers that live at the group 20"),
         (lambda d: d["groups"][0].update(bytes=10), "0000"),
         (lambda d: d.update(sh_degree=0), "SH degree 1"),
         (lambda d: d["groups"][1].update(uri="groups/0000.safetensors"), "0000"),

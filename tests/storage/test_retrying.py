@@ -14,7 +14,7 @@ def test_write_is_retried_and_reported(tmp_path):
     breaking = BreakingFolder(LocalFolder(tmp_path), breaks={0, 1})
     RetryingFolder(breaking, told.append, pauses=(0.0, 0.0)).write("a", b"1")
     assert LocalFolder(tmp_path).sizes() == {"a": 1}
-    assert told == 2 * [f"{tmp_path}/a: could not be written (the line is cut). Trying again."]
+    assert told == 2 * [f"{tmp_path}/a: could not be written (the line is cut). Retrying."]
 
 
 def test_retries_end_after_the_last_pause(tmp_path):

@@ -119,7 +119,7 @@ def test_pull_retries_files_replaced_meanwhile(tmp_path, monkeypatch):
 
 
 def test_pull_names_a_missing_file(address, tmp_path):
-    with pytest.raises(StorageError, match=r"has no file 'group0003/group'\. Is the job done"):
+    with pytest.raises(StorageError, match=r"has no file 'group0003/group'\. Has the job that writes it finished"):
         SharedFolder(address).pull(["group0003/group"], tmp_path)
 
 

@@ -41,7 +41,7 @@ class CalibratedCamera:
 
     @property
     def possible(self) -> bool:
-        """Whether a lens can have this field of view."""
+        """True if a lens can have this field of view."""
         return FIELD[0] <= self.field <= FIELD[1]
 
 

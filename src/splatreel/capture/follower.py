@@ -136,7 +136,7 @@ class Follower:
             silent = now - self._seen[name][1]
             if name in self._stopped and silent < STALL:
                 self._stopped.discard(name)
-                self._notify(f"Camera {name} goes on, from frame {count} on.")
+                self._notify(f"Camera {name} continues from frame {count}.")
             elif name not in self._stopped and silent > STALL and most - count > late:
                 self._stopped.add(name)
                 self._notify(
@@ -185,12 +185,12 @@ def open_growing(path: Path, growth: Growth, notify: Notify, **request: Any) -> 
 def _check_layout(path: Path) -> None:
     if is_panoptic(path) or is_technicolor(path):
         raise CaptureError(
-            f"{path}: captures of this layout say beforehand which frames they have. What can be followed is a COLMAP model, a "
+            f"{path}: captures of this layout list their frames in advance and cannot be followed. Supported are a COLMAP model, a "
             f"Neu3DV or an EasyVolcap folder, with a video, a folder of pictures or a folder of numbered videos a camera."
         )
     if not (is_colmap(path) or is_easyvolcap(path) or (path / POSES).is_file()):
         raise CaptureError(
-            f"{path}: says nothing of its cameras. A capture is followed with cameras that are known before: record a few seconds "
+            f"{path}: has no camera poses, which following needs: record a few seconds "
             f"into another folder, run `splatreel capture calibrate` on them, and copy its sparse/ here. Then start recording, and "
             f"write an empty file {END} when it is over."
         )

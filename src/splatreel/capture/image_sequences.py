@@ -34,7 +34,7 @@ class ImageSequences:
         self.fps = sidecar.fps or 30.0
         if sidecar.starts:
             raise CaptureError(
-                f"{path / SIDECAR}: says when videos start, but the cameras have pictures. Remove `starts`."
+                f"{path / SIDECAR}: has start times of videos, but the cameras have images. Remove `starts`."
             )
         counts = {name: len(found) for name, found in files.items()}
         self.frames = min(counts.values(), default=0)

@@ -65,7 +65,7 @@ def undistorted_camera(
     if found is None:
         raise CaptureError(
             f"{origin} is {lens.model.name} with parameters {np.asarray(lens.params).tolist()}, which "
-            f"is no lens that could be straightened. Calibrate it again."
+            f"cannot be undistorted. Calibrate it again."
         )
     return found
 

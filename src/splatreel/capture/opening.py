@@ -111,4 +111,4 @@ def check_files(folder: Path, depth: int = 3) -> None:
                 if depth and not entry.name.startswith("."):
                     check_files(Path(entry.path), depth - 1)
             elif not entry.is_file() and os.path.exists(entry.path):
-                raise CaptureError(f"{entry.path}: is neither a file nor a folder. Take it out of the capture.")
+                raise CaptureError(f"{entry.path}: is neither a file nor a folder. Remove it from the capture.")

@@ -44,7 +44,7 @@ def check_rotation(rotation: np.ndarray, origin: str) -> None:
     if np.linalg.det(rotation) < 0:
         raise CaptureError(
             f"{origin} is {rotation.round(4).tolist()}, no rotation: it mirrors (its determinant is -1), which no camera does. "
-            f"{NEEDED}. Turn the axis round that is the wrong way, or export the poses again."
+            f"{NEEDED}. Flip the wrong axis, or export the poses again."
         )
 
 

@@ -40,7 +40,7 @@ def synchronize(path: Path, progress: Progress) -> dict[str, float]:
     """
     files = video_files(path)
     if len(files) < 2:
-        raise CaptureError(f"{path}: {len(files)} videos; there is nothing to bring together.")
+        raise CaptureError(f"{path}: {len(files)} videos; at least two are needed to synchronize.")
     progress.stage("reading the sound of the videos", len(files))
     sounds = {}
     for count, (name, file) in enumerate(files.items(), 1):
@@ -71,7 +71,7 @@ def align(path: Path, sounds: dict[str, np.ndarray], progress: Progress) -> dict
         if found[a, b].clear < CLEAR:
             lost = ", ".join(name for name in sounds if name not in began)
             raise CaptureError(
-                f"{path}: what {lost} heard fits nothing that the others did. Clap once where all cameras hear it, or write into "
+                f"{path}: the sound of {lost} matches none of the others. Clap once where all cameras record it, or write into "
                 f'splatreel.json when each video starts: {{"starts": {{"{b}": seconds, ...}}}}.'
             )
         began[b] = began[a] + found[a, b].later

@@ -119,7 +119,7 @@ class VideoFile:
         self._next = 0
         self._lock = Lock()
         if path.exists() and not path.is_file():  # opening a pipe would block
-            raise CaptureError(f"{path}: is no file. Take it out of the capture.")
+            raise CaptureError(f"{path}: is no file. Remove it from the capture.")
         self.table = table = self._scan() if table is None or table.size != self._size() else table
         self.width, self.height = (table.height, table.width) if table.turns % 2 else (table.width, table.height)
         self.frames, self.fps, self.start, self.times = table.frames, table.fps, table.start, table.times

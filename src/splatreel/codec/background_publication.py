@@ -98,7 +98,7 @@ class BackgroundPublication:
             except SplatreelError as error:
                 self.failure = error
                 if not failed:
-                    self._report(f"{error} It is tried again.")
+                    self._report(f"{error} Retrying.")
                 if self._publication.sent > sent:  # some files arrived, so start counting again
                     sent, since_end, pauses = self._publication.sent, 0, self._endless_pauses()
                 failed, since_end = True, since_end + ending
@@ -106,7 +106,7 @@ class BackgroundPublication:
                     return
             self._pause(next(pauses), ending)
         if failed and self.failure is None:
-            self._report(f"{self._publication.folder.address('')}: it works again, all that there is so far is there.")
+            self._report(f"{self._publication.folder.address('')}: is reachable again; everything so far is published.")
 
     def _pause(self, seconds: float, ending: bool) -> None:
         """Wait after a failure. The wait ends early if the thread is stopped or the reel ends."""

@@ -41,7 +41,7 @@ def _boxes(data: memoryview, begin: int, end: int) -> Iterator[tuple[str, int, i
         elif name in _TABLES:
             yield name, body, begin + size
         elif name not in _KNOWN or (name != "mdat" and _contains_box_names(bytes(data[body : begin + size]))):
-            raise ReelError(f"holds an MP4 box {name!r} that is none of a reel.")
+            raise ReelError(f"holds an MP4 box {name!r} that reels do not contain.")
         begin += size
 
 
@@ -58,5 +58,5 @@ def _claimed_samples(name: str, body: bytes) -> int:
     if name == "trun":
         return count
     if 8 + 8 * count > len(body):
-        raise ReelError(f"has a table {name!r} that is cut off.")
+        raise ReelError(f"has a truncated table {name!r}.")
     return sum(int.from_bytes(body[at : at + 4], "big") for at in range(8, 8 + 8 * count, 8))

@@ -29,7 +29,9 @@ def edit_reel(folder: Path, words: Mapping[str, str]) -> Manifest:
     except OSError as error:
         raise ReelError(f"{file}: cannot be read ({error.strerror}). Name the folder of a reel.") from error
     if manifest.live:
-        raise ReelError(f"{file}: is still being written. Give --title and the others to the command that writes it.")
+        raise ReelError(
+            f"{file}: is still being written. Pass --title and similar options to the command that writes it."
+        )
     try:
         words = {name: check_text(name, text) for name, text in words.items()}
     except ReelError as error:

@@ -200,7 +200,7 @@ def load_pages(
 
 def _parse_page(data: bytes, entry: PageEntry, first: int, names: tuple[str, ...]) -> Page:
     if len(data) != entry.bytes or hashlib.sha256(data).hexdigest() != entry.sha256:
-        raise ReelError("is damaged: its length or its sha256 is not the manifest's. Copy the reel anew.")
+        raise ReelError("is damaged: its length or its sha256 is not the manifest's. Copy the reel again.")
     document = parse_object(data)
     layers = tuple(parse_layer(item, i, 2) for i, item in enumerate(items(document, "layers", 0, MAX_FILES)))
     listed = items(document, "groups", entry.groups, entry.groups)
@@ -215,7 +215,7 @@ def _check_page(page: Page, entry: PageEntry, names: tuple[str, ...]) -> None:
     said = entry.groups, entry.first_frame, entry.frames
     found = len(page.groups), first, max(group.end for group in page.groups) - first
     if found != said:
-        raise ReelError(f"says (groups, first frame, frames) {found} of itself, the manifest {said}.")
+        raise ReelError(f"has (groups, first frame, frames) {found}, the manifest says {said}.")
     sizes = rendition_bytes(page.groups, names)
     if sizes != entry.rendition_bytes:
         raise ReelError(f"has renditions of {sizes} bytes, the manifest says {entry.rendition_bytes}.")

@@ -221,7 +221,7 @@ def _parse_text(document: dict[str, Any], name: str) -> str:
 
 def _parse_asset(entry: object) -> Asset:
     if not isinstance(entry, dict):
-        raise ReelError("names a file by what is not an object.")
+        raise ReelError("has a file entry that is not an object.")
     return Asset(parse_uri(entry), integer(entry, "bytes", 1, MAX_ASSET_BYTES), parse_digest(entry))
 
 

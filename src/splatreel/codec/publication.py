@@ -196,7 +196,7 @@ class Publication:
     def _read_intact(self, file: _File) -> bytes:
         data = self._read_here(file.uri, file.bytes)
         if data is None or len(data) != file.bytes or hashlib.sha256(data).hexdigest() != file.sha256:
-            raise ReelError(f"{self.reel / file.uri}: is not what the manifest says. Run splatreel verify.")
+            raise ReelError(f"{self.reel / file.uri}: does not match the manifest. Run splatreel verify.")
         return data
 
     def _read_here(self, uri: str, most: int) -> bytes | None:

@@ -115,12 +115,12 @@ class ReelReader:
             data = self._source.read(entry.uri, entry.bytes)
         except ReelError as error:
             if self.manifest.live:
-                raise ReelError(f"{error} A live reel drops what is old: open it again.") from error
+                raise ReelError(f"{error} A live reel drops old files: open it again.") from error
             raise
         if len(data) != entry.bytes:
-            raise ReelError(f"{name}: has {len(data)} bytes, the manifest says {entry.bytes}. Copy the reel anew.")
+            raise ReelError(f"{name}: has {len(data)} bytes, the manifest says {entry.bytes}. Copy the reel again.")
         if hashlib.sha256(data).hexdigest() != entry.sha256:
-            raise ReelError(f"{name}: its sha256 is not the manifest's: the file is damaged. Copy the reel anew.")
+            raise ReelError(f"{name}: its sha256 is not the manifest's: the file is damaged. Copy the reel again.")
         return data
 
     @property
@@ -155,10 +155,10 @@ class ReelReader:
         static = self.manifest.static_points(entry.group)
         if len(group.alive) != static:
             raise ReelError(
-                f"{name}: section 'alive' holds {len(group.alive)} bits, the layers that live then {static} points."
+                f"{name}: section 'alive' holds {len(group.alive)} bits, the layers that live at the group {static} points."
             )
         return group
 
     def _check_same(self, name: str, found: tuple[int, ...], said: tuple[int, ...]) -> None:
         if found != said:
-            raise ReelError(f"{name}: says (index, points, first frame, ...) {found} of itself, the manifest {said}.")
+            raise ReelError(f"{name}: has (index, points, first frame, ...) {found}, the manifest says {said}.")

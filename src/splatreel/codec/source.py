@@ -45,7 +45,9 @@ def within_patience(source: Source) -> Callable[[str, int], bytes]:
 
     def read(uri: str, limit: int) -> bytes:
         if time.monotonic() > end:
-            raise ReelError(f"{source.name(uri)}: was not asked for, as those before took {PATIENCE:.0f} s. Try again.")
+            raise ReelError(
+                f"{source.name(uri)}: was not requested, because earlier files took {PATIENCE:.0f} s. Try again."
+            )
         return source.read(uri, limit)
 
     return read
@@ -84,12 +86,10 @@ class _Directory:
         try:
             with open(self.root / uri, "rb", opener=_without_waiting) as file:
                 if not stat.S_ISREG(os.fstat(file.fileno()).st_mode):
-                    raise ReelError(f"{self.name(uri)}: is no file. Is this a reel, and is it whole?")
+                    raise ReelError(f"{self.name(uri)}: is no file. Is this a complete reel?")
                 return _bounded(file.read(limit + 1), limit, self.name(uri))
         except OSError as error:
-            raise ReelError(
-                f"{self.name(uri)}: cannot be read ({error.strerror}). Is this a reel, and is it whole?"
-            ) from error
+            raise ReelError(f"{self.name(uri)}: cannot be read ({error.strerror}). Is this a complete reel?") from error
 
 
 def _without_waiting(path: str, flags: int) -> int:
@@ -131,7 +131,7 @@ class _Bucket:
         except StorageError as error:
             raise ReelError(f"{error} Check the address and the connection.") from error
         if data is None:
-            raise ReelError(f"{self.name(uri)}: cannot be fetched (it is not there). Is this a reel, and is it whole?")
+            raise ReelError(f"{self.name(uri)}: cannot be fetched (it is not there). Is this a complete reel?")
         return _bounded(data, limit, self.name(uri))
 
 

@@ -111,7 +111,7 @@ def _check_sound(reel: ReelReader) -> None:
         try:
             for time, part in decode_sound(init, [data], sound.channels):
                 if abs(time / RATE - at) > 1e-3:
-                    raise ReelError(f"has sound of {time / RATE:.3f} s where {at:.3f} s was expected.")
+                    raise ReelError(f"has sound at {time / RATE:.3f} s, expected {at:.3f} s.")
                 at += len(part) / RATE
                 if at > segment.start + segment.seconds + 1e-3:
                     break

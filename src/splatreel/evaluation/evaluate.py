@@ -237,7 +237,7 @@ def check_unseen(manifest: Manifest, views: Sequence[Camera], reel: str) -> None
     seen = sorted({camera.name for camera in manifest.cameras} & {view.name for view in views})
     if seen:
         raise UsageError(
-            f"{reel}: was trained on {', '.join(seen)}, which cannot be held out of it any more. Reconstruct without them, "
+            f"{reel}: was trained on {', '.join(seen)}, so they are not held out. Reconstruct without them, "
             "--hold-out NAME,NAME, or hold out what the reel has not seen."
         )
 

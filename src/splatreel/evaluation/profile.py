@@ -14,7 +14,7 @@ MIN_SHARE = 0.005
 """Functions below this share of the total time are not listed."""
 
 Calls = dict[tuple[str, int, str], tuple[int, int, float, float, dict]]
-"""By file, line and name: calls, calls including recursion, own seconds, total seconds, callers."""
+"""Statistics by file, line and name: calls, calls including recursion, own seconds, total seconds, callers."""
 
 
 @contextmanager

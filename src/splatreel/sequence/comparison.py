@@ -22,7 +22,7 @@ COMPARED, SIDE = 12, 768
 GLANCES, GLANCE_SIDE = 12, 192
 """Maximum number of cameras tried to find one with a non-empty view, and pixels along the longer side of these images."""
 CLOSE = 40.0
-"""PSNR in dB above which the reel can hardly be told from the sequence."""
+"""PSNR in dB above which reel and sequence look the same."""
 ROUNDED = 3.0
 """Coding, not rounding, is the cause if rounding alone leaves more than this many dB above the reel's PSNR."""
 FAR = 1000.0
@@ -160,5 +160,5 @@ def _far_points(points: Gaussians) -> str | None:
         return None
     return (
         f"{len(far):,} points, such as number {far[0]} (counted from 0), are {away[far].max():.3g} away from the middle, where nearly "
-        f"all others are within {usual:.3g}, so that positions are stored coarsely. Take them out of the files."
+        f"all others are within {usual:.3g}, so that positions are stored coarsely. Remove them from the files."
     )

@@ -100,7 +100,7 @@ def open_frames(path: str | Path, gaps: Gaps = "refuse") -> Frames:
 
 def _not_a_file_error(path: Path) -> GaussiansError:
     what = "a link to nothing" if path.is_symlink() and not path.exists() else "no file"
-    return GaussiansError(f"{path}: is {what}, so that a frame is missing. Put the file there, or take the entry away.")
+    return GaussiansError(f"{path}: is {what}, so a frame is missing. Add the file, or remove the entry.")
 
 
 def _without_gaps(names: list[Path], place: Path, gaps: Gaps) -> list[Path]:
@@ -119,7 +119,7 @@ def _without_gaps(names: list[Path], place: Path, gaps: Gaps) -> list[Path]:
     if gaps != "hold":
         raise GaussiansError(
             f"{place}: {missing:,} frames are missing, the first of them after {names[first].name}: the next one is "
-            f"{names[first + 1].name}. Put them there; or import with --gaps hold, which shows the frame before for as long."
+            f"{names[first + 1].name}. Add them, or import with --gaps hold, which repeats the previous frame."
         )
     if len(names) + missing > MOST_FRAMES:
         raise GaussiansError(
@@ -138,18 +138,18 @@ def _in_order(names: list[Path], place: Path) -> list[Path]:
     bare = [name.name for name, number in numbers.items() if number is None]
     if bare and len(names) > 1:
         raise GaussiansError(
-            f"{place}: {bare[0]} has no number at its end that says which frame it is. Take it away, or number it."
+            f"{place}: {bare[0]} has no number at its end that says which frame it is. Remove it, or number it."
         )
     prefixes = Counter(number[0] for number in numbers.values() if number)
     if len(prefixes) > 1:
         (usual, _), *_, (odd, _) = prefixes.most_common()
         raise GaussiansError(
-            f"{place}: holds files called {usual}N and files called {odd}N. Put each film into a folder of its own."
+            f"{place}: holds files called {usual}N and files called {odd}N. Put each sequence into its own folder."
         )
     counts = Counter(number[1] for number in numbers.values() if number)
     twice = [number for number, count in counts.items() if count > 1]
     if twice:
-        raise GaussiansError(f"{place}: holds frame {twice[0]} twice. Take one of the two away.")
+        raise GaussiansError(f"{place}: holds frame {twice[0]} twice. Remove one of them.")
     return sorted(names, key=lambda name: (numbers[name] or ("", 0))[1])
 
 

@@ -29,6 +29,6 @@ def check_plausible(points: Gaussians, what: str) -> Gaussians:
             row = int(values.max(1).argmax())
             raise GaussiansError(
                 f"{what}: {name} of point {row} (counted from 0) is {values[row].max():.3g}, beyond the {limit:g} that a reel can "
-                f"hold. Take that point out of the file, or export it again."
+                f"hold. Remove that point from the file, or export it again."
             )
     return points

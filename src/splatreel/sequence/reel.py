@@ -51,7 +51,7 @@ def header_of(
         antialias: How splats are drawn, see `render_image`.
     """
     if not len(first):
-        raise GaussiansError("The film's first frame holds no points. Remove it, or export it again.")
+        raise GaussiansError("The sequence's first frame holds no points. Remove it, or export it again.")
     fallback = np.array([0.0, -1.0, 0.0]) if up is None else up
     views = ring(first, fallback) if cameras is None else cameras
     points = visible_positions(first)
@@ -107,7 +107,7 @@ class SequenceEncoder:
         if points.sh_degree != degree:
             raise GaussiansError(
                 f"{frames.path}: frame {frame} has view-dependent color of degree {points.sh_degree}, the first one of degree "
-                f"{degree}. Write them all alike."
+                f"{degree}. Export all frames with the same degree."
             )
         return points
 

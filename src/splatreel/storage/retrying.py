@@ -58,6 +58,6 @@ class RetryingFolder:
             except StorageError as error:
                 if error.lasting:
                     raise
-                self._report(f"{error} Trying again.")
+                self._report(f"{error} Retrying.")
                 time.sleep(pause * (1 + random.random() / 2))
         return action()

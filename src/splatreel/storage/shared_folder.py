@@ -132,7 +132,9 @@ class SharedFolder:
         for _ in range(_LISTINGS):
             files, listed = self.files(prefix) if listed is None else listed, None
             if missing := [name for name in names or () if name not in files]:
-                raise StorageError(f"{self._url}: has no file {missing[0]!r:.200}. Is the job done that makes it?")
+                raise StorageError(
+                    f"{self._url}: has no file {missing[0]!r:.200}. Has the job that writes it finished?"
+                )
             wanted = sorted(files) if names is None else names
             left = [files[name] for name in wanted if not _is_here(into, files[name])]
             found = [file.name for file in left if self._fetch(file, into)]

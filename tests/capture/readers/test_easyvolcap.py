@@ -118,7 +118,7 @@ def test_unequal_image_counts_are_refused(scene: Path) -> None:
 
 def test_start_times_need_videos(scene: Path) -> None:
     (scene / "splatreel.json").write_text('{"starts": {"00": 0.5}}')
-    with pytest.raises(CaptureError, match=r"splatreel\.json: says when videos start, but the cameras have pictures"):
+    with pytest.raises(CaptureError, match=r"splatreel\.json: has start times of videos, but the cameras have images"):
         open_capture(scene)
 
 

@@ -29,7 +29,7 @@ class GrowingPictures:
         self.fps = sidecar.fps or 30.0
         if sidecar.starts:
             raise CaptureError(
-                f"{path / SIDECAR}: says when videos start, but the cameras have pictures. Remove `starts`."
+                f"{path / SIDECAR}: has start times of videos, but the cameras have images. Remove `starts`."
             )
         self._names = {name: _numbered(found) for name, found in files.items()}
         starts = {names.start for names in self._names.values()}

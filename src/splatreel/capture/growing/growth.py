@@ -44,7 +44,7 @@ class Growth:
 
     @property
     def stopped(self) -> bool:
-        """Whether following was stopped."""
+        """True if following was stopped."""
         return self._stop.is_set()
 
     @property
@@ -65,7 +65,7 @@ class Growth:
 
     @property
     def ended(self) -> bool:
-        """Whether the capture has ended or following was stopped."""
+        """True if the capture has ended or following was stopped."""
         return self.stopped or self.why is not None
 
     @classmethod

@@ -214,7 +214,7 @@ def _lookup(tables: bytes, contexts: int) -> np.ndarray:
     result = np.zeros((contexts, _SCALE), np.uint32)
     read = _read_tables(bits, result)
     if read < 0 or (read + 7) // 8 != len(tables):
-        raise ReelError("has frequencies that are cut off, or do not sum to 4096.")
+        raise ReelError("has frequencies that are truncated or do not sum to 4096.")
     return result.ravel()
 
 
