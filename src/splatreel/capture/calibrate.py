@@ -74,7 +74,7 @@ def calibrate(path: Path, progress: Progress, also: Path | None = None) -> Calib
             reliably. The last case is recorded in the folder's `splatreel.json`.
     """
     if is_colmap(path) or (path / POSES).exists():
-        raise CaptureError(f"{path}: is calibrated already. Delete {MODEL.parent} or {POSES} to calibrate it anew.")
+        raise CaptureError(f"{path}: is calibrated already. Delete {MODEL.parent} or {POSES} to calibrate it again.")
     files = video_files(path)
     if len(files) < MIN_CAMERAS:
         found = ", ".join(file.name for file in files.values()) or "none"

@@ -70,7 +70,7 @@ def read_ply(path: str | Path, origin: np.ndarray | None = None) -> Gaussians:
             count, dtype, start = _parse_header(head, path)
             size, held = count * dtype.itemsize, os.fstat(file.fileno()).st_size - start
             if held < size:
-                raise GaussiansError(f"{path}: ends after {held} of {size} bytes of points. Copy it anew.")
+                raise GaussiansError(f"{path}: ends after {held} of {size} bytes of points. Copy it again.")
             file.seek(start)
             data = file.read(size)
     except OSError as error:

@@ -123,7 +123,7 @@ def _without_gaps(names: list[Path], place: Path, gaps: Gaps) -> list[Path]:
         )
     if len(names) + missing > MOST_FRAMES:
         raise GaussiansError(
-            f"{place}: with {missing:,} frames held it would have more than {MOST_FRAMES:,}. Number its files anew."
+            f"{place}: with {missing:,} frames held it would have more than {MOST_FRAMES:,}. Renumber its files."
         )
     return [name for name, gap in zip(names, [*steps, step], strict=True) for _ in range(gap // step)]
 

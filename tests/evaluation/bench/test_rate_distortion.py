@@ -33,7 +33,7 @@ def run(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def test_sweep_refuses_training_cameras(run: Path) -> None:
-    with pytest.raises(UsageError, match=r"was trained on cam01, cam02, which cannot be held out of it any more"):
+    with pytest.raises(UsageError, match=r"was trained on cam01, cam02, so they are not held out"):
         sweep_of(run, scenes.capture(run, held_out=["cam01", "cam02"]), 2)
 
 
