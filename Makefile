@@ -2,14 +2,15 @@
 # packages that the tests need, so there are two stamp files: what reconstruction needs, and all.
 PYTHON ?= python3
 VENV := .venv
-BIN := $(VENV)/bin
+BIN := $(VENV)/$(if $(filter Windows_NT,$(OS)),Scripts,bin)
 RECON := $(VENV)/.recon
 SETUP := $(VENV)/.dev
+DOCS := $(VENV)/.docs
 NPM := $(shell command -v npm 2>/dev/null)
 
 MINUTES ?= 8
 
-.PHONY: demo test test-all check bench gpu player golden screens setup clean
+.PHONY: demo test test-all check bench gpu player golden screens docs wheel npm-package setup clean
 
 demo: $(RECON)  ## capture, reconstruct, compress, evaluate and play the built-in scene
 	$(BIN)/splatreel demo --out out/demo
@@ -63,6 +64,16 @@ golden: $(SETUP) screens  ## write the golden reels and the player's screenshots
 screens: $(SETUP)  ## take the player's golden screenshots anew
 	$(BIN)/python -m tests.player.screens
 
+docs: $(DOCS)  ## build the documentation into out/site; a warning is an error
+	$(BIN)/mkdocs build --quiet --strict --site-dir out/site
+
+wheel: $(SETUP)  ## build the wheel and the source archive into dist
+	$(BIN)/python -m build --no-isolation --outdir dist
+
+npm-package: player/node_modules/.package-lock.json  ## build the player's npm package into dist
+	mkdir -p dist
+	npm --prefix player pack ./player --pack-destination dist
+
 setup: $(SETUP)
 
 INSTALL := $(BIN)/python -m pip install --quiet --constraint constraints.txt
@@ -76,6 +87,12 @@ $(RECON): pyproject.toml constraints.txt
 
 $(SETUP): $(RECON)
 	$(INSTALL) --no-build-isolation --editable '.[dev]'
+	touch $@
+
+$(DOCS): pyproject.toml constraints.txt
+	test -x $(BIN)/python || $(PYTHON) -m venv $(VENV)
+	$(BIN)/python -c 'import editables, hatchling' 2>/dev/null || $(INSTALL) editables hatchling
+	$(INSTALL) --no-build-isolation --editable '.[docs]'
 	touch $@
 
 player/node_modules/.package-lock.json: player/package-lock.json

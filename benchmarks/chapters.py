@@ -40,7 +40,7 @@ def work(connection: Connection, capture: Path, options: Row, settings: Row, out
     keep_freed_memory()
     from splatreel.capture.opening import open_capture
     from splatreel.progress import Silent
-    from splatreel.recon.encode.publisher import nothing_more
+    from splatreel.recon.encode.group_writer import no_presentation
     from splatreel.recon.jobs import chapter_job, publish_job, scene_job
     from splatreel.recon.machines.run_spec import RunSpec
 
@@ -52,7 +52,7 @@ def work(connection: Connection, capture: Path, options: Row, settings: Row, out
             if job == SCENE:
                 scene_job(run, Silent())
             elif job == FINISH:
-                publish_job(run, Silent(), nothing_more)
+                publish_job(run, Silent(), no_presentation)
             else:
                 chapter_job(run, job, Silent())
             found = {

@@ -19,11 +19,10 @@ from splatreel.evaluation.bench.oracle import held_out_views
 from splatreel.evaluation.evaluate import evaluate
 from splatreel.process import peak_memory_bytes
 from splatreel.progress import Estimate, Progress, Span
-from splatreel.recon.encode.publisher import nothing_more
+from splatreel.recon.encode.group_writer import no_presentation
 from splatreel.recon.jobs import ChapteredRun
 from splatreel.recon.pipeline import plan_run, reconstruct_run
-from splatreel.recon.train.export import GroupResult
-from splatreel.recon.train.group import GroupTrainer
+from splatreel.recon.train.group import GroupResult, GroupTrainer
 from splatreel.recon.train.keyframe import KeyframeTrainer
 from splatreel.recon.train.losses import psnr
 from splatreel.recon.train.pictures import Pictures
@@ -58,7 +57,7 @@ def reconstruct_until(
     found |= {"held_out": curve.camera.name, "psnr_at": curve.points, "stages": curve.stages, "finished": False}
     try:
         with watched(curve):
-            reconstruct_run(run, curve, nothing_more)
+            reconstruct_run(run, curve, no_presentation)
         found["finished"] = True
     except OutOfTime:
         shown.note(f"stopped after {curve.seconds():.0f} s: its time is over")

@@ -32,7 +32,7 @@ from splatreel.play.server import serve
 PLAYER = "document.querySelector('splat-reel')?.player"
 LOOK = 0.1
 """Seconds between two looks at the browser."""
-SHOWN = re.compile(r"Group (\d+) shown ([\d.]+) s after its last frame was filmed")
+SHOWN = re.compile(r"Group (\d+) written ([\d.]+) s after its last frame was filmed")
 
 
 class Show:
@@ -163,7 +163,7 @@ def main(
         "first_delay_s": delays[0] if delays else None,
         "median_delay_s": round(float(np.median(delays)), 1) if delays else None,
         "last_delay_s": delays[-1] if delays else None,
-        "cannot_keep_up": text.count("Cannot keep up"),
+        "cannot_keep_up": text.count("Too slow"),
         **seen,
     }
     print(record("follow", values, note))

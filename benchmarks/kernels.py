@@ -66,7 +66,7 @@ def measure(kernels, n: int, width: int, height: int, repeats: int, device: str 
 
     parts = {
         "project": project,
-        "+ backward": lambda: sum(t.sum() for t in project()[:2]).backward(),
+        "+ backward": lambda: (project()[0].sum() + project()[1].sum()).backward(),
         "SH + backward": lambda: color().sum().backward(),
         "rasterize": rasterize,
         "& backward": lambda: rasterize().sum().backward(),

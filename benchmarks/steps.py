@@ -28,7 +28,7 @@ from splatreel.play.timeline import Moment, Timeline
 from splatreel.recon.cameras.exposure import take_out
 from splatreel.recon.cameras.group_input import GroupInput
 from splatreel.recon.coverage.coverage import Coverage
-from splatreel.recon.encode.fineness import encode_group, encode_layer
+from splatreel.recon.encode.step_choice import encode_group_by_slope, encode_layer_by_slope
 from splatreel.recon.run.store import Store
 from splatreel.scene.gaussians import Gaussians
 from splatreel.scene.group import Group
@@ -62,15 +62,19 @@ class FirstGroup:
         if (exposure := self.work.exposure()) is not None:
             take_out(images, exposure)
         span, late = GroupSpan(0, 0, group.frames, group.frames), np.zeros(len(names))
-        gains, layout, cpu = self.work.keyframe().gains, self.store.layout(), torch.device("cpu")
+        keyframe, layout, cpu = self.work.keyframe(), self.store.layout(), torch.device("cpu")
+        if keyframe is None or layout is None or self.layer.importance is None or self.stored.importance is None:
+            raise SystemExit("The run lacks a keyframe, a layout or measured importances.")
         cameras, antialias = list(self.manifest.cameras), self.manifest.antialias
-        data = GroupInput(span, images, cameras, gains, late, group.light, layout, cpu, 0, antialias)
+        data = GroupInput(span, images, cameras, keyframe.gains, late, group.light, layout, cpu, 0, antialias)
         coverage: Coverage | None = self.store.coverage()
         trial, encoder = coverage and coverage.trial, ReelEncoder(EncodeConfig())
         points, moving = self.layer.trained, group.at(0.0)
         importance = self.layer.importance, self.stored.importance
-        layer = encode_layer(encoder, data, points, moving, len(moving), importance[0], trial)[1]
-        return layer, encode_group(encoder, data, group, StaticPoints(points, group.alive), importance[1], trial)[1]
+        layer = encode_layer_by_slope(encoder, data, points, moving, len(moving), importance[0], trial)[1]
+        return layer, encode_group_by_slope(
+            encoder, data, group, StaticPoints(points, group.alive), importance[1], trial
+        )[1]
 
     def measure(self, layer: Steps, group: Steps, factor: float) -> dict:
         """Encode, decode and compare with the held-out cameras. factor: on all steps."""

@@ -26,7 +26,7 @@ from splatreel.capture.builtin.solids import HALF, POSITION, ROTATION, Shapes
 from splatreel.capture.opening import open_capture
 from splatreel.config import preset
 from splatreel.motion.flow import make_flow
-from splatreel.motion.track import PointTracks, Tracker, identity
+from splatreel.motion.track import PointTracks, Tracker, identity_quats
 from splatreel.scene.camera import Camera
 from splatreel.scene.gaussians import Gaussians
 
@@ -98,7 +98,7 @@ def _points(places: np.ndarray, spacing: float) -> Gaussians:
     count = len(means)
     scales = np.full((count, 3), 0.7 * spacing, np.float32)
     opacities, sh = np.full(count, 0.95, np.float32), np.zeros((count, 1, 3), np.float32)
-    return Gaussians(means.astype(np.float32), identity(count), scales, opacities, sh)
+    return Gaussians(means.astype(np.float32), identity_quats(count), scales, opacities, sh)
 
 
 def _on(film: Film, places: np.ndarray, pixel: float) -> np.ndarray:

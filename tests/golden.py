@@ -158,11 +158,12 @@ def main() -> None:
 
     golden_long.write_all()
     flashes.write_golden(flashes.GOLDEN)
-    for path, codec in ((GOLDEN, "h265"), (PREDICTIVE, "predictive")):
+    codecs: dict[Path, Literal["h265", "predictive"]] = {GOLDEN: "h265", PREDICTIVE: "predictive"}
+    for path, codec in codecs.items():
         write_golden(path, codec)
         arrays = decoded(path)
         stored = {name: array for name, array in arrays.items() if not name.startswith("at")}
-        np.savez_compressed(path / "expected.npz", **stored)
+        np.savez_compressed(path / "expected.npz", **stored)  # pyright: ignore[reportArgumentType]
         (path / "expected.json").write_text(json.dumps(sampled(arrays), indent=None, separators=(",", ":")) + "\n")
 
 

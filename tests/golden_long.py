@@ -15,7 +15,7 @@ import shutil
 from pathlib import Path
 
 from splatreel.codec.reader import ReelReader
-from splatreel.config import EncodeConfig
+from splatreel.config import EncodeConfig, Rate
 from tests.codec.reels import add_chapter_group, new_writer
 from tests.golden import decoded, sampled
 
@@ -35,7 +35,7 @@ def write_window(path: Path) -> None:
     _grow(path, ()).drop_before(GROUPS // 2)
 
 
-def _grow(path: Path, renditions: tuple[str, ...]):
+def _grow(path: Path, renditions: tuple[Rate, ...]):
     if path.exists():
         shutil.rmtree(path)
     writer = new_writer(path, config=EncodeConfig(coarseness=1.0, renditions=renditions), page=PAGE)

@@ -43,7 +43,7 @@ def start(arguments: list[str], log: Path) -> int:
 
         code = main()
         sys.stdout.flush()
-        threading._shutdown()  # as the interpreter does: wait for threads
+        threading._shutdown()  # pyright: ignore[reportAttributeAccessIssue]  # as the interpreter does: wait for threads
     except BaseException:
         traceback.print_exc()
     finally:

@@ -2,12 +2,13 @@ import assert from "node:assert/strict";
 import { test } from "node:test";
 import { Clock } from "../src/player/clock";
 import type { Manifest } from "../src/reel/manifest";
+import { Reel } from "../src/reel/reel";
 import type { Page } from "../src/reel/pages";
 
 function clockOf(live = false): Clock {
   const clock = new Clock();
   const groups = [0, 30, 60].map((firstFrame) => ({ firstFrame, frames: 30 }));
-  clock.update({ fps: 30, frames: 90, overlap: 5, first: 0, groups, pages: [] as Page[], live } as Manifest);
+  clock.open(new Reel({ fps: 30, frames: 90, overlap: 5, first: 0, groups, pages: [] as Page[], live } as Manifest));
   return clock;
 }
 
@@ -42,10 +43,10 @@ test("a live reel waits at its edge, or repeats its last group", () => {
 test("a reel whose beginning was dropped keeps its times, and goes round from where it begins", () => {
   const clock = clockOf();
   const groups = Object.assign([], { 1: { firstFrame: 30, frames: 30 }, 2: { firstFrame: 60, frames: 30 } });
-  clock.update({ ...clock.manifest!, first: 1, groups });
+  clock.open(new Reel({ ...clock.manifest!, first: 1, groups }));
   assert.deepEqual([clock.earliest, clock.duration], [1, 3]);
   clock.seek(0.2);
-  assert.deepEqual([clock.seconds, clock.framesOn(-5), clock.moment!.previous], [1, 1, null]);
+  assert.deepEqual([clock.seconds, clock.timeAfter(-5), clock.moment!.previous], [1, 1, null]);
   clock.seek(2.9);
   clock.loop = true;
   clock.advance(0.5);
@@ -55,8 +56,8 @@ test("a reel whose beginning was dropped keeps its times, and goes round from wh
 test("steps are whole frames within the reel", () => {
   const clock = clockOf();
   clock.seek(1.01);
-  assert.equal(clock.framesOn(1), 31 / 30);
-  assert.equal(clock.framesOn(-99), 0);
-  assert.equal(clock.framesOn(999), 89 / 30);
+  assert.equal(clock.timeAfter(1), 31 / 30);
+  assert.equal(clock.timeAfter(-99), 0);
+  assert.equal(clock.timeAfter(999), 89 / 30);
   assert.deepEqual([clock.moment!.current.group, clock.moment!.previous?.group], [1, 0]);
 });

@@ -33,7 +33,7 @@ const replies = (id: number): [number, object[]] => {
   const received = own.reduce((sum, reply) => sum + ("received" in reply ? reply.received : 0), 0);
   return [received, own.filter((reply) => !("received" in reply))];
 };
-const fileOf = (id: number): DecodedFile => (replies(id)[1].at(-1) as { content?: DecodedFile }).content ?? assert.fail(JSON.stringify(replies(id)));
+const fileOf = (id: number): DecodedFile => (replies(id)[1].at(-1) as { file?: DecodedFile }).file ?? assert.fail(JSON.stringify(replies(id)));
 
 beforeEach(() => {
   FakeWorker.all.length = said.length = handedOver.length = 0;
@@ -56,7 +56,7 @@ test("trouble is told, and what cannot be had or decoded says why", async () => 
   await time.until(ask(2, bytes.length));
   const [trouble, done] = replies(2)[1];
   assert.match((trouble as { trouble: string }).trouble, /^Trying again/);
-  assert.ok("content" in done);
+  assert.ok("file" in done);
   host.answer(status(404));
   await time.until(ask(3, bytes.length));
   assert.deepEqual(replies(3)[1], [{ id: 3, error: "https://page.example/groups/0.bin cannot be downloaded: it answered 404.", plain: PLAIN.missing }]);
@@ -70,7 +70,7 @@ test("trouble is told, and what cannot be had or decoded says why", async () => 
 test("a page is read as JSON, and what is none says so", async () => {
   host.answer(whole('{"groups": [1]}'));
   await time.until(ask(10, 15, true));
-  assert.deepEqual(replies(10), [15, [{ id: 10, content: { groups: [1] }, milliseconds: 0 }]]);
+  assert.deepEqual(replies(10), [15, [{ id: 10, page: { groups: [1] } }]]);
   host.answer(whole('{"groups": [1]'));
   await time.until(ask(11, 14, true));
   assert.deepEqual(replies(11)[1], [{ id: 11, error: "https://page.example/groups/0.bin is damaged: it is not JSON.", plain: PLAIN.damaged }]);

@@ -14,7 +14,8 @@ let log: string[] = [];
 const receiver = (name: string) => ({
   received: () => void log.push(`${name} received`),
   trouble: (why: string) => void log.push(`${name} trouble ${why}`),
-  done: () => void log.push(`${name} done`),
+  decoded: () => void log.push(`${name} done`),
+  page: () => void log.push(`${name} done`),
   failed: (why: string, plain?: string) => void log.push(`${name} failed ${why} ${plain ?? ""}`),
 });
 const start = (name: string, points = 100): void => pool.start(name, source(name), points, receiver(name));
@@ -32,7 +33,7 @@ beforeEach(() => {
   FakeWorker.all.length = 0;
   log = [];
   pool = new DecoderPool();
-  pool.onfree = () => void log.push("free");
+  pool.onFree = () => void log.push("free");
 });
 
 test("one worker starts at once, the second with the second file, and there is no third", () => {
@@ -41,7 +42,7 @@ test("one worker starts at once, the second with the second file, and there is n
   assert.deepEqual([FakeWorker.all.length, pool.free], [1, true]);
   start("b");
   assert.deepEqual([FakeWorker.all.length, pool.free, pool.keys], [2, false, ["a", "b"]]);
-  say("a", { content: FILE, milliseconds: 1 });
+  say("a", { file: FILE, milliseconds: 1 });
   assert.deepEqual(log, ["a done", "free"]);
   start("c");
   assert.deepEqual([FakeWorker.all.length, pool.free, pool.has("a"), pool.has("c")], [2, false, false, true]);
@@ -68,7 +69,7 @@ test("bytes are counted as they come, over the time in which they come", () => {
   say("a", { received: 500 });
   assert.deepEqual([pool.received("a"), pool.meter.rate, log], [1000, 8000, ["a received", "a received", "a received"]]);
   time.now += 60_000; // decoding is no fault of the network
-  say("a", { content: FILE, milliseconds: 1 });
+  say("a", { file: FILE, milliseconds: 1 });
   start("b");
   time.now += 1000;
   say("b", { received: 1000 });
@@ -101,11 +102,11 @@ test("a file is nearly here once less is missing than comes until the next answe
 test("how long a point takes to decode follows the last files", () => {
   for (const [name, milliseconds] of [["a", 100], ["b", 200]] as const) {
     start(name);
-    say(name, { content: FILE, milliseconds });
+    say(name, { file: FILE, milliseconds });
   }
   assert.deepEqual([pool.milliseconds, pool.pace], [200, 1.3]);
   start("c", 0);
-  say("c", { content: FILE, milliseconds: 7 });
+  say("c", { file: FILE, milliseconds: 7 });
   assert.deepEqual([pool.milliseconds, pool.pace], [7, 1.3], "a file without points says nothing");
 });
 
@@ -142,15 +143,15 @@ test("a worker that died is not used again: another takes its place", () => {
   at("c").worker.die();
   start("d");
   assert.deepEqual([FakeWorker.all.length, pool.free], [4, false]);
-  say("b", { content: FILE, milliseconds: 1 });
-  say("d", { content: FILE, milliseconds: 1 });
+  say("b", { file: FILE, milliseconds: 1 });
+  say("d", { file: FILE, milliseconds: 1 });
   assert.deepEqual(log.slice(-4), ["b done", "free", "d done", "free"]);
 });
 
 test("a page is asked for as one, and says nothing of how fast points are decoded", () => {
   pool.start("p", source("p"), null, receiver("p"));
   assert.equal(at("p").worker.posted.at(-1).page, true);
-  say("p", { content: { groups: [] }, milliseconds: 50 });
+  say("p", { page: { groups: [] } });
   assert.deepEqual([log, pool.milliseconds, pool.pace], [["p done", "free"], 0, 0]);
 });
 
@@ -166,7 +167,7 @@ test("who gives a file up hears no more of it, and its worker is free once it ha
   worker.say({ id, error: "it was given up" });
   assert.deepEqual([pool.free, log], [true, ["free"]]);
   start("c");
-  worker.say({ id, content: FILE, milliseconds: 1 }); // late, and of another file
+  worker.say({ id, file: FILE, milliseconds: 1 }); // late, and of another file
   assert.deepEqual([log, pool.has("c")], [["free"], true]);
   pool.cancel("nothing");
 });

@@ -2,7 +2,7 @@ import assert from "node:assert/strict";
 import { test } from "node:test";
 import { deflateSync } from "node:zlib";
 import { flags, inflate, linear, packedSize, unpack } from "../src/decode/dequantize";
-import { half } from "../src/draw/textures";
+import { half } from "../src/webgl/textures";
 import type { Container } from "../src/reel/container";
 
 /** The low bytes of all, then the bits above, lowest bit first. */

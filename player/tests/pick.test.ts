@@ -1,7 +1,7 @@
 import assert from "node:assert/strict";
 import { test } from "node:test";
-import { float, hitsAt, middleDepth } from "../src/draw/pick";
-import { half } from "../src/draw/textures";
+import { float, hitsAt, middleDepth } from "../src/webgl/pick";
+import { half } from "../src/webgl/textures";
 
 const pair = (low: number, high: number): number => (half(low) | (half(high) << 16)) >>> 0;
 const bits = (value: number): number => new Uint32Array(Float32Array.of(value).buffer)[0];

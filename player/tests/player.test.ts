@@ -385,7 +385,7 @@ test("where nobody looks everything is given back, and it goes on from there wit
 test("a live reel without a group is waited for; then it begins at its edge, and grows until it is whole", async () => {
   const fake = new FakePlayer({ groups: 0, layers: [], live: true });
   await fake.open();
-  assert.match(fake.player.notice!, /The first group is not here yet/);
+  assert.match(fake.player.notice!, /Waiting for the first group/);
   const answer = (plan: Plan): void => host.answer(whole(JSON.stringify(documentOf(plan))));
   answer({ groups: 2, live: true });
   await fake.pass(3000);

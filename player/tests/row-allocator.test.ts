@@ -1,6 +1,6 @@
 import assert from "node:assert/strict";
 import { test } from "node:test";
-import { RowAllocator } from "../src/draw/row-allocator";
+import { RowAllocator } from "../src/webgl/row-allocator";
 
 test("ranges do not overlap, gaps are filled first, nothing is no place", () => {
   const rows = new RowAllocator();

@@ -4,6 +4,7 @@ import type { Sound } from "../src/reel/presentation";
 import { Soundtrack } from "../src/sound/soundtrack";
 import { FakeAudio, FakeMediaSource } from "./fakes/audio";
 import { FakeHost, status, type Answer } from "./fakes/host";
+import { Reel } from "../src/reel/reel";
 import { manifestOf } from "./fakes/reel";
 import { FakeTime } from "./fakes/time";
 
@@ -21,11 +22,13 @@ const asked = (): string[] => host.asked.map(({ url }) => url.replace("https://p
 
 let events: string[] = [];
 let track: Soundtrack;
+let reel: Reel;
 const clock = { seconds: 0, rate: 1, loop: false, live: false, earliest: 0 };
 const soundOf = (more: Partial<Sound> = {}): Sound => ({ type: 'audio/mp4; codecs="opus"', rate: 48000, channels: 2, init: { uri: "sound/init.mp4", bytes: 1, sha256: null }, segments, position: null, ...more });
 const openReel = (sound: Sound | null = soundOf(), live = false): void => {
   const manifest = manifestOf({ live });
-  track.open({ ...manifest, presentation: { ...manifest.presentation, sound } });
+  reel = new Reel({ ...manifest, presentation: { ...manifest.presentation, sound } });
+  track.open(reel);
 };
 /** Have sound from now on, and the browser ready to take it. */
 const begin = async (pictures = true): Promise<void> => {
@@ -262,7 +265,8 @@ test("a segment that a live reel has dropped is no end of its sound; one that st
   assert.deepEqual([asked(), track.available], [["init.mp4", "10.m4s"], true]);
   const later = soundOf({ segments: segments.slice(11) });
   const manifest = manifestOf({ live: true });
-  track.update({ ...manifest, presentation: { ...manifest.presentation, sound: later } });
+  reel.grow({ ...manifest, presentation: { ...manifest.presentation, sound: later } });
+  track.refresh();
   clock.seconds = 24;
   track.want(clock, true);
   await time.pass(4100);

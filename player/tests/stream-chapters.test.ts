@@ -27,7 +27,7 @@ test("while one chapter fades into the next the layers of both are needed", () =
   const world = new World({ groups: 40, layers: chapters(40) });
   world.want({ current: 8, previous: 7, frame: 81 });
   world.give("layers/0.bin", "layers/3.bin");
-  assert.deepEqual(world.stream.layersHere, ["layers/0.bin", "layers/3.bin"]);
+  assert.deepEqual(world.stream.loadedLayers, ["layers/0.bin", "layers/3.bin"]);
   world.give("layers/2.bin", "groups/8.bin");
   assert.deepEqual([world.stream.has(8), world.stream.has(7)], [true, false]);
   world.give("groups/7.bin");
@@ -128,7 +128,7 @@ test("what a live reel has dropped is no failure once its manifest says so", asy
     world.want({ current: 10 });
     world.give("layers/0.bin");
     world.outdated = async () => {
-      world.update(withKnown(manifestOf({ ...plan, groups: 32, first }), world.manifest));
+      world.grow(manifestOf({ ...plan, groups: 32, first }));
       if (first > 10) world.want({ current: first });
       return false;
     };
@@ -148,7 +148,7 @@ test("groups of before the window go although there is memory", () => {
   world.want({ current: 2 });
   world.giveAll();
   assert.deepEqual(world.stream.held, [2, 3, 4, 5, 6, 7]);
-  world.update(manifestOf({ ...plan, first: 5 }));
+  world.grow(manifestOf({ ...plan, first: 5 }));
   assert.deepEqual(world.stream.buffered, [[5, 8]]);
   world.want({ current: 5, inUse: [3] });
   assert.deepEqual(world.stream.held, [3, 5, 6, 7], "one is still on screen");

@@ -40,13 +40,13 @@ test("a group is here only with its layers", () => {
   const world = new World({ layers: [0, 1, 1] });
   world.want({});
   world.giveAll();
-  assert.deepEqual(world.stream.layersHere, ["layers/0.bin"]);
+  assert.deepEqual(world.stream.loadedLayers, ["layers/0.bin"]);
   const other = new World({ layers: [0, 1, 1] });
   other.want({});
   other.give("layers/0.bin", "groups/0.bin", "layers/2.bin", "groups/1.bin");
   assert.deepEqual([other.stream.has(0), other.stream.has(1)], [true, false]);
   other.want({ current: 1 });
-  assert.deepEqual(other.stream.layersHere, ["layers/0.bin"], "as many as are complete from the first on");
+  assert.deepEqual(other.stream.loadedLayers, ["layers/0.bin"], "as many as are complete from the first on");
   assert.deepEqual(other.stream.buffered, [[0, 1]]);
 });
 

@@ -1,6 +1,7 @@
 """Videos with sound for tests."""
 
 from pathlib import Path
+from typing import Any
 
 import av
 import numpy as np
@@ -16,7 +17,7 @@ def film(path: Path, sound: np.ndarray | None, seconds: float = 4, late: float =
         pictures.width, pictures.height, pictures.pix_fmt = 32, 32, "yuv420p"
         columns = None if sound is None else np.atleast_2d(sound.T)
         layout = "stereo" if columns is not None and len(columns) > 1 else "mono"
-        track = container.add_stream(codec, rate=HEARD, layout=layout) if columns is not None else None
+        track: Any = container.add_stream(codec, rate=HEARD, layout=layout) if columns is not None else None
         for _ in range(round(10 * seconds)):
             container.mux(pictures.encode(av.VideoFrame.from_ndarray(np.zeros((32, 32, 3), np.uint8), format="rgb24")))
         container.mux(pictures.encode(None))
@@ -27,7 +28,7 @@ def film(path: Path, sound: np.ndarray | None, seconds: float = 4, late: float =
             part = np.clip(columns[:, at : at + 1024], -1, 1).astype(np.float32)
             if format == "s16":
                 part = np.rint(part.T.reshape(1, -1) * 32767).astype(np.int16)
-            frame = av.AudioFrame.from_ndarray(np.ascontiguousarray(part), format=format, layout=layout)
+            frame = av.AudioFrame.from_ndarray(np.ascontiguousarray(part), format=format, layout=layout)  # pyright: ignore[reportArgumentType]
             frame.sample_rate, frame.pts = HEARD, at + round(late * HEARD)
             container.mux(track.encode(frame))
         container.mux(track.encode(None))

@@ -2,6 +2,7 @@
 
 from fractions import Fraction
 from pathlib import Path
+from typing import Any
 
 import av
 import numpy as np
@@ -64,7 +65,7 @@ def write_film(
     encoder, settings = CODINGS[coding]
     form = "mpegts" if path.suffix == ".mts" else None
     with av.open(str(path), "w", format=form, options=options or {}) as container:
-        stream = container.add_stream(encoder, rate=30)
+        stream: Any = container.add_stream(encoder, rate=30)
         stream.width, stream.height, stream.pix_fmt = WIDTH, HEIGHT, "yuv420p"
         stream.codec_context.options = settings
         stream.codec_context.gop_size = int(settings.get("g", 8))

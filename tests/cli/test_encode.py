@@ -145,7 +145,7 @@ def test_values_out_of_range(run: Path, options: list[str], range: str, capsys: 
 def test_a_folder_without_a_run(run: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["encode", "run/reel", "--out", "x"]) == 1
     assert capsys.readouterr().err == (
-        "Error: run/reel/work: holds no finished group. Run splatreel reconstruct first.\n"
+        "Error: run/reel/work: contains no finished group. Run splatreel reconstruct first.\n"
     )
 
 

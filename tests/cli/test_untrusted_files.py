@@ -14,7 +14,7 @@ from splatreel.cli.main import main
 from splatreel.codec.document import parse_object
 from splatreel.errors import ReelError, UsageError
 from splatreel.play.camera_path import CameraPath, Keyframe
-from splatreel.play.film import film_of
+from splatreel.play.film import film_along_path
 from splatreel.scene.gaussians import Gaussians
 from splatreel.scene.ply import write_ply
 from tests.sequence.films import cameras, frame, write_film
@@ -39,7 +39,7 @@ def params(path: Path, **changes: np.ndarray) -> None:
         "logit_opacities": np.zeros((5, 1), np.float32),
         "log_scales": np.zeros((5, 3), np.float32),
     }
-    np.savez(path, **(arrays | changes))
+    np.savez(path, **(arrays | changes))  # pyright: ignore[reportArgumentType]
 
 
 @pytest.mark.parametrize(
@@ -123,14 +123,14 @@ def test_camera_paths_that_never_end(tmp_path: Path, capsys: pytest.CaptureFixtu
 def test_views_along_a_path_are_made_when_they_are_drawn() -> None:
     lens = cameras()[0]
     pose = lens.viewmat.astype(np.float64)
-    shots = film_of(CameraPath([Keyframe(0, 0, pose), Keyframe(30_000, 5, pose)]), lens, 30)
+    shots = film_along_path(CameraPath([Keyframe(0, 0, pose), Keyframe(30_000, 5, pose)]), lens, 30)
     assert len(shots) == 900_001
     assert shots[900_000][0] == pytest.approx(5)
     assert len(shots[1:3]) == 2
     with pytest.raises(IndexError):
         shots[900_001]
     with pytest.raises(UsageError, match="1,000,000 at most"):
-        film_of(CameraPath([Keyframe(0, 0, pose), Keyframe(1e6, 5, pose)]), lens, 30)
+        film_along_path(CameraPath([Keyframe(0, 0, pose), Keyframe(1e6, 5, pose)]), lens, 30)
 
 
 def test_a_manifest_of_millions_of_objects_is_refused_before_they_are_made() -> None:

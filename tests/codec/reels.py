@@ -5,6 +5,7 @@ from __future__ import annotations
 import hashlib
 import json
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -24,7 +25,7 @@ HOW = "config", "resume", "first_group", "page"
 
 def new_writer(path: Path, **changes) -> ReelWriter:
     """Return a writer with default settings: 10 frames per second, overlap 1."""
-    settings = {
+    settings: dict[str, Any] = {
         "fps": 10,
         "group_length": 2,
         "overlap": 1,
@@ -35,7 +36,7 @@ def new_writer(path: Path, **changes) -> ReelWriter:
         "cameras": [camera("a", 1)],
     }
     how = {name: changes.pop(name) for name in HOW if name in changes}
-    return ReelWriter(path, ReelHeader(**(settings | changes)), **({"config": CONFIG} | how))
+    return ReelWriter(path, ReelHeader(**(settings | changes)), **({"config": CONFIG} | how))  # pyright: ignore[reportArgumentType]
 
 
 def points(count: int, seed: int = 0, degree: int = 1):

@@ -77,7 +77,7 @@ def test_failures_are_reported_once_and_do_not_block(tmp_path):
         assert threading.current_thread() is not threading.main_thread(), "it waits for the line"
         write(*arguments)
 
-    folder.write = write_elsewhere
+    folder.write = write_elsewhere  # pyright: ignore[reportAttributeAccessIssue]
     background = BackgroundPublication(Publication(tmp_path / "reel", folder), told, pauses=(0.01,))
     for index in range(3):
         write_group(writer, index)
@@ -132,6 +132,6 @@ def test_stop_works_during_failures(tmp_path):
 
 def test_unexpected_error_is_raised_by_finish(tmp_path):
     publication = Publication(tmp_path, LocalFolder(tmp_path / "there"))
-    publication.update = lambda: 1 / 0
+    publication.update = lambda: 1 / 0  # pyright: ignore[reportAttributeAccessIssue]
     with pytest.raises(ZeroDivisionError):
         BackgroundPublication(publication, Told()).finish()

@@ -48,7 +48,7 @@ def equal(count: int, degree: int, spread: bool) -> Gaussians:
 
 
 def still(frames: int, points: Gaussians) -> Group:
-    turns = np.tile(np.float32([1, 0, 0, 0]), (frames, len(points), 1))
+    turns = np.tile(np.array([1, 0, 0, 0], np.float32), (frames, len(points), 1))
     return Group(0, 0, points, np.zeros((frames, len(points), 3), np.float32), turns, np.ones(4, bool))
 
 

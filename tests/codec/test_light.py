@@ -17,6 +17,7 @@ def test_light_round_trips(dynamic: int) -> None:
     group = dataclasses.replace(new_group(0, dynamic, 20), light=LIGHT)
     data, _ = encode_group(group, EncodeConfig())
     decoded = decode_group(data, "a file").light
+    assert decoded is not None
     np.testing.assert_allclose(decoded, LIGHT, rtol=1e-3)
 
 

@@ -4,6 +4,7 @@ import dataclasses
 import gzip
 import hashlib
 import json
+from typing import Any
 
 import pytest
 from hypothesis import given, settings
@@ -24,9 +25,14 @@ NAMES = "high", "low"
 
 def entry(kind: str, number: int, more: str = "", **fields) -> FileEntry:
     digest = hashlib.sha256(f"{kind} {number} {more}".encode()).hexdigest()
-    frames = {"frames": 8} if kind == "groups" else {"frames": 0}
-    plain = {"uri": f"{kind}/{number:04d}{more}.safetensors", "bytes": 5000 + number, "sha256": digest, "points": 20}
-    return FileEntry(**(plain | frames | {"first_frame": 6 * number, "group": number} | fields))
+    frames: dict[str, Any] = {"frames": 8} if kind == "groups" else {"frames": 0}
+    plain: dict[str, Any] = {
+        "uri": f"{kind}/{number:04d}{more}.safetensors",
+        "bytes": 5000 + number,
+        "sha256": digest,
+        "points": 20,
+    }
+    return FileEntry(**(plain | frames | {"first_frame": 6 * number, "group": number} | fields))  # pyright: ignore[reportArgumentType]
 
 
 def paged(layers, groups, page: int, first: int = 0, names=()) -> tuple[Manifest, dict[str, bytes]]:

@@ -40,7 +40,8 @@ def test_clicks_keep_their_times_from_any_segment(channels: int, first: int) -> 
 
 def test_speech_round_trips() -> None:
     rng = np.random.default_rng(0)
-    tone = sum(np.sin(np.arange(3 * RATE) * 2 * np.pi * f / RATE + rng.random()) for f in (140, 280, 560, 1120)) / 8
+    waves = [np.sin(np.arange(3 * RATE) * 2 * np.pi * f / RATE + rng.random()) for f in (140, 280, 560, 1120)]
+    tone = np.sum(waves, axis=0) / 8
     sound = encode_sound([tone[:, None]], 1)
     error = decoded(sound)[: len(tone), 0][4800:] - tone[4800:]
     assert 10 * np.log10((tone**2).mean() / (error**2).mean()) > 20

@@ -4,12 +4,14 @@ import contextlib
 import dataclasses
 import functools
 import http.server
+import io
 import os
 import shutil
 import socket
 import threading
 import time
 import urllib.request
+from http.client import HTTPMessage
 from urllib.parse import urlsplit
 
 import pytest
@@ -95,10 +97,10 @@ def test_redirect_to_another_host_is_refused(url):
 def test_redirect_from_https_to_http_is_refused(asked, newurl, said):
     handler, request = _SameHost(*urlsplit(asked)[:2]), urllib.request.Request(asked)
     if said is None:
-        assert handler.redirect_request(request, None, 302, "Found", {}, newurl).full_url == newurl
+        assert handler.redirect_request(request, io.BytesIO(), 302, "Found", HTTPMessage(), newurl).full_url == newurl
     else:
         with pytest.raises(ReelError, match=said):
-            handler.redirect_request(request, None, 302, "Found", {}, newurl)
+            handler.redirect_request(request, io.BytesIO(), 302, "Found", HTTPMessage(), newurl)
 
 
 def test_unreachable_server_is_an_error():

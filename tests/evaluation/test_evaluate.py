@@ -27,6 +27,8 @@ def test_good_reel_scores_high_with_a_complete_report(reel: Path, tmp_path: Path
         seconds={"keyframe": 12.5},
         device="cpu",
     )
+    assert report.psnr_undecoded is not None
+    assert report.flicker is not None
     assert 40 < report.psnr < report.psnr_undecoded
     assert report.psnr_undecoded > 55  # only the rounding to 8 bits is between them
     assert report.psnr_per_channel >= report.psnr

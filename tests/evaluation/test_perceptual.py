@@ -2,6 +2,7 @@ import importlib.util
 import sys
 import types
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -24,11 +25,11 @@ def lpips(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Path:
         def eval(self) -> "LPIPS":
             return self
 
-        def __call__(self, a: "torch.Tensor", b: "torch.Tensor") -> "torch.Tensor":
+        def __call__(self, a: Any, b: Any) -> Any:
             assert a.shape == (1, 3, 4, 5)
             return ((a - b) ** 2).mean()
 
-    module.LPIPS = LPIPS
+    monkeypatch.setattr(module, "LPIPS", LPIPS, raising=False)
     monkeypatch.setitem(sys.modules, "lpips", module)
     monkeypatch.setattr(torch.hub, "get_dir", lambda: str(tmp_path))
     return tmp_path / "checkpoints" / perceptual.BACKBONE

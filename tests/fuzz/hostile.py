@@ -124,7 +124,7 @@ def _still(draft: Draft, points: int, frames: int) -> None:
         np.ones(points),
         np.zeros((points, 9, 3)),
     )
-    still = np.tile(np.float32([1, 0, 0, 0]), (frames, points, 1))
+    still = np.tile(np.array([1, 0, 0, 0], np.float32), (frames, points, 1))
     data, _ = (
         encode_group(
             Group(0, 0, same, np.zeros((frames, points, 3), np.float32), still, np.ones(40, bool)), EncodeConfig()

@@ -39,7 +39,7 @@ def instrument() -> None:
             for value in vars(owner).values():
                 found = getattr(value, "__wrapped__", getattr(value, "__func__", getattr(value, "fget", value)))
                 if isinstance(found, FunctionType) and found.__module__ == entry.name:
-                    atheris.instrument_func(found)
+                    atheris.instrument_func(found)  # pyright: ignore[reportAttributeAccessIssue]
 
 
 def keep(program: Path, name: str) -> None:
@@ -67,7 +67,7 @@ def main() -> None:
         "-len_control=20",
         f"-artifact_prefix={folder}{os.sep}",
     ]
-    atheris.Setup([sys.argv[0], str(folder), *limits, *sys.argv[2:]], lambda data: check(*run(data)))
+    atheris.Setup([sys.argv[0], str(folder), *limits, *sys.argv[2:]], lambda data: check(*run(data)))  # pyright: ignore[reportArgumentType]
     atheris.Fuzz()
 
 

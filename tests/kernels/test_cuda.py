@@ -1,12 +1,16 @@
 """CUDA against the twin. On a machine without a GPU or gsplat these tests skip."""
 
+# pyright: reportCallIssue=false
+# Pyright assumes that an unpacked list fills all remaining positional arguments.
+
 import sys
 
 import pytest
 import torch
 
 from splatreel.errors import MissingDependencyError
-from splatreel.kernels import cuda, splat, twin
+from splatreel.kernels import cuda_backend as cuda
+from splatreel.kernels import splat, twin
 from tests.kernels.compare import camera, gaussians, splats
 
 needs_cuda = pytest.mark.skipif(not torch.cuda.is_available(), reason="no CUDA device: the gsplat path was not tested")
@@ -15,7 +19,7 @@ needs_cuda = pytest.mark.skipif(not torch.cuda.is_available(), reason="no CUDA d
 def test_missing_gsplat_names_the_extra(monkeypatch):
     monkeypatch.setitem(sys.modules, "gsplat", None)
     with pytest.raises(MissingDependencyError, match=r"splatreel\[cuda\]"):
-        cuda.spherical_harmonics(0, torch.zeros(1, 3), torch.zeros(1, 1, 3))
+        cuda.CudaBackend().spherical_harmonics(0, torch.zeros(1, 3), torch.zeros(1, 1, 3))
 
 
 @pytest.mark.cuda

@@ -1,11 +1,15 @@
 """Drawing moving splats among frozen ones gives the picture and the gradients of drawing everything."""
 
+# pyright: reportCallIssue=false
+# Pyright assumes that an unpacked list fills all remaining positional arguments.
+
 import numpy as np
 import pytest
 import torch
 
 from splatreel.errors import GaussiansError
-from splatreel.kernels import cuda, splat, twin
+from splatreel.kernels import cuda_backend as cuda
+from splatreel.kernels import splat, twin
 
 WIDTH, HEIGHT = 100, 70
 
@@ -37,20 +41,18 @@ def oracle(moving, static):
 
 
 def masked(moving, static):
-    """What runs on CUDA, with the twin in the place of gsplat, which leaves masked tiles empty."""
+    """Draw with the CUDA backend, with the twin in place of gsplat, which leaves masked tiles empty."""
 
-    def gsplat(*arguments):
-        *others, tiles = arguments if len(arguments) == 9 else (*arguments, None)
-        image, alpha = twin.rasterize(*others)
-        if tiles is None:
-            return image, alpha
-        drawn = torch.from_numpy(np.kron(tiles.numpy(), np.ones((16, 16), bool))[:HEIGHT, :WIDTH])
-        return image * drawn[..., None], alpha * drawn
+    class TwinAsGsplat(cuda.CudaBackend):
+        def rasterize(self, splats, width, height, tiles=None):
+            image, alpha = twin.rasterize(*splats, width, height)
+            if tiles is None:
+                return image, alpha
+            drawn = torch.from_numpy(np.kron(tiles.numpy(), np.ones((16, 16), bool))[:HEIGHT, :WIDTH])
+            return image * drawn[..., None], alpha * drawn
 
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(cuda, "rasterize", gsplat)
-        _, _, held = cuda.freeze(*static, WIDTH, HEIGHT)
-        return cuda.rasterize_among(*moving, held)[:2]
+    backend = TwinAsGsplat()
+    return backend.rasterize_among(moving, backend.freeze(static, WIDTH, HEIGHT))[:2]
 
 
 def differentiated(draw, moving, static, target):

@@ -5,7 +5,7 @@ import pytest
 import torch
 
 from splatreel.errors import GaussiansError
-from splatreel.kernels import splat, twin
+from splatreel.kernels import motion, twin
 from tests.kernels.compare import assert_parity
 
 RESOLUTIONS = np.array([[4, 4, 3], [8, 9, 5], [33, 32, 16]])  # two dense levels and a hashed one
@@ -17,14 +17,14 @@ def test_parity(features):
     coords = torch.rand(400, 3, generator=generator)
     table = torch.randn(3, 1024, features, generator=generator)
     assert_parity(
-        lambda c, t: splat.hashgrid(c, t, RESOLUTIONS), lambda c, t: twin.hashgrid(c, t, RESOLUTIONS), [coords, table]
+        lambda c, t: motion.hashgrid(c, t, RESOLUTIONS), lambda c, t: twin.hashgrid(c, t, RESOLUTIONS), [coords, table]
     )
 
 
 def test_parity_at_the_ends_and_beyond():
     coords = torch.tensor([[0.0, 0, 0], [1, 1, 1], [1.5, 0.3, 0.2], [0.1, -2, 0.3], [0.3, 1, 0]])
     table = torch.randn(3, 1024, 2, generator=torch.Generator().manual_seed(0))
-    fast, slow = splat.hashgrid(coords, table, RESOLUTIONS), twin.hashgrid(coords, table, RESOLUTIONS)
+    fast, slow = motion.hashgrid(coords, table, RESOLUTIONS), twin.hashgrid(coords, table, RESOLUTIONS)
     torch.testing.assert_close(fast, slow)
 
 
@@ -35,7 +35,7 @@ def test_a_dense_level_reproduces_a_linear_function():
     table = torch.zeros(1, 128, 1)
     table[0, :125, 0] = (grid @ slope).permute(2, 1, 0).reshape(-1)  # x runs fastest
     coords = torch.rand(50, 3, generator=torch.Generator().manual_seed(0)).requires_grad_()
-    value = splat.hashgrid(coords, table, np.array([[4, 4, 4]]))
+    value = motion.hashgrid(coords, table, np.array([[4, 4, 4]]))
     torch.testing.assert_close(value[:, 0], coords @ slope)
     value.sum().backward()
     assert coords.grad is not None
@@ -43,11 +43,11 @@ def test_a_dense_level_reproduces_a_linear_function():
 
 
 def test_no_points():
-    assert splat.hashgrid(torch.zeros(0, 3), torch.zeros(3, 1024, 2), RESOLUTIONS).shape == (0, 6)
+    assert motion.hashgrid(torch.zeros(0, 3), torch.zeros(3, 1024, 2), RESOLUTIONS).shape == (0, 6)
 
 
 @pytest.mark.parametrize("size", [1000, 1024])
 def test_shapes_that_do_not_fit_are_refused(size):
     resolutions = RESOLUTIONS if size == 1000 else RESOLUTIONS[:2]
     with pytest.raises(GaussiansError, match="power of two"):
-        splat.hashgrid(torch.zeros(2, 3), torch.zeros(3, size, 2), resolutions)
+        motion.hashgrid(torch.zeros(2, 3), torch.zeros(3, size, 2), resolutions)

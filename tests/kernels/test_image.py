@@ -1,5 +1,8 @@
 """Rendering to numpy, without torch."""
 
+# pyright: reportCallIssue=false
+# Pyright assumes that an unpacked list fills all remaining positional arguments.
+
 import subprocess
 import sys
 
@@ -33,7 +36,7 @@ def test_equals_the_torch_render(degree):
 
 def test_background_shows_through():
     empty = render_image(Gaussians.empty(), CAMERA, background=(0.1, 0.2, 0.3))
-    np.testing.assert_allclose(empty, np.broadcast_to(np.float32([0.1, 0.2, 0.3]), (H, W, 3)))
+    np.testing.assert_allclose(empty, np.broadcast_to(np.array([0.1, 0.2, 0.3], np.float32), (H, W, 3)))
     rendered = splat.render(*gaussians(100), CAMERA.viewmat, CAMERA.K, W, H)
     expected = rendered.image + (1 - rendered.alpha[..., None]) * torch.tensor([0.1, 0.2, 0.3])
     np.testing.assert_allclose(render_image(cloud(), CAMERA, background=(0.1, 0.2, 0.3)), expected.numpy(), atol=1e-6)

@@ -1,5 +1,8 @@
 """The loss of splats among frozen ones equals that of the whole picture, up to a constant, and leaves the frozen picture as it was."""
 
+# pyright: reportCallIssue=false
+# Pyright assumes that an unpacked list fills all remaining positional arguments.
+
 import pytest
 import torch
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 import torch
 
-from splatreel.kernels import motion, splat, twin
+from splatreel.kernels import motion, twin
 from tests.kernels.compare import assert_close, assert_parity
 
 
@@ -59,4 +59,4 @@ def test_arap(unit):
         return module.arap(means.to(dx.dtype), dx, dq, neighbor, weights.to(dx.dtype), unit)
 
     offsets = [0.3 * normal(300, 3, seed=4), torch.tensor([1.0, 0, 0, 0]) + 0.3 * normal(300, 4, seed=5)]
-    assert_parity(lambda *o: of(splat, *o), lambda *o: of(twin, *o), offsets, 3e-5)
+    assert_parity(lambda *o: of(motion, *o), lambda *o: of(twin, *o), offsets, 3e-5)

@@ -1,5 +1,8 @@
 """Projection against the twin, against gsplat's reference, and against known answers."""
 
+# pyright: reportCallIssue=false
+# Pyright assumes that an unpacked list fills all remaining positional arguments.
+
 import numpy as np
 import pytest
 import torch

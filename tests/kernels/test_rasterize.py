@@ -1,8 +1,12 @@
 """The rasteriser against the twin, known answers, and its own promises: determinism and independent calls."""
 
+# pyright: reportCallIssue=false
+# Pyright assumes that an unpacked list fills all remaining positional arguments.
+
 import os
 import subprocess
 import sys
+from typing import Any
 
 import numpy as np
 import pytest
@@ -129,7 +133,7 @@ def test_same_bits_for_any_number_of_threads():
 def test_two_renders_at_once_do_not_disturb_each_other():
     a, b = splats(100, 3, 40, 30, 1), splats(200, 3, 40, 30, 2)
 
-    def gradient(inputs, between):
+    def gradient(inputs, between) -> Any:
         means2d = inputs[0].clone().requires_grad_()
         image, _ = splat.rasterize(means2d, *inputs[1:], 40, 30)
         between()

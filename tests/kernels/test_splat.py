@@ -1,5 +1,8 @@
 """Whole renders and nearest neighbors."""
 
+# pyright: reportCallIssue=false
+# Pyright assumes that an unpacked list fills all remaining positional arguments.
+
 import math
 
 import numpy as np

@@ -1,4 +1,4 @@
-"""Films of two cameras: a square crosses a ramp before the first, nothing happens before the second."""
+"""Changing pixels: a square crosses the image of one camera, nothing changes for the other."""
 
 import numpy as np
 
@@ -14,7 +14,7 @@ def filmed(noise: float, flicker: float = 0.0, frames: int = 12) -> np.ndarray:
     return np.rint(film).clip(0, 255).astype(np.uint8)
 
 
-def test_what_something_crosses_changes_and_nothing_else() -> None:
+def test_changes_are_where_square_moves() -> None:
     found = changes(filmed(3.0))
     assert found.shape == (2, 48, 64)
     assert found[0, 12:18, 10:46].all()
@@ -22,7 +22,7 @@ def test_what_something_crosses_changes_and_nothing_else() -> None:
     assert not found[1].any()
 
 
-def test_strong_noise_and_flicker_are_no_change() -> None:
+def test_changes_ignore_noise_and_flicker() -> None:
     for film in (filmed(12.0), filmed(2.0, flicker=10)):
         found = changes(film)
         assert found[0, 12:18, 10:46].mean() > 0.9
@@ -30,5 +30,5 @@ def test_strong_noise_and_flicker_are_no_change() -> None:
         assert found[1].mean() < 0.05
 
 
-def test_one_frame_has_no_changes() -> None:
+def test_changes_of_one_frame_are_empty() -> None:
     assert not changes(filmed(3.0)[:1]).any()

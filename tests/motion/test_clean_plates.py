@@ -1,3 +1,5 @@
+"""Clean plates of synthetic videos."""
+
 import numpy as np
 import pytest
 
@@ -8,7 +10,7 @@ BACKGROUND = np.broadcast_to(np.linspace(60, 190, WIDTH)[:, None], (HEIGHT, WIDT
 
 
 def filmed(noise: float = 0.0) -> np.ndarray:
-    """Of two cameras, [S, C, H, W, 3] float: a ramp that rests."""
+    """Return frames [S, C, H, W, 3] float of two cameras that show a static ramp."""
     film = np.broadcast_to(BACKGROUND, (FRAMES, 2, HEIGHT, WIDTH, 3)).copy()
     return film + np.random.default_rng(0).normal(0, noise, film.shape)
 
@@ -20,13 +22,13 @@ def plates(film: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     return found.images.astype(float), found.unknown
 
 
-def test_of_what_rests_the_noise_goes_and_all_is_known() -> None:
+def test_clean_plate_of_resting_scene_removes_noise() -> None:
     images, unknown = plates(filmed(noise=4.0))
     assert np.abs(images - BACKGROUND).mean() < 1.0, "a single frame is off by 3.2"
     assert not unknown.any()
 
 
-def test_who_crosses_the_picture_leaves_no_trace() -> None:
+def test_clean_plate_removes_passing_object() -> None:
     film = filmed()
     for frame in range(FRAMES):
         film[frame, 0, 8:24, 2 * frame - 6 : 2 * frame] = 250
@@ -36,23 +38,21 @@ def test_who_crosses_the_picture_leaves_no_trace() -> None:
 
 
 @pytest.mark.parametrize(("share", "there"), [(0.75, True), (0.25, False)])
-def test_what_is_there_for_most_of_the_video_is_in_the_plate_and_what_is_there_for_less_is_not(
-    share: float, there: bool
-) -> None:
+def test_clean_plate_contains_majority_content(share: float, there: bool) -> None:
     film = filmed()
     film[: round(share * FRAMES), 0, 8:24, 10:26] = 250
     images, unknown = plates(film)
     expected = BACKGROUND.copy()
     if there:
         expected[8:24, 10:26] = 250
-    edge = np.zeros((HEIGHT, WIDTH), bool)  # frames are compared around each pixel
+    edge = np.zeros((HEIGHT, WIDTH), bool)  # frames are compared over a neighborhood of each pixel
     edge[5:27, 7:29] = True
     edge[11:21, 13:23] = False
     assert np.abs(images[0] - expected)[~edge].max() <= 1
     assert not unknown[0][~edge].any()
 
 
-def test_where_no_half_of_the_frames_agree_nothing_is_known_in_that_camera_alone() -> None:
+def test_clean_plate_is_unknown_without_majority() -> None:
     film = filmed()
     for frame in range(FRAMES):
         film[frame, 1, 8:24, 10:26] = (20, 130, 240)[frame % 3]
@@ -62,22 +62,22 @@ def test_where_no_half_of_the_frames_agree_nothing_is_known_in_that_camera_alone
     assert not unknown[0].any()
 
 
-def test_light_that_drifts_a_little_is_met_in_its_middle() -> None:
+def test_clean_plate_averages_drifting_light() -> None:
     film = filmed() + np.linspace(-4, 4, FRAMES)[:, None, None, None, None]
     images, unknown = plates(film)
     assert np.abs(images - BACKGROUND).max() <= 1
     assert not unknown.any()
 
 
-def test_one_frame_is_its_own_plate() -> None:
+def test_clean_plate_of_one_frame() -> None:
     film = filmed(noise=4.0)[:1]
     images, unknown = plates(film)
     assert np.array_equal(images, np.rint(film[0]).clip(0, 255))
     assert not unknown.any()
 
 
-def test_somebody_who_stays_and_moves_a_little_is_not_taken_for_what_is_always_there() -> None:
-    """The folds of a shirt differ by less than what may take part in a mean, so that the plate has a smear there."""
+def test_clean_plate_excludes_standing_person() -> None:
+    """The folds of a shirt differ by less than the limit of the mean, so the plate has a smear there."""
     film = filmed(noise=1.0)
     for frame in range(FRAMES):
         film[frame, 0, 6:26, 8:28] = 110 + 8 * np.sin(0.3 * np.arange(20) + 1.7 * frame)[:, None]

@@ -1,3 +1,5 @@
+"""Optical flow by DIS and RAFT."""
+
 import sys
 import types
 
@@ -13,7 +15,7 @@ from splatreel.motion.flow import RAFT, DisFlow, RaftFlow, make_flow
 def textured(height: int = 96, width: int = 128, seed: int = 0) -> np.ndarray:
     noise = np.random.default_rng(seed).random((height, width, 3)).astype(np.float32)
     smooth = cv2.GaussianBlur(noise, (0, 0), 2)
-    return np.uint8(255 * (smooth - smooth.min()) / (smooth.max() - smooth.min()))
+    return (255 * (smooth - smooth.min()) / (smooth.max() - smooth.min())).astype(np.uint8)
 
 
 def test_dis_measures_a_shift() -> None:
@@ -26,7 +28,7 @@ def test_dis_measures_a_shift() -> None:
 
 
 @pytest.mark.parametrize(("size", "closely"), [(8, False), (12, False), (12, True)])
-def test_dis_finds_what_is_small_and_fast_where_a_guess_says_to_look(size: int, closely: bool) -> None:
+def test_dis_finds_small_fast_content_from_guess(size: int, closely: bool) -> None:
     a, thing = textured() // 2, textured(size, size, seed=1)
     b = a.copy()
     a[40 : 40 + size, 30 : 30 + size], b[44 : 44 + size, 60 : 60 + size] = thing, thing
@@ -41,7 +43,7 @@ def test_dis_finds_what_is_small_and_fast_where_a_guess_says_to_look(size: int, 
     np.testing.assert_array_equal(guess, given, err_msg="the guess is only read")
 
 
-def test_dis_looks_closely_only_around_what_is_wanted(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_dis_uses_full_size_only_in_wanted_boxes(monkeypatch: pytest.MonkeyPatch) -> None:
     a = textured(192, 256)
     b = np.roll(a, (2, 3), (0, 1))
     wanted, nothing = np.zeros((192, 256), bool), np.zeros((192, 256), bool)
@@ -55,7 +57,7 @@ def test_dis_looks_closely_only_around_what_is_wanted(monkeypatch: pytest.Monkey
 
         def calc(self, a: np.ndarray, b: np.ndarray, guess: np.ndarray | None) -> np.ndarray:
             looked.append((self.finest, *a.shape))
-            return self.dis.calc(a, b, guess)
+            return self.dis.calc(a, b, guess)  # pyright: ignore[reportArgumentType, reportCallIssue]
 
     monkeypatch.setattr("splatreel.motion.flow._dis", Counted)
     flow = DisFlow()(a, b, None, wanted)
@@ -73,7 +75,7 @@ def test_dis_looks_closely_only_around_what_is_wanted(monkeypatch: pytest.Monkey
 
 
 @pytest.mark.parametrize("size", [(16, 40), (17, 17), (20, 300)])
-def test_dis_looks_closely_in_small_images(size: tuple[int, int]) -> None:
+def test_dis_uses_full_size_for_small_images(size: tuple[int, int]) -> None:
     a, wanted = textured(*size), np.zeros(size, bool)
     wanted[0, 0] = wanted[-1, -1] = True
     flow = DisFlow()(a, a, None, wanted)
@@ -81,15 +83,15 @@ def test_dis_looks_closely_in_small_images(size: tuple[int, int]) -> None:
     assert np.abs(flow).max() < 0.2
 
 
-def test_dis_takes_pictures_of_any_size_in_turn() -> None:
-    """OpenCV's object for a small picture ends the process when it sees a larger one."""
+def test_dis_accepts_alternating_image_sizes() -> None:
+    """An OpenCV object for a small image crashes the process if it is used for a larger one."""
     flow, sizes = DisFlow(), [(42, 68), (96, 128), (17, 30), (200, 260)]
     for height, width in sizes:
         a = textured(height, width)
         np.testing.assert_array_equal(flow(a, a[::-1]), DisFlow()(a, a[::-1]))
 
 
-def test_dis_takes_tiny_images() -> None:
+def test_dis_accepts_tiny_images() -> None:
     a = textured(9, 20)
     for guess in (None, np.zeros((9, 20, 2), np.float32)):
         flow = DisFlow()(a, a, guess)
@@ -97,13 +99,13 @@ def test_dis_takes_tiny_images() -> None:
         assert np.abs(flow).max() < 0.2
 
 
-def test_unknown_flow_is_refused() -> None:
+def test_make_flow_refuses_unknown_name() -> None:
     with pytest.raises(UsageError, match="'farneback'"):
         make_flow("farneback")
 
 
 class ConstantFlow(torch.nn.Module):
-    """Stands in for torchvision's RAFT: checks what it is given, answers a known flow after some worse ones."""
+    """Replacement of torchvision's RAFT. It checks its input, and returns worse flows before a known one."""
 
     def forward(self, a: torch.Tensor, b: torch.Tensor, num_flow_updates: int) -> list[torch.Tensor]:
         assert a.shape == b.shape
@@ -124,7 +126,7 @@ def test_raft_pads_scales_and_crops() -> None:
     np.testing.assert_array_equal(flow[:, 0, 1], np.arange(90))
 
 
-def test_real_raft_runs_with_random_weights() -> None:
+def test_raft_network_runs_with_random_weights() -> None:
     try:
         from torchvision.models.optical_flow import raft_small
     except (ImportError, RuntimeError):
@@ -138,19 +140,19 @@ def test_real_raft_runs_with_random_weights() -> None:
 def fake_torchvision(monkeypatch: pytest.MonkeyPatch) -> None:
     names = ("torchvision", "torchvision.models", "torchvision.models.optical_flow")
     modules = {name: types.ModuleType(name) for name in names}
-    modules[names[2]].raft_large = lambda weights: torch.nn.Linear(2, 2)
+    monkeypatch.setattr(modules[names[2]], "raft_large", lambda weights: torch.nn.Linear(2, 2), raising=False)
     for name, module in modules.items():
         monkeypatch.setitem(sys.modules, name, module)
 
 
-def test_raft_without_torchvision_says_what_to_install(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_raft_without_torchvision_names_package(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "torchvision", None)
     monkeypatch.setitem(sys.modules, "torchvision.models.optical_flow", None)
     with pytest.raises(MissingDependencyError, match=r"splatreel\[models\]"):
         make_flow("raft")
 
 
-def test_raft_without_weights_says_where_to_put_them(monkeypatch: pytest.MonkeyPatch, tmp_path) -> None:
+def test_raft_without_weights_names_path(monkeypatch: pytest.MonkeyPatch, tmp_path) -> None:
     fake_torchvision(monkeypatch)
     monkeypatch.setenv(RAFT.variable, str(tmp_path / "absent.pth"))
     with pytest.raises(MissingDependencyError, match=r"absent\.pth does not exist.*download\.pytorch\.org"):

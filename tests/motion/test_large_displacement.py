@@ -1,4 +1,4 @@
-"""A ball that was found leaps farther than it is large: where to is what all views agree on."""
+"""Large displacements: a ball leaps farther than its size."""
 
 import numpy as np
 
@@ -27,7 +27,7 @@ def moved(motion: np.ndarray) -> np.ndarray:
     return pictures(Gaussians(here.means + motion, here.quats, here.scales, here.opacities, here.sh))
 
 
-def test_a_leap_farther_than_the_ball_is_large_is_found() -> None:
+def test_large_displacement_finds_leap_beyond_object_size() -> None:
     here = pictures(ball())
     wrong = np.stack([error_masks(EMPTY, image).error for image in here])
     found = find_new_points(CAMERAS, here, sure(wrong), BACKGROUND, NEAR, NOTHING)
@@ -37,7 +37,7 @@ def test_a_leap_farther_than_the_ball_is_large_is_found() -> None:
     np.testing.assert_allclose(np.median(motion[on_it], 0), MOTION, atol=2 * PIXEL)
 
 
-def test_what_rests_and_what_vanishes_do_not_leap() -> None:
+def test_large_displacement_of_resting_or_vanished_object_is_zero() -> None:
     here = pictures(ball())
     points = ball().means[::10].astype(np.float32)
     sizes = np.full(len(points), 0.05, np.float32)
@@ -47,7 +47,7 @@ def test_what_rests_and_what_vanishes_do_not_leap() -> None:
         assert np.abs(motion).max() < PIXEL
 
 
-def test_a_few_points_are_no_thing() -> None:
+def test_large_displacement_ignores_few_points() -> None:
     here = pictures(ball())
     few = ball().means[:4].astype(np.float32)
     motion = large_displacements(few, np.full(4, 0.05, np.float32), CAMERAS, here, moved(MOTION), BACKGROUND, NEAR)

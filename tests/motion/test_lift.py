@@ -1,3 +1,5 @@
+"""Lifting of masks to labels of points."""
+
 import numpy as np
 import pytest
 
@@ -19,7 +21,7 @@ def quick(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def cameras() -> list[Camera]:
-    """Three cameras side by side that look along +z at a wall at depth 4."""
+    """Return three cameras side by side that look along +z at a wall at depth 4."""
     K = np.array([[60, 0, 32], [0, 60, 24], [0, 0, 1]])
     found = []
     for i, x in enumerate((-0.5, 0.0, 0.5)):
@@ -30,7 +32,7 @@ def cameras() -> list[Camera]:
 
 
 def wall() -> Gaussians:
-    """A wall of splats; the last point is behind the cameras."""
+    """Return a wall of splats; the last point is behind the cameras."""
     x, y = np.meshgrid(np.linspace(-2, 2, 30), np.linspace(-1.5, 1.5, 22))
     means = np.stack([x.ravel(), y.ravel(), np.full(x.size, 4.0)], 1)
     means = np.concatenate([means, [[0, 0, -5.0]]])
@@ -40,7 +42,7 @@ def wall() -> Gaussians:
 
 
 def right_masks() -> np.ndarray:
-    """Masks that cover the right part of the wall, from x = 0.5 on, as every camera sees it."""
+    """Return masks of the right part of the wall, from x = 0.5 on, for every camera."""
     masks = np.zeros((3, 48, 64), bool)
     for mask, camera in zip(masks, cameras(), strict=True):
         edge = (0.5 - camera.center[0]) / 4 * 60 + 32
@@ -49,7 +51,7 @@ def right_masks() -> np.ndarray:
 
 
 @pytest.mark.parametrize("config", [VOTE, OPTIMISE], ids=["vote", "optimize"])
-def test_labels_follow_the_masks(config: LayeringConfig) -> None:
+def test_lift_labels_follow_masks(config: LayeringConfig) -> None:
     points = wall()
     moving = points.means[:, 0] > 0.5
     labels = lift(points, cameras(), right_masks(), NEAR, config)
@@ -73,7 +75,7 @@ def test_nothing_moves_and_everything_moves(config: LayeringConfig) -> None:
     assert everything[-1] == 0, "a point that no camera sees is static"
 
 
-def test_a_hidden_point_is_not_moved_by_what_is_in_front(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_lift_hidden_point_stays_static(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(lifting, "NEIGHBORS", 0)
     """Votes are weighted by what reaches the pixel: a moving wall in front says nothing about one far behind it."""
     front, points = wall(), wall()
@@ -91,19 +93,19 @@ def test_a_hidden_point_is_not_moved_by_what_is_in_front(monkeypatch: pytest.Mon
     assert (labels[: len(left)][seen] > 0.8).all()
 
 
-def test_one_point_and_no_point() -> None:
+def test_lift_one_point_and_no_point() -> None:
     one = wall()[np.array([330])]
     assert lift(one, cameras(), np.ones((3, 48, 64), bool), NEAR, VOTE)[0] > 0.99
     assert lift(one, cameras(), np.ones((3, 48, 64), bool), NEAR, OPTIMISE)[0] > 0.9
     assert lift(Gaussians.empty(), cameras(), np.ones((3, 48, 64), bool), NEAR, VOTE).shape == (0,)
 
 
-def test_masks_of_another_size_are_refused() -> None:
+def test_lift_refuses_masks_of_other_size() -> None:
     with pytest.raises(ReconstructionError, match=r"\(3, 24, 32\)"):
         lift(wall(), cameras(), np.ones((3, 24, 32), bool), NEAR, VOTE)
 
 
-def test_shares_are_of_what_cameras_see() -> None:
+def test_shares_are_nan_for_unseen_points() -> None:
     points = wall()
     found, x = shares(points, cameras(), right_masks(), NEAR), points.means[:-1, 0]
     assert np.isnan(found[-1]), "it is behind all cameras"

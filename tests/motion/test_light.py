@@ -1,4 +1,4 @@
-"""A wall part of which lies in shadow for some frames, while a cluster of blots passes before it."""
+"""Changes of light: a part of a wall is in shadow for some frames, while a cluster passes in front of it."""
 
 import numpy as np
 import pytest
@@ -20,7 +20,7 @@ WELL_INSIDE = (WALL.means[:, :2] > [0.5, -0.5]).all(1) & (WALL.means[:, :2] < [1
 
 
 def film(light: np.ndarray, *passing: Gaussians, noise: float = 1.0) -> np.ndarray:
-    """[T, C, H, W, 3] pictures of the wall in a light [T, N], before it what passes by two tenths a frame."""
+    """Return images [T, C, H, W, 3] of the wall with light [T, N], and of a cluster that moves by 0.2 per frame."""
     rng, lit, frames = np.random.default_rng(0), RelitPoints(WALL, light), []
     for t in range(FRAMES):
         identity = [np.tile([1.0, 0, 0, 0], (len(thing), 1)) for thing in passing]
@@ -32,13 +32,13 @@ def film(light: np.ndarray, *passing: Gaussians, noise: float = 1.0) -> np.ndarr
 
 
 def shadow(first: int, last: int) -> np.ndarray:
-    """[T, N] a light in which some of the wall is dark from a frame to another."""
+    """Return light [T, N] with a shadow on a part of the wall between two frames."""
     light = np.zeros((FRAMES, len(WALL)), np.float32)
     light[first : last + 1, INSIDE] = DARK
     return light
 
 
-def test_a_shadow_is_found_where_and_when_it_is() -> None:
+def test_light_finds_shadow_in_space_and_time() -> None:
     light = changes_of_light(WALL, CAMERAS, film(shadow(3, 5)), NEAR)
     assert light.shape == (FRAMES, len(WALL))
     dark = light[3:6, WELL_INSIDE]
@@ -52,31 +52,31 @@ def test_a_shadow_is_found_where_and_when_it_is() -> None:
     assert not light[:, far].any()
 
 
-def test_what_is_lit_is_found_too() -> None:
+def test_light_finds_brightening() -> None:
     light = changes_of_light(WALL, CAMERAS, film(-0.6 * shadow(3, 5)), NEAR)
     assert (light[3:6, WELL_INSIDE] > MIN_CHANGE).mean() > 0.5
 
 
-def test_what_passes_before_a_wall_is_no_shadow() -> None:
+def test_light_ignores_passing_object() -> None:
     light = changes_of_light(WALL, CAMERAS, film(0 * shadow(3, 5), THING), NEAR)
     assert (light != 0).any(0).mean() < 0.02
     with_shadow = changes_of_light(WALL, CAMERAS, film(shadow(3, 5), THING), NEAR)
     assert (with_shadow[3:6, WELL_INSIDE] < -MIN_CHANGE).mean() > 0.6
 
 
-def test_a_flash_of_one_frame_and_noise_are_nothing() -> None:
+def test_light_ignores_single_frame_and_noise() -> None:
     assert not changes_of_light(WALL, CAMERAS, film(shadow(4, 4)), NEAR).any()
     assert (changes_of_light(WALL, CAMERAS, film(0 * shadow(1, 1), noise=8), NEAR) != 0).any(0).mean() < 0.02
 
 
-def test_one_camera_that_grows_dark_is_not_the_light() -> None:
+def test_light_ignores_change_of_one_camera() -> None:
     frames = film(0 * shadow(3, 5))
     frames[3:6, 1] //= 2
     assert 1 / len(CAMERAS) < AGREE
     assert not changes_of_light(WALL, CAMERAS, frames, NEAR).any()
 
 
-def test_what_changes_as_all_light_does_is_left_alone() -> None:
+def test_light_ignores_change_of_whole_scene() -> None:
     light = np.full((FRAMES, len(WALL)), DARK, np.float32)
     light[:2] = 0
     assert not changes_of_light(WALL, CAMERAS, film(light), NEAR).any()
@@ -85,7 +85,7 @@ def test_what_changes_as_all_light_does_is_left_alone() -> None:
     assert (found[:, ~INSIDE] != 0).any(0).mean() < 0.05
 
 
-def test_of_too_many_the_strongest_changes_are_kept(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_light_keeps_strongest_changes(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(module, "MOST", 0.01)
     found = (changes_of_light(WALL, CAMERAS, film(shadow(3, 5)), NEAR) != 0).any(0)
     assert found.sum() == 9
@@ -93,9 +93,9 @@ def test_of_too_many_the_strongest_changes_are_kept(monkeypatch: pytest.MonkeyPa
 
 
 @pytest.mark.parametrize("frames", [1, 2])
-def test_too_few_frames_tell_nothing(frames: int) -> None:
+def test_light_of_too_few_frames_is_zero(frames: int) -> None:
     assert not changes_of_light(WALL, CAMERAS, film(shadow(1, 5))[:frames], NEAR).any()
 
 
-def test_no_points() -> None:
+def test_light_without_points() -> None:
     assert changes_of_light(Gaussians.empty(0), CAMERAS, film(shadow(3, 5)), NEAR).shape == (FRAMES, 0)

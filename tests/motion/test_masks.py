@@ -1,3 +1,5 @@
+"""Motion masks and their completion."""
+
 from dataclasses import replace
 
 import cv2
@@ -14,11 +16,11 @@ CONFIG = LayeringConfig()
 
 def noise(height: int, width: int, seed: int) -> np.ndarray:
     smooth = cv2.GaussianBlur(np.random.default_rng(seed).random((height, width, 3)).astype(np.float32), (0, 0), 1.5)
-    return np.uint8(255 * (smooth - smooth.min()) / (smooth.max() - smooth.min()))
+    return (255 * (smooth - smooth.min()) / (smooth.max() - smooth.min())).astype(np.uint8)
 
 
 def sliding_square(steps: list[int]) -> np.ndarray:
-    """A textured square of 30 pixels that lies `steps` pixels to the right of its start; [T, 1, H, W, 3]."""
+    """Return a textured square of 30 pixels, `steps` pixels to the right of its start; [T, 1, H, W, 3]."""
     background, square = noise(100, 160, 0), noise(30, 30, 1)
     frames = np.repeat(background[None, None], len(steps), 0).copy()
     for frame, step in zip(frames, steps, strict=True):
@@ -27,17 +29,17 @@ def sliding_square(steps: list[int]) -> np.ndarray:
 
 
 class ConstantFlow:
-    """Everything goes the same way, so many pixels in pictures of a width; smaller ones show it smaller."""
+    """Constant flow in pixels of an image of a certain width; smaller images have less."""
 
     def __init__(self, pixels: float, width: int | None = None) -> None:
         self.pixels, self.width = pixels, width
 
-    def __call__(self, a: np.ndarray, b: np.ndarray) -> np.ndarray:
+    def __call__(self, a: np.ndarray, b: np.ndarray, guess=None, wanted=None) -> np.ndarray:
         scale = a.shape[1] / (self.width or a.shape[1])
         return np.full((*a.shape[:2], 2), self.pixels * scale / np.sqrt(2), np.float32)
 
 
-def test_a_moving_square_is_found() -> None:
+def test_masks_find_moving_square() -> None:
     mask = motion_masks(sliding_square([0, 2, 4, 6]), DisFlow(), CONFIG)[0]
     assert mask[42:68, 42:68].mean() > 0.95
     assert mask[:25].sum() == 0
@@ -45,22 +47,22 @@ def test_a_moving_square_is_found() -> None:
     assert mask[:, 100:].sum() == 0
 
 
-def test_what_returns_is_only_seen_by_frames_in_between() -> None:
+def test_masks_find_returning_motion_by_intermediate_frames() -> None:
     frames = sliding_square([0, 3, 6, 3, 0])
     assert not motion_masks(frames, DisFlow(), replace(CONFIG, flow_frames=1)).any()
     assert motion_masks(frames, DisFlow(), replace(CONFIG, flow_frames=4))[0, 42:68, 42:68].mean() > 0.95
 
 
 class FlowWhereDifferent:
-    """5 pixels wherever the frames differ, in the same direction both ways: a flow that never returns."""
+    """Flow of 5 pixels wherever the frames differ, the same in both directions: it never returns."""
 
-    def __call__(self, a: np.ndarray, b: np.ndarray) -> np.ndarray:
+    def __call__(self, a: np.ndarray, b: np.ndarray, guess=None, wanted=None) -> np.ndarray:
         flow = np.zeros((*a.shape[:2], 2), np.float32)
         flow[(a != b).any(-1), 0] = 5
         return flow
 
 
-def test_background_that_something_passes_stays_static() -> None:
+def test_masks_exclude_passed_background() -> None:
     frames = np.repeat(noise(100, 160, 0)[None, None], 8, 0)
     frames[3, 0, 40:70, 44:74] = 255 - frames[3, 0, 40:70, 44:74]
     alone = motion_masks(frames[[0, 3]], FlowWhereDifferent(), replace(CONFIG, flow_frames=1))[0]
@@ -70,7 +72,7 @@ def test_background_that_something_passes_stays_static() -> None:
     assert motion_masks(frames, FlowWhereDifferent(), CONFIG)[0, 42:68, 46:72].all()
 
 
-def test_what_starts_late_is_found() -> None:
+def test_masks_find_late_motion() -> None:
     mask = motion_masks(sliding_square([0, 0, 0, 0, 0, 0, 0, 3]), DisFlow(), CONFIG)[0]
     assert mask[44:66, 44:64].mean() > 0.8
 
@@ -82,7 +84,7 @@ def test_nothing_moves_and_everything_moves() -> None:
     assert motion_masks(changing, ConstantFlow(5), CONFIG).all()
 
 
-def test_the_flow_threshold_follows_the_width() -> None:
+def test_flow_threshold_scales_with_width() -> None:
     frames = np.stack([noise(20, 1352, s) for s in range(2)])[:, None]
     assert not motion_masks(frames, ConstantFlow(1.9, 1352), CONFIG).any()
     assert motion_masks(frames, ConstantFlow(2.1, 1352), CONFIG).all()
@@ -91,12 +93,12 @@ def test_the_flow_threshold_follows_the_width() -> None:
     assert not motion_masks(frames[:, :, :, :64], ConstantFlow(0.4), CONFIG).any(), "half a pixel is noise at any width"
 
 
-def test_large_pictures_are_looked_at_in_small() -> None:
-    """The same scene four and eight times as large: the same flow is computed, and the masks fit the pictures."""
+def test_masks_of_large_images_use_small_flow() -> None:
+    """The scene at four and eight times the size has the same flow, and masks of the image size."""
     small, widths = sliding_square([0, 2, 4, 6]), []
     dis = DisFlow()
 
-    def flow(a: np.ndarray, b: np.ndarray) -> np.ndarray:
+    def flow(a: np.ndarray, b: np.ndarray, guess=None, wanted=None) -> np.ndarray:
         widths.append(a.shape[1])
         return dis(a, b)
 
@@ -110,7 +112,7 @@ def test_large_pictures_are_looked_at_in_small() -> None:
     assert set(widths) == {ENOUGH_WIDTH}
 
 
-def test_flow_without_a_difference_is_noise() -> None:
+def test_masks_ignore_flow_without_color_change() -> None:
     frames = np.repeat(noise(40, 60, 0)[None, None], 2, 0)
     assert not motion_masks(frames, ConstantFlow(9), CONFIG).any()
 
@@ -131,27 +133,27 @@ def test_grabcut_completes_an_object_and_stops_at_its_border() -> None:
     rng = np.random.default_rng(0)
     image = np.where(disc(20)[..., None], [200, 40, 40], [40, 90, 160]) + rng.integers(-8, 8, (120, 160, 3))
     seed = disc(17)
-    completed = GrabCutSegmenter(reach=0.05).complete(seed[None], np.uint8(image)[None])[0]
+    completed = GrabCutSegmenter(reach=0.05).complete(seed[None], image.astype(np.uint8)[None])[0]
     assert (completed & disc(20)).sum() / disc(20).sum() > 0.97
     assert (completed & ~disc(21)).sum() == 0
 
 
-def test_grabcut_does_not_run_away() -> None:
+def test_grabcut_does_not_grow_without_border() -> None:
     rng = np.random.default_rng(0)
-    image = np.uint8(120 + rng.integers(-8, 8, (120, 160, 3)))
+    image = (120 + rng.integers(-8, 8, (120, 160, 3))).astype(np.uint8)
     completed = GrabCutSegmenter(reach=0.05).complete(disc(17)[None], image[None])[0]
     assert (completed & disc(17)).sum() == disc(17).sum()
     assert completed.sum() < 1.3 * disc(17).sum()
 
 
 @pytest.mark.parametrize("value", [False, True])
-def test_grabcut_leaves_empty_and_full_masks(value: bool) -> None:
+def test_grabcut_keeps_empty_and_full_masks(value: bool) -> None:
     masks = np.full((2, 40, 60), value)
     images = np.stack([noise(40, 60, s) for s in range(2)])
     np.testing.assert_array_equal(GrabCutSegmenter().complete(masks, images), masks)
 
 
-def test_segmenters_by_name() -> None:
+def test_make_segmenter_by_name() -> None:
     assert make_segmenter("none") is None
     assert isinstance(make_segmenter("grabcut"), GrabCutSegmenter)
     with pytest.raises(UsageError, match="'watershed'"):

@@ -1,4 +1,4 @@
-"""A ball that the scene lacks: the views see it, and it is found where it is."""
+"""New points for a ball that the scene lacks."""
 
 import numpy as np
 
@@ -15,7 +15,7 @@ CENTER, RADIUS = np.array([0.3, -0.1, 0.2]), 0.35
 
 
 def ball() -> Gaussians:
-    """Opaque points on a sphere, in colors that vary slowly and are never the background's."""
+    """Return opaque points on a sphere, in slowly varying colors that differ from the background."""
     directions = np.random.default_rng(0).normal(size=(1500, 3))
     means = CENTER + RADIUS * directions / np.linalg.norm(directions, axis=1, keepdims=True)
     count = len(means)
@@ -37,11 +37,11 @@ NOTHING = np.zeros((0, 3), np.float32)
 
 
 def sure(wrong: np.ndarray) -> ErrorMasks:
-    """No view has mere doubts."""
+    """Return masks without uncertain pixels."""
     return ErrorMasks(wrong, wrong)
 
 
-def test_a_missing_ball_is_found_where_it_is() -> None:
+def test_new_points_find_missing_ball() -> None:
     images = pictures(ball())
     wrong = np.stack([error_masks(EMPTY, image).error for image in images])
     found = find_new_points(CAMERAS, images, sure(wrong), BACKGROUND, NEAR, NOTHING)
@@ -57,7 +57,7 @@ def test_a_missing_ball_is_found_where_it_is() -> None:
     assert (found.sizes < 4 * PIXEL).all()
 
 
-def test_the_same_seed_finds_the_same() -> None:
+def test_new_points_are_deterministic_per_seed() -> None:
     images = pictures(ball())
     wrong = np.stack([error_masks(EMPTY, image).error for image in images])
     a, b = (find_new_points(CAMERAS, images, sure(wrong), BACKGROUND, NEAR, NOTHING, seed=3) for _ in range(2))
@@ -65,14 +65,14 @@ def test_the_same_seed_finds_the_same() -> None:
     np.testing.assert_array_equal(a.points, b.points)
 
 
-def test_where_nothing_is_wrong_nothing_is_found() -> None:
+def test_new_points_without_errors_are_empty() -> None:
     images = pictures(ball())
     found = find_new_points(CAMERAS, images, sure(np.zeros((5, HEIGHT, WIDTH), bool)), BACKGROUND, NEAR, NOTHING)
     assert found.points.shape == found.colors.shape == (0, 3)
     assert found.sizes.shape == (0,)
 
 
-def test_what_one_or_two_views_call_wrong_is_not_found() -> None:
+def test_new_points_need_three_views() -> None:
     images = pictures(ball())
     wrong = np.stack([error_masks(EMPTY, image).error for image in images])
     for views in (1, 2):
@@ -81,7 +81,7 @@ def test_what_one_or_two_views_call_wrong_is_not_found() -> None:
         assert len(find_new_points(CAMERAS, images, sure(few), BACKGROUND, NEAR, NOTHING).points) == 0
 
 
-def test_views_that_disagree_on_the_colour_find_nothing() -> None:
+def test_new_points_need_agreeing_colors() -> None:
     images = pictures(ball())
     wrong = np.stack([error_masks(EMPTY, image).error for image in images])
     for c, image in enumerate(images):
@@ -89,7 +89,7 @@ def test_views_that_disagree_on_the_colour_find_nothing() -> None:
     assert len(find_new_points(CAMERAS, images, sure(wrong), BACKGROUND, NEAR, NOTHING).points) == 0
 
 
-def test_nothing_is_found_behind_what_the_scene_shows() -> None:
+def test_new_points_are_not_behind_visible_surface() -> None:
     images = pictures(ball())
     wrong = np.stack([error_masks(EMPTY, image).error for image in images])
     found = find_new_points(CAMERAS, images, sure(wrong), np.full_like(BACKGROUND, 2.0), NEAR, NOTHING)
@@ -98,8 +98,8 @@ def test_nothing_is_found_behind_what_the_scene_shows() -> None:
         assert (depth < 3).all(), "the ball is four units away, behind a surface at two"
 
 
-def test_a_view_that_something_stands_before_has_no_say() -> None:
-    """Somebody known stands before the ball in two of five views: these show nothing wrong, and cannot."""
+def test_new_points_ignore_occluded_views() -> None:
+    """A known person stands in front of the ball in two of five views, which therefore show no error."""
     images = pictures(ball())
     wrong = np.stack([error_masks(EMPTY, image).error for image in images])
     wrong[:2] = False
@@ -111,8 +111,8 @@ def test_a_view_that_something_stands_before_has_no_say() -> None:
     assert np.median(np.abs(np.linalg.norm(found.points - CENTER, axis=1) - RADIUS)) < 2 * PIXEL
 
 
-def test_what_few_views_call_wrong_is_borne_out_by_doubts_unless_something_moves_there() -> None:
-    """As with a thing that only two or three views see before a wall of another color."""
+def test_uncertain_masks_confirm_errors_away_from_moving_points() -> None:
+    """Only two or three views see an object in front of a wall of another color."""
     images = pictures(ball())
     wrong = np.stack([error_masks(EMPTY, image).error for image in images])
     uncertain = wrong.copy()
@@ -127,7 +127,7 @@ def test_what_few_views_call_wrong_is_borne_out_by_doubts_unless_something_moves
     assert len(close.points) < 0.2 * len(found.points), "those that are not on the ball"
 
 
-def test_a_pale_thing_is_doubted_where_it_is_not_called_wrong() -> None:
+def test_error_masks_mark_pale_object_uncertain() -> None:
     truth = np.full((HEIGHT, WIDTH, 3), 110, np.uint8)
     picture = np.full((HEIGHT, WIDTH, 3), 110 / 255, np.float32)
     truth[20:40, 30:60] = 110 + round(0.07 * 255)
@@ -137,7 +137,7 @@ def test_a_pale_thing_is_doubted_where_it_is_not_called_wrong() -> None:
     assert found.uncertain.sum() < 24 * 34
 
 
-def test_noise_and_thin_edges_are_not_wrong() -> None:
+def test_error_masks_ignore_noise_and_thin_edges() -> None:
     truth = np.random.default_rng(0).integers(90, 130, (HEIGHT, WIDTH, 3)).astype(np.uint8)
     picture = np.full((HEIGHT, WIDTH, 3), 110 / 255, np.float32)
     assert not error_masks(picture, truth).error.any()

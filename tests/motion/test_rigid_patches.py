@@ -1,4 +1,4 @@
-"""A thin bar that swings farther than it is wide: flow does not find_new_points it, its colors in all views do."""
+"""Rigid patches: a thin bar swings farther than its width, so that flow misses it."""
 
 import itertools
 
@@ -20,7 +20,7 @@ LENGTH = 0.9
 
 
 def bar() -> Gaussians:
-    """Thin, white and blue in turns."""
+    """Return a thin bar with white and blue parts."""
     x, side = np.meshgrid(np.linspace(0, LENGTH, 46), np.linspace(-0.03, 0.03, 3), indexing="ij")
     means = np.stack([x.ravel(), side.ravel(), np.zeros(x.size)], 1)
     sh = np.where((means[:, :1] * 5 % 1 < 0.5), [[1.6, 1.6, 1.6]], [[-1.5, -1.2, 1.2]])[:, None]
@@ -29,7 +29,7 @@ def bar() -> Gaussians:
 
 
 def swing(frames: int) -> np.ndarray:
-    """[T, N, 3]: it begins to turn about its end, faster and faster, up to 0.35 a frame."""
+    """Return positions [T, N, 3] of a bar that turns about its end with growing speed, up to 0.35 per frame."""
     angles = np.concatenate([[0], np.cumsum(np.minimum(0.05 * np.arange(1, frames), 0.35))]) - 0.8
     turns = np.stack([[[np.cos(a), -np.sin(a), 0], [np.sin(a), np.cos(a), 0], [0, 0, 1]] for a in angles])
     return np.einsum("tij,nj->tni", turns, bar().means).astype(np.float32)
@@ -46,7 +46,7 @@ def eyes(means: np.ndarray, cameras: list[Camera] = CAMERAS) -> Views:
     return Views(poses, lenses, pictures(means), depths, np.float32(NEAR))
 
 
-def test_a_bar_that_swings_is_kept() -> None:
+def test_rigid_patches_track_swinging_bar() -> None:
     truth = swing(10)
     assert np.median(np.linalg.norm(truth[-1] - truth[-2], axis=1)) > 2 * 0.06, "twice its width a frame"
     frames = np.stack([pictures(means) for means in truth])
@@ -61,7 +61,7 @@ def test_a_bar_that_swings_is_kept() -> None:
     assert np.percentile(np.linalg.norm(alone.positions[-1] - truth[-1], axis=1), 90) > 0.5
 
 
-def test_colours_follow_the_light_where_flow_fits() -> None:
+def test_rigid_patches_colors_follow_light() -> None:
     truth = np.repeat(swing(2)[:1], 9, axis=0)
     light = [eyes(truth[0])._replace(pictures=(pictures(truth[0]) * (1 - 0.01 * t)).astype(np.uint8)) for t in range(9)]
     still, parts = np.zeros_like(truth[0]), RigidPatches(truth[0], light[0])
@@ -72,7 +72,7 @@ def test_colours_follow_the_light_where_flow_fits() -> None:
     assert parts.colors[bright].mean() < 0.97 * first[bright].mean()
 
 
-def test_flow_that_fits_the_pictures_stays() -> None:
+def test_rigid_patches_keep_correct_flow() -> None:
     truth = swing(4)
     now, then = eyes(truth[2]), eyes(truth[3])
     flow = truth[3] - truth[2]
@@ -80,8 +80,8 @@ def test_flow_that_fits_the_pictures_stays() -> None:
     assert np.abs(motion - flow).max() < 0.06, "its width"
 
 
-def test_what_vanishes_goes_where_flow_says() -> None:
-    """No move explains pictures in which it is not there."""
+def test_rigid_patches_of_vanished_object_keep_flow() -> None:
+    """No motion explains images without the object."""
     truth = swing(4)
     now, gone = eyes(truth[2]), eyes(truth[3] + [0, 90, 0])
     flow = np.full_like(truth[2], 0.01)
@@ -90,7 +90,7 @@ def test_what_vanishes_goes_where_flow_says() -> None:
     assert np.mean(np.abs(motion - flow).max(1) > 0) < 0.5
 
 
-def test_few_points_go_with_the_flow() -> None:
+def test_rigid_patches_of_few_points_keep_flow() -> None:
     truth = swing(2)
     few = truth[:, :5]
     now, then = eyes(truth[0]), eyes(truth[1])

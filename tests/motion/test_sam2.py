@@ -1,3 +1,5 @@
+"""Completion of masks by SAM2, with a replaced predictor."""
+
 import sys
 import types
 from pathlib import Path
@@ -13,7 +15,7 @@ from splatreel.motion.sam2 import SAM2, Sam2Segmenter, object_prompts
 
 
 class Predictor:
-    """Stands in for SAM2's video predictor: an object is every pixel of a view that is as bright as the prompted ones."""
+    """Replacement of SAM2's video predictor. An object is every pixel of a view that is as bright as the prompted ones."""
 
     def init_state(self, video_path: str) -> dict:
         files = sorted(Path(video_path).glob("*.jpg"))
@@ -34,7 +36,7 @@ class Predictor:
 
 
 def scene() -> tuple[np.ndarray, np.ndarray]:
-    """Three views of a bright box that moves with the view; the mask covers half of it in the middle view only."""
+    """Return three views of a bright box that moves with the view; the mask covers half of it in the middle view."""
     images = np.full((3, 64, 96, 3), 30, np.uint8)
     for v in range(3):
         images[v, 16:48, 16 + 8 * v : 48 + 8 * v] = 220
@@ -43,7 +45,7 @@ def scene() -> tuple[np.ndarray, np.ndarray]:
     return masks, images
 
 
-def test_objects_are_completed_in_all_views() -> None:
+def test_sam2_completes_objects_in_all_views() -> None:
     masks, images = scene()
     completed = Sam2Segmenter(predictor=Predictor()).complete(masks, images)
     for v in range(3):
@@ -52,12 +54,12 @@ def test_objects_are_completed_in_all_views() -> None:
     assert masks.sum() == 16 * 32, "the masks given are not written to"
 
 
-def test_an_empty_mask_prompts_nothing() -> None:
+def test_sam2_empty_mask_prompts_nothing() -> None:
     masks, images = scene()
     assert not Sam2Segmenter(predictor=Predictor()).complete(np.zeros_like(masks), images).any()
 
 
-def test_prompts_lie_in_their_parts_largest_first() -> None:
+def test_object_prompts_lie_in_parts_largest_first() -> None:
     mask = np.zeros((50, 70), bool)
     mask[5:15, 5:15] = True
     mask[20:45, 30:60] = True
@@ -72,13 +74,15 @@ def test_prompts_lie_in_their_parts_largest_first() -> None:
     assert len(object_prompts(mask, objects=1, points=5, seed=0)) == 1
 
 
-def test_without_the_package_or_weights(monkeypatch: pytest.MonkeyPatch, tmp_path) -> None:
+def test_sam2_without_package_or_weights_raises(monkeypatch: pytest.MonkeyPatch, tmp_path) -> None:
     monkeypatch.setitem(sys.modules, "sam2", None)
     monkeypatch.setitem(sys.modules, "sam2.build_sam", None)
     with pytest.raises(MissingDependencyError, match=r"splatreel\[models\]"):
         make_segmenter("sam2")
     package, build = types.ModuleType("sam2"), types.ModuleType("sam2.build_sam")
-    build.build_sam2_video_predictor = lambda config, path, device: (config, path, device)
+    monkeypatch.setattr(
+        build, "build_sam2_video_predictor", lambda config, path, device: (config, path, device), raising=False
+    )
     monkeypatch.setitem(sys.modules, "sam2", package)
     monkeypatch.setitem(sys.modules, "sam2.build_sam", build)
     weights = tmp_path / "weights.pt"

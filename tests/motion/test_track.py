@@ -1,4 +1,4 @@
-"""A patch of points moves in front of a wall: its tracks are known exactly."""
+"""Tracks of a patch of points that moves in front of a wall."""
 
 import tracemalloc
 
@@ -20,7 +20,7 @@ STEP = np.array([0.06, -0.03, 0.02])
 
 
 def sheet(x: np.ndarray, y: np.ndarray, z: float, size: float, seed: int) -> Gaussians:
-    """Opaque points in rows and columns, facing the cameras, in colors that vary over a few of them."""
+    """Return opaque points in rows and columns, facing the cameras, in smoothly varying colors."""
     means = np.stack(np.meshgrid(x, y, [z], indexing="ij"), -1).reshape(-1, 3)
     count = len(means)
     waves = np.random.default_rng(seed).normal(size=(3, 12, 3)) * [1 / size, 1 / size, 0] * 0.35
@@ -34,7 +34,7 @@ PATCH = sheet(np.linspace(-0.6, 0.6, 13), np.linspace(-0.5, 0.5, 11), 0.0, 0.06,
 
 
 def paths(points: Gaussians, frames: int, turn: float = 0.0) -> np.ndarray:
-    """[T, N, 3]: the points move by STEP and turn by `turn` about z in every frame."""
+    """Return positions [T, N, 3] of points that move by STEP and turn by `turn` about z in every frame."""
     found = []
     for t in range(frames):
         c, s = np.cos(turn * t), np.sin(turn * t)
@@ -47,14 +47,14 @@ def at(points: Gaussians, means: np.ndarray) -> Gaussians:
 
 
 def project(means: np.ndarray, camera: Camera) -> tuple[np.ndarray, np.ndarray]:
-    """[N, 2] pixels and [N] depth."""
+    """Return [N, 2] pixels and [N] depth."""
     local = means @ camera.viewmat[:3, :3].T + camera.viewmat[:3, 3]
     pixels = local @ camera.K.T
     return pixels[:, :2] / pixels[:, 2:], local[:, 2]
 
 
 def furthest(tracks: np.ndarray, truth: np.ndarray) -> float:
-    """The largest error of any track in any view and frame, pixels."""
+    """Return the largest error of any track in any view and frame, pixels."""
     errors = [
         np.abs(project(a, camera)[0] - project(b, camera)[0]).max()
         for camera in CAMERAS
@@ -68,7 +68,7 @@ def white(points: Gaussians) -> Gaussians:
 
 
 class TrueFlow:
-    """The flow of known paths [T, N, 3], still where none is near. Frames carry their number and camera in their first pixel."""
+    """Flow of known paths [T, N, 3], zero away from them. Frames store their number and camera in their first pixel."""
 
     def __init__(self, truth: np.ndarray) -> None:
         self.truth = truth
@@ -90,7 +90,7 @@ class TrueFlow:
 
 
 def follow(tracker: Tracker, points: Gaussians, start: int = 0) -> np.ndarray:
-    """[T, N, 3] positions at every frame of points that are in place at frame `start`."""
+    """Return the tracks [T, N, 3] of points that are in place at frame `start`."""
     track = PointTracks(points, start)
     for frame in range(start, len(tracker.frames) - 1):
         tracker.step([track], frame)
@@ -103,7 +103,7 @@ def track(truth: np.ndarray, points: Gaussians, static: Gaussians = WALL, start:
     return follow(Tracker(static, CAMERAS, flow.frames(), flow, NEAR), at(points, truth[start]), start)
 
 
-def test_points_follow_a_true_flow() -> None:
+def test_tracks_follow_true_flow() -> None:
     truth = paths(PATCH, 6, turn=0.04)
     tracks = track(truth, PATCH)
     assert tracks.shape == truth.shape
@@ -113,8 +113,8 @@ def test_points_follow_a_true_flow() -> None:
     assert furthest(truth[[0] * 6], truth) > 8, "the points do move"
 
 
-def test_what_rested_is_followed_from_there_only() -> None:
-    """Points that stood until frame 2: forth as always, and back they are where they stood, whatever flow says."""
+def test_rested_points_are_tracked_from_start_only() -> None:
+    """Points rest until frame 2. Backward they stay in place, whatever the flow."""
     truth = paths(PATCH, 6, turn=0.04)
     tracker = Tracker(WALL, CAMERAS, TrueFlow(truth).frames(), TrueFlow(truth), NEAR)
     track = PointTracks(at(PATCH, truth[2]), 2, rested=True)
@@ -128,7 +128,7 @@ def test_what_rested_is_followed_from_there_only() -> None:
     assert furthest(tracks[2:], truth[2:]) < 1
 
 
-def test_points_follow_the_flow_of_pictures() -> None:
+def test_tracks_follow_flow_of_images() -> None:
     truth = paths(PATCH, 5, turn=0.03)
     images = [
         [render_image(Gaussians.concatenate([WALL, at(PATCH, means)]), camera, near=NEAR) for camera in CAMERAS]
@@ -149,7 +149,7 @@ def test_points_follow_the_flow_of_pictures() -> None:
 
 
 @pytest.mark.parametrize("start", [2, 5])
-def test_points_found_later_are_followed_both_ways(start: int) -> None:
+def test_later_points_are_tracked_both_ways(start: int) -> None:
     truth = paths(PATCH, 6)
     tracks = track(truth, PATCH, start=start)
     assert tracks.shape == truth.shape
@@ -157,8 +157,8 @@ def test_points_found_later_are_followed_both_ways(start: int) -> None:
     assert furthest(tracks, truth) < 1
 
 
-def test_hidden_points_go_with_their_neighbors() -> None:
-    """A bar stands in front of three columns of the patch, in every view."""
+def test_hidden_points_follow_neighbors() -> None:
+    """A bar hides three columns of the patch in every view."""
     bar = sheet(np.array([-0.1, 0.0, 0.1]), np.linspace(-1, 1, 41), -0.35, 0.07, 2)
     truth = paths(PATCH, 4)
     tracks = track(truth, PATCH, Gaussians.concatenate([WALL, bar]))
@@ -168,8 +168,8 @@ def test_hidden_points_go_with_their_neighbors() -> None:
     assert furthest(truth[[0] * 4][:, hidden], truth[:, hidden]) > 3
 
 
-def test_points_nobody_sees_keep_their_velocity() -> None:
-    """The patch passes behind a screen for good."""
+def test_unseen_points_keep_velocity() -> None:
+    """The patch passes behind a screen and stays there."""
     small = PATCH[np.abs(PATCH.means).max(1) < 0.25]
     small = at(small, small.means - [1.3, 0, 0])
     step = np.array([0.2, 0, 0])
@@ -188,7 +188,7 @@ def test_points_nobody_sees_keep_their_velocity() -> None:
     np.testing.assert_allclose(late, np.broadcast_to(step, late.shape), atol=0.03)
 
 
-def test_what_is_thrown_is_kept_where_it_moves_as_far_as_it_is_large() -> None:
+def test_thrown_object_is_tracked() -> None:
     small = PATCH[np.abs(PATCH.means).max(1) < 0.25]
     way = np.arange(8) * (0.06 + 0.035 * np.arange(8))
     truth = (small.means + (way - 1.2)[:, None, None] * [1, 0, 0]).astype(np.float32)
@@ -218,7 +218,7 @@ def test_what_is_thrown_is_kept_where_it_moves_as_far_as_it_is_large() -> None:
     assert error(unguided, patches=True).max() < 0.15, "they need no flow"
 
 
-def test_no_point_and_one_point() -> None:
+def test_tracks_of_no_point_and_one_point() -> None:
     truth = paths(PATCH, 4)
     middle = np.abs(PATCH.means).sum(1).argmin(keepdims=True)
     flow = TrueFlow(truth)
@@ -226,7 +226,7 @@ def test_no_point_and_one_point() -> None:
     assert furthest(track(truth[:, middle], PATCH[middle]), truth[:, middle]) < 1
 
 
-def test_tracking_holds_the_flow_of_one_pair_of_frames() -> None:
+def test_tracking_keeps_flow_of_one_frame_pair() -> None:
     few = PATCH[::20]
     frames = np.zeros((24, len(CAMERAS), HEIGHT, WIDTH, 3), np.uint8)
     tracker = Tracker(
@@ -244,7 +244,7 @@ def test_tracking_holds_the_flow_of_one_pair_of_frames() -> None:
     assert peaks[1] < peaks[0] + 2 * pair
 
 
-def test_depths_are_those_of_the_nearer_surface() -> None:
+def test_depths_are_of_nearest_surface() -> None:
     truth = paths(PATCH, 2)
     flow = TrueFlow(truth)
     tracker = Tracker(WALL, CAMERAS, flow.frames(), flow, NEAR)

@@ -49,7 +49,7 @@ def test_another_name_is_refused_with_the_remedy():
         status, text = ask(server.url, "rebound.example:80")
         assert status == 421
         assert "--allow-host rebound.example" in text
-        assert ask(server.url, "x\x7f<script>") == (421, "The request does not say which host it is for.\n")
+        assert ask(server.url, "x\x7f<script>") == (421, "The request has no valid Host header.\n")
         assert ask(server.url, "localhost:1")[0] == 200
     with serve(GOLDEN, port=0, allow_hosts=["rebound.example"]) as server:
         assert ask(server.url, "rebound.example:80")[0] == 200

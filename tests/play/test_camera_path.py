@@ -40,7 +40,8 @@ def golden_paths() -> list[tuple[dict, list[float]]]:
     times = [0, 0.4, 2, 2.2, 5, 6]
     poses: list[np.ndarray] = []
     for i in range(len(times)):
-        turn = Rotation.random(random_state=0) * Rotation.from_rotvec(random.normal(0, 0.6, 3))
+        start = Rotation.random(random_state=0)  # pyright: ignore[reportCallIssue]
+        turn = start * Rotation.from_rotvec(random.normal(0, 0.6, 3))
         pose = np.eye(4)
         pose[:3, :3], pose[:3, 3] = turn.as_matrix(), random.normal(0, 2, 3)
         poses.append(poses[-1] if i == 3 else pose)

@@ -10,7 +10,7 @@ import pytest
 from splatreel.capture.soundtrack import RATE, read_sound
 from splatreel.kernels.image import render_image
 from splatreel.play.camera_path import CameraPath, Keyframe
-from splatreel.play.film import film_of, film_through, starts_in_step, write_film
+from splatreel.play.film import film_along_path, film_through_cameras, sound_start, write_film
 from splatreel.play.timeline import open_reel
 from splatreel.scene.camera import Camera
 from tests import flashes
@@ -24,7 +24,7 @@ def camera(x: float) -> Camera:
 
 
 def test_a_path_passes_the_nearest_camera_first_without_a_jump():
-    shots = film_through(camera(0), [camera(3), camera(0), camera(1), camera(2)], 31, 30, 5)
+    shots = film_through_cameras(camera(0), [camera(3), camera(0), camera(1), camera(2)], 31, 30, 5)
     assert [round(30 * seconds) for seconds, _ in shots] == list(range(5, 36))
     places = np.array([c.center[0] for _, c in shots])
     assert np.allclose(places[[0, 10, 20, 30]], [0, 1, 2, 3], atol=1e-4)
@@ -34,7 +34,7 @@ def test_a_path_passes_the_nearest_camera_first_without_a_jump():
 def test_a_path_keeps_the_lens_and_turns_smoothly():
     turned = camera(1).viewmat.copy()
     turned[:3, :3] = [[0, 0, 1], [0, 1, 0], [-1, 0, 0]]
-    path = [c for _, c in film_through(camera(0), [replace(camera(1), viewmat=turned)], 5, 30)]
+    path = [c for _, c in film_through_cameras(camera(0), [replace(camera(1), viewmat=turned)], 5, 30)]
     assert all(np.allclose(c.K, camera(0).K) for c in path)
     angles = [np.degrees(np.arccos(c.viewmat[2, 2])) for c in path]
     assert np.allclose(angles, [0, 22.5, 45, 67.5, 90], atol=1)
@@ -42,27 +42,27 @@ def test_a_path_keeps_the_lens_and_turns_smoothly():
 
 def test_without_other_cameras_it_stays():
     for cameras in ([], [camera(0)]):
-        assert [c.center[0] for _, c in film_through(camera(0), cameras, 3, 30)] == [0, 0, 0]
-    assert len(film_through(camera(0), [camera(1)], 1, 30)) == 1
+        assert [c.center[0] for _, c in film_through_cameras(camera(0), cameras, 3, 30)] == [0, 0, 0]
+    assert len(film_through_cameras(camera(0), [camera(1)], 1, 30)) == 1
 
 
 def test_a_film_of_a_path_has_its_seconds_its_times_and_the_lens():
     keyframes = [Keyframe(t, time, camera(x).viewmat) for t, time, x in [(0.0, 1.0, 0), (1.0, 2.0, 1), (2.0, 2.0, 1)]]
-    shots = film_of(CameraPath(keyframes), camera(9), 10)
+    shots = film_along_path(CameraPath(keyframes), camera(9), 10)
     assert len(shots) == 21
     assert [round(seconds, 6) for seconds, _ in shots[8:13]] == [1.8, 1.9, 2.0, 2.0, 2.0]
     assert all(np.allclose(c.K, camera(9).K) for _, c in shots)
     assert shots[15][1].center[0] == 1
-    assert len(film_of(CameraPath(keyframes, loop=True), camera(9), 10)) == 20
-    assert len(film_of(CameraPath(keyframes[:1]), camera(9), 10)) == 1
+    assert len(film_along_path(CameraPath(keyframes, loop=True), camera(9), 10)) == 20
+    assert len(film_along_path(CameraPath(keyframes[:1]), camera(9), 10)) == 1
 
 
 def test_knows_whether_time_goes_at_the_reels_pace():
     keyframes = [Keyframe(float(t), 3.0 + t, camera(t).viewmat) for t in range(3)]
-    assert starts_in_step(film_of(CameraPath(keyframes), camera(0), 30), 30) == 3
-    assert starts_in_step(film_through(camera(0), [camera(1)], 9, 30, 6), 30) == 0.2
+    assert sound_start(film_along_path(CameraPath(keyframes), camera(0), 30), 30) == 3
+    assert sound_start(film_through_cameras(camera(0), [camera(1)], 9, 30, 6), 30) == 0.2
     slow = [Keyframe(2 * k.at, k.time, k.viewmat) for k in keyframes]
-    assert starts_in_step(film_of(CameraPath(slow), camera(0), 30), 30) is None
+    assert sound_start(film_along_path(CameraPath(slow), camera(0), 30), 30) is None
 
 
 def test_the_film_shows_the_reel(tmp_path: Path):

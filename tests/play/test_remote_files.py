@@ -49,8 +49,11 @@ def test_a_server_fetches_from_a_bucket_what_it_is_asked_for(bucket, tmp_path):
         group = next(name for name in names if name.startswith("groups/0000"))
         bucket.client.put_object(Bucket=bucket.name, Key=f"reel/{group}", Body=b"x" * names[group])
         assert get(f"{server.url}reel/{group}")[0] == 200  # it is kept
-        server._http.config.app._files._files.clear()
-        assert get(f"{server.url}reel/{group}")[:2] == (502, b"This file cannot be fetched from where the reel lies.\n")
+        server._http.config.app._files._files.clear()  # pyright: ignore
+        assert get(f"{server.url}reel/{group}")[:2] == (
+            502,
+            b"The remote host of the reel does not deliver this file.\n",
+        )
         assert get(server.url)[0] == 200
 
 
@@ -101,7 +104,7 @@ def test_a_manifest_is_not_asked_for_again_at_once(tmp_path):
     pytest.importorskip("fsspec", reason="needs the extra cloud")
     Publication(write_reel(tmp_path / "reel"), open_folder("memory://often/reel")).update()
     files, fetched = RemoteFiles("memory://often/reel"), []
-    files._source.read = lambda uri, limit: fetched.append(uri)
+    files._source.read = lambda uri, limit: fetched.append(uri)  # pyright: ignore[reportAttributeAccessIssue]
     start = time.monotonic()
     for _ in range(50):
         read(files, "manifest.json")

@@ -62,7 +62,7 @@ def test_the_page_holds_the_reel_and_what_plays_it(reel: Path, tmp_path: Path) -
     assert files == {file.uri: (reel / file.uri).read_bytes() for file in manifest.files}
     player = set(scripts.of("data-player-file"))
     assert player >= {"decode-worker.js", "share.js", "sort-worker.js"}
-    assert not any(name.startswith(standalone.ELSEWHERE) for name in player)
+    assert not any(name.startswith(standalone.EXCLUDED) for name in player)
     kinds = [attributes.get("type") for attributes, _ in scripts.found]
     assert kinds == ["application/json", *["text/plain"] * (len(files) + len(player)), "module"]
     text = page.read_text(encoding="utf-8")

@@ -3,14 +3,17 @@
 import shutil
 from collections.abc import Callable, Iterator
 from functools import partial
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import pytest
 
 from splatreel.play.server import Server, serve
 from tests.golden import GOLDEN
 
-playwright = pytest.importorskip("playwright.sync_api", reason="the browser tests need the playwright package")
+if TYPE_CHECKING:
+    from playwright import sync_api as playwright
+else:
+    playwright = pytest.importorskip("playwright.sync_api", reason="the browser tests need the playwright package")
 
 FLAGS = ["--no-sandbox", "--disable-quic", "--no-first-run", "--disable-background-networking"]
 FLAGS += ["--disable-component-update", "--disable-sync", "--disable-gpu"]
@@ -56,7 +59,7 @@ def bypass_csp() -> bool:
 
 @pytest.fixture
 def page(browser: playwright.Browser, bypass_csp: bool) -> Iterator[playwright.Page]:
-    """Fails the test if anything but `expected_problems` is complained about."""
+    """Fails the test if the page reports a problem that `expect_problems` did not name."""
     page = browser.new_page(viewport={"width": 480, "height": 320}, bypass_csp=bypass_csp)
     problems: list[str] = []
 

@@ -15,3 +15,8 @@ def open_player(page: Page, server: Server, query: str = "?autoplay=0") -> None:
 
 def wait_for_picture(page: Page) -> None:
     page.wait_for_function(f"document.querySelector('splat-reel')?.player && {PLAYER}.canPlay")
+
+
+def expect_problems(page: Page, *parts: str) -> None:
+    """Let the page report problems whose text contains one of these parts."""
+    page.expected_problems = parts  # pyright: ignore[reportAttributeAccessIssue]

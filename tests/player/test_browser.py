@@ -117,7 +117,7 @@ def fragmented(mp4: bytes) -> bytes:
     options = {"movflags": "frag_keyframe+empty_moov+default_base_moof"}
     with av.open(io.BytesIO(mp4)) as source, av.open(out, "w", format="mp4", options=options) as target:
         streams = {stream.index: target.add_stream_from_template(stream) for stream in source.streams}
-        for packet in source.demux():
+        for packet in source.demux():  # pyright: ignore[reportAttributeAccessIssue]
             if packet.dts is not None:
                 packet.stream = streams[packet.stream.index]
                 target.mux(packet)

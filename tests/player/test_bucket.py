@@ -11,7 +11,7 @@ from splatreel.config import EncodeConfig
 from splatreel.play.server import Server
 from splatreel.storage.addresses import open_folder
 from tests.codec.reels import add_chapter_group, new_group, new_writer, points
-from tests.player.pages import PLAYER, wait_for_picture
+from tests.player.pages import PLAYER, expect_problems, wait_for_picture
 
 pytestmark = pytest.mark.browser
 
@@ -76,7 +76,7 @@ def test_a_long_show_in_a_bucket_is_followed_while_its_beginning_is_dropped_and_
 
 
 def test_a_bucket_that_lets_no_page_read_it_is_explained(page: Page, server: Server, bucket, tmp_path: Path):
-    page.expected_problems = ("CORS", "403", "Failed to load resource")
+    expect_problems(page, "CORS", "403", "Failed to load resource")
     bucket.open_to_pages()
     bucket.client.delete_bucket_cors(Bucket=bucket.name)
     writer = new_writer(tmp_path / "reel", config=EncodeConfig())

@@ -14,7 +14,7 @@ from splatreel.play.server import serve
 from splatreel.play.standalone import write_standalone
 from splatreel.play.timeline import open_reel
 from tests.golden_long import LONG, WINDOW
-from tests.player.pages import PLAYER, open_player, wait_for_picture
+from tests.player.pages import PLAYER, expect_problems, open_player, wait_for_picture
 from tests.player.test_browser import picture, psnr
 
 pytestmark = pytest.mark.browser
@@ -55,7 +55,7 @@ def test_who_joins_late_fetches_one_page_and_the_layers_that_live_there(page: Pa
 
 def test_a_live_reel_that_drops_its_beginning_moves_who_is_there_to_its_new_one(page: Page):
     # The last file of what is dropped is asked for before the manifest that says so is read.
-    page.expected_problems = ("404",)
+    expect_problems(page, "404")
     before = json.loads((WINDOW / "manifest.json").read_text())
     after = before | {"first_group": before["first_group"] + before["pages"][0]["groups"], "pages": before["pages"][1:]}
     states = [before]

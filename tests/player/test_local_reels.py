@@ -9,7 +9,7 @@ from playwright.sync_api import Page
 
 from splatreel.play.server import Server
 from tests.golden import GOLDEN, PREDICTIVE
-from tests.player.pages import PLAYER, open_player, wait_for_picture
+from tests.player.pages import PLAYER, expect_problems, open_player, wait_for_picture
 
 pytestmark = pytest.mark.browser
 
@@ -66,7 +66,7 @@ def test_what_is_no_reel_says_what_it_is_and_the_reel_plays_on(page: Page, serve
 
 
 def test_a_damaged_file_of_a_reel_on_this_machine_is_an_error_at_once(page: Page, server: Server, tmp_path: Path):
-    page.expected_problems = ("checksum",)
+    expect_problems(page, "checksum")
     folder = shutil.copytree(GOLDEN, tmp_path / "golden")
     file = folder / json.loads((folder / "manifest.json").read_text())["groups"][0]["uri"]
     data = bytearray(file.read_bytes())
@@ -79,7 +79,7 @@ def test_a_damaged_file_of_a_reel_on_this_machine_is_an_error_at_once(page: Page
 
 
 def test_the_page_asks_for_a_reel_where_it_has_none_and_plays_the_folder_that_is_chosen(page: Page, server: Server):
-    page.expected_problems = ("404",)
+    expect_problems(page, "404")
     page.route("**/reel/manifest.json", lambda route: route.fulfill(status=404))
     page.goto(server.url + "?autoplay=0")
     sheet = page.locator("splat-reel .drop")
@@ -92,7 +92,7 @@ def test_the_page_asks_for_a_reel_where_it_has_none_and_plays_the_folder_that_is
 
 
 def test_a_link_to_a_reel_that_is_missing_asks_for_none(page: Page, server: Server):
-    page.expected_problems = ("404",)
+    expect_problems(page, "404")
     page.goto(server.url + "?src=none/manifest.json")
     page.locator("splat-reel .panel").wait_for()
     assert page.locator("splat-reel .drop").is_hidden()

@@ -8,6 +8,7 @@ from playwright.sync_api import Page, Route
 from splatreel.play.server import Server
 from splatreel.play.timeline import open_reel
 from tests.golden import GOLDEN
+from tests.player.pages import expect_problems
 
 pytestmark = pytest.mark.browser
 
@@ -98,7 +99,7 @@ def test_promises_of_play_are_settled(embed: Page):
 
 def test_errors_are_states_too(embed: Page):
     page = embed
-    page.expected_problems = ("404",)
+    expect_problems(page, "404")
     page.evaluate("r.src = 'nowhere/manifest.json'; void (window.end = outcome(r.play()))")
     assert page.evaluate("end") == "NotSupportedError"
     assert page.evaluate("[r.networkState, r.error.message.includes('404')]") == [3, True]

@@ -15,7 +15,7 @@ from splatreel.play import web_app
 from splatreel.play.served_files import open_file
 from splatreel.play.server import Server, serve
 from tests.golden import GOLDEN
-from tests.player.pages import PLAYER, open_player, wait_for_picture
+from tests.player.pages import PLAYER, expect_problems, open_player, wait_for_picture
 
 pytestmark = pytest.mark.browser
 
@@ -23,7 +23,7 @@ GROUP = "groups/0001.safetensors"
 
 
 def test_a_missing_reel_says_so_and_can_be_tried_again(page: Page, server: Server):
-    page.expected_problems = ("404",)
+    expect_problems(page, "404")
     page.route("**/reel/manifest.json", lambda route: route.fulfill(status=404, body="not here"))
     page.goto(server.url + "?src=reel/manifest.json")
     alert = page.locator("splat-reel").get_by_role("alert")
@@ -67,7 +67,7 @@ def test_a_damaged_group_is_named_and_recovers(page: Page, server: Server):
 
 
 def test_a_host_that_stumbles_is_asked_again(page: Page, server: Server):
-    page.expected_problems = ("500",)
+    expect_problems(page, "500")
     asked: list[str] = []
 
     def stumble(route: Route) -> None:
@@ -100,7 +100,7 @@ def test_a_reel_elsewhere_opens_by_src(page: Page, server: Server, tmp_path: Pat
 
 
 def test_a_host_that_forbids_reading_is_named(page: Page, server: Server):
-    page.expected_problems = ("CORS policy", "ERR_FAILED")
+    expect_problems(page, "CORS policy", "ERR_FAILED")
     handler = partial(SimpleHTTPRequestHandler, directory=str(GOLDEN))
     with ThreadingHTTPServer(("127.0.0.1", 0), handler) as other:
         threading.Thread(target=other.serve_forever, daemon=True).start()
@@ -149,7 +149,7 @@ def test_a_stalled_transfer_waits_says_so_and_goes_on_at_the_right_time(page: Pa
 
 
 def test_offline_and_back(page: Page, server: Server):
-    page.expected_problems = ("ERR_INTERNET_DISCONNECTED",)
+    expect_problems(page, "ERR_INTERNET_DISCONNECTED")
     held: list[Route] = []
     page.route("**/groups/*", lambda route: held.append(route))
     page.goto(server.url)
@@ -177,7 +177,7 @@ def test_a_seek_gives_up_what_is_no_longer_needed(page: Page, server: Server):
 
 
 def test_retry_goes_on_where_it_broke(page: Page, server: Server):
-    page.expected_problems = ("404",)
+    expect_problems(page, "404")
     page.route(f"**/{GROUP}", lambda route: route.fulfill(status=404))
     open_player(page, server)
     page.evaluate("document.querySelector('splat-reel').camera = {viewmat: [1,0,0,0.5, 0,1,0,0, 0,0,1,4, 0,0,0,1]}")

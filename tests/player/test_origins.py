@@ -14,7 +14,7 @@ from splatreel.play.server import serve
 from tests.flashes import GOLDEN as SOUND
 from tests.golden import GOLDEN, PREDICTIVE
 from tests.player.hosts import host
-from tests.player.pages import PLAYER
+from tests.player.pages import PLAYER, expect_problems
 
 pytestmark = pytest.mark.browser
 
@@ -126,7 +126,7 @@ def test_sound_under_a_strict_policy(page: Page, tmp_path: Path):
 
 
 def test_without_leave_for_webassembly_it_decodes_in_javascript(page: Page, tmp_path: Path):
-    page.expected_problems = ("WebAssembly",)
+    expect_problems(page, "WebAssembly")
     (tmp_path / "player").symlink_to(STATIC)
     (tmp_path / "reel").symlink_to(PREDICTIVE)
     policy = policies()[0].replace(" 'wasm-unsafe-eval'", "")

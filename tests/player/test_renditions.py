@@ -34,7 +34,7 @@ class Line:
 
     def __init__(self, folder: Path) -> None:
         line = self
-        line.rate = 20e6
+        self.rate = 20e6
         turn = threading.Lock()
 
         class Handler(SimpleHTTPRequestHandler):

@@ -26,7 +26,7 @@ def test_it_plays_in_a_sandboxed_frame(page: Page, tmp_path: Path, reel: Path, s
     with host(tmp_path, pages, CORS) as site:
         page.goto(site)
         frame = page.frames[1]
-        reel = "document.querySelector('splat-reel')"
+        element = "document.querySelector('splat-reel')"
         # All of it: what still comes when the page closes is complained about.
-        frame.wait_for_function(f"{reel}?.player?.canPlay && !{reel}.player.busy", timeout=60_000)
+        frame.wait_for_function(f"{element}?.player?.canPlay && !{element}.player.busy", timeout=60_000)
         assert frame.evaluate("[self.origin, document.querySelector('splat-reel').error]") == ["null", None]

@@ -6,7 +6,7 @@ import pytest
 from playwright.sync_api import Locator, Page
 
 from splatreel.play.server import Server
-from tests.player.pages import PLAYER, wait_for_picture
+from tests.player.pages import PLAYER, expect_problems, wait_for_picture
 from tests.player.screens import described, gone_second_group
 
 pytestmark = pytest.mark.browser
@@ -52,7 +52,7 @@ def assert_in_sight(element: Locator, size: tuple[int, int]) -> None:
 @pytest.mark.parametrize("size", SIZES)
 @pytest.mark.parametrize("state", ["missing", "stopped"])
 def test_an_error_can_be_read_and_tried_again(page: Page, server: Server, size: tuple[int, int], state: str) -> None:
-    page.expected_problems = ("404",)
+    expect_problems(page, "404")
     if state == "stopped":
         gone_second_group(page)
         reel = open_embed(page, server, size)

@@ -10,7 +10,7 @@ from playwright.sync_api import Browser, Page, Route
 from splatreel.play.server import Server, serve
 from tests.flashes import CLICKS
 from tests.flashes import GOLDEN as SOUND
-from tests.player.pages import PLAYER, open_player
+from tests.player.pages import PLAYER, expect_problems, open_player
 from tests.player.sync import listen, measured
 
 pytestmark = pytest.mark.browser
@@ -225,7 +225,7 @@ def test_a_browser_without_media_source_plays_one_file(page: Page, server: Serve
 
 
 def test_a_reel_whose_sound_is_gone_plays_in_silence_and_says_so(page: Page, server: Server):
-    page.expected_problems = ("404",)
+    expect_problems(page, "404")
     page.route("**/sound/0000.m4s", lambda route: route.fulfill(status=404))
     open_player(page, server)
     page.locator("splat-reel .start").click()

@@ -11,7 +11,7 @@ from playwright.sync_api import Page
 
 from splatreel.play.server import Server, serve
 from tests.golden import GOLDEN, PREDICTIVE
-from tests.player.pages import PLAYER, open_player
+from tests.player.pages import PLAYER, expect_problems, open_player
 from tests.player.test_media_element import EMBED, opened
 
 pytestmark = pytest.mark.browser
@@ -66,7 +66,7 @@ def test_numbers_may_be_written_out(embed: Page):
 
 def test_errors_have_the_codes_of_a_media_error(embed: Page):
     page = embed
-    page.expected_problems = ("404",)
+    expect_problems(page, "404")
     page.evaluate("r.src = 'nowhere/manifest.json'")
     page.wait_for_function("r.error")
     assert page.evaluate("[r.error.code, r.error.message.includes('404')]") == [4, True]

@@ -4,7 +4,7 @@ import pytest
 from playwright.sync_api import Page
 
 from splatreel.play.server import Server
-from tests.player.pages import PLAYER, open_player, wait_for_picture
+from tests.player.pages import PLAYER, expect_problems, open_player, wait_for_picture
 
 pytestmark = pytest.mark.browser
 
@@ -67,7 +67,7 @@ def test_short_reels_show_tenths(page: Page, server: Server):
 
 
 def test_a_missing_reel_is_said_plainly_and_its_address_is_a_detail(page: Page, server: Server):
-    page.expected_problems = ("404",)
+    expect_problems(page, "404")
     page.route("**/reel/manifest.json", lambda route: route.fulfill(status=404, body="not here"))
     page.goto(server.url + "?src=reel/manifest.json")
     panel = page.locator("splat-reel").get_by_role("alert")
@@ -81,7 +81,7 @@ def test_a_missing_reel_is_said_plainly_and_its_address_is_a_detail(page: Page, 
 
 
 def test_a_failure_amid_playing_is_called_that(page: Page, server: Server):
-    page.expected_problems = ("404",)
+    expect_problems(page, "404")
     page.route("**/groups/0001*", lambda route: route.fulfill(status=404, body="not here"))
     open_player(page, server)
     page.evaluate(f"{PLAYER}.currentTime = 0.3")

@@ -28,7 +28,7 @@ def texture(seed: int) -> np.ndarray:
     """Smooth color noise that has features at several sizes, [512, 512, 3] float32 0..255."""
     rng = np.random.default_rng(seed)
     layers = [cv2.resize(rng.random((n, n, 3)).astype(np.float32), (512, 512)) for n in (16, 64, 160)]
-    total = sum(layers)
+    total = np.sum(layers, axis=0)
     return 255 * (total - total.min()) / (total.max() - total.min())
 
 
@@ -53,7 +53,7 @@ def picture(camera: Camera, bare: float = 0) -> np.ndarray:
         sampled = cv2.remap(texture(seed), u, v, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REFLECT)
         out[place] = sampled[place]
     out[on_floor & (np.abs(points[..., 0]) < bare)] = 120
-    return np.uint8(out)
+    return out.astype(np.uint8)
 
 
 def pictures(cameras: list[Camera], bare: float = 0) -> np.ndarray:

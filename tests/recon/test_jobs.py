@@ -13,7 +13,7 @@ from splatreel.codec.verify import verify_reel
 from splatreel.errors import ReconstructionError
 from splatreel.play.timeline import Timeline
 from splatreel.progress import Silent
-from splatreel.recon.encode.publisher import nothing_more
+from splatreel.recon.encode.group_writer import no_presentation
 from splatreel.recon.encode.reencode import reencode
 from splatreel.recon.jobs import ChapteredRun, chapter_job, publish_job, scene_job
 from splatreel.recon.pipeline import Result, plan_run, reconstruct
@@ -81,7 +81,7 @@ def test_chapters_are_made_in_any_order_by_jobs_that_can_be_repeated(whole: Resu
         chapter_job(planned(tmp_path), index, Silent())
     scene_job(planned(tmp_path), Silent())
     for _ in range(2):
-        publish_job(planned(tmp_path), Silent(), nothing_more)
+        publish_job(planned(tmp_path), Silent(), no_presentation)
         assert content(tmp_path / "reel") == content(whole.reel)
 
 
@@ -91,7 +91,7 @@ def test_what_is_missing_is_said(tmp_path: Path) -> None:
     scene_job(planned(tmp_path), Silent())
     chapter_job(planned(tmp_path), 1, Silent())
     with pytest.raises(ReconstructionError, match=r"2 of 3 chapters are not finished \(1, 3\)"):
-        publish_job(planned(tmp_path), Silent(), nothing_more)
+        publish_job(planned(tmp_path), Silent(), no_presentation)
 
 
 def test_a_chapter_belongs_to_one_process_at_a_time(tmp_path: Path) -> None:

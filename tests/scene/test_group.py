@@ -70,7 +70,9 @@ def test_light_is_interpolated_and_clamped():
     assert g.light_at(1) is None
     light = np.linspace((1, 1, 1), (0.7, 0.4, 1.6), 4, dtype=np.float32)
     lit = dataclasses.replace(g, light=light)
-    np.testing.assert_allclose(lit.light_at(1.5), (light[1] + light[2]) / 2, atol=1e-6)
+    between = lit.light_at(1.5)
+    assert between is not None
+    np.testing.assert_allclose(between, (light[1] + light[2]) / 2, atol=1e-6)
     np.testing.assert_array_equal(lit.light_at(99), light[3])
     np.testing.assert_array_equal(lit.at(1.5).sh, g.at(1.5).sh)
     with pytest.raises(GaussiansError, match="light"):

@@ -3,7 +3,7 @@ import numpy as np
 from splatreel.scene import rotations
 from splatreel.scene.gaussians import Gaussians
 from splatreel.sequence.grouping import FEWEST, StaticLayers, group_of
-from splatreel.sequence.segments import stretch
+from splatreel.sequence.segments import Segments, stretch
 from tests.sequence.films import BALL, WALL, frame
 
 
@@ -50,7 +50,7 @@ def test_rotations_take_the_shorter_way() -> None:
     np.testing.assert_allclose(rotations.to_matrix(group.at(0.5).quats), rotations.to_matrix(points.quats), atol=1e-5)
 
 
-def two_frames(numbers: np.ndarray, moved: int = 0) -> tuple[Gaussians, object]:
+def two_frames(numbers: np.ndarray, moved: int = 0) -> tuple[Gaussians, Segments]:
     """Return the wall twice, its first points displaced, and the resulting split."""
     wall = frame(0)[:WALL]
     means = wall.means.copy()

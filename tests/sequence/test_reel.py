@@ -70,7 +70,7 @@ def test_invalid_frames_are_named(tmp_path: Path) -> None:
         imported(
             tmp_path / "a",
             tmp_path / "x",
-            [flat, Gaussians(*(getattr(flat, n) for n in ("means", "quats", "scales", "opacities")), flat.sh[:, :1])],
+            [flat, Gaussians(*(getattr(flat, n) for n in ("means", "quats", "scales", "opacities")), flat.sh[:, :1])],  # pyright: ignore[reportCallIssue]
         )
     with pytest.raises(GaussiansError, match="frame 1 holds no point"):
         imported(tmp_path / "b", tmp_path / "y", [flat, flat[:0]])

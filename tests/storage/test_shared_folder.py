@@ -88,6 +88,7 @@ def test_push_removes_versions_left_by_a_killed_push(tmp_path):
     kept = dict(open_folder(tmp_path / "shared").sizes())
     (old,) = kept
     data = open_folder(tmp_path / "shared").read(old, 10)
+    assert data is not None
     shared.push(tmp_path / "one", ["a"])
     open_folder(tmp_path / "shared").write(old, data)
     assert shared.pull_all("", tmp_path / "two") == ["a"]

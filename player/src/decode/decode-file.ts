@@ -1,4 +1,4 @@
-/** One file of a reel, decoded. */
+/** Decoding of one file of a reel. */
 import { ReelError, inSection, messageOf } from "../base/errors";
 import { parseContainer, type Container } from "../reel/container";
 import { decodeAppearance, neighboursInOrder } from "./appearance";
@@ -10,17 +10,28 @@ import { decodeLight } from "./light";
 import type { Offsets } from "./offsets";
 import { decodeMotion, decodePredictive } from "./predictive";
 
-export interface DecodedFile {
+/** A layer: static points. */
+export interface DecodedLayer {
+  kind: "layer";
   points: Gaussians;
-  /** Groups: [S] which static points of the layers born so far are alive. */
+}
+
+/** A group: dynamic points, and which static points it shows. */
+export interface DecodedGroup {
+  kind: "group";
+  points: Gaussians;
+  /** [S] 1 for each static point that is alive, over the layers that live at the group, in order of birth. */
   alive: Uint8Array;
-  /** Groups with dynamic points. */
+  /** Motion and appearance; null if the group has no dynamic points. */
   offsets: Offsets | null;
-  /** Groups whose light changes: [T, 3] factors of all colors. */
+  /** [T, 3] factors of all colors per frame; null if the light is constant. */
   light: Float32Array | null;
 }
 
-/** Decode a layer or group file. Errors name the file. */
+/** A decoded file of a reel. */
+export type DecodedFile = DecodedLayer | DecodedGroup;
+
+/** Decode a layer or group file. Throws `ReelError` that names the file. */
 export async function decodeFile(bytes: Uint8Array, name: string, decodePoints: DecodePoints, decodeTrack: DecodeTrack, kernels: Kernels = plain): Promise<DecodedFile> {
   const file = parseContainer(bytes, name);
   try {
@@ -29,22 +40,22 @@ export async function decodeFile(bytes: Uint8Array, name: string, decodePoints: 
       file.sections.alive ? flags(file, "alive") : new Uint8Array(),
       file.kind === "group" && file.sections.light ? decodeLight(file) : null,
     ]);
-    return { points, alive, offsets, light };
+    return file.kind === "layer" ? { kind: "layer", points } : { kind: "group", points, alive, offsets, light };
   } catch (error) {
     throw new ReelError(`${name} cannot be played: ${messageOf(error)}.`, { cause: error });
   }
 }
 
-type Moving = Pick<DecodedFile, "points" | "offsets">;
+type PointsAndOffsets = Pick<DecodedGroup, "points" | "offsets">;
 
-async function decodePredicted(file: Container, kernels: Kernels): Promise<Moving> {
+async function decodePredicted(file: Container, kernels: Kernels): Promise<PointsAndOffsets> {
   const { points, here } = await decodePredictive(file, kernels);
   if (file.kind !== "group") return { points, offsets: null };
   const motion = await decodeMotion(file, here);
   return { points, offsets: { ...motion, appearance: await decodeAppearance(file, motion.frames, here) } };
 }
 
-async function decodePaper(file: Container, decodePoints: DecodePoints, decodeTrack: DecodeTrack, kernels: Kernels): Promise<Moving> {
+async function decodePaper(file: Container, decodePoints: DecodePoints, decodeTrack: DecodeTrack, kernels: Kernels): Promise<PointsAndOffsets> {
   const section = file.sections.offsets;
   if (file.kind === "group" && file.points > 0 && !section) throw new ReelError("it has no section offsets");
   if (section && section.codec !== "h265") {
@@ -57,14 +68,16 @@ async function decodePaper(file: Container, decodePoints: DecodePoints, decodeTr
   return { points, offsets: offsets && { ...offsets, appearance: file.sections.shade ? await decodeAppearance(file, offsets.frames, neighboursInOrder(file.points, kernels)) : null } };
 }
 
-/** The buffers of a decoded file, to be handed to another thread without copying. */
+/** Return the buffers of a decoded file, to transfer it to another thread without a copy. */
 export function buffersOf(file: DecodedFile): ArrayBuffer[] {
-  const arrays: ArrayBufferView[] = [file.alive, ...(file.light ? [file.light] : [])];
-  const collect = (value: object): void => {
-    for (const item of Object.values(value)) if (ArrayBuffer.isView(item)) arrays.push(item);
-  };
-  collect(file.points);
-  if (file.offsets) collect(file.offsets);
-  if (file.offsets?.appearance) collect(file.offsets.appearance);
+  const { means, quats, scales, opacities, shBase, shRest, codebook } = file.points;
+  const arrays: ArrayBufferView[] = [means, quats, scales, opacities, shBase, shRest, codebook];
+  if (file.kind === "group") {
+    const { alive, light, offsets } = file;
+    arrays.push(alive);
+    if (light) arrays.push(light);
+    if (offsets) arrays.push(offsets.dx, offsets.dq);
+    if (offsets?.appearance) arrays.push(offsets.appearance.data);
+  }
   return [...new Set(arrays.map((array) => array.buffer as ArrayBuffer))];
 }

@@ -1,30 +1,31 @@
-/** Fetches and decodes the files of a reel, one message a file; each video track gets a worker of its own. */
+/** Worker that downloads and decodes the files of a reel, one message per file. Each video track is decoded in a worker of its own. */
 import code from "../../wasm/kernels.wasm";
 import { ReelError, messageOf } from "../base/errors";
 import { download } from "../files/download";
 import type { Source } from "../files/source";
 import { failureOf, fileAddress, openWorker, type FileAddresses } from "../files/workers";
-import { buffersOf, decodeFile } from "./decode-file";
+import { buffersOf, decodeFile, type DecodedFile } from "./decode-file";
 import { decodeDraco } from "./draco";
 import { plain, type Kernels } from "./kernels";
 import type { Track } from "./mp4";
 import { wasmKernels } from "./wasm";
 
-/** Where the player's files are, which comes first; get and decode a file, or read a page, or stop doing so. */
+/** Request to the worker: first the addresses of the player's files; then download and decode a file, read a page, or cancel one of these. */
 export type DecodeRequest = { files: FileAddresses } | { id: number; source: Source; page: boolean } | { id: number; cancel: true };
 
-/** Bytes as they come, trouble that is being worked on, and in the end a `DecodedFile` or the JSON of a page, or why there is none. */
+/** Reply of the worker: bytes received, the reason for a retry, and finally a decoded file, the unchecked JSON of a page, or an error. */
 export type DecodeReply = { id: number } & (
   | { received: number }
   | { trouble: string }
-  | { content: unknown; milliseconds: number }
+  | { file: DecodedFile; milliseconds: number }
+  | { page: unknown }
   | { error: string; plain?: string | undefined }
 );
 
 const scope = self as unknown as { onmessage: (event: MessageEvent<DecodeRequest>) => void; postMessage(message: DecodeReply, transfer?: Transferable[]): void };
 let files: FileAddresses = {};
 const running = new Map<number, AbortController>();
-const kernels = fastest();
+const kernels = loadKernels();
 
 scope.onmessage = async ({ data }) => {
   if ("files" in data) return void (files = data.files);
@@ -40,9 +41,9 @@ scope.onmessage = async ({ data }) => {
     const { source, page } = data;
     const bytes = await download(source, watcher, controller.signal);
     const began = performance.now();
-    if (page) return scope.postMessage({ id, content: parsed(bytes, source.url), milliseconds: 0 });
+    if (page) return scope.postMessage({ id, page: parseJson(bytes, source.url) });
     const file = await decodeFile(bytes, source.url, (cloud) => decodeDraco(cloud, files), decodeInWorker, await kernels);
-    scope.postMessage({ id, content: file, milliseconds: performance.now() - began }, buffersOf(file));
+    scope.postMessage({ id, file, milliseconds: performance.now() - began }, buffersOf(file));
   } catch (error) {
     scope.postMessage({ id, error: messageOf(error), plain: error instanceof ReelError ? error.plain : undefined });
   } finally {
@@ -50,7 +51,7 @@ scope.onmessage = async ({ data }) => {
   }
 };
 
-function parsed(bytes: Uint8Array, name: string): unknown {
+function parseJson(bytes: Uint8Array, name: string): unknown {
   try {
     return JSON.parse(new TextDecoder().decode(bytes));
   } catch {
@@ -58,8 +59,8 @@ function parsed(bytes: Uint8Array, name: string): unknown {
   }
 }
 
-/** Those by WebAssembly where the browser has it, with vectors, and the page's policy lets it run. */
-async function fastest(): Promise<Kernels> {
+/** Return the WebAssembly kernels, or the plain ones if the browser lacks SIMD or the page's policy forbids WebAssembly. */
+async function loadKernels(): Promise<Kernels> {
   try {
     return wasmKernels(await WebAssembly.compile(code));
   } catch {

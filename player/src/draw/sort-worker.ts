@@ -1,15 +1,17 @@
-/** Keeps the positions of every loaded file and answers with the far-to-near order of what is in view. */
+/** Worker that keeps the positions of all loaded files and sorts the visible points far to near. */
 import { staticFlags, type Alive } from "../reel/timeline";
 import type { Frustum } from "./frustum";
 import type { Scene } from "./scene";
 import { DepthRun, merge, type SortableGroup, type SortableLayer } from "./sort";
 
+/** Message to the sort worker. */
 export type SortMessage =
   | { type: "layer"; uri: string; layer: SortableLayer }
   | { type: "group"; index: number; group: SortableGroup & Alive }
-  | { type: "drop"; what: string | number }
+  | { type: "drop"; name: string | number }
   | { type: "sort"; scene: Scene; view: Frustum; buffer: Uint32Array | null };
 
+/** Reply of the sort worker. */
 export interface SortReply {
   order: Uint32Array;
   count: number;
@@ -17,20 +19,20 @@ export interface SortReply {
 }
 
 const scope = self as unknown as { onmessage: (event: MessageEvent<SortMessage>) => void; postMessage(message: SortReply, transfer: Transferable[]): void };
-/** Layers by their uris, groups by their numbers. */
+/** Layers by URI, groups by number. */
 const layers = new Map<string, SortableLayer>();
 const groups = new Map<number, SortableGroup & Alive>();
 const statics = new DepthRun();
 const dynamics = new DepthRun();
-/** What the static points were sorted for: while only time goes on, their order stays. */
+/** Scene and view of the sorted static points. Their order stays valid while only time passes. */
 let staticsKey = "";
-/** The flags of the last scene: they change with the pair of groups only. */
+/** Flags of the last scene. They change only with the pair of groups. */
 let cached: { key: string; flags: Map<string, Uint8Array> } = { key: "", flags: new Map() };
 
 scope.onmessage = ({ data }) => {
   if (data.type === "layer") layers.set(data.uri, data.layer);
   else if (data.type === "group") groups.set(data.index, data.group);
-  else if (data.type === "drop") layers.delete(data.what as string) || groups.delete(data.what as number);
+  else if (data.type === "drop") layers.delete(data.name as string) || groups.delete(data.name as number);
   else {
     const began = performance.now();
     sortStatics(data.scene, data.view);

@@ -1,6 +1,6 @@
-/** The page's side of the sort worker: one request at a time, buffers handed back and forth. */
+/** Main-thread side of the sort worker. It sends one request at a time and reuses the buffers. */
 import type { View } from "../base/view";
-import type { DecodedFile } from "../decode/decode-file";
+import type { DecodedGroup, DecodedLayer } from "../decode/decode-file";
 import type { Gaussians } from "../decode/gaussians";
 import { startSortWorker } from "../files/bundle";
 import { failureOf } from "../files/workers";
@@ -9,6 +9,7 @@ import { EXTENT, frustumOf } from "./frustum";
 import type { Scene } from "./scene";
 import type { SortMessage, SortReply } from "./sort-worker";
 
+/** Sends positions and sort requests to the worker. */
 export class Sorter {
   private readonly worker = startSortWorker();
   private waiting: ((reply: SortReply) => void) | null = null;
@@ -27,15 +28,15 @@ export class Sorter {
     return this.waiting !== null;
   }
 
-  /** Hand over a layer's positions; base is its first point in the draw order. */
-  addLayer(uri: string, base: number, file: DecodedFile): void {
+  /** Transfer the positions of a layer. base: index of its first point in the draw order. */
+  addLayer(uri: string, base: number, file: DecodedLayer): void {
     const { means } = file.points;
     const radii = radiiOf(file.points);
     this.post({ type: "layer", uri, layer: { base, means, radii } }, [means.buffer, radii.buffer] as ArrayBuffer[]);
   }
 
-  /** Hand over a group's positions and offsets, which leave this thread; what is alive in it, of these layers, is copied. */
-  addGroup(index: number, base: number, file: DecodedFile, layers: string[]): void {
+  /** Transfer the positions and offsets of a group, and copy its `alive` flags. layers: URIs of the layers that these flags cover. */
+  addGroup(index: number, base: number, file: DecodedGroup, layers: string[]): void {
     const { means } = file.points;
     const { dx, dxMin, dxStep, frames } = file.offsets ?? { dx: new Uint16Array(), dxMin: [0, 0, 0], dxStep: [0, 0, 0], frames: 1 };
     const radii = radiiOf(file.points);
@@ -43,12 +44,12 @@ export class Sorter {
     this.post({ type: "group", index, group }, [means.buffer, radii.buffer, dx.buffer] as ArrayBuffer[]);
   }
 
-  /** Forget a layer, by its uri, or a group. */
-  drop(what: string | number): void {
-    this.post({ type: "drop", what });
+  /** Forget a layer, by its URI, or a group, by its number. */
+  drop(name: string | number): void {
+    this.post({ type: "drop", name });
   }
 
-  /** The far-to-near order of what a view sees of a scene, with this room before it. Only while not busy; give the order back with `recycle`. */
+  /** Request the far-to-near order of the points that a view sees. Requires an idle worker; return the buffer with `recycle`. */
   sort(scene: Scene, view: View, clearance: Clearance): Promise<SortReply> {
     const buffer = this.spare;
     this.spare = null;
@@ -71,7 +72,7 @@ export class Sorter {
   }
 }
 
-/** How far splats reach, world units: as if all were opaque, which a change of opacity may make them. */
+/** Return the radius of each splat in world units, for full opacity, since the opacity may change over time. */
 function radiiOf({ scales, count }: Gaussians): Float32Array<ArrayBuffer> {
   const radii = new Float32Array(count);
   for (let i = 0; i < count; i++) radii[i] = EXTENT * Math.max(scales[3 * i], scales[3 * i + 1], scales[3 * i + 2]);

@@ -1,137 +1,132 @@
-/** What is on screen: one scene, sorted by the worker and drawn by the GPU. The picture always belongs to the order it is drawn in. */
+/** The scene on screen: sorted by the worker, drawn by the renderer. Each frame is drawn with an order that was sorted for it. */
 import { add, eyeOf, length, scale, subtract } from "../base/matrix";
 import type { View } from "../base/view";
-import type { DecodedFile } from "../decode/decode-file";
-import type { Manifest } from "../reel/manifest";
+import type { DecodedGroup, DecodedLayer } from "../decode/decode-file";
+import type { Reel } from "../reel/reel";
 import { clampFrame, groupAt, weightAt, type Schedule } from "../reel/timeline";
 import type { Eye } from "./eye";
 import { covers } from "./frustum";
-import { Renderer } from "./renderer";
+import type { HeadsetLayer, Renderer } from "./renderer";
 import type { Scene } from "./scene";
 import { Sorter } from "./sorter";
 
-/** A picture taken: RGBA bytes, top row first. */
+/** A rendered image: RGBA bytes, top row first. */
 export interface Picture {
   width: number;
   height: number;
   data: Uint8Array;
 }
 
+/** Sorts scenes, and draws the sorted one when something changed. */
 export class Stage {
-  /** The scene of the order on the GPU. */
+  /** Scene of the order on the GPU. */
   scene: Scene | null = null;
-  /** Duration of the last sort, milliseconds. */
+  /** Duration of the last sort, in milliseconds. */
   sortMilliseconds = 0;
-  /** Pictures drawn so far. */
+  /** Number of frames drawn so far. */
   pictures = 0;
-  /** Of the last one. */
+  /** View of the last frame. */
   view: View | null = null;
 
-  private readonly renderer: Renderer;
   private readonly sorter: Sorter;
   private drawnFrame = 0;
   private sortedFor: View | null = null;
   private needsSort = true;
-  /** The order has not been drawn yet. */
+  /** True until the order is drawn for the first time. */
   private isOrderNew = false;
   private needsDraw = false;
   private closed = false;
   private sorting: Scene | null = null;
-  private manifest: Manifest | null = null;
-  /** When the order was made: of a live reel, what shows then may be dropped from the next one. */
+  private reel: Reel | null = null;
+  /** Schedule for which the order was sorted. A live reel may drop its groups from the next manifest. */
   private schedule: Schedule | null = null;
 
-  constructor(canvas: HTMLCanvasElement, onError: (error: Error) => void) {
-    this.renderer = new Renderer(canvas);
+  /** onError: called if the sort worker fails. */
+  constructor(private readonly renderer: Renderer, onError: (error: Error) => void) {
     this.sorter = new Sorter((message) => onError(new Error(message)));
   }
 
-  /** Once its manifest is here; the graphics device and the worker get ready before. Throws `ReelError` where the device cannot draw. */
-  open(manifest: Manifest): void {
-    this.manifest = manifest;
-    this.renderer.begin(manifest.antialias === true, manifest.background ?? [0, 0, 0]);
+  /** Begin to draw a reel. Throws `ReelError` if the device cannot draw. */
+  open(reel: Reel): void {
+    this.reel = reel;
+    this.renderer.begin(reel.manifest.antialias === true, reel.manifest.background ?? [0, 0, 0]);
   }
 
-  /** A live reel has grown, or more is known of one. */
-  update(manifest: Manifest): void {
-    this.manifest = manifest;
-  }
-
-  addLayer(uri: string, file: DecodedFile): void {
-    this.sorter.addLayer(uri, this.renderer.memory.addLayer(uri, file), file);
+  addLayer(uri: string, file: DecodedLayer): void {
+    this.sorter.addLayer(uri, this.renderer.addLayer(uri, file), file);
     if (!this.scene?.current) this.resort();
   }
 
-  /** layers: the uris of those that live at the group. */
-  addGroup(index: number, file: DecodedFile, layers: string[]): void {
-    this.sorter.addGroup(index, this.renderer.memory.addGroup(index, file, layers), file, layers);
+  /** layers: URIs of the layers that live at the group. */
+  addGroup(index: number, file: DecodedGroup, layers: string[]): void {
+    this.sorter.addGroup(index, this.renderer.addGroup(index, file, layers), file, layers);
   }
 
   dropLayer(uri: string): void {
-    this.renderer.memory.dropLayer(uri);
+    this.renderer.dropLayer(uri);
     this.sorter.drop(uri);
     if (!this.scene?.current) this.resort();
   }
 
   dropGroup(index: number): void {
-    this.renderer.memory.dropGroup(index);
+    this.renderer.dropGroup(index);
     this.sorter.drop(index);
   }
 
-  /** Pictures are drawn without a graphics device. */
+  /** True if the browser draws in software. */
   get software(): boolean {
     return this.renderer.software;
   }
 
-  /** The graphics device is gone. */
+  /** True after the graphics device was lost. */
   get lost(): boolean {
     return this.renderer.lost;
   }
 
-  /** Points in the order that is drawn. */
+  /** Number of points in the order that is drawn. */
   get points(): number {
     return this.renderer.points;
   }
 
-  /** The time, the camera or the size changed: sort and draw again. */
+  /** Sort and draw again, because the time, the camera or the size changed. */
   invalidate(): void {
     this.needsDraw = true;
     this.needsSort = true;
   }
 
-  /** Other points are to be shown: sort, and draw once that is done. */
+  /** Sort again, because other points are shown, and draw once the order is here. */
   resort(): void {
     this.needsSort = true;
   }
 
-  /** Draw again what is sorted: only the number of pixels changed. */
+  /** Draw the present order again, because only the resolution changed. */
   redraw(): void {
     this.needsDraw = true;
   }
 
-  /** Groups that are on screen, or will be with the next order. */
+  /** Groups on screen, or about to be with the next order. */
   get inUse(): number[] {
     return [this.scene, this.sorting].flatMap((scene) => [scene?.current?.group, scene?.previous?.group]).filter((group) => group !== undefined);
   }
 
-  /** A sort would bring something new, and the worker has time for it. */
+  /** True if a new order is needed and the worker is idle. */
   get wantsSort(): boolean {
     return this.needsSort && !this.sorter.busy;
   }
 
-  /** Resolves when the worker is idle. */
+  /** Resolve when the worker is idle. */
   async settled(): Promise<void> {
     while (this.sorter.busy) await new Promise((resolve) => setTimeout(resolve, 1));
   }
 
-  /** Sort a scene, which then is what is drawn. False if the reel was closed or some of it dropped while the worker was at it. */
+  /** Sort a scene, which `draw` shows from then on. Resolves to false if the reel was closed or the scene partly dropped meanwhile. */
   async sort(scene: Scene, view: View): Promise<boolean> {
     this.needsSort = false;
     this.sorting = scene;
-    const manifest = this.manifest!;
+    const { manifest } = this.reel!;
     const reply = await this.sorter.sort(scene, view, manifest.clearance);
     this.sorting = null;
-    if (this.closed || !this.renderer.memory.holds(scene)) return false;
+    if (this.closed || !this.renderer.holds(scene)) return false;
     this.sortMilliseconds = reply.milliseconds;
     this.renderer.setOrder(reply.order, reply.count);
     this.sorter.recycle(reply.order);
@@ -143,35 +138,35 @@ export class Stage {
     return true;
   }
 
-  /** Draw, if anything changed. `frame` of the video: the present one, or null while what belongs to it is not here. Eyes: of a headset. */
+  /** Draw if anything changed. frame: of the video, null while its files are missing. eyes: views of a headset. */
   draw(frame: number | null, view: View, eyes: Eye[] | null = null): void {
     const { scene, schedule } = this;
     if (!this.needsDraw || !scene || !schedule) return;
     this.needsDraw = false;
     this.pictures++;
-    // Where the view leaves what it was sorted for, the picture is one behind rather than cut off.
+    // A view beyond the sorted frustum would lack points at its borders: the last covered view stays until the next order.
     const shownView = (this.view = eyes || this.isCovered(view) ? view : this.sortedFor!);
     const paint = (shown: Scene, weight: number): void => (eyes ? this.renderer.drawEyes(shown, weight, eyes) : this.renderer.draw(shown, weight, shownView));
     if (scene.current === null) return paint(scene, 1);
     const { groups } = schedule;
     const { group } = scene.current;
-    // A moment that the order is not for waits for its own; until then the last one stays.
+    // Keep drawing the last frame until the sort order for the new one arrives.
     const ordered = groups[group].firstFrame + scene.current.frame;
     if (frame !== null && isOrderedFor(scene, frame, schedule)) this.drawnFrame = frame;
-    else if (frame !== null && frame < ordered && this.isOrderNew) this.drawnFrame = ordered; // time runs backwards: one behind
+    else if (frame !== null && frame < ordered && this.isOrderNew) this.drawnFrame = ordered; // time runs backwards: draw one frame behind
     this.isOrderNew = false;
     const [current, previous] = [scene.current, scene.previous].map((shown) => shown && { group: shown.group, frame: clampFrame(groups[shown.group], this.drawnFrame) });
     paint({ ...scene, current, previous }, previous ? weightAt(schedule, this.drawnFrame, group) : 1);
   }
 
-  /** Whether all that a view sees is in the order, at half the way to the scene's middle and beyond. */
+  /** Return true if the order contains all points that a view sees beyond half of the distance to the scene's center. */
   private isCovered(view: View): boolean {
-    const [low, high] = this.manifest!.bounds;
-    const way = length(subtract(scale(add(low, high), 0.5), eyeOf(view.viewmat)));
-    return this.sortedFor === null || covers(this.sortedFor, view, Math.max(way / 2, view.near));
+    const [low, high] = this.reel!.manifest.bounds;
+    const distance = length(subtract(scale(add(low, high), 0.5), eyeOf(view.viewmat)));
+    return this.sortedFor === null || covers(this.sortedFor, view, Math.max(distance / 2, view.near));
   }
 
-  /** Sort and draw a scene at once, and read the picture back. */
+  /** Sort and draw a scene at once, and read the pixels back. */
   async snapshot(scene: Scene, weight: number, view: View): Promise<Picture> {
     await this.settled();
     if (!(await this.sort(scene, view))) throw new Error("The reel was closed.");
@@ -179,9 +174,14 @@ export class Stage {
     return { width: view.width, height: view.height, data: this.renderer.readPixels() };
   }
 
-  /** Depth of what is seen at a pixel of the last picture, world units; null where there is nothing. */
+  /** Return the depth at a pixel of the last frame, in world units; null if nothing is there. */
   depthAt(x: number, y: number): number | null {
     return this.renderer.depthAt(x, y);
+  }
+
+  /** Create the layer that a WebXR session shows. */
+  createHeadsetLayer(session: object): Promise<HeadsetLayer> {
+    return this.renderer.createHeadsetLayer(session);
   }
 
   destroy(): void {
@@ -191,7 +191,7 @@ export class Stage {
   }
 }
 
-/** Whether an order serves for a frame: with all groups that show, and from no later frame, as where time begins again within a group. */
+/** Return true if an order fits a frame: it has all groups on screen, and was not sorted for a later frame, as when a group repeats. */
 export function isOrderedFor({ current, previous }: Scene, frame: number, schedule: Schedule): boolean {
   if (current === null) return true;
   const group = schedule.groups[current.group];

@@ -1,17 +1,24 @@
-/** The time of the reel that is open: it runs while playing, and ends or begins again at the end. */
+/** Time of the open reel. It advances while playing, and stops or loops at the end. */
 import type { Manifest } from "../reel/manifest";
+import type { Reel } from "../reel/reel";
 import { firstFrameOf, momentAt, type Moment } from "../reel/timeline";
 
+/** Maps the time of playback to frames and groups. */
 export class Clock {
-  private reel: Manifest | null = null;
+  private current: Reel | null = null;
   private now = 0;
   private running = false;
   private speed = 1;
   private loops = false;
 
-  /** Of the reel that is open; null: there is none yet. */
+  /** The open reel; null before its manifest arrives. */
+  get reel(): Reel | null {
+    return this.current;
+  }
+
+  /** Manifest of the open reel; null before it arrives. */
   get manifest(): Manifest | null {
-    return this.reel;
+    return this.current?.manifest ?? null;
   }
 
   get seconds(): number {
@@ -38,54 +45,55 @@ export class Clock {
     this.speed = Math.min(Math.max(rate, 0), 16);
   }
 
-  /** Where the reel begins, seconds: what was before may have been dropped. */
+  /** Start of the reel, in seconds. A live reel may have dropped what was before. */
   get earliest(): number {
-    return this.reel && this.reel.groups.length > 0 ? firstFrameOf(this.reel, this.reel.first)! / this.reel.fps : 0;
+    const { manifest } = this;
+    return manifest && manifest.groups.length > 0 ? firstFrameOf(manifest, manifest.first)! / manifest.fps : 0;
   }
 
-  /** Where it ends, seconds; of a live reel, what there is so far. */
+  /** End of the reel, in seconds; of a live reel, the end so far. */
   get duration(): number {
-    return this.reel ? this.reel.frames / this.reel.fps : 0;
+    return this.manifest ? this.manifest.frames / this.manifest.fps : 0;
   }
 
   get live(): boolean {
-    return this.reel?.live === true;
+    return this.manifest?.live === true;
   }
 
-  /** Where a live reel is joined: the beginning of its last group. */
+  /** Start of the last group, in seconds, where playback of a live reel begins. */
   get edge(): number {
-    return this.reel ? this.reel.groups.at(-1)!.firstFrame / this.reel.fps : 0;
+    return this.manifest ? this.manifest.groups.at(-1)!.firstFrame / this.manifest.fps : 0;
   }
 
   get ended(): boolean {
     return this.duration > 0 && !this.live && this.now >= this.duration;
   }
 
-  /** The frame of the video that shows; the last one stays on until the end of its own duration. */
+  /** Current frame of the video, which may lie between two. The last frame lasts until the end. */
   get frame(): number {
-    const { fps, frames } = this.reel!;
+    const { fps, frames } = this.manifest!;
     return Math.min(this.now * fps, Math.max(frames - 1, 0));
   }
 
-  /** What shows; null: a page that says so is not here. */
+  /** Groups and frames shown now; null until the page that lists them arrives. */
   get moment(): Moment | null {
-    const { fps } = this.reel!;
-    return momentAt(this.reel!, fps, this.frame / fps);
+    const { manifest } = this;
+    return momentAt(manifest!, manifest!.fps, this.frame / manifest!.fps);
   }
 
-  /** Keep the time of a reel, or, as a live one grows, of what it has become. The time stays. */
-  update(manifest: Manifest): void {
-    this.reel = manifest;
+  /** Keep the time of a reel. The time does not change. */
+  open(reel: Reel): void {
+    this.current = reel;
   }
 
-  /** There is no reel for a while: time stays, and runs on with the next. */
+  /** Forget the reel, but keep the time, to reopen the reel later. */
   forget(): void {
-    this.reel = null;
+    this.current = null;
   }
 
-  /** There is no reel any more: time is 0 and stands still. */
+  /** Forget the reel, stop, and go to time 0. */
   reset(): void {
-    [this.reel, this.running, this.now] = [null, false, 0];
+    [this.current, this.running, this.now] = [null, false, 0];
   }
 
   start(): void {
@@ -96,24 +104,24 @@ export class Clock {
     this.running = false;
   }
 
-  /** Go to a time, kept within the reel. */
+  /** Go to a time, clamped to the reel. */
   seek(seconds: number): void {
     this.now = Math.min(Math.max(seconds, this.earliest), this.duration);
   }
 
-  /** The time some frames on or back, in whole frames. */
-  framesOn(frames: number): number {
-    const { fps, frames: total } = this.reel!;
+  /** Return the time of the frame that is `frames` after the nearest whole one. */
+  timeAfter(frames: number): number {
+    const { fps, frames: total } = this.manifest!;
     return Math.max(Math.min(Math.round(this.frame) + frames, total - 1) / fps, this.earliest);
   }
 
-  /** Let seconds pass; false where time stands still. */
+  /** Advance the time. Returns false if it waits at the end of a live reel. */
   advance(seconds: number): boolean {
     const { earliest, duration, live, loops } = this;
-    if (live && !loops && this.now >= duration) return false; // wait at the edge
+    if (live && !loops && this.now >= duration) return false;
     this.now += seconds * this.speed;
     if (this.now >= duration) {
-      // Until more of a live reel is there, its last group goes round.
+      // The last group of a live reel repeats until the next one arrives.
       if (loops) this.now = live ? this.edge : earliest + ((this.now - earliest) % (duration - earliest));
       else this.now = duration;
     }

@@ -2,6 +2,7 @@
 import { ReelError } from "../base/errors";
 import { HeadsetSpace } from "../camera/headset-space";
 import type { Eye } from "../draw/eye";
+import type { HeadsetLayer } from "../draw/renderer";
 import type { Player } from "./player";
 
 /** What is used of WebXR, which TypeScript does not describe. */
@@ -14,13 +15,8 @@ interface XrFrame {
   getViewerPose(space: object): { transform: { inverse: { matrix: Float32Array } }; views: XrView[] } | null;
 }
 
-interface XrLayer {
-  framebuffer: WebGLFramebuffer | null;
-  getViewport(view: XrView): { x: number; y: number; width: number; height: number } | null;
-}
-
 interface XrSession extends EventTarget {
-  updateRenderState(state: { baseLayer: XrLayer }): void;
+  updateRenderState(state: { baseLayer: HeadsetLayer }): void;
   requestReferenceSpace(type: string): Promise<object>;
   requestAnimationFrame(draw: (now: number, frame: XrFrame) => void): number;
   end(): Promise<void>;
@@ -30,8 +26,6 @@ interface XrSystem {
   isSessionSupported(mode: string): Promise<boolean>;
   requestSession(mode: string, options: object): Promise<XrSession>;
 }
-
-declare const XRWebGLLayer: new (session: XrSession, gl: WebGL2RenderingContext) => XrLayer;
 
 const system = (): XrSystem | undefined => (navigator as { xr?: XrSystem }).xr;
 
@@ -50,16 +44,14 @@ export class Headset {
 
   /** Show a player's reel in the headset; only as an answer to a click. `ended` is called when it is over. */
   static async enter(player: Player, ended: () => void): Promise<Headset> {
-    const { camera, manifest, canvas } = player;
-    if (!camera || !manifest) throw new ReelError("There is no reel to show in the headset yet.");
+    const { camera, manifest, stage } = player;
+    if (!camera || !manifest || !stage) throw new ReelError("There is no reel to show in the headset yet.");
     const session = await system()!.requestSession("immersive-vr", { optionalFeatures: ["local-floor"] });
     session.addEventListener("end", () => {
       player.playback.leaveHeadset();
       ended();
     });
-    const gl = canvas.getContext("webgl2") as WebGL2RenderingContext & { makeXRCompatible(): Promise<void> };
-    await gl.makeXRCompatible();
-    const layer = new XRWebGLLayer(session, gl);
+    const layer = await stage.createHeadsetLayer(session);
     session.updateRenderState({ baseLayer: layer });
     const floor = await session.requestReferenceSpace("local-floor").catch(() => null);
     const space = floor ?? (await session.requestReferenceSpace("local"));

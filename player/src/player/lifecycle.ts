@@ -1,67 +1,70 @@
-/** When a reel is open: from its address to its session, given up where nobody looks, and begun again there or after an error. */
+/** Opens and closes reels: creates the session of a reel, ends it while nobody looks, and begins it again later or after an error. */
 import { DeviceLostError, messageOf } from "../base/errors";
 import { OrbitCamera } from "../camera/orbit-camera";
 import type { CameraState, Start } from "../camera/pose";
 import { reachable } from "../camera/reachable";
 import type { LocalFiles } from "../files/local-files";
+import type { GraphicsDevice } from "../draw/renderer";
 import type { Manifest } from "../reel/manifest";
+import { Reel } from "../reel/reel";
 import type { Clock } from "./clock";
-import { GraphicsContext } from "./graphics-context";
+import { graphicsDeviceOf } from "./graphics";
 import type { Prefetched } from "./prefetched";
 import { Session, type SessionEvents } from "./session";
 
-/** The player, as far as opening a reel needs it. */
+/** The part of the player that opening a reel needs. */
 export interface LifecycleHost {
   readonly canvas: HTMLCanvasElement;
   readonly clock: Clock;
   emit(event: string): void;
-  /** The browser draws without a graphics device. */
-  drawsBySoftware(): void;
+  /** The browser draws in software. */
+  drawsInSoftware(): void;
   /** The manifest is here; `loadedmetadata` follows. */
-  opened(manifest: Manifest): void;
-  /** Files came, or the manifest grew: what was missing may be here. */
+  opened(reel: Reel): void;
+  /** Files arrived or the manifest grew, so missing data may be here now. */
   changed(): void;
-  /** A live reel has other groups, or is whole. */
-  grown(manifest: Manifest): void;
-  /** What belonged to the reel is gone. */
+  /** A live reel has new groups, or is complete. */
+  grown(): void;
+  /** The session of the reel has ended. */
   closed(): void;
 }
 
+/** Owns the session, the camera and the error of the reel that is open. */
 export class Lifecycle {
   private current: Session | null = null;
-  private steered: OrbitCamera | null = null;
+  private orbitCamera: OrbitCamera | null = null;
   private failure: Error | null = null;
   private source: string | LocalFiles = "";
-  /** Where to begin, as a link says or a page that does not wait for the manifest. */
+  /** Start time and view given by a link or a page. */
   private start: Start | null = null;
-  /** Where a page wants the next reel to begin, seconds, whatever is loaded meanwhile. */
-  private wanted: number | null = null;
-  /** Where it broke off. */
+  /** Time at which a page wants the next reel to begin, in seconds. It survives `load`. */
+  private requestedTime: number | null = null;
+  /** Time and view at which playback stopped. */
   private resume: { seconds: number; view: CameraState } | null = null;
   private prefetched: Prefetched | null = null;
   private isAwake = false;
-  /** Counts openings: what an earlier one still waits for comes to nothing. */
+  /** Number of openings, by which a pending opening detects that a later one has begun. */
   private openings = 0;
-  private readonly context: GraphicsContext;
+  private readonly device: GraphicsDevice;
   private readonly online = (): void => {
     if (this.failure) this.retry();
   };
 
   constructor(private readonly host: LifecycleHost) {
-    this.context = new GraphicsContext(host.canvas, () => this.fail(new DeviceLostError()), () => this.retry());
+    this.device = graphicsDeviceOf(host.canvas, () => this.fail(new DeviceLostError()), () => this.retry());
   }
 
-  /** What belongs to the reel that is open; null while there is none, or nobody looks. */
+  /** Session of the open reel; null if there is none, or while nobody looks. */
   get session(): Session | null {
     return this.current;
   }
 
   /** Null until the manifest is here. */
   get camera(): OrbitCamera | null {
-    return this.steered;
+    return this.orbitCamera;
   }
 
-  /** It may get files and hold a graphics device. */
+  /** True if it may download files and hold a graphics device. */
   get awake(): boolean {
     return this.isAwake;
   }
@@ -70,36 +73,36 @@ export class Lifecycle {
     return this.failure;
   }
 
-  /** Whether a reel was given, wherever it is. */
+  /** True if a reel was given. */
   get hasSource(): boolean {
     return this.source !== "";
   }
 
-  /** Of the reel's manifest, absolute; empty where there is none, or it is on this machine. */
+  /** Absolute address of the manifest; empty for none and for local files. */
   get address(): string {
     return typeof this.source === "string" ? this.source : "";
   }
 
-  /** Where time begins once the manifest is here, seconds. */
+  /** Time at which playback will begin, in seconds. */
   get startSeconds(): number {
-    return this.wanted ?? this.start?.seconds ?? 0;
+    return this.requestedTime ?? this.start?.seconds ?? 0;
   }
 
   startAt(seconds: number): void {
-    this.wanted = Math.max(seconds, 0);
+    this.requestedTime = Math.max(seconds, 0);
   }
 
-  /** The poster that the page has asked for already, "" where it has none for this reel. */
+  /** Address of the poster that the page has requested early; "" if there is none for this reel. */
   get prefetchedPoster(): string {
     return this.prefetched?.url === this.address ? this.prefetched.image.src : "";
   }
 
-  /** Use what the page has asked for already, if it is for the reel that is opened next. */
+  /** Use what the page has requested early, if it belongs to the next reel. */
   offer(prefetched: Prefetched): void {
     this.prefetched = prefetched;
   }
 
-  /** Open a reel; that before it is closed. */
+  /** Open a reel, or wait for `wake` to do so. */
   load(source: string | LocalFiles, start: Start | null): Promise<void> {
     [this.source, this.start] = [source, start];
     return this.isAwake ? this.begin() : Promise.resolve();
@@ -119,14 +122,14 @@ export class Lifecycle {
     this.openings++;
     const had = this.current !== null;
     this.closeSession();
-    if (had) this.context.release();
+    if (had) this.device.release();
   }
 
   retry(): void {
     const { clock } = this.host;
-    if (this.steered) this.resume = { seconds: clock.manifest ? clock.seconds : this.startSeconds, view: this.steered.state };
+    if (this.orbitCamera) this.resume = { seconds: clock.manifest ? clock.seconds : this.startSeconds, view: this.orbitCamera.state };
     clock.forget();
-    this.steered = null;
+    this.orbitCamera = null;
     void this.begin();
   }
 
@@ -134,7 +137,7 @@ export class Lifecycle {
     const had = this.hasSource;
     this.closeSession();
     this.openings++;
-    [this.source, this.start, this.resume, this.failure, this.steered] = ["", null, null, null, null];
+    [this.source, this.start, this.resume, this.failure, this.orbitCamera] = ["", null, null, null, null];
     this.host.clock.reset();
     if (had) this.host.emit("emptied");
   }
@@ -146,28 +149,28 @@ export class Lifecycle {
   }
 
   private async begin(): Promise<void> {
-    const { host, context } = this;
+    const { host, device } = this;
     this.closeSession();
     this.failure = null;
     const opening = ++this.openings;
     host.emit("loadstart");
     let session: Session | null = null;
     try {
-      if (context.released) await context.acquire();
-      if (opening !== this.openings) return void (!this.isAwake && context.release());
+      if (device.released) await device.acquire();
+      if (opening !== this.openings) return void (!this.isAwake && device.release());
       const prefetched = this.takePrefetched();
-      session = this.current = new Session(host.canvas, this.sessionEvents(), prefetched?.worker);
-      if (session.stage.software) host.drawsBySoftware();
-      // What is still known of a reel that was put to rest is as good as anew; a live one has grown.
-      const known = host.clock.live ? null : host.clock.manifest;
-      const manifest = known ?? (await session.findManifest(this.source, prefetched?.text));
-      if (!session.closed) this.open(session, manifest);
+      session = this.current = new Session(device.createRenderer(), this.sessionEvents(), prefetched?.worker);
+      if (session.stage.software) host.drawsInSoftware();
+      // The manifest of a reel that was put to rest is still valid, unless the reel is live.
+      const known = host.clock.live ? null : host.clock.reel;
+      const reel = known ?? new Reel(await session.findManifest(this.source, prefetched?.text));
+      if (!session.closed) this.open(session, reel);
     } catch (error) {
       if (opening === this.openings && !session?.closed) this.fail(error);
     }
   }
 
-  /** Once, and only for the address that it was asked for. */
+  /** Return the early requests once, and only for the address that they were made for. */
   private takePrefetched(): Prefetched | null {
     const { prefetched, source } = this;
     this.prefetched = null;
@@ -176,15 +179,16 @@ export class Lifecycle {
     return null;
   }
 
-  private open(session: Session, manifest: Manifest): void {
+  private open(session: Session, reel: Reel): void {
     const { host, host: { clock } } = this;
-    const known = this.steered !== null;
-    session.open(manifest);
-    clock.update(manifest);
-    this.steered ??= this.cameraOf(manifest);
-    clock.seek(known ? clock.seconds : (this.wanted ?? this.resume?.seconds ?? this.start?.seconds ?? (manifest.live ? clock.edge : 0)));
-    [this.start, this.resume, this.wanted] = [null, null, null];
-    host.opened(manifest);
+    const { manifest } = reel;
+    const known = this.orbitCamera !== null;
+    session.open(reel);
+    clock.open(reel);
+    this.orbitCamera ??= this.cameraOf(manifest);
+    clock.seek(known ? clock.seconds : (this.requestedTime ?? this.resume?.seconds ?? this.start?.seconds ?? (manifest.live ? clock.edge : 0)));
+    [this.start, this.resume, this.requestedTime] = [null, null, null];
+    host.opened(reel);
     if (!known) host.emit("loadedmetadata");
     host.emit("durationchange");
     host.changed();
@@ -202,23 +206,21 @@ export class Lifecycle {
     const { host } = this;
     return {
       arrived: () => (host.emit("progress"), host.changed()),
-      grown: (manifest) => {
-        host.clock.update(manifest);
-        host.grown(manifest);
+      grown: () => {
+        host.grown();
         host.emit("durationchange");
         host.changed();
       },
-      known: (manifest) => host.clock.update(manifest),
       replaced: () => this.retry(),
       progress: () => host.emit("progress"),
       failed: (error) => this.fail(error),
     };
   }
 
-  /** The reel is closed for what cannot be helped: it begins anew with `retry`. */
+  /** Stop with an error. `retry` opens the reel again. */
   private fail(error: unknown): void {
     if (this.failure) return;
-    // A lost device fails at whatever is asked of it, before the browser tells of the loss.
+    // Calls to a lost device fail before the browser reports the loss.
     const cause = this.current?.stage.lost ? new DeviceLostError() : error;
     this.current?.abandon();
     this.failure = cause instanceof Error ? cause : new Error(messageOf(cause));

@@ -6,6 +6,7 @@ import type { Pose, Start } from "../camera/pose";
 import type { Picture, Stage } from "../draw/stage";
 import type { LocalFiles } from "../files/local-files";
 import type { Manifest } from "../reel/manifest";
+import type { Reel } from "../reel/reel";
 import { Soundtrack } from "../sound/soundtrack";
 import type { Stream } from "../stream/stream";
 import { checkedPose, finite } from "./checked-arguments";
@@ -43,12 +44,12 @@ export class Player extends EventTarget {
       canvas,
       clock: this.clock,
       emit: (event) => this.emit(event),
-      drawsBySoftware: () => this.resolution.startCoarse(),
-      opened: (manifest) => this.opened(manifest),
+      drawsInSoftware: () => this.resolution.startCoarse(),
+      opened: (reel) => this.opened(reel),
       changed: () => this.playback.askForFiles(),
-      grown: (manifest) => {
-        this.soundtrack.update(manifest);
-        if (this.clock.seconds < this.earliest) this.playback.seek(this.earliest); // what showed was dropped
+      grown: () => {
+        this.soundtrack.refresh();
+        if (this.clock.seconds < this.earliest) this.playback.seek(this.earliest); // the present time was dropped
       },
       closed: () => {
         this.soundtrack.close();
@@ -110,9 +111,9 @@ export class Player extends EventTarget {
     this.lifecycle.offer(prefetched);
   }
 
-  private opened(manifest: Manifest): void {
+  private opened(reel: Reel): void {
     this.rendition = this.choice;
-    this.soundtrack.open(manifest);
+    this.soundtrack.open(reel);
     if (!this.paused) this.soundtrack.ask();
   }
 
@@ -301,7 +302,7 @@ export class Player extends EventTarget {
   step(frames: number): void {
     if (!this.manifest) return;
     this.pause();
-    this.currentTime = this.clock.framesOn(frames);
+    this.currentTime = this.clock.timeAfter(frames);
   }
 
   /** The camera or the size changed: draw again. */

@@ -1,46 +1,49 @@
-/** What belongs to the reel that is open: its workers, its stage, and the stream of its files. */
+/** Resources of the open reel: its workers, its stage, and the stream of its files. */
+import type { Renderer } from "../draw/renderer";
 import { Stage } from "../draw/stage";
 import { EMBEDDED, embeddedReel } from "../files/embedded";
 import type { LocalFiles } from "../files/local-files";
 import { hasSameFiles, loadManifest, readManifest, type Manifest } from "../reel/manifest";
-import { withKnown, withPage, type Page } from "../reel/pages";
+import type { Page } from "../reel/pages";
+import type { Reel } from "../reel/reel";
 import { DecoderPool } from "../stream/decoder-pool";
 import { memoryBudget } from "../stream/file-cache";
 import { freshManifest, nextManifest, watchManifest } from "../stream/live-manifest";
 import { RenditionPolicy, guessOfBrowser } from "../stream/rendition-policy";
 import { Stream } from "../stream/stream";
 
-/** Milliseconds to wait for a manifest that may explain why a file is not what it should be. */
-const PATIENCE = 8000;
+/** Milliseconds to wait for a new manifest after a file turned out to be missing or different. */
+const MANIFEST_TIMEOUT = 8000;
 
+/** Events of a session. */
 export interface SessionEvents {
-  /** A file was taken in. */
+  /** A file was decoded, or a page was added to the manifest. */
   arrived(): void;
-  /** A live reel has other groups, or is whole. */
-  grown(manifest: Manifest): void;
-  /** More is known of the reel's groups. `arrived` follows. */
-  known(manifest: Manifest): void;
-  /** The reel's host has another one by now. */
+  /** A live reel has new groups, or is complete. */
+  grown(): void;
+  /** The host has replaced the reel. */
   replaced(): void;
-  /** Something came, went or is late. */
+  /** Bytes arrived, files were dropped, or something is late. */
   progress(): void;
+  /** Playback cannot go on. */
   failed(error: unknown): void;
 }
 
+/** Opens one reel and closes it again. */
 export class Session {
   readonly stage: Stage;
   readonly decoders: DecoderPool;
   stream: Stream | null = null;
-  /** Why there is no reel yet, for people. */
+  /** Reason for waiting for the manifest, to show to people; null if there is none. */
   trouble: string | null = null;
-  /** Nothing is taken in any more. */
+  /** True after an error: further files are ignored. */
   private abandoned = false;
-  private manifest: Manifest | null = null;
+  private reel: Reel | null = null;
   private readonly life = new AbortController();
 
-  /** Workers start and shaders compile at once, while the manifest is on its way. worker: one that decodes, already started. Throws `ReelError` where there is no WebGL 2. */
-  constructor(canvas: HTMLCanvasElement, private readonly events: SessionEvents, worker?: Worker | null) {
-    this.stage = new Stage(canvas, (error) => events.failed(error));
+  /** Start the workers at once, while the manifest downloads. worker: a decode worker that is already running. */
+  constructor(renderer: Renderer, private readonly events: SessionEvents, worker?: Worker | null) {
+    this.stage = new Stage(renderer, (error) => events.failed(error));
     this.decoders = new DecoderPool(worker);
   }
 
@@ -48,26 +51,27 @@ export class Session {
     return this.life.signal.aborted;
   }
 
-  /** A reel's manifest; of a live one, once it has a group. early: its text, already asked for; null: in vain. */
+  /** Read the manifest of a reel; of a live one, wait for its first group. early: text of the manifest, already requested; null if that failed. */
   async findManifest(source: string | LocalFiles, early?: Promise<string | null>): Promise<Manifest> {
     const { signal } = this.life;
     if (typeof source !== "string") return readManifest(source);
     if (source === EMBEDDED) return readManifest(embeddedReel());
     let manifest = await loadManifest(source, { received: () => undefined, trouble: (why) => this.wait(why) }, signal, early);
     while (manifest.groups.length === 0) {
-      this.wait("Live. The first group is not here yet.");
+      this.wait("Live. Waiting for the first group.");
       manifest = await nextManifest(manifest, signal);
     }
     this.trouble = null;
     return manifest;
   }
 
-  /** Begin to get the reel's files. */
-  open(manifest: Manifest): void {
+  /** Begin to download the files of a reel. */
+  open(reel: Reel): void {
     const { stage, decoders, events } = this;
-    this.manifest = manifest;
-    stage.open(manifest);
-    this.stream = new Stream(manifest, decoders, memoryBudget(), {
+    const { manifest } = reel;
+    this.reel = reel;
+    stage.open(reel);
+    this.stream = new Stream(reel, decoders, memoryBudget(), {
       layer: (uri, file) => this.take(() => stage.addLayer(uri, file)),
       group: (index, file, layers) => this.take(() => stage.addGroup(index, file, layers)),
       page: (page, json) => this.take(() => this.addPage(page, json)),
@@ -83,22 +87,22 @@ export class Session {
     void watchManifest(manifest, (next) => this.grow(next), this.life.signal);
   }
 
-  /** Take nothing in any more: the reel has an error. */
+  /** Ignore files that still arrive, after an error. */
   abandon(): void {
     this.abandoned = true;
   }
 
   close(): void {
     this.life.abort();
-    this.manifest?.files?.close();
+    this.reel?.manifest.files?.close();
     this.decoders.destroy();
     this.stage.destroy();
   }
 
-  /** A file is not what the manifest says: read the manifest again. True if the reel was replaced, and is opened anew. */
+  /** Read the manifest again after a file did not match it. Resolves to true if the reel was replaced, which reopens it. */
   private async isOutdated(manifest: Manifest): Promise<boolean> {
     if (manifest.files || this.stage.lost) return false;
-    const late = new Promise<null>((resolve) => setTimeout(() => resolve(null), PATIENCE));
+    const late = new Promise<null>((resolve) => setTimeout(() => resolve(null), MANIFEST_TIMEOUT));
     const next = await Promise.race([freshManifest(manifest, this.life.signal), late]);
     if (!next || this.closed) return false;
     if (manifest.live) this.grow(next);
@@ -107,27 +111,14 @@ export class Session {
     return replaced;
   }
 
-  /** The manifest of a live reel was read again. */
   private grow(next: Manifest): void {
-    const before = this.manifest!;
-    // An answer that was long under way may be older than what is known.
-    const older = next.live && (next.groups.length < before.groups.length || next.first < before.first);
-    if (this.closed || !before.live || older) return;
-    this.use(withKnown(next, before));
-    this.events.grown(this.manifest!);
+    if (this.closed || !this.reel!.grow(next)) return;
+    this.stream?.refresh();
+    this.events.grown();
   }
 
   private addPage(page: Page, json: unknown): void {
-    const { manifest } = this;
-    if (!manifest?.pages.some(({ uri }) => uri === page.uri)) return; // it was dropped meanwhile
-    this.use(withPage(manifest, page, json));
-    this.events.known(this.manifest!);
-  }
-
-  private use(manifest: Manifest): void {
-    this.manifest = manifest;
-    this.stage.update(manifest);
-    this.stream?.update(manifest);
+    if (this.reel!.addPage(page, json)) this.stream?.refresh();
   }
 
   private take(add: () => void): void {

@@ -2,6 +2,7 @@
 import { messageOf, PLAIN, ReelError } from "../base/errors";
 import { download } from "../files/download";
 import { sourceOf, type Manifest } from "../reel/manifest";
+import type { Reel } from "../reel/reel";
 import type { Asset, Sound, SoundSegment } from "../reel/presentation";
 import { feedOf, type SoundFeed } from "./sound-feed";
 
@@ -33,8 +34,8 @@ export class SoundSource {
   private coming: { index: number; transfer: AbortController } | null = null;
 
   /** Throws `ReelError` where the browser does not play this kind of sound. */
-  constructor(audio: HTMLAudioElement, private manifest: Manifest, private readonly events: SoundEvents) {
-    this.feed = feedOf(audio, this.sound.type, manifest.live, () => events.renewed());
+  constructor(audio: HTMLAudioElement, private readonly reel: Reel, private readonly events: SoundEvents) {
+    this.feed = feedOf(audio, this.sound.type, this.manifest.live, () => events.renewed());
   }
 
   /** Whether the sound at this time is here. */
@@ -51,16 +52,19 @@ export class SoundSource {
     if (!this.filling) void this.fill();
   }
 
-  /** A live reel has grown. */
-  update(manifest: Manifest): void {
-    this.manifest = manifest;
-    this.wanted = []; // the first segments may have been dropped
+  /** Take over changes of the manifest. */
+  refresh(): void {
+    this.wanted = []; // the first segments may have been dropped, which shifts the indices
   }
 
   close(): void {
     this.life.abort();
     this.coming?.transfer.abort();
     this.feed.close();
+  }
+
+  private get manifest(): Manifest {
+    return this.reel.manifest;
   }
 
   private get sound(): Sound {

@@ -1,6 +1,7 @@
 /** The sound of the reel that is open. While it is heard it is the clock that pictures follow; else they go by the clock on the wall. */
 import { messageOf } from "../base/errors";
 import type { Manifest } from "../reel/manifest";
+import type { Reel } from "../reel/reel";
 import { segmentAt, SoundSource } from "./sound-source";
 import { SoundSync } from "./sound-sync";
 import { SpatialSound } from "./spatial-sound";
@@ -33,7 +34,7 @@ export class Soundtrack {
   blocked = false;
   readonly spatial = new SpatialSound();
 
-  private manifest: Manifest | null = null;
+  private reel: Reel | null = null;
   private source: SoundSource | null = null;
   private audio: HTMLAudioElement | null = null;
   /** Where the browser refuses sound, the reel plays in silence instead of not at all. */
@@ -52,8 +53,8 @@ export class Soundtrack {
   constructor(private readonly emit: (event: string) => void, private readonly stop: () => void) {}
 
   /** Of a reel; nothing is downloaded before it is to be heard. */
-  open(manifest: Manifest): void {
-    this.manifest = manifest;
+  open(reel: Reel): void {
+    this.reel = reel;
     this.life = new AbortController();
     const { signal } = this.life;
     // Hidden pages draw nothing, so that there is nothing to be in time with.
@@ -63,17 +64,20 @@ export class Soundtrack {
     this.emit("volumechange");
   }
 
-  /** A live reel has grown. */
-  update(manifest: Manifest): void {
-    this.manifest = manifest;
-    this.source?.update(manifest);
+  /** Take over changes of the manifest. */
+  refresh(): void {
+    this.source?.refresh();
+  }
+
+  private get manifest(): Manifest | null {
+    return this.reel?.manifest ?? null;
   }
 
   close(): void {
     this.life.abort();
     this.rest();
     this.source?.close();
-    [this.source, this.manifest, this.error, this.moved] = [null, null, null, true];
+    [this.source, this.reel, this.error, this.moved] = [null, null, null, true];
   }
 
   /** Give all that it holds back, until it is needed again. */
@@ -225,7 +229,7 @@ export class Soundtrack {
 
   /** The element, with its source; null where the browser does not play it. */
   private prepare(): HTMLAudioElement | null {
-    const { manifest } = this;
+    const { reel } = this;
     this.audio ??= this.make();
     if (!this.source) {
       const failed = (error: unknown): void => {
@@ -235,7 +239,7 @@ export class Soundtrack {
         this.emit("volumechange");
       };
       try {
-        this.source = new SoundSource(this.audio, manifest!, { progress: () => this.emit("progress"), renewed: () => this.seek(), failed });
+        this.source = new SoundSource(this.audio, reel!, { progress: () => this.emit("progress"), renewed: () => this.seek(), failed });
       } catch (error) {
         failed(error);
         return null;

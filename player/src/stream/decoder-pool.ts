@@ -1,28 +1,34 @@
-/** The workers that get and decode files, what each is at, and how fast that goes. */
+/** Workers that download and decode files, their jobs, and their speed. */
 import { PLAIN } from "../base/errors";
+import type { DecodedFile } from "../decode/decode-file";
 import type { DecodeReply, DecodeRequest } from "../decode/decode-worker";
 import { decoderFiles, startDecodeWorker } from "../files/bundle";
 import type { Source } from "../files/source";
 import { failureOf } from "../files/workers";
 import { BandwidthMeter } from "./bandwidth-meter";
 
-/** Files that download and decode at a time. */
+/** Maximum number of files that download and decode at the same time. */
 const WORKERS = 2;
 
-/** What becomes of a file: bytes of it came, it is being tried again, it is here, or it cannot be had. */
+/** Events of one job. */
 export interface Receiver {
+  /** More bytes arrived. */
   received(job: Job): void;
+  /** The transfer is retried. */
   trouble(why: string): void;
-  /** A `DecodedFile`, or the JSON of a page. */
-  done(content: unknown): void;
+  /** A layer or group was decoded. */
+  decoded(file: DecodedFile): void;
+  /** A page arrived, as unchecked JSON. */
+  page(json: unknown): void;
   failed(why: string, plain?: string): void;
 }
 
+/** A file being downloaded and decoded. */
 export interface Job {
   readonly source: Source;
-  /** When it was asked for, milliseconds. */
+  /** Time of the request, in milliseconds. */
   readonly asked: number;
-  /** When its first byte came, milliseconds, and the bytes since then. */
+  /** Time of the first byte, in milliseconds, and the number of bytes received. */
   began: number;
   received: number;
 }
@@ -30,37 +36,38 @@ export interface Job {
 interface Running extends Job {
   id: number;
   worker: Worker;
-  /** Bytes are still expected. */
+  /** True until all bytes are received. */
   open: boolean;
 }
 
+/** Runs one job per worker. */
 export class DecoderPool {
   readonly meter = new BandwidthMeter();
-  /** Of the last file. */
+  /** Decoding time of the last file. */
   milliseconds = 0;
-  /** Milliseconds a point, lately; 0: nothing was decoded yet. */
+  /** Recent decoding time per point, in milliseconds; 0 before the first file. */
   pace = 0;
   private readonly workers: Worker[] = [];
   private readonly idle: Worker[] = [];
   private readonly running = new Map<string, Running>();
   private nextId = 0;
-  private onfree: () => void = () => undefined;
+  private onFree: () => void = () => undefined;
 
-  /** One worker starts at once, while the manifest is on its way; the other when two files are wanted. */
+  /** Start one worker at once, while the manifest downloads. The second starts with the second file. worker: already started. */
   constructor(worker?: Worker | null) {
     this.idle.push(this.addWorker(worker ?? startDecodeWorker()));
   }
 
-  /** Have something called whenever a worker is free again. */
+  /** Call a function whenever a worker becomes free. */
   whenFree(call: () => void): void {
-    this.onfree = call;
+    this.onFree = call;
   }
 
   get free(): boolean {
     return this.idle.length > 0 || this.workers.length < WORKERS;
   }
 
-  /** Keys of the files being got. */
+  /** Keys of the running jobs. */
   get keys(): string[] {
     return [...this.running.keys()];
   }
@@ -69,12 +76,12 @@ export class DecoderPool {
     return this.running.has(key);
   }
 
-  /** Bytes of a file that came so far. */
+  /** Return the number of bytes received of a file. */
   received(key: string): number {
     return this.running.get(key)?.received ?? 0;
   }
 
-  /** Whether the rest of a file will be here before the first byte of another one could: the rest takes less than a round trip. */
+  /** Return true if the rest of a file takes less than one round trip, so that the next request can be sent. */
   isNearlyHere(key: string): boolean {
     const job = this.running.get(key);
     if (!job?.open) return true;
@@ -83,7 +90,7 @@ export class DecoderPool {
     return job.received > 0 && job.source.bytes - job.received < rate * answer;
   }
 
-  /** Get a file of so many points, or a page (null). Only while a worker is free. */
+  /** Start a job; requires a free worker. points: of the file, null for a page. */
   start(key: string, source: Source, points: number | null, receiver: Receiver): void {
     const worker = this.idle.pop() ?? this.addWorker();
     const job: Running = { id: this.nextId++, worker, source, asked: performance.now(), began: 0, received: 0, open: true };
@@ -94,7 +101,7 @@ export class DecoderPool {
       this.close(job);
       this.release(worker, dead);
       report();
-      this.onfree();
+      this.onFree();
     };
     worker.onmessage = ({ data }: MessageEvent<DecodeReply>) => {
       if (data.id !== job.id) return;
@@ -103,16 +110,17 @@ export class DecoderPool {
         receiver.received(job);
       } else if ("trouble" in data) receiver.trouble(data.trouble);
       else if ("error" in data) finish(() => receiver.failed(data.error, data.plain));
+      else if ("page" in data) finish(() => receiver.page(data.page));
       else {
-        if (points !== null) this.time(data.milliseconds, points);
-        finish(() => receiver.done(data.content));
+        this.updatePace(data.milliseconds, points ?? 0);
+        finish(() => receiver.decoded(data.file));
       }
     };
     worker.onerror = (event) => finish(() => receiver.failed(`${source.url} cannot be decoded (${failureOf(event)}).`, PLAIN.player), true);
     send(worker, { id: job.id, source, page: points === null });
   }
 
-  /** Give a file up. */
+  /** Cancel a job. */
   cancel(key: string): void {
     const job = this.running.get(key);
     if (!job) return;
@@ -122,10 +130,10 @@ export class DecoderPool {
     send(worker, { id: job.id, cancel: true });
     const free = (dead: boolean): void => {
       this.release(worker, dead);
-      this.onfree();
+      this.onFree();
     };
-    // The worker is free once it has said so.
-    worker.onmessage = ({ data }: MessageEvent<DecodeReply>) => void (("content" in data || "error" in data) && free(false));
+    // The worker is busy until it confirms.
+    worker.onmessage = ({ data }: MessageEvent<DecodeReply>) => void (("file" in data || "page" in data || "error" in data) && free(false));
     worker.onerror = () => free(true);
   }
 
@@ -139,7 +147,7 @@ export class DecoderPool {
     return worker;
   }
 
-  /** A worker is free again; another takes the place of a dead one when it is needed. */
+  /** Return a worker to the pool. A dead one is replaced when the next job starts. */
   private release(worker: Worker, dead: boolean): void {
     if (!dead) return void this.idle.push(worker);
     worker.terminate();
@@ -151,7 +159,7 @@ export class DecoderPool {
     if (job.received === 0) job.began = now;
     job.received += bytes;
     this.meter.came(bytes, now);
-    if (job.received >= job.source.bytes) this.close(job); // what follows is decoding
+    if (job.received >= job.source.bytes) this.close(job); // only decoding is left
   }
 
   private close(job: Running): void {
@@ -159,7 +167,7 @@ export class DecoderPool {
     job.open = false;
   }
 
-  private time(milliseconds: number, points: number): void {
+  private updatePace(milliseconds: number, points: number): void {
     this.milliseconds = milliseconds;
     if (points === 0) return;
     const pace = milliseconds / points;

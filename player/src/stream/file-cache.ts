@@ -1,30 +1,34 @@
-/** Which layers and groups of a reel are here, in which rendition, and which go where memory is short. */
+/** The layers and groups of a reel in memory, their renditions, and which to drop when memory is short. */
 import type { Manifest } from "../reel/manifest";
+import type { Reel } from "../reel/reel";
 import { layersAt, type ReelFile } from "../reel/reel-file";
 import { firstFrameOf } from "../reel/timeline";
 import type { QueueItem } from "./queue";
 
-/** What went: groups by their numbers, layers by their uris. */
+/** Dropped files: groups by number, layers by URI. */
 export interface Dropped {
   groups: number[];
   layers: string[];
 }
 
+/** Keeps track of the files in memory. The decoded data itself is with the renderer and the sort worker. */
 export class FileCache {
-  /** By their uris. */
+  /** By URI. */
   private readonly layers = new Map<string, ReelFile>();
   private readonly groups = new Map<number, { file: ReelFile; rendition: string }>();
 
-  constructor(private manifest: Manifest) {}
+  constructor(private readonly reel: Reel) {}
 
-  /** A live reel has grown, or a page is here. */
-  update(manifest: Manifest): void {
-    this.manifest = manifest;
-    // A layer may be retired that was not when it came.
-    for (const layer of manifest.layers) if (this.layers.has(layer.uri)) this.layers.set(layer.uri, layer);
+  /** Take over changes of the manifest: a layer that was kept forever may have been retired. */
+  refresh(): void {
+    for (const layer of this.manifest.layers) if (this.layers.has(layer.uri)) this.layers.set(layer.uri, layer);
   }
 
-  /** Whether a group can be shown: with all layers that it needs. */
+  private get manifest(): Manifest {
+    return this.reel.manifest;
+  }
+
+  /** Return true if a group and all layers that it needs are in memory. */
   canShow(group: number): boolean {
     const file = this.manifest.groups[group];
     return Boolean(file) && this.groups.has(group) && layersAt(file).every(({ uri }) => this.layers.has(uri));
@@ -35,22 +39,22 @@ export class FileCache {
     return item.kind === "layer" ? this.layers.has(item.file.uri) : this.groups.has(item.index);
   }
 
-  /** Groups held, in order of time. */
+  /** Groups in memory, in order of time. */
   get held(): number[] {
     return [...this.groups.keys()].sort((a, b) => a - b);
   }
 
-  /** The file that a group is here in; undefined where it is not here. */
+  /** Return the file of a group in memory, of whichever rendition; undefined if there is none. */
   fileOf(group: number): ReelFile | undefined {
     return this.groups.get(group)?.file;
   }
 
-  /** The rendition that a group is here in, "" where there is nothing to choose; undefined where it is not here. */
+  /** Return the rendition of a group in memory, "" for a reel without renditions; undefined if the group is not in memory. */
   renditionOf(group: number): string | undefined {
     return this.groups.get(group)?.rendition;
   }
 
-  /** Time ranges whose groups are here, [start, end] seconds. */
+  /** Time ranges whose groups can be shown, [start, end] in seconds. */
   get buffered(): [number, number][] {
     const { manifest } = this;
     const ranges: [number, number][] = [];
@@ -73,9 +77,9 @@ export class FileCache {
   }
 
   /**
-   * Drop groups, those of before the reel's first and then those that showed longest ago, until what is here takes no more bytes
-   * than `room`, and say whether it does. With the last group at which it lives goes a layer that is retired. keep: whether a group
-   * has to stay. wanted: keys of the layers that do.
+   * Drop groups until the files in memory take at most `room` bytes, and return whether they do. Groups before the reel's first go
+   * first, then those shown longest ago. A retired layer goes with the last group at which it lives. keep: returns true for groups
+   * that must stay. wanted: URIs of the layers that must stay.
    */
   makeRoom(room: number, current: number, keep: (group: number) => boolean, wanted: Set<string>): Dropped & { fits: boolean } {
     const { first, groups: { length } } = this.manifest;
@@ -92,12 +96,12 @@ export class FileCache {
     }
   }
 
-  /** Those that are retired and live at no group that is here. */
+  /** Drop the retired layers that live at no group in memory. */
   private dropLayers(wanted: Set<string>): string[] {
     const groups = [...this.groups.keys()];
-    const gone = [...this.layers.values()].filter(({ uri, group, until }) => until < Infinity && !wanted.has(uri) && !groups.some((at) => group <= at && at < until));
-    for (const { uri } of gone) this.layers.delete(uri);
-    return gone.map(({ uri }) => uri);
+    const dropped = [...this.layers.values()].filter(({ uri, group, until }) => until < Infinity && !wanted.has(uri) && !groups.some((at) => group <= at && at < until));
+    for (const { uri } of dropped) this.layers.delete(uri);
+    return dropped.map(({ uri }) => uri);
   }
 
   private get bytes(): number {
@@ -105,12 +109,12 @@ export class FileCache {
   }
 }
 
-/** Bytes that a file takes once it is decoded: points and offsets on the GPU, positions and dx with the sort worker. Layers that stay are not counted. */
+/** Return the bytes of memory of a decoded file: points and offsets on the GPU, positions and dx in the sort worker. Layers that are never retired count 0. */
 export function costOf({ points, frames, until }: Pick<ReelFile, "points" | "frames"> & { until?: number }): number {
   return frames === 0 && until === Infinity ? 0 : points * (92 + 24 * frames);
 }
 
-/** Bytes for groups on this device: an eighth of a gigabyte where nothing is known, more on larger machines. */
+/** Return the bytes of memory for groups: 64 MB per gigabyte of the device, 128 MB if the browser does not report it. */
 export function memoryBudget(): number {
   const gigabytes = (navigator as { deviceMemory?: number }).deviceMemory ?? 2;
   return Math.min(Math.max(gigabytes, 1), 8) * 2 ** 26;

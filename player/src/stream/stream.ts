@@ -1,8 +1,9 @@
-/** Gets the files of a reel: what is wanted, in the order in which it is, as many at a time as there are workers. */
+/** Downloads the files of a reel in order of urgency, as many at a time as there are workers. */
 import { PLAIN, ReelError } from "../base/errors";
-import type { DecodedFile } from "../decode/decode-file";
+import type { DecodedFile, DecodedGroup, DecodedLayer } from "../decode/decode-file";
 import { sourceOf, type Manifest } from "../reel/manifest";
 import type { Page } from "../reel/pages";
+import type { Reel } from "../reel/reel";
 import { fileOf, layersAt, type ReelFile } from "../reel/reel-file";
 import { Backoff } from "./backoff";
 import type { DecoderPool, Job } from "./decoder-pool";
@@ -15,135 +16,142 @@ import type { RenditionPolicy } from "./rendition-policy";
 type LayerItem = Extract<QueueItem, { kind: "layer" }>;
 type GroupItem = Extract<QueueItem, { kind: "group" }>;
 
+/** Events of a stream. */
 export interface StreamEvents {
-  layer(uri: string, file: DecodedFile): void;
-  /** layers: the uris of those that live at the group. */
-  group(index: number, file: DecodedFile, layers: string[]): void;
-  /** What a page of the manifest says, unchecked. */
+  /** A layer was decoded. */
+  layer(uri: string, file: DecodedLayer): void;
+  /** A group was decoded. layers: URIs of the layers that live at the group. */
+  group(index: number, file: DecodedGroup, layers: string[]): void;
+  /** A page of the manifest arrived, as unchecked JSON. */
   page(page: Page, json: unknown): void;
-  dropped(what: Dropped): void;
-  /** A file is gone, or not what the manifest says. Resolves once the manifest was read again: true, if the reel is another one by now. */
+  /** Files were dropped to free memory. */
+  dropped(files: Dropped): void;
+  /** A file is missing or differs from the manifest. Read the manifest again, and resolve to true if the reel was replaced. */
   outdated(): Promise<boolean>;
-  /** Bytes came, or a file is being tried again: `trouble` says. */
+  /** Bytes arrived, or a transfer is retried; see `trouble`. */
   progress(): void;
-  /** What shows now cannot be had; the stream has ended. */
+  /** A file that is needed now cannot be downloaded. The stream has ended. */
   failed(error: Error): void;
 }
 
+/** Schedules downloads by the present demand. */
 export class Stream {
-  /** Why something is late, for people; null while all is well. */
+  /** Reason for a delay, to show to people; null if there is none. */
   trouble: string | null = null;
 
   private readonly cache: FileCache;
   private readonly renditions: GroupRenditions;
   private readonly backoff = new Backoff();
-  private readonly wait = new LoadProgress();
-  /** Renditions of the groups that are being got, by key. */
+  private readonly loadProgress = new LoadProgress();
+  /** Renditions of the groups that are downloading, by key. */
   private readonly coming = new Map<string, string>();
   private demand: Demand = { current: null, previous: null, inUse: [], loop: false, frame: 0, rate: 1 };
-  /** What is wanted, by the last demand. */
+  /** Files wanted by the last demand, most urgent first. */
   private queue: QueueItem[] = [];
   private stopped = false;
 
-  /** budget: bytes that groups may take, and layers that are retired again. */
+  /** budget: bytes of memory for groups and retired layers. */
   constructor(
-    private manifest: Manifest,
+    private readonly reel: Reel,
     private readonly decoders: DecoderPool,
     private readonly budget: number,
     private readonly events: StreamEvents,
     policy: RenditionPolicy,
   ) {
-    this.cache = new FileCache(manifest);
+    this.cache = new FileCache(reel);
     this.renditions = new GroupRenditions(policy);
     decoders.whenFree(() => this.schedule());
   }
 
-  /** A live reel has grown, or a page is here. Then `want` has to be called. */
-  update(manifest: Manifest): void {
-    this.manifest = manifest;
-    this.cache.update(manifest);
+  /** Take over changes of the manifest. Call `want` afterwards. */
+  refresh(): void {
+    this.cache.refresh();
     const { current, previous } = this.demand;
-    const dropped = [current, previous].some((group) => group !== null && !manifest.groups[group]);
+    const dropped = [current, previous].some((group) => group !== null && !this.manifest.groups[group]);
     if (dropped) this.demand = { ...this.demand, current: null, previous: null };
   }
 
-  /** The uris of the layers that show now, as many as are complete from the first on. */
-  get layersHere(): string[] {
+  private get manifest(): Manifest {
+    return this.reel.manifest;
+  }
+
+  /** URIs of the layers that are needed now, up to the first one that is missing. */
+  get loadedLayers(): string[] {
     const layers = this.queue.filter((item): item is LayerItem => item.kind === "layer" && item.urgent);
     const missing = layers.findIndex((item) => !this.cache.holds(item));
     return layers.slice(0, missing < 0 ? layers.length : missing).map(({ file }) => file.uri);
   }
 
-  /** Whether a group can be shown: with all layers that it needs. */
+  /** Return true if a group and all layers that it needs are in memory. */
   has(group: number): boolean {
     return this.cache.canShow(group);
   }
 
-  /** Files are being got. */
+  /** True while files are downloading or decoding. */
   get busy(): boolean {
     return this.decoders.keys.length > 0;
   }
 
-  /** Of the bytes of what shows now and is not here yet, the part that came, 0..1. */
+  /** Received part of the bytes that playback waits for, 0 to 1. */
   get progress(): number {
-    if (this.queue.length === 0) return 0; // nothing was asked for yet
-    return this.wait.progress((key) => {
+    if (this.queue.length === 0) return 0; // no demand yet
+    return this.loadProgress.progress((key) => {
       const item = this.queue.find((other) => other.key === key)!;
       const { bytes } = item.kind === "group" ? this.fileOf(item.index) : item.file;
       return { bytes, here: this.cache.holds(item) ? bytes : this.decoders.received(key) };
     });
   }
 
-  /** Groups held, in order of time. */
+  /** Groups in memory, in order of time. */
   get held(): number[] {
     return this.cache.held;
   }
 
-  /** The rendition that a group is here in; null where it is not, or where there is nothing to choose. */
+  /** Return the rendition of a group in memory; null if it is not in memory or the reel has no renditions. */
   renditionOf(group: number): string | null {
     return this.cache.renditionOf(group) || null;
   }
 
-  /** The file that a group is here in, or would be by default. */
+  /** Return the file of a group in memory, else the one that is downloading, else that of the first rendition. */
   fileOf(group: number): ReelFile {
     return this.cache.fileOf(group) ?? fileOf(this.manifest.groups[group], this.coming.get(groupKey(group)) ?? "");
   }
 
-  /** Time ranges whose groups are here, [start, end] seconds. */
+  /** Time ranges whose groups can be shown, [start, end] in seconds. */
   get buffered(): [number, number][] {
     return this.cache.buffered;
   }
 
-  /** Say what shows now. */
+  /** Set what is shown now, and schedule its files. */
   want(demand: Demand): void {
     this.demand = demand;
     this.schedule();
   }
 
-  /** Have this rendition from the next group on, or, with null, whichever does best. */
+  /** Choose a rendition for the groups that follow; null: adapt to network and device. */
   choose(name: string | null): void {
     this.renditions.choose(name);
     if (this.queue.length > 0) this.schedule();
   }
 
-  /** Tell whether the device draws what shows fast enough. */
+  /** Report whether the device draws the present rendition too slowly. */
   judge(slow: boolean): void {
     const { current } = this.demand;
     if (current !== null) this.renditions.judge(slow, current, this.cache.renditionOf(current), this.manifest);
   }
 
-  /** Give up what is not wanted any more, and have the workers get what is. */
+  /** Cancel files that are no longer wanted and start those that are. */
   private schedule(): void {
     if (this.stopped) return;
     const queue = (this.queue = this.wanted());
     this.cancelUnwanted(queue);
-    this.noteWait(queue);
+    this.recordMissing(queue);
     let late = false;
     for (const item of queue) {
       const { urgent } = item;
-      // Layers have the whole line: there is something to see then.
-      if (item.kind === "group" && this.layersAreComing()) return;
-      // What shows gets the whole line.
+      // Layers get the whole bandwidth, since they can be shown before the first group.
+      if (item.kind === "group" && this.areLayersLoading()) return;
+      // So do the files that playback waits for.
       if (late && !urgent) return;
       if (this.cache.holds(item)) continue;
       late ||= urgent;
@@ -157,7 +165,7 @@ export class Stream {
       this.load(item, item.kind === "group" ? this.renditionFor(item.index, this.decoders.meter.rate) : "");
     }
     if (late) return;
-    this.makeRoom(null, queue); // what was on screen while another time was sought
+    this.makeRoom(null, queue); // drop the groups that a seek kept on screen
     this.improve(queue);
   }
 
@@ -168,19 +176,19 @@ export class Stream {
   private cancelUnwanted(queue: QueueItem[]): void {
     const keys = new Set(queue.map((item) => item.key));
     for (const key of this.decoders.keys) if (!keys.has(key)) this.cancel(key);
-    // Another rendition of what is on screen by now comes too late.
+    // A better rendition of a group that is already on screen is too late.
     for (const item of queue) if (item.kind === "group" && this.coming.has(item.key) && this.cache.holds(item) && isOnScreen(item.index, this.demand)) this.cancel(item.key);
   }
 
-  /** Note what shows now and is not here. */
-  private noteWait(queue: QueueItem[]): void {
+  /** Record which needed files are missing, for `progress`. */
+  private recordMissing(queue: QueueItem[]): void {
     const needed = queue.filter(({ urgent }) => urgent);
     const keys = (items: QueueItem[]): string[] => items.map(({ key }) => key);
-    this.wait.expect(keys(needed), keys(needed.filter((item) => !this.cache.holds(item))));
+    this.loadProgress.expect(keys(needed), keys(needed.filter((item) => !this.cache.holds(item))));
   }
 
-  /** A layer that shows now has begun to come, and more than the next answer's time is missing of it. */
-  private layersAreComing(): boolean {
+  /** Return true while a needed layer downloads whose rest takes longer than one round trip. */
+  private areLayersLoading(): boolean {
     return this.queue.some((item) => item.kind === "layer" && item.urgent && !this.cache.holds(item) && !this.decoders.isNearlyHere(item.key));
   }
 
@@ -188,11 +196,11 @@ export class Stream {
     return this.queue.some((item) => item.urgent && item.key === key);
   }
 
-  /** Drop what nobody needs until what is here fits, and `item` with it; false if it does not. */
+  /** Drop unneeded files until the rest and `item` fit into memory. Returns false if they do not. */
   private makeRoom(item: QueueItem | null, queue: QueueItem[]): boolean {
     const sum = (items: QueueItem[]): number => items.reduce((total, each) => total + this.costOf(each), 0);
     const coming = queue.filter((other) => this.decoders.has(other.key) || other === item);
-    // What is wanted may be more than the budget: the queue says when.
+    // The queue may exceed the budget, for files that playback cannot do without.
     const room = Math.max(this.budget, sum(queue)) - sum(coming);
     const keys = new Set(queue.map(({ key }) => key));
     const keep = (group: number): boolean => keys.has(groupKey(group)) || isOnScreen(group, this.demand);
@@ -210,10 +218,10 @@ export class Stream {
     return this.renditions.renditionFor(group, this.manifest, this.demand, { throughput, decode: this.decoders.pace });
   }
 
-  /** All that is wanted is here: get groups that do not show yet in the rendition that they should be in by now. */
+  /** Once all wanted files are here, download groups that are not on screen yet in a better rendition. */
   private improve(queue: QueueItem[]): void {
     if (this.manifest.renditions.length === 0 || queue.some((item) => !this.cache.holds(item))) return;
-    // Nothing hangs on these transfers: they may find out that the line is better again.
+    // Playback does not depend on these transfers, so they may probe whether the bandwidth has grown.
     const throughput = this.decoders.meter.optimisticRate(performance.now());
     for (const item of queue) {
       if (!this.decoders.free) return;
@@ -233,12 +241,13 @@ export class Stream {
     }
     this.decoders.start(key, sourceOf(this.manifest, file), "points" in file ? file.points : null, {
       received: (job) => {
-        this.tell(null);
+        this.reportTrouble(null);
         if (item.kind === "group") this.reconsider(item, job);
         else if (this.decoders.isNearlyHere(key)) this.schedule();
       },
-      trouble: (why) => this.tell(why),
-      done: (content) => (item.kind === "page" ? this.events.page(item.file, content) : this.deliver(item, rendition, content as DecodedFile)),
+      trouble: (why) => this.reportTrouble(why),
+      page: (json) => void (item.kind === "page" && this.events.page(item.file, json)),
+      decoded: (decoded) => this.deliver(item, rendition, decoded),
       failed: (why, plain) => void this.fail(item, new ReelError(why, { plain })),
     });
   }
@@ -248,7 +257,7 @@ export class Stream {
     this.decoders.cancel(key);
   }
 
-  /** Give up the transfer of what is waited for, if less would be here much sooner. */
+  /** Cancel a transfer that playback waits for, if a smaller rendition would arrive much sooner. */
   private reconsider(item: GroupItem, job: Job): void {
     const { index, key } = item;
     if (!this.isNeededNow(item) || this.cache.holds(item)) return;
@@ -258,19 +267,19 @@ export class Stream {
     this.schedule();
   }
 
-  private tell(trouble: string | null): void {
+  private reportTrouble(trouble: string | null): void {
     this.trouble = trouble;
     this.events.progress();
   }
 
-  /** The end where people wait for it; else it is tried again later. */
+  /** End the stream if playback waits for the file; otherwise retry the file later. */
   private async fail(item: QueueItem, error: ReelError): Promise<void> {
     this.coming.delete(item.key);
     if (!this.isNeededNow(item) || (item.kind === "group" && this.cache.holds(item))) return this.backoff.begin(item.key);
     this.stopped = true;
     if (error.plain === PLAIN.missing || error.plain === PLAIN.damaged) {
       if (await this.events.outdated()) return;
-      // What was dropped from the reel does not show any more.
+      // A live reel may have dropped the file, which then is not needed any more.
       if (this.manifest.live && !this.wanted().some(({ key, urgent }) => urgent && key === item.key)) {
         this.stopped = false;
         return this.schedule();
@@ -279,16 +288,23 @@ export class Stream {
     this.events.failed(error);
   }
 
-  private deliver(item: LayerItem | GroupItem, rendition: string, file: DecodedFile): void {
-    if (item.kind === "layer") {
+  private deliver(item: QueueItem, rendition: string, file: DecodedFile): void {
+    if (item.kind === "layer" && file.kind === "layer") {
       this.cache.addLayer(item.file);
-      return this.events.layer(item.file.uri, file);
+      this.events.layer(item.file.uri, file);
+    } else if (item.kind === "group" && file.kind === "group") this.deliverGroup(item, rendition, file);
+    else if (item.kind !== "page") {
+      const { uri } = item.kind === "group" ? fileOf(item.file, rendition) : item.file;
+      void this.fail(item, new ReelError(`${uri} is a ${file.kind}; the manifest lists it as a ${item.kind}.`));
     }
+  }
+
+  private deliverGroup(item: GroupItem, rendition: string, file: DecodedGroup): void {
     const { index, key } = item;
     this.coming.delete(key);
     this.renditions.arrived(index);
     if (this.cache.holds(item)) {
-      if (isOnScreen(index, this.demand)) return; // it shows by now as it was
+      if (isOnScreen(index, this.demand)) return; // the earlier rendition is already on screen
       this.events.dropped({ groups: [index], layers: [] });
     }
     this.cache.addGroup(index, fileOf(item.file, rendition), rendition);

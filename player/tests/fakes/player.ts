@@ -51,7 +51,8 @@ export function pointsOf(count: number, frames: number, alive: number): object {
   const means = Float32Array.from({ length: 3 * count }, (_, i) => (i % 3 === 2 ? i / (3 * count) : 0));
   const points = { count, means, quats: fill(4 * count, 0.5), scales: fill(3 * count, 0.01), opacities: fill(count, 0.5), shBase: fill(3 * count, 0), shRest: new Uint16Array(count), codebook: new Float32Array(), shDegree: 0 };
   const offsets = { frames, dx: new Uint16Array(4 * count * frames), dq: new Uint8Array(4 * count * frames), dxMin: [0, 0, 0], dxStep: [0, 0, 0], dqMin: [1, 0, 0, 0], dqStep: [0, 0, 0, 0], worldly: false, shade: null };
-  return { points, alive: new Uint8Array(alive).fill(1), offsets: frames > 0 ? offsets : null, light: null };
+  if (frames === 0) return { kind: "layer", points };
+  return { kind: "group", points, alive: new Uint8Array(alive).fill(1), offsets, light: null };
 }
 
 export class FakePlayer {

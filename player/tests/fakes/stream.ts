@@ -1,6 +1,6 @@
 /** A stream whose files come when a test says so. */
 import type { Manifest } from "../../src/reel/manifest";
-import { withPage } from "../../src/reel/pages";
+import { Reel } from "../../src/reel/reel";
 import { momentAt } from "../../src/reel/timeline";
 import { DecoderPool } from "../../src/stream/decoder-pool";
 import { costOf } from "../../src/stream/file-cache";
@@ -9,7 +9,7 @@ import { RenditionPolicy } from "../../src/stream/rendition-policy";
 import { Stream } from "../../src/stream/stream";
 import { manifestOf, pageAt, type Plan } from "./reel";
 import { FakeTime } from "./time";
-import { FakeWorker, FILE, Transfers } from "./workers";
+import { FakeWorker, FILE, LAYER, Transfers } from "./workers";
 
 export const time = new FakeTime();
 /** Bytes of memory that a group takes. */
@@ -20,19 +20,20 @@ export class World extends Transfers {
   readonly pool: DecoderPool;
   readonly stream: Stream;
   outdated = (): Promise<boolean> => Promise.resolve(false);
-  manifest: Manifest;
+  readonly reel: Reel;
   private demand: Demand = { current: 0, previous: null, inUse: [], loop: false, frame: 0, rate: 1 };
 
   constructor(plan: Plan = {}, groupsInMemory = 100) {
-    super((uri) => (uri.startsWith("pages") ? pageAt(plan, uri) : FILE));
+    super((uri) => (uri.startsWith("pages") ? pageAt(plan, uri) : uri.startsWith("layers") ? LAYER : FILE));
     FakeWorker.all.length = 0;
     this.pool = new DecoderPool();
-    this.manifest = manifestOf(plan);
-    this.stream = new Stream(this.manifest, this.pool, groupsInMemory * GROUP, {
+    this.reel = new Reel(manifestOf(plan));
+    this.stream = new Stream(this.reel, this.pool, groupsInMemory * GROUP, {
       layer: (uri) => this.log.push(uri.replace(/s.(\d+).*/, " $1")),
       group: (index) => this.log.push(`group ${index}`),
       page: (page, json) => {
-        this.update(withPage(this.manifest, page, json));
+        this.reel.addPage(page, json);
+        this.stream.refresh();
         this.look();
       },
       dropped: ({ groups, layers }) => this.log.push(...groups.map((index) => `dropped ${index}`), ...layers.map((uri) => `dropped ${uri}`)),
@@ -42,9 +43,14 @@ export class World extends Transfers {
     }, new RenditionPolicy(5e6));
   }
 
-  update(manifest: Manifest): void {
-    this.manifest = manifest;
-    this.stream.update(manifest);
+  get manifest(): Manifest {
+    return this.reel.manifest;
+  }
+
+  /** The live reel's manifest is read again. */
+  grow(next: Manifest): void {
+    this.reel.grow(next);
+    this.stream.refresh();
   }
 
   /** Want what shows at the frame of the last demand, as far as it is known. */

@@ -41,12 +41,13 @@ export class FakeWorker extends EventTarget {
 globalThis.Worker = FakeWorker as unknown as typeof Worker;
 
 /** What a decode worker answers in the end. */
-export const FILE = { points: { count: 0 }, alive: new Uint8Array(), offsets: null, light: null };
+export const FILE = { kind: "group", points: { count: 0 }, alive: new Uint8Array(), offsets: null, light: null };
+export const LAYER = { kind: "layer", points: { count: 0 } };
 
 /** What all decode workers are asked for, and what becomes of it. Files by their paths within the reel: groups/1.bin. */
 export class Transfers {
   /** fileAt: what is in a file. */
-  constructor(private readonly fileAt: (uri: string) => object = () => FILE) {}
+  constructor(private readonly fileAt: (uri: string) => object = (uri) => (uri.startsWith("layers") ? LAYER : FILE)) {}
 
   /** Asked for and not over, in the order in which it was asked for. */
   get coming(): string[] {
@@ -62,7 +63,7 @@ export class Transfers {
 
   say(uri: string, what: object): void {
     const { worker, id } = this.requests.findLast((request) => request.uri === uri && !request.given) ?? assert.fail(`nobody gets ${uri}, but ${this.coming}`);
-    if ("content" in what || "error" in what) worker.posted.splice(worker.posted.findIndex((request) => request.id === id), 1);
+    if ("file" in what || "page" in what || "error" in what) worker.posted.splice(worker.posted.findIndex((request) => request.id === id), 1);
     worker.say({ id, ...what });
   }
 
@@ -72,7 +73,7 @@ export class Transfers {
 
   /** Files come, whole. */
   give(...uris: string[]): void {
-    for (const uri of uris) this.say(uri, { content: this.fileAt(uri), milliseconds: 0 });
+    for (const uri of uris) this.say(uri, uri.startsWith("pages") ? { page: this.fileAt(uri) } : { file: this.fileAt(uri), milliseconds: 0 });
   }
 
   /** All files come that are asked for. */

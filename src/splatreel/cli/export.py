@@ -107,7 +107,7 @@ def _write_frame(source: Timeline, frame: int, path: Path) -> int:
 
 def _write_film(source: Timeline, first: int, end: int, out: Path, width: int | None, path: Path | None) -> None:
     from splatreel.play.camera_path import read_path
-    from splatreel.play.film import film_of, film_through, write_film
+    from splatreel.play.film import film_along_path, film_through_cameras, write_film
     from splatreel.progress import console
 
     start = source.manifest.camera
@@ -117,9 +117,9 @@ def _write_film(source: Timeline, first: int, end: int, out: Path, width: int | 
         asked = f"--width {width}" if width is not None else f"{start.width} x {start.height} pixels"
         raise UsageError(f"{asked}: films are 16 to {WIDEST} pixels wide and high. Choose another --width.")
     if path is None:
-        shots = film_through(start, source.manifest.cameras, end - first, source.fps, first)
+        shots = film_through_cameras(start, source.manifest.cameras, end - first, source.fps, first)
     else:
-        shots = film_of(read_path(path), start, source.fps)
+        shots = film_along_path(read_path(path), start, source.fps)
     progress = console()
     try:
         progress.stage("drawing the film", len(shots))

@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from splatreel.codec.publication import Published
     from splatreel.codec.writer import ReelWriter
     from splatreel.progress import Progress
-    from splatreel.recon.encode.publisher import Present
+    from splatreel.recon.encode.group_writer import PresentationHook
     from splatreel.storage.folder import Folder
 
 
@@ -81,7 +81,9 @@ def describe(url: str, published: Published) -> str:
 
 
 @contextmanager
-def publishing(reel: Path, url: str | None, keep: float, progress: Progress, present: Present) -> Iterator[Present]:
+def publishing(
+    reel: Path, url: str | None, keep: float, progress: Progress, present: PresentationHook
+) -> Iterator[PresentationHook]:
     """While the block makes the reel, it is copied to `url` after each group, in a thread; None: it is not copied.
 
     Gives what `reconstruct` is to call instead of `present`. At the end of the block all that is left is sent, and said.

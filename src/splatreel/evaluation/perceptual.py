@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from splatreel.motion.pretrained import cached
+from splatreel.motion.pretrained import cached_weights
 
 Distance = Callable[[np.ndarray, np.ndarray], float]
 
@@ -19,7 +19,7 @@ def available() -> bool:
     """Return whether `load` can succeed: the package is installed and torch's cache holds torchvision's VGG-16 weights."""
     if importlib.util.find_spec("torch") is None or importlib.util.find_spec("lpips") is None:
         return False
-    return cached(BACKBONE).is_file()
+    return cached_weights(BACKBONE).is_file()
 
 
 def load() -> Distance | None:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any, NamedTuple
@@ -16,6 +16,9 @@ from torch import Tensor
 from splatreel.kernels.cpu import harmonics
 from splatreel.kernels.cpu.hashgrid import PRIME_Y, PRIME_Z, is_dense
 from splatreel.kernels.cpu.similarity import SSIM_C1, SSIM_C2, WINDOW
+
+Skin = tuple[Tensor, Tensor]
+"""index [N, K] int64 and share [N, K]: the nodes that a point moves with, and their weights. Neither gets a gradient."""
 
 
 def project(
@@ -81,10 +84,12 @@ def spherical_harmonics(degree: int, directions: Tensor, coefficients: Tensor) -
     return (basis[..., None] * coefficients[:, :bands]).sum(1)
 
 
-def view_colors(means: Tensor, center: Tensor, base: Tensor, rest: Tensor) -> Tensor:
+def view_colors(
+    means: Tensor, center: Tensor, base: Tensor, rest: Tensor, evaluate: Callable[..., Tensor] = spherical_harmonics
+) -> Tensor:
     """As `splat.view_colors`."""
     degree = round((1 + rest.shape[1]) ** 0.5) - 1
-    return (spherical_harmonics(degree, means.detach() - center, torch.cat([base, rest], 1)) + 0.5).clamp_min(0)
+    return (evaluate(degree, means.detach() - center, torch.cat([base, rest], 1)) + 0.5).clamp_min(0)
 
 
 def deformed(
@@ -192,7 +197,7 @@ def nearest_neighbors(points: Tensor, k: int, queries: Tensor | None = None) -> 
 
 
 def hashgrid(coords: Tensor, table: Tensor, resolutions: Tensor | np.ndarray) -> Tensor:
-    """As `splat.hashgrid`; also what CUDA uses."""
+    """As `motion.hashgrid`; also what CUDA uses."""
     levels, size, features = table.shape
     cells = np.asarray(resolutions)
     dense = is_dense(cells, size)
@@ -223,7 +228,7 @@ def spline(controls: Tensor, knot: int, weights: np.ndarray) -> Tensor:
 
 
 def offsets(
-    controls: tuple[Tensor, Tensor], knot: int, weights: np.ndarray, skin: tuple[Tensor, Tensor], unit: float
+    controls: tuple[Tensor, Tensor], knot: int, weights: np.ndarray, skin: Skin, unit: float
 ) -> tuple[Tensor, Tensor]:
     """As `motion.offsets`, with gradients; also what CUDA uses."""
     nodes, points = (spline(level, knot, weights) for level in controls)
@@ -232,9 +237,7 @@ def offsets(
     return unit * total[:, :3], torch.cat([total[:, 3:4] + 1, total[:, 4:]], 1)
 
 
-def offsets_gradient(
-    d_dx: Tensor, d_dq: Tensor, skin: tuple[Tensor, Tensor], nodes: int, unit: float
-) -> tuple[Tensor, Tensor]:
+def offsets_gradient(d_dx: Tensor, d_dq: Tensor, skin: Skin, nodes: int, unit: float) -> tuple[Tensor, Tensor]:
     """As `motion.offsets_gradient`; also what CUDA uses."""
     index, share = skin
     d_points = torch.cat([unit * d_dx, d_dq], 1)
@@ -256,7 +259,7 @@ def multiply(a: Tensor, b: Tensor) -> Tensor:
 
 
 def arap(means: Tensor, dx: Tensor, dq: Tensor, neighbor: Tensor, weights: Tensor, unit: float) -> Tensor:
-    """As `splat.arap`; also what CUDA uses."""
+    """As `motion.arap`; also what CUDA uses."""
     half = (means - means[neighbor]).detach() / 2
     dq, rotation = functional.normalize(dq, dim=-1), _rotation(dq)
     rotated = ((rotation + rotation[neighbor]) @ half[..., None])[..., 0]

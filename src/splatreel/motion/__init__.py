@@ -1,0 +1,1 @@
+"""Motion in images: optical flow, masks, tracks, new points, exposure and light."""

@@ -1,6 +1,6 @@
-"""Clean plates: each camera's picture of what is always there, from frames sampled through a whole video.
+"""Clean plates: each camera's image of the permanent scene, from frames sampled through a whole video.
 
-A scene that is reconstructed from them has nobody in it, and every stretch of the video can start from it.
+A scene reconstructed from clean plates contains no people, and every chapter can start from it.
 """
 
 from __future__ import annotations
@@ -14,33 +14,33 @@ import numpy as np
 from splatreel import threads
 
 SAME = 10 / 255
-"""Mean absolute difference of the colors around a pixel, 0..1, up to which a frame takes part in the mean there."""
+"""Mean absolute color difference around a pixel, 0..1, up to which a frame contributes to the mean."""
 STILL = 4 / 255
-"""Mean absolute difference up to which a frame counts as showing what is always there, where the video has little noise. The clothes of
-somebody who stays in one place while moving differ by less than `SAME`, and their mean is a smear that no other camera sees
-(docs/experiments/2026-11-26-gray-smears.md)."""
+"""Mean absolute difference up to which a frame counts as showing the permanent scene, if the video has little noise. The
+clothes of somebody who stays in one place while moving differ by less than `SAME`, and their mean is a smear that no other
+camera sees (docs/experiments/2026-11-26-gray-smears.md)."""
 NOISE = 4.0
-"""The same in multiples of the camera's noise, where that is more; at most `SAME`."""
+"""The same limit in multiples of the camera's noise, if that is more; at most `SAME`."""
 ENOUGH = 0.5
-"""Share of the frames that must show the same for a pixel to be known: what is there for less may be somebody standing."""
+"""Share of the frames that must look alike for a pixel to be known. Content that is there for less may be somebody standing."""
 
 
 class CleanPlates(NamedTuple):
-    """images: [C, H, W, 3] uint8. unknown: [C, H, W] bool, where too few frames show the same, and the picture means nothing."""
+    """images: [C, H, W, 3] uint8. unknown: [C, H, W] bool, pixels for which too few frames look alike."""
 
     images: np.ndarray
     unknown: np.ndarray
 
 
 def clean_plates(frames: np.ndarray) -> CleanPlates:
-    """From frames [S, C, H, W, 3] uint8, sampled evenly through a video; exposures and light have been evened out."""
+    """Compute clean plates from frames [S, C, H, W, 3] uint8, sampled evenly through a video, with exposure and light evened out."""
     with ThreadPoolExecutor(threads.count()) as pool:
         found = list(pool.map(lambda camera: _plate(frames[:, camera]), range(frames.shape[1])))
     return CleanPlates(np.stack([image for image, _ in found]), np.stack([unknown for _, unknown in found]))
 
 
 def _plate(frames: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Of one camera, [S, H, W, 3]: the mean of the frames that agree with their median, pixel by pixel."""
+    """Return the clean plate of one camera: the mean over the frames [S, H, W, 3] that agree with their median."""
     middle = np.median(frames, 0).astype(np.float32)
     total, weight = np.zeros_like(middle), np.zeros(middle.shape[:2], np.float32)
     differences = np.empty((len(frames), *middle.shape[:2]), np.float32)

@@ -1,8 +1,8 @@
-"""Exposures and light that change while a capture is filmed: phones set theirs by themselves, clouds pass (beyond the paper).
+"""Changes of exposure and light during a capture: automatic exposure, clouds (beyond the paper).
 
-Everything that compares frames would take such a change for motion, and static points cannot follow it. It multiplies the whole of
-one camera's pictures by the same factor, and is taken out of them. What all cameras see at once is the light of the whole scene: a
-reel says it, and it comes back when it is played. What differs from place to place, such as what bodies take from a wall, stays.
+Comparisons of frames would take such a change for motion, and static points cannot follow it. It multiplies all pixels of a
+camera by the same factor, and is removed from the images. The part that all cameras share is the light of the scene, which the
+reel stores and players apply. Local changes, such as light that bodies take from a wall, remain.
 """
 
 from __future__ import annotations
@@ -16,37 +16,40 @@ from splatreel import threads
 from splatreel.capture.frame_file import release_pages
 
 BLOCKS = 40
-"""Blocks along the longer side of a picture, whose means are compared: noise is gone, and what moves spoils few."""
+"""Blocks along the longer side of an image, whose means are compared. Means have little noise, and motion affects few blocks."""
 WINDOW = 0.02
-"""Blocks that rest differ by no more than this logarithm of a ratio."""
+"""Maximum difference between resting blocks, as a logarithm of a ratio."""
 FEWEST = 0.15
-"""Share of the blocks that must do so; of a frame with fewer nothing is known."""
+"""Minimum share of such blocks. Frames with fewer give no estimate."""
 DARK, BRIGHT = 16, 250
-"""Gray levels of a block's mean below which, and of a pixel from which on, ratios say nothing."""
+"""Minimum gray level of a block's mean, and gray level from which on a pixel is overexposed. Ratios outside are unreliable."""
 AROUND = 0.04
-"""Blocks that differ from the others by no more than this, of the same logarithm, show how alike a change is everywhere."""
+"""Blocks that differ from the others by at most this logarithm show how uniform a change is."""
 ALIKE = 4.0
-"""Times the spread of the blocks that a change must have to be an exposure."""
+"""Minimum change of exposure, in multiples of the spread of the blocks."""
 NORMAL = 1.4826
-"""Standard deviation of what is normal, by the median distance from its middle."""
+"""Standard deviation of a normal distribution, in multiples of its median absolute deviation."""
 CERTAIN = 3.0
-"""Standard errors by which cameras must agree on a change that is the scene's."""
+"""Standard errors by which cameras must agree on a change of the scene's light."""
 SHOULDER = 240
-"""Gray level from which on a correction fades: what is white stays white."""
+"""Gray level from which on a correction fades, so that white stays white."""
 DAZZLING = 0.15, 0.3
-"""Logarithms of a change up to which it does, for what is white is too bright in either light; from the second on it is a white wall
-that was gray, and does not."""
+"""Logarithms of a change: up to the first, corrections of white fade, since white is overexposed in either light. From the
+second on they do not: the pixel is a white wall that was gray."""
 
 
 def exposures(frames: np.ndarray, reference: np.ndarray | None = None) -> tuple[np.ndarray, np.ndarray]:
-    """How each camera's exposure, and the light, differ from those of a reference, by default the first frame.
+    """Estimate each camera's exposure and the light, relative to a reference.
 
-    frames: [T, C, H, W, 3] uint8, the keyframe first. reference: [C, H, W, 3] uint8.
+    An image changes by the sum of both: the factor that most blocks agree on, if it exceeds `ALIKE` times their spread. The
+    light is the common part of all cameras, if it exceeds `CERTAIN` standard errors. Both shrink to zero near their limit.
 
-    Returns exposures [T, C, 3] and light [T, 3], float32: logarithms of the factor in each color. A camera's pictures change by the
-    sum of both, the factor that most blocks of a picture agree on, if that is more than `ALIKE` times their spread. The light is what
-    the cameras have in common, if that is more than `CERTAIN` times what chance could do. Either is shrunk towards nothing as it
-    comes near to its limit.
+    Args:
+        frames: [T, C, H, W, 3] uint8, the keyframe first.
+        reference: [C, H, W, 3] uint8; by default the first frame.
+
+    Returns:
+        Exposures [T, C, 3] and light [T, 3], float32: logarithms of the factor of each color.
     """
 
     def of(camera: int) -> np.ndarray:
@@ -61,7 +64,12 @@ def exposures(frames: np.ndarray, reference: np.ndarray | None = None) -> tuple[
 
 
 def even_out(frames: np.ndarray, change: np.ndarray) -> None:
-    """Take changes out of frames, in place. frames: [T, C, H, W, 3] uint8. change: [T, C, 3] logarithms."""
+    """Remove changes from frames, in place.
+
+    Args:
+        frames: [T, C, H, W, 3] uint8.
+        change: [T, C, 3] logarithms.
+    """
     levels = np.arange(256)[:, None]
     white = 1 - np.clip((255 - levels) / (255 - SHOULDER), 0, 1)
     for number, (t, c) in enumerate(np.argwhere(np.any(change != 0, 2))):
@@ -73,12 +81,12 @@ def even_out(frames: np.ndarray, change: np.ndarray) -> None:
 
 
 def _changes(film: np.ndarray, reference: np.ndarray | None) -> np.ndarray:
-    """[T, H, W, 3] of one camera to [T, 3]: the logarithm by which it exposed more than in the reference [H, W, 3]."""
+    """Return the change of exposure [T, 3] of one camera's frames [T, H, W, 3], as logarithms relative to the reference [H, W, 3]."""
     shrink = BLOCKS / max(film.shape[1:3])
     size = max(1, round(shrink * film.shape[2])), max(1, round(shrink * film.shape[1]))
     blocks = [_blocks(frame, size) for frame in film]
     base = blocks[0] if reference is None else _blocks(reference, size)
-    found = np.array([_agreed(block - base) for block in blocks])  # [T, 4], the spread at last
+    found = np.array([_agreed(block - base) for block in blocks])  # [T, 4], the spread last
     known = np.flatnonzero(~np.isnan(found[:, 3]))
     if len(known) == 0:
         return np.zeros((len(film), 3))
@@ -87,15 +95,15 @@ def _changes(film: np.ndarray, reference: np.ndarray | None) -> np.ndarray:
 
 
 def _blocks(frame: np.ndarray, size: tuple[int, int]) -> np.ndarray:
-    """[N, 3] logarithm of the blocks' mean colors; NaN where they are too dark, or a part of them is white."""
+    """Return the log mean colors [N, 3] of blocks; NaN for blocks that are too dark or partly overexposed."""
     mean = cv2.resize(frame.astype(np.float32), size, interpolation=cv2.INTER_AREA).reshape(-1, 3)
-    plain = cv2.inRange(frame, (0, 0, 0), (BRIGHT - 1,) * 3).astype(np.float32)  # 255 where no color is at its end
+    plain = cv2.inRange(frame, (0, 0, 0), (BRIGHT - 1,) * 3).astype(np.float32)  # 255 where no color is overexposed
     use = (mean.min(1) >= DARK) & (cv2.resize(plain, size, interpolation=cv2.INTER_AREA).ravel() == 255)
     return np.where(use[:, None], np.log(np.maximum(mean, 1)), np.nan)
 
 
 def _agreed(ratios: np.ndarray) -> np.ndarray:
-    """[4] median colors of the largest set of blocks that lie within `WINDOW`, and the spread of those around; NaN if it is small.
+    """Return the median color of the largest set of blocks within `WINDOW`, and the spread around it, [4]; NaN if the set is small.
 
     ratios: [N, 3] logarithms, or NaN.
     """
@@ -112,12 +120,12 @@ def _agreed(ratios: np.ndarray) -> np.ndarray:
 
 
 def _common(changes: np.ndarray) -> np.ndarray:
-    """[T, 3] what the cameras have in common, shrunk to nothing where that may be chance. changes: [T, C, 3]."""
+    """Return the common part [T, 3] of all cameras' changes [T, C, 3], shrunk to zero where it may be chance."""
     mean = changes.mean(1)
     chance = changes.var(1).sum() / changes.shape[1]
     return _beyond(CERTAIN**2 * chance, np.square(mean).sum()) * mean
 
 
 def _beyond(least: float, found: float) -> float:
-    """The share of something that is kept, by its square: none up to what is the least, nearly all far beyond."""
+    """Return the share, by squares, that is kept of a measurement: 0 up to `least`, nearly 1 far above."""
     return max(0.0, 1 - least / found) if found > 0 else 0.0

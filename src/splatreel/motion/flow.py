@@ -29,32 +29,42 @@ RAFT = Pretrained(
     install=", with the torchvision that fits your torch",
 )
 RAFT_MIN_SIDE = 128
-"""RAFT's correlation pyramid needs at least this many pixels a side."""
+"""Minimum side, pixels, for RAFT's correlation pyramid."""
 REACH = 0.03
-"""Of the picture's width: how far around the pixels that are asked for DIS looks closely, and `REACH_LEAST` pixels at least."""
+"""Margin around wanted pixels in which DIS runs at full size, as a share of the image width, but at least `REACH_LEAST`
+pixels."""
 REACH_LEAST = 14
 PATCH = 7
-"""Pixels around one, a side, by which a guess is judged."""
+"""Side of the patch, pixels, by which a guess is judged."""
 ENOUGH_WIDTH = 320
-"""Pixels of the width at which whole pictures are compared, if their half is wider: boxes are then looked at closely."""
+"""Width of the image at which DIS runs on the whole image, if only boxes run at full size."""
 MOST = 0.7
-"""Share of the picture that boxes fill above which it is less work to look closely at everything."""
+"""Share of the image covered by boxes above which the whole image at full size takes less time."""
 
 
 class Flow(Protocol):
-    """Where the pixels of frame a go in frame b. a, b: [H, W, 3] uint8 sRGB. Returns [H, W, 2] float32, x and y in pixels.
-
-    guess: [H, W, 2], where they are likely to go; what is small and fast is out of reach of a coarse-to-fine search without it.
-    wanted: [H, W] bool, the pixels that are asked for; what is said of others may be anything finite.
-    """
+    """Optical flow function."""
 
     def __call__(
         self, a: np.ndarray, b: np.ndarray, guess: np.ndarray | None = None, wanted: np.ndarray | None = None
-    ) -> np.ndarray: ...
+    ) -> np.ndarray:
+        """Return the flow [H, W, 2] float32 from frame a to frame b, x and y in pixels.
+
+        Args:
+            a: [H, W, 3] uint8 sRGB.
+            b: [H, W, 3] uint8 sRGB.
+            guess: [H, W, 2] likely flow. A coarse-to-fine search misses small, fast content without it.
+            wanted: [H, W] bool, pixels whose flow is needed. The result elsewhere is finite but arbitrary.
+        """
+        ...
 
 
 def make_flow(name: str) -> Flow:
-    """The flow of a configuration: 'dis' or 'raft'. Raises `UsageError` for another name."""
+    """Create a flow function by name: 'dis' or 'raft'.
+
+    Raises:
+        UsageError: If the name is unknown.
+    """
     if name == "dis":
         return DisFlow()
     if name == "raft":
@@ -62,24 +72,28 @@ def make_flow(name: str) -> Flow:
     raise UsageError(f"Unknown optical flow {name!r}. Choose dis or raft.")
 
 
-def each_view(work: Callable[[int], T], views: int, flow: Flow) -> list[T]:
-    """What `work`, which computes flow, returns for the views 0, 1 and so on.
+def map_views(work: Callable[[int], T], views: int, flow: Flow) -> list[T]:
+    """Return the results of `work`, which computes flow, for the views 0, 1 and so on.
 
-    DIS hardly gains from a second core within a pair of frames, so its views run side by side, on as many cores as OpenCV may use.
+    DIS hardly gains from a second core within a pair of frames. Its views run in parallel, on as many cores as OpenCV may use.
     """
     with ThreadPoolExecutor(max(cv2.getNumThreads(), 1) if isinstance(flow, DisFlow) else 1) as pool:
         return list(pool.map(work, range(views)))
 
 
 class _Kept(threading.local):
-    """What a thread keeps: OpenCV's objects, by how fine they search and in pictures of which size."""
+    """OpenCV objects of one thread, by finest scale and image size."""
 
     def __init__(self) -> None:
         self.dis: dict[tuple[int, ...], Any] = {}
 
 
 class DisFlow:
-    """Dense inverse search (Kroeger et al. 2016) by OpenCV: classical, fast, needs no weights. Threads may share it."""
+    """Dense inverse search by OpenCV. It is fast and needs no weights. Threads may share it.
+
+    Source:
+        Kroeger et al. 2016.
+    """
 
     def __init__(self) -> None:
         self._kept = _Kept()
@@ -87,10 +101,10 @@ class DisFlow:
     def __call__(
         self, a: np.ndarray, b: np.ndarray, guess: np.ndarray | None = None, wanted: np.ndarray | None = None
     ) -> np.ndarray:
-        """Where few pixels are wanted, whole pictures are compared in a smaller size, and only boxes around those at full size."""
+        """Return the flow; see `Flow`. If few pixels are wanted, only boxes around them are compared at full size."""
         least = min(a.shape[:2])
         here, there = (cv2.cvtColor(np.ascontiguousarray(x), cv2.COLOR_RGB2GRAY) for x in (a, b))
-        if least < 16:  # below DIS's patch pyramid; nothing goes far in such images
+        if least < 16:  # too small for DIS's patch pyramid; motion is short in such images
             here, there = (cv2.resize(gray, None, fx=16 / least, fy=16 / least) for gray in (here, there))
             flow = _dis(0).calc(here, there, None)
             return cv2.resize(flow, (a.shape[1], a.shape[0]), interpolation=cv2.INTER_AREA) * (least / 16)
@@ -106,18 +120,18 @@ class DisFlow:
         return flow
 
     def _whole(self, finest: int, a: np.ndarray, b: np.ndarray, guess: np.ndarray | None) -> np.ndarray:
-        """Flow between whole gray pictures, by an object of this thread and their size, which keeps its buffers."""
+        """Return the flow between whole gray images, by an object of this thread and image size, which reuses its buffers."""
         key = finest, *a.shape
         if key not in self._kept.dis:
             self._kept.dis[key] = _dis(finest)
-        start = None if guess is None else guess.astype(np.float32)  # a copy: it is written to
+        start = None if guess is None else guess.astype(np.float32)  # a copy, since OpenCV writes to it
         return self._kept.dis[key].calc(a, b, start)
 
 
 def _dis(finest: int) -> Any:
-    """OpenCV's object, which halves pictures until it ends at those halved `finest` times.
+    """Create an OpenCV object that ends at images halved `finest` times.
 
-    It must not see a second size: its buffers are of the first, and it looks past their ends in a larger one.
+    It must not be used for two image sizes: its buffers have the first size, and it reads past their ends for a larger image.
     """
     dis = cv2.DISOpticalFlow.create(cv2.DISOPTICAL_FLOW_PRESET_MEDIUM)
     dis.setFinestScale(finest)
@@ -125,7 +139,7 @@ def _dis(finest: int) -> Any:
 
 
 def _better(a: np.ndarray, b: np.ndarray, flow: np.ndarray, guess: np.ndarray) -> np.ndarray:
-    """Flow between gray pictures, but the guess wherever it takes a pixel and those around it to more alike ones."""
+    """Return the flow between gray images, replaced by the guess wherever the guess matches better."""
     y, x = np.mgrid[: a.shape[0], : a.shape[1]].astype(np.float32)
     a, b = (cv2.blur(gray, (PATCH, PATCH)) for gray in (a, b))  # a guess may be some pixels wrong
     errors = []
@@ -136,7 +150,7 @@ def _better(a: np.ndarray, b: np.ndarray, flow: np.ndarray, guess: np.ndarray) -
 
 
 def _boxes(wanted: np.ndarray, guess: np.ndarray | None) -> list[Box]:
-    """Boxes that hold these pixels, what is in reach of them, and where a guess takes them; none is too small for DIS."""
+    """Return boxes around wanted pixels and the targets of their guesses, with a margin. No box is too small for DIS."""
     reach = max(round(REACH * wanted.shape[1]), REACH_LEAST)
     side = 2 * reach + 1
     near = cv2.dilate(wanted.astype(np.uint8), np.ones((side, side), np.uint8))
@@ -153,12 +167,12 @@ def _boxes(wanted: np.ndarray, guess: np.ndarray | None) -> list[Box]:
 
 
 def _stretched(span: slice, ways: np.ndarray) -> slice:
-    """Pixels of one axis and where these ways take them."""
+    """Extend a range of one axis by the guesses of its pixels."""
     return slice(span.start + math.floor(min(ways.min(), 0)), span.stop + math.ceil(max(ways.max(), 0)))
 
 
 def _within(span: slice, size: int, least: int) -> slice:
-    """The part that a picture of a size has, at least so many pixels if it has them."""
+    """Clip a range to an image side, with at least `least` pixels if the image has them."""
     start, stop = max(span.start, 0), min(span.stop, size)
     start = max(min(start, size - least), 0)
     return slice(start, min(max(stop, start + least), size))
@@ -170,16 +184,26 @@ def _area(box: Box) -> int:
 
 
 class RaftFlow:
-    """RAFT (Teed and Deng 2020), the paper's flow, as torchvision implements it (extra `splatreel[models]`).
+    """RAFT by torchvision (extra `splatreel[models]`), the flow of the paper.
 
-    weights: path of a state dict; None looks at the environment variable SPLATREEL_RAFT_WEIGHTS, then in torch's cache. Nothing is
-    downloaded. model: a ready network in place of raft_large with those weights. Raises `MissingDependencyError` where torchvision
-    or the weights are missing.
+    Source:
+        Teed and Deng 2020.
     """
 
     def __init__(
         self, weights: Path | None = None, device: str | None = None, updates: int = 20, model: Any = None
     ) -> None:
+        """Load the network. Nothing is downloaded.
+
+        Args:
+            weights: Path of a state dict; None uses SPLATREEL_RAFT_WEIGHTS or torch's download cache.
+            device: Device; by default CUDA if there is any.
+            updates: Iterations of the network.
+            model: Network to use instead of raft_large.
+
+        Raises:
+            MissingDependencyError: If torchvision or the weights are missing.
+        """
         import torch
 
         self.device = torch.device(device or ("cuda" if torch.cuda.is_available() else "cpu"))
@@ -189,7 +213,7 @@ class RaftFlow:
     def __call__(
         self, a: np.ndarray, b: np.ndarray, guess: np.ndarray | None = None, wanted: np.ndarray | None = None
     ) -> np.ndarray:
-        """It compares all pixels with all, whatever is wanted, and needs no guess."""
+        """Return the flow; see `Flow`. RAFT compares all pixels with all, so it ignores the guess and the wanted pixels."""
         import torch
 
         height, width = a.shape[:2]
@@ -211,12 +235,12 @@ def _load_raft(weights: Path | None) -> Any:
 
         return raft_large
 
-    raft_large, path = RAFT.imported(load), RAFT.weights(weights)
+    raft_large, path = RAFT.import_package(load), RAFT.find_weights(weights)
     model = raft_large(weights=None)
     try:
         model.load_state_dict(torch.load(path, map_location="cpu", weights_only=True))
     except Exception as error:  # torch raises a dozen types for a damaged file
         raise MissingDependencyError(
-            f"{path}: these are not weights of torchvision's raft_large ({type(error).__name__}). Download {RAFT.url} again."
+            f"{path}: not the weights of torchvision's raft_large ({type(error).__name__}). Download {RAFT.url} again."
         ) from error
     return model

@@ -1,7 +1,7 @@
-"""Large displacements of new points: optical flow does not find what is fast and small unless it starts from a guess.
+"""Large displacements of new points. Optical flow misses fast, small content unless it starts from a guess.
 
-Each object, a connected cluster of points, is shifted as a whole to places around it, up to three times its size away. The shift
-after which all views show the same colors is its motion.
+Each object, a connected cluster of points, is shifted as a whole to places around it, up to three times its size away. The
+shift for which all views show the same colors is its motion.
 """
 
 from __future__ import annotations
@@ -16,17 +16,17 @@ from splatreel.kernels import translation
 from splatreel.scene.camera import Camera
 
 LINK = 3.0
-"""Points nearer than this many times their sizes are of one object."""
+"""Points closer than this multiple of their size belong to one object."""
 MIN_POINTS = 8
-"""Points of the smallest object that is looked for."""
+"""Minimum number of points of an object."""
 MAX_SAMPLES = 64
-"""Points by which an object is judged, at most."""
+"""Maximum number of points that are compared per object."""
 REACH, STEPS = 3.0, 4
-"""How far an object is looked for, in multiples of its size (the distance of its points from their mean), and in how many steps."""
+"""Range of the search, in multiples of the object's size (mean distance of its points from their center), and steps per range."""
 ROUNDS = 3
-"""In which the steps are halved around the best place."""
+"""Rounds in which the step is halved around the best place."""
 BETTER = 0.6
-"""A shift must leave less than this share of the color difference without any motion."""
+"""A shift must leave less than this share of the color difference without motion."""
 
 
 def large_displacements(
@@ -38,10 +38,16 @@ def large_displacements(
     depths: np.ndarray,
     near: float,
 ) -> np.ndarray:
-    """Motions [N, 3] float32 of new points from one moment to another; none where no motion explains the pictures clearly better.
+    """Return the motions [N, 3] float32 of new points between two moments; zero where no motion explains the images clearly better.
 
-    points: [N, 3] world; sizes: [N]. here, there: [C, H, W, 3] uint8, the pictures of the two moments. depths: [C, H, W] of what may
-    hide the points now.
+    Args:
+        points: [N, 3] world.
+        sizes: [N] standard deviations, world units.
+        cameras: All cameras.
+        here: [C, H, W, 3] uint8, images of the first moment.
+        there: [C, H, W, 3] uint8, images of the second moment.
+        depths: [C, H, W] depths of occluders at the first moment.
+        near: Near plane, world units.
     """
     motions = np.zeros(points.shape, np.float32)
     views = np.stack([c.viewmat for c in cameras]), np.stack([c.K for c in cameras]), here, there, depths, near
@@ -53,7 +59,7 @@ def large_displacements(
 
 
 def _objects(points: np.ndarray, sizes: np.ndarray) -> list[np.ndarray]:
-    """Indices of the points of each object: connected components of points that are near each other."""
+    """Return the indices of the points of each object: connected components of close points."""
     if len(points) < MIN_POINTS:
         return []
     near = KDTree(points).sparse_distance_matrix(KDTree(points), LINK * float(np.median(sizes)))
@@ -62,7 +68,7 @@ def _objects(points: np.ndarray, sizes: np.ndarray) -> list[np.ndarray]:
 
 
 def _displacement(points: np.ndarray, size: float, views: tuple) -> np.ndarray:
-    """The motion [3] of one object. size: of it. views: the last arguments of `translation.color_differences`."""
+    """Return the motion [3] of one object. views: the last arguments of `translation.color_differences`."""
     grid = np.array(list(product(range(-STEPS, STEPS + 1), repeat=3)), np.float32)
     none = best = np.zeros(3, np.float32)
     step = REACH * size / STEPS

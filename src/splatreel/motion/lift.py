@@ -11,23 +11,39 @@ from torch import Tensor
 from splatreel.config import LayeringConfig
 from splatreel.errors import ReconstructionError
 from splatreel.kernels import splat
-from splatreel.motion.splats import SplatTensors
 from splatreel.scene.camera import Camera
 from splatreel.scene.gaussians import Gaussians
 
+
+class SplatTensors(NamedTuple):
+    """Points without colors: means [N, 3], quats [N, 4], scales [N, 3] and opacities [N]."""
+
+    means: Tensor
+    quats: Tensor
+    scales: Tensor
+    opacities: Tensor
+
+    @classmethod
+    def of(cls, points: Gaussians, device: torch.device | str = "cpu") -> SplatTensors:
+        """Convert points. On the CPU the tensors share their memory."""
+        arrays = (points.means, points.quats, points.scales, points.opacities)
+        return cls(*(torch.from_numpy(array).to(device) for array in arrays))
+
+
 LEAST_CONTRIBUTION = 0.05
-"""Pixels, summed over all cameras; a point that contributes less counts as never seen."""
+"""Minimum contribution over all cameras, pixels, for a point to count as seen."""
 LIFT_RATE = 0.05
 ITERATIONS = 400
-"""Of the paper's lifting, one view each: on twenty cameras every view is looked at twenty times. Fewer leave labels between 0 and 1."""
+"""Iterations of the paper's lifting, one view each: twenty per view for twenty cameras. Fewer leave labels between 0 and 1."""
 NEIGHBORS = 8
-"""Nearest points whose labels count as well: the paper's number (section 5.1)."""
+"""Number of neighbors whose labels count too; the paper's value (section 5.1)."""
 DYNAMIC = 0.5
-"""Labels above it are dynamic: the middle of 0, static, and 1. A lower one makes more points dynamic, which costs bytes."""
+"""Labels above this value are dynamic: the middle of 0 (static) and 1. A lower value makes more points dynamic, which costs
+bytes."""
 
 
 class _Contributions(NamedTuple):
-    """inside: [N], what each point adds to masked pixels over all cameras, in pixels; total: [N], to all pixels."""
+    """inside: [N] contribution of each point to masked pixels over all cameras, pixels; total: [N] to all pixels."""
 
     inside: Tensor
     total: Tensor
@@ -38,7 +54,7 @@ class _Contributions(NamedTuple):
 
     @property
     def share(self) -> Tensor:
-        """[N] of what each point adds, what falls into the masks."""
+        """Share of each point's contribution that lies in the masks, [N]."""
         return self.inside / self.total.clamp_min(LEAST_CONTRIBUTION)
 
 
@@ -51,15 +67,24 @@ def lift(
     device: torch.device | str = "cpu",
     seed: int = 0,
 ) -> np.ndarray:
-    """How much each point moves, [N] float32 in 0..1; above `DYNAMIC` it is dynamic.
+    """Return a motion label per point, [N] float32 in 0..1. A label above `DYNAMIC` is dynamic; points that no camera sees get 0.
 
-    masks: [C, H, W] bool, of the cameras' size. near: near plane, world units. Points that no camera sees are static (0). Raises
-    `ReconstructionError` if masks and cameras do not fit.
+    Args:
+        points: N points.
+        cameras: All cameras.
+        masks: [C, H, W] bool, of the cameras' size.
+        near: Near plane, world units.
+        config: Layering settings.
+        device: Device on which points are drawn.
+        seed: Seed of the order of views.
+
+    Raises:
+        ReconstructionError: If masks and cameras do not match.
     """
     expected = [(c.height, c.width) for c in cameras]
     if len(masks) != len(cameras) or any(m.shape != s for m, s in zip(masks, expected, strict=True)):
         raise ReconstructionError(
-            f"Lifting: masks {masks.shape} do not fit the {len(cameras)} cameras' sizes {expected}."
+            f"Lifting: masks {masks.shape} do not match the sizes of the {len(cameras)} cameras, {expected}."
         )
     if len(points) == 0 or not masks.any():
         return np.zeros(len(points), np.float32)
@@ -76,17 +101,31 @@ def lift(
 def shares(
     points: Gaussians, cameras: list[Camera], masks: np.ndarray, near: float, device: torch.device | str = "cpu"
 ) -> np.ndarray:
-    """How much of what each point adds to the pictures falls into masks [C, H, W] bool; [N] 0..1, NaN where no camera sees it."""
+    """Return the share of each point's contribution that lies in masks, [N] 0..1; NaN where no camera sees the point.
+
+    Args:
+        points: N points.
+        cameras: All cameras.
+        masks: [C, H, W] bool.
+        near: Near plane, world units.
+        device: Device on which points are drawn.
+    """
     if len(points) == 0:
         return np.zeros(0, np.float32)
     weights = _contributions(SplatTensors.of(points, device), cameras, torch.from_numpy(masks).float().to(device), near)
     return torch.where(weights.seen, weights.share, torch.nan).cpu().numpy()
 
 
-def gathered(splats: SplatTensors, camera: Camera, images: Tensor, near: float) -> Tensor:
-    """What of images [H, W, K] falls to each point, by how much of every pixel it fills; [N, K].
+def gather_images(splats: SplatTensors, camera: Camera, images: Tensor, near: float) -> Tensor:
+    """Return the sum of images [H, W, K] over the pixels of each point, [N, K], weighted by the point's share of every pixel.
 
-    Sums over the pixels of T_i alpha_i times the image: the gradient of a rendered image to the points' colors.
+    The weights are T_i alpha_i, so the sum is the gradient of a rendered image with respect to the points' colors.
+
+    Args:
+        splats: N points.
+        camera: Camera of the images.
+        images: [H, W, K].
+        near: Near plane, world units.
     """
     colors = torch.zeros(len(splats.means), images.shape[2], device=images.device, requires_grad=True)
     _draw(splats, colors, camera, near).backward(images)
@@ -97,12 +136,12 @@ def gathered(splats: SplatTensors, camera: Camera, images: Tensor, near: float) 
 def _contributions(splats: SplatTensors, cameras: list[Camera], masks: Tensor, near: float) -> _Contributions:
     sums = torch.zeros(len(splats.means), 2, device=masks.device)
     for camera, mask in zip(cameras, masks, strict=True):
-        sums += gathered(splats, camera, torch.stack([mask, torch.ones_like(mask)], -1), near)
+        sums += gather_images(splats, camera, torch.stack([mask, torch.ones_like(mask)], -1), near)
     return _Contributions(sums[:, 0], sums[:, 1])
 
 
 def _draw(splats: SplatTensors, colors: Tensor, camera: Camera, near: float) -> Tensor:
-    """Colors [N, C] alpha-blended to an image [H, W, C]; only the colors get gradients."""
+    """Blend colors [N, C] to an image [H, W, C]. Only the colors get gradients."""
     width, height = camera.width, camera.height
     with torch.no_grad():
         projection = splat.project(
@@ -113,7 +152,7 @@ def _draw(splats: SplatTensors, colors: Tensor, camera: Camera, near: float) -> 
 
 
 def _vote(means: Tensor, weights: _Contributions, neighbors: int) -> Tensor:
-    """The share of each point's contributions that falls into the masks, averaged with its nearest seen neighbors'; [N]."""
+    """Return the share [N] of each point's contribution that lies in the masks, averaged with its nearest seen neighbors."""
     seen = weights.seen
     votes = torch.where(seen, weights.share, 0)
     count = min(neighbors, len(means) - 1)
@@ -127,9 +166,9 @@ def _vote(means: Tensor, weights: _Contributions, neighbors: int) -> Tensor:
 def _minimize(
     splats: SplatTensors, cameras: list[Camera], masks: Tensor, near: float, config: LayeringConfig, seed: int
 ) -> Tensor:
-    """Labels that minimize the paper's L_m, [N], one random view an iteration.
+    """Return the labels [N] that minimize the paper's L_m, by one random view per iteration.
 
-    The sums over points are divided by the number of views, as each iteration holds only one view's share of the first term.
+    The sums over points are divided by the number of views, since each iteration has only one view's share of the first term.
     """
     rng = np.random.default_rng(seed)
     count = len(splats.means)

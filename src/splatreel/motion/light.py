@@ -1,7 +1,7 @@
-"""Light that changes on things that rest: shadows pass over them, lamps go on (beyond the paper).
+"""Changes of light on resting content, such as shadows and lamps (beyond the paper).
 
-Flow sees a shadow move, or nothing at all, and both are wrong: what is in its way changes color and stays where it is. All views
-that see such a point see it grow darker by the same factor, where of a body that passes before it each view shows another part.
+Flow sees a shadow move, or nothing at all; in truth the content changes color and stays in place. All views that see a point
+see it darken by the same factor. Of a body that passes in front of it, each view shows another part.
 """
 
 from __future__ import annotations
@@ -14,45 +14,50 @@ import numpy as np
 import torch
 
 from splatreel import threads
-from splatreel.motion.lift import gathered
-from splatreel.motion.splats import SplatTensors
+from splatreel.motion.lift import SplatTensors, gather_images
 from splatreel.scene.camera import Camera
 from splatreel.scene.gaussians import Gaussians
 
 MIN_CHANGE = 0.08
-"""Logarithm of the factor from which on light counts as changed."""
+"""Minimum change of light, as a logarithm of brightness."""
 FRAMES = 2
-"""Frames in which it must have changed: noise is gone in the next."""
+"""Minimum number of frames with a change. Noise is gone in the next frame."""
 VIEWS = 3
-"""Cameras that must see a point, at least."""
+"""Minimum number of cameras that must see a point."""
 AGREE = 0.6
-"""Share of these that must be within `NEAR_BY` of the median, or within `ALIKE` of it times the median itself."""
+"""Share of these cameras that must be within `NEAR_BY` of the median, or within `ALIKE` times the median."""
 NEAR_BY, ALIKE = 0.04, 0.35
 PIXELS = 1e5
-"""Larger pictures are looked at in this size: a shadow is larger than a pixel, and 36 of a 4K camera would fill the memory."""
+"""Larger images are shrunk to this size. Shadows are larger than a pixel, and 36 images of a 4K camera would fill the memory."""
 BLUR = 0.8
-"""Pixels that they are smoothed by: less noise, and edges that are not quite where they were are no light."""
+"""Standard deviation of the blur, pixels, against noise and misaligned edges."""
 SEEN = 0.3
-"""Pixels of such a picture that a point must fill to be seen in it."""
+"""Minimum number of pixels of such an image that a point must fill to be seen."""
 DARK = 8.0
-"""Gray levels added to all brightness: the noise of what is black is no light."""
+"""Gray levels added to all brightness, so that noise of dark pixels is no change of light."""
 MOST = 0.2
-"""Share of all points that may be called lit anew: beyond, the strongest are."""
+"""Maximum share of points that change light; if there are more, the strongest changes count."""
 
 
 def changes_of_light(
     points: Gaussians, cameras: list[Camera], frames: np.ndarray, near: float, device: torch.device | str = "cpu"
 ) -> np.ndarray:
-    """[T, N] float32, logarithm of the brightness of points that rest, against that at the keyframe; 0 where it is as it was.
+    """Return the logarithm [T, N] float32 of the brightness of resting points, relative to the keyframe; 0 for no change.
 
-    frames: [T, C, H, W, 3] uint8, the keyframe first. Points whose light changes nowhere, or of which the views do not agree, are 0 in
-    all frames, and so are those that change as most of a picture does.
+    Points are 0 in all frames if the views disagree, or if they change like most of an image.
+
+    Args:
+        points: N points.
+        cameras: All cameras.
+        frames: [T, C, H, W, 3] uint8, the keyframe first.
+        near: Near plane, world units.
+        device: Device on which points are drawn.
     """
     found = np.zeros((len(frames), len(points)), np.float32)
     if len(frames) <= FRAMES or len(points) == 0:
         return found
     shown = _brightness_of(points, cameras, frames, near, device)
-    changed = (np.abs(shown) > MIN_CHANGE).sum(2) >= FRAMES  # of NaN, all comparisons are false
+    changed = (np.abs(shown) > MIN_CHANGE).sum(2) >= FRAMES  # unseen points are NaN, which compares false
     index = np.flatnonzero(changed.sum(0) >= VIEWS)
     light = np.stack([_agreed(shown[:, point]) for point in index], 1) if len(index) else found[:, :0]
     strength = np.where((np.abs(light) > MIN_CHANGE).sum(0) >= FRAMES, np.abs(light).sum(0), 0)
@@ -65,7 +70,7 @@ def changes_of_light(
 def _brightness_of(
     points: Gaussians, cameras: list[Camera], frames: np.ndarray, near: float, device: torch.device | str
 ) -> np.ndarray:
-    """[C, N, T] how bright each view shows each point, as a logarithm against the keyframe; NaN where it does not see it."""
+    """Return the log brightness [C, N, T] of each point in each view, relative to the keyframe; NaN where not seen."""
     splats, shown = (
         SplatTensors.of(points, device),
         np.full((len(cameras), len(points), len(frames)), np.nan, np.float32),
@@ -76,28 +81,28 @@ def _brightness_of(
             bright = partial(_brightness, width=small.width, height=small.height)
             pictures = np.stack(list(pool.map(bright, film)), 2)
         pictures -= pictures[..., :1].copy()
-        pictures -= np.median(pictures[::3, ::3], (0, 1))  # a camera's exposure, or the light of the whole scene
+        pictures -= np.median(pictures[::3, ::3], (0, 1))  # remove exposure and light of the whole scene
         pictures = np.concatenate([pictures, np.ones_like(pictures[..., :1])], 2)
-        sums = gathered(splats, small, torch.from_numpy(pictures).to(device), near).cpu().numpy()
+        sums = gather_images(splats, small, torch.from_numpy(pictures).to(device), near).cpu().numpy()
         seen = sums[:, -1] > SEEN
         row[seen] = sums[seen, :-1] / sums[seen, -1:]
     return shown
 
 
 def _shrunk(camera: Camera) -> Camera:
-    """The camera with a picture of at most `PIXELS`."""
+    """Return the camera with an image of at most `PIXELS`."""
     shrink = min(1.0, (PIXELS / (camera.width * camera.height)) ** 0.5)
     return camera.resized(max(1, round(shrink * camera.width)), max(1, round(shrink * camera.height)))
 
 
 def _brightness(picture: np.ndarray, width: int, height: int) -> np.ndarray:
-    """[h, w] logarithm of the brightness of a picture [H, W, 3] uint8, at another size."""
+    """Return the log brightness [h, w] of an image [H, W, 3] uint8 at another size."""
     gray = cv2.cvtColor(cv2.resize(picture, (width, height), interpolation=cv2.INTER_AREA), cv2.COLOR_RGB2GRAY)
     return np.log(cv2.GaussianBlur(gray.astype(np.float32), (0, 0), BLUR) + DARK)
 
 
 def _agreed(shown: np.ndarray) -> np.ndarray:
-    """[T] what most of the views that see a point, [C, T], show of it; 0 in frames of which they do not agree."""
+    """Return the change [T] on which most of the views [C, T] agree; 0 in frames without agreement."""
     seen = shown[~np.isnan(shown[:, 0])]
     middle = np.median(seen, 0)
     alike = np.abs(seen - middle) < np.maximum(NEAR_BY, ALIKE * np.abs(middle))

@@ -11,30 +11,41 @@ import numpy as np
 from splatreel.config import LayeringConfig
 from splatreel.config.layering import PAPER_WIDTH
 from splatreel.errors import UsageError
-from splatreel.motion.flow import Flow, each_view
+from splatreel.motion.flow import Flow, map_views
 from splatreel.motion.sam2 import Sam2Segmenter
 
 ENOUGH_WIDTH = 320
-"""Pictures are halved for their flow as long as this many pixels are left of their width: masks need no more, and flow is slow."""
+"""Flow is computed on images halved as long as at least this width remains. Masks need no more detail, and flow is slow."""
 LEAST_FLOW = 0.5
-"""Pixels; shorter flow is not told from noise, however small the images."""
+"""Minimum length of flow, pixels. Shorter flow is noise at any image size."""
 ENOUGH_FRAMES = 0.4
 """Share of the selected frames in which a pixel must move to be labeled without a flow that returns."""
 CHANGED = 6 / 255
-"""Flow counts only where the two images also differ by this much, in 0..1: flow on flat walls is noise. Lower lets noise of the
-cameras in, higher loses what moves before something of its own color."""
+"""Minimum color difference, 0..1, for flow to count: flow on plain walls is noise. A lower value admits camera noise; a higher
+one misses content that moves in front of its own color."""
 RETURN_GAP = 0.15
-"""How far from its start, relative to its length, a flow forth and back may end."""
+"""Maximum distance between start and end of flow forth and back, relative to the length of the flow."""
 
 
 class Segmenter(Protocol):
-    """Grows motion masks to whole objects. masks: [C, H, W] bool; images: [C, H, W, 3] uint8. Returns [C, H, W] bool."""
+    """Completion of motion masks to whole objects."""
 
-    def complete(self, masks: np.ndarray, images: np.ndarray) -> np.ndarray: ...
+    def complete(self, masks: np.ndarray, images: np.ndarray) -> np.ndarray:
+        """Return completed masks [C, H, W] bool.
+
+        Args:
+            masks: [C, H, W] bool.
+            images: [C, H, W, 3] uint8.
+        """
+        ...
 
 
 def make_segmenter(name: str) -> Segmenter | None:
-    """The segmenter of a configuration: 'grabcut', 'sam2', or 'none' for None. Raises `UsageError` for another name."""
+    """Create a segmenter by name: 'grabcut' or 'sam2'; 'none' gives None.
+
+    Raises:
+        UsageError: If the name is unknown.
+    """
     if name == "none":
         return None
     if name == "grabcut":
@@ -45,13 +56,18 @@ def make_segmenter(name: str) -> Segmenter | None:
 
 
 def motion_masks(frames: np.ndarray, flow: Flow, config: LayeringConfig) -> np.ndarray:
-    """What moves between the keyframe and later frames of its group, seen at the keyframe; [C, H, W] bool.
+    """Return masks [C, H, W] bool of the pixels of the keyframe that move towards later frames of the group.
 
-    frames: [T, C, H, W, 3] uint8, the keyframe first. A pixel moves towards a later frame if its flow is longer than lambda_raft (at
-    the paper's width) and it also looks different there: flow on flat walls is noise. It is labeled if that happens in enough of
-    the selected frames, or if the flow back returns to it once: background that something passes before does neither, while
-    what is too fast for the flow to return has left for most frames. With one selected frame this is the paper's rule. What
-    appears only later has no pixel at the keyframe and is left to the adaptive conversion of static points.
+    A pixel moves towards a later frame if its flow is longer than lambda_raft (at the paper's width) and its color differs
+    there. It is labeled if it moves in enough of the selected frames, or if the flow back returns to it once. Background that
+    something passes in front of does neither. Content that is too fast for its flow to return has left in most frames. With one
+    selected frame this is the paper's rule. Content that appears later has no pixel at the keyframe; adaptive conversion
+    handles it.
+
+    Args:
+        frames: [T, C, H, W, 3] uint8, the keyframe first.
+        flow: Optical flow.
+        config: Layering settings.
     """
     count, cameras, height, width = frames.shape[:4]
     halvings = max(int(math.log2(width / ENOUGH_WIDTH)), 0)
@@ -73,17 +89,17 @@ def motion_masks(frames: np.ndarray, flow: Flow, config: LayeringConfig) -> np.n
         mask = _clean((evidence >= enough) & (evidence > 0))
         return cv2.resize(mask.astype(np.uint8), (width, height), interpolation=cv2.INTER_NEAREST) > 0
 
-    return np.stack(each_view(moving, cameras, flow))
+    return np.stack(map_views(moving, cameras, flow))
 
 
 def _smaller(image: np.ndarray, halvings: int) -> np.ndarray:
-    """[H, W, 3] uint8, its width and height halved so many times."""
+    """Halve the width and height of an image [H, W, 3] uint8 several times."""
     size = image.shape[1] >> halvings, max(image.shape[0] >> halvings, 1)
     return cv2.resize(image, size, interpolation=cv2.INTER_AREA) if halvings else image
 
 
 def _returns(forth: np.ndarray, back: np.ndarray) -> np.ndarray:
-    """Where the flow back, [H, W, 2], undoes the flow forth, [H, W, 2]; [H, W] bool."""
+    """Return [H, W] bool, the pixels whose flow forth is undone by the flow back, [H, W, 2] each."""
     y, x = np.mgrid[: forth.shape[0], : forth.shape[1]].astype(np.float32)
     there = cv2.remap(back, x + forth[..., 0], y + forth[..., 1], cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
     gap = np.linalg.norm(forth + there, axis=-1)
@@ -91,27 +107,30 @@ def _returns(forth: np.ndarray, back: np.ndarray) -> np.ndarray:
 
 
 def later_frames(count: int, wanted: int) -> list[int]:
-    """Up to `wanted` frames after the first, spread evenly over `count` frames; the last one always."""
+    """Return up to `wanted` frames after the first, spread evenly over `count` frames. The last frame is always included."""
     return sorted({round(t) for t in np.linspace(0, count - 1, wanted + 1)[1:]} - {0})
 
 
 def _difference(a: np.ndarray, b: np.ndarray) -> np.ndarray:
-    """Mean absolute difference of the colors over a 5 x 5 neighborhood, [H, W] float32 0..1."""
+    """Return the mean absolute color difference [H, W] float32, 0..1, over a 5 x 5 neighborhood."""
     return cv2.GaussianBlur(cv2.absdiff(a, b).mean(-1, dtype=np.float32) / 255, (5, 5), 0)
 
 
 def _clean(mask: np.ndarray) -> np.ndarray:
-    """Without specks, and with small holes closed; sizes follow the image's width."""
+    """Remove specks and close small holes. Their sizes follow the image width."""
     speck, hole = (2 * max(round(half * mask.shape[1] / 640), 1) + 1 for half in (1, 2))
     opened = cv2.morphologyEx(mask.astype(np.uint8), cv2.MORPH_OPEN, np.ones((speck, speck), np.uint8))
     return cv2.morphologyEx(opened, cv2.MORPH_CLOSE, np.ones((hole, hole), np.uint8)) > 0
 
 
 class GrabCutSegmenter:
-    """GrabCut (Rother et al. 2004) seeded by the mask: classical, needs no weights.
+    """Segmenter by GrabCut, seeded by the mask. It needs no weights.
 
-    It may grow a mask by less than `reach` of the image's width. Growth that runs up to that limit found no border of its own (the
-    colors do not tell the object from its background) and is taken back, patch by patch.
+    It may grow a mask by less than `reach` of the image width. Growth up to that limit found no border, because object and
+    background have similar colors. It is undone, patch by patch.
+
+    Source:
+        Rother et al. 2004.
     """
 
     def __init__(self, reach: float = 0.03, iterations: int = 2, width: int = 480) -> None:
@@ -120,6 +139,7 @@ class GrabCutSegmenter:
         self.width = width
 
     def complete(self, masks: np.ndarray, images: np.ndarray) -> np.ndarray:
+        """See `Segmenter`."""
         return np.stack([self._complete_one(mask, image) for mask, image in zip(masks, images, strict=True)])
 
     def _complete_one(self, mask: np.ndarray, image: np.ndarray) -> np.ndarray:

@@ -1,8 +1,8 @@
-"""New points for what appears within a group: places that the rendered scene lacks, by space carving.
+"""New points for content that appears within a group, found by space carving.
 
-Dynamic points come from the keyframe, so what flies in later, or was lost, has none. Where the rendered scene differs from the
-pictures, places along the pixels' rays are tried: one counts if the views that see it differ there and agree on its color. A
-view that shows something nearer does not see it: a ball can be missing where somebody stands in front of it.
+Dynamic points come from the keyframe, so content that appears later has none. Where the rendered scene differs from the images,
+places along the pixels' rays are tried. A place counts if the views that see it differ there and agree on its color. A view
+that shows something nearer does not see the place.
 """
 
 from __future__ import annotations
@@ -18,42 +18,54 @@ from splatreel.kernels import carve
 from splatreel.scene.camera import Camera
 
 ERROR, UNCERTAIN = 0.08, 0.06
-"""Mean absolute color errors, 0..1, around a pixel: from the first on something is missing, from the second on it may be."""
+"""Mean absolute color errors around a pixel, 0..1: above `ERROR` content is missing, above `UNCERTAIN` it may be."""
 MIN_AGREEMENT = 0.8
-"""Share of the views that see a place whose masks must hold it."""
+"""Share of the views that see a place whose masks must contain it."""
 MAX_COLOR_DIFFERENCE = 0.1
-"""Largest mean color difference, 0..1, between those views."""
+"""Maximum mean color difference between those views, 0..1."""
 MIN_CAMERAS = 0.3
-"""Share of all cameras, and three at least, whose masks must hold a place: next to a camera a few agree on anything."""
+"""Share of all cameras, at least three, whose masks must contain a place. A few cameras agree on anything next to a camera."""
 MIN_DISTANCE = 6.0
-"""How far from what moves already a new point must lie if it was found by uncertain masks, in multiples of its size."""
+"""Minimum distance from moving points of a new point that uncertain masks found, in multiples of its size."""
 DEPTHS = 64
 CLOSE = 8
-"""What is nearer than this part of the depth behind it would fill the view: no place is tried there."""
+"""Places nearer than the depth behind them divided by this are not tried: content there would fill the view."""
 RAYS = 4000
 
 
 @dataclass(frozen=True)
 class NewPoints:
-    """points: [M, 3] world; colors: [M, 3] 0..1; sizes: [M] world, standard deviation, half the distance to the next point."""
+    """New points.
+
+    Attributes:
+        points: [M, 3] world.
+        colors: [M, 3] 0..1.
+        sizes: [M] standard deviation, world units: half the distance to the next point.
+    """
 
     points: np.ndarray
     colors: np.ndarray
     sizes: np.ndarray
 
     def rows(self, index: np.ndarray) -> NewPoints:
+        """Select points by index."""
         return NewPoints(self.points[index], self.colors[index], self.sizes[index])
 
     def joined(self, other: NewPoints) -> NewPoints:
+        """Concatenate with other points."""
         pairs = (self.points, other.points), (self.colors, other.colors), (self.sizes, other.sizes)
         return NewPoints(*(np.concatenate(pair) for pair in pairs))
 
 
 class ErrorMasks(NamedTuple):
-    """Where pictures differ from their truths. error: [..., H, W] bool, by more than noise and edges do; uncertain: at least a little.
+    """Pixels in which images differ from their targets.
 
-    An object stands out in front of one wall and hardly in front of another, and one that is a pixel wide looks like an edge. So
-    what is an error in a few views may be confirmed by others in which it is uncertain.
+    An object stands out in front of one wall and hardly in front of another, and a pixel-wide object looks like an edge. Errors
+    in a few views may therefore be confirmed by views in which they are uncertain.
+
+    Attributes:
+        error: [..., H, W] bool, differences larger than those of noise and edges.
+        uncertain: [..., H, W] bool, differences that may be errors.
     """
 
     error: np.ndarray
@@ -61,7 +73,7 @@ class ErrorMasks(NamedTuple):
 
 
 def error_masks(image: np.ndarray, truth: np.ndarray) -> ErrorMasks:
-    """Of a rendered picture [H, W, 3] float against its truth (uint8)."""
+    """Compare a rendered image [H, W, 3] float with its target (uint8)."""
     difference = cv2.absdiff(image, truth.astype(np.float32) / 255)
     difference = cv2.transform(difference, np.full((1, 3), 1 / 3, np.float32))
     smooth = cv2.GaussianBlur(difference, (5, 5), 1.2)
@@ -78,11 +90,17 @@ def find_new_points(
     moving: np.ndarray,
     seed: int = 0,
 ) -> NewPoints:
-    """Points of what is missing in the views.
+    """Find points of the content that is missing in the rendered scene.
 
-    images: [C, H, W, 3] uint8; masks: of all views; depths: [C, H, W] of the scene as it is rendered, infinite for nothing.
-    moving: [N, 3] the keyframe's dynamic points, where they are now. Close to them only errors count: these points are off a little,
-    which training corrects.
+    Args:
+        cameras: All cameras.
+        images: [C, H, W, 3] uint8.
+        masks: Error masks [C, H, W].
+        depths: [C, H, W] depths of the rendered scene, infinite for nothing.
+        near: Near plane, world units.
+        moving: [N, 3] positions of the keyframe's dynamic points at this frame. Close to them only certain errors count, since
+            training corrects small misplacements.
+        seed: Seed of the choice of rays.
     """
     rays = _rays(masks.error, np.random.default_rng(seed))
     if len(rays) == 0:
@@ -105,7 +123,7 @@ def find_new_points(
 
 
 def _away_from(found: NewPoints, moving: np.ndarray) -> NewPoints:
-    """What lies away from points [N, 3]."""
+    """Select new points that are away from points [N, 3]."""
     if len(moving) == 0 or len(found.points) == 0:
         return found
     distance = KDTree(moving).query(found.points)[0]
@@ -113,7 +131,7 @@ def _away_from(found: NewPoints, moving: np.ndarray) -> NewPoints:
 
 
 def _rays(error: np.ndarray, rng: np.random.Generator) -> np.ndarray:
-    """[R, 3] camera, row, column of the mask's pixels, an even choice of them."""
+    """Return an even choice of the mask's pixels, [R, 3]: camera, row, column."""
     rays = np.argwhere(error)
     return rays if len(rays) <= RAYS else rays[np.sort(rng.choice(len(rays), RAYS, replace=False))]
 
@@ -121,7 +139,11 @@ def _rays(error: np.ndarray, rng: np.random.Generator) -> np.ndarray:
 def _places(
     cameras: list[Camera], rays: np.ndarray, error: np.ndarray, depths: np.ndarray, near: float
 ) -> tuple[np.ndarray, np.ndarray, float]:
-    """[R, D, 3] places along the rays, near to the depth shown, evenly in inverse depth; [R, D] size of a pixel; rays' spacing."""
+    """Return places along rays, evenly in inverse depth up to the visible surface.
+
+    Returns:
+        Places [R, D, 3], sizes of a pixel there [R, D], and the spacing of the rays.
+    """
     camera, row, column = rays.T
     shown = depths[camera, row, column]
     finite = depths[np.isfinite(depths)]
@@ -142,7 +164,7 @@ def _places(
 
 
 def _thinned(found: NewPoints) -> NewPoints:
-    """One point per cell of a grid, a little finer than their spacing."""
+    """Keep one point per cell of a grid that is a little finer than their spacing."""
     if len(found.points) == 0:
         return found
     cell = 1.5 * float(np.median(found.sizes))

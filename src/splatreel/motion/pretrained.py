@@ -1,4 +1,4 @@
-"""Networks whose packages and weights may be missing on a machine: nothing is downloaded, and what is missing is told."""
+"""Pretrained networks whose packages and weights may be missing. Nothing is downloaded."""
 
 from __future__ import annotations
 
@@ -17,8 +17,14 @@ T = TypeVar("T")
 class Pretrained:
     """A network of the extra `splatreel[models]`.
 
-    purpose: what needs it, as the first words of a message. package: as a message names it. file: of its weights, from url; variable:
-    the environment variable that may say where they are. remedy: how else the user may go on. install: further words on installing.
+    Attributes:
+        purpose: First words of error messages: the feature that needs the network.
+        package: Package, as named in messages.
+        file: File of its weights.
+        url: Address of the weights.
+        variable: Environment variable with the path of the weights.
+        remedy: Alternative to suggest to the user.
+        install: Further advice on installation.
     """
 
     purpose: str
@@ -29,32 +35,37 @@ class Pretrained:
     remedy: str
     install: str = ""
 
-    def imported(self, load: Callable[[], T]) -> T:
-        """What load, which imports the package, returns. Raises `MissingDependencyError` where that fails."""
+    def import_package(self, load: Callable[[], T]) -> T:
+        """Call a function that imports the package, and return its result.
+
+        Raises:
+            MissingDependencyError: If the import fails.
+        """
         try:
             return load()
-        except (ImportError, RuntimeError) as error:  # a build for another torch fails with RuntimeError
+        except (ImportError, RuntimeError) as error:  # RuntimeError: built for another version of torch
             raise MissingDependencyError(
-                f"{self.purpose} needs {self.package}, which cannot be imported ({error}). "
+                f"{self.purpose} needs {self.package}, which cannot be import_package ({error}). "
                 f"Run: pip install 'splatreel[models]'{self.install}; or {self.remedy}."
             ) from error
 
-    def weights(self, given: Path | None) -> Path:
-        """The file of weights: the given path, that of the environment variable, or the one in torch's cache of downloads.
+    def find_weights(self, given: Path | None) -> Path:
+        """Return the file of the weights: the given path, the environment variable's, or the one in torch's download cache.
 
-        Raises `MissingDependencyError` where there is none.
+        Raises:
+            MissingDependencyError: If there is no such file.
         """
-        path = Path(given or os.environ.get(self.variable) or cached(self.file))
+        path = Path(given or os.environ.get(self.variable) or cached_weights(self.file))
         if not path.is_file():
             raise MissingDependencyError(
-                f"{self.purpose} needs its weights, and {path} does not exist. Download {self.url} to that place, or set "
-                f"{self.variable} to where the file is; or {self.remedy}."
+                f"{self.purpose} needs its weights, but {path} does not exist. Download {self.url} to that path, or set "
+                f"{self.variable} to the path of the file; or {self.remedy}."
             )
         return path
 
 
-def cached(file: str) -> Path:
-    """Where torch keeps a file of weights that it has downloaded."""
+def cached_weights(file: str) -> Path:
+    """Return the path at which torch stores a downloaded file of weights."""
     import torch
 
     return Path(torch.hub.get_dir()) / "checkpoints" / file

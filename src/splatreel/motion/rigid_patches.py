@@ -1,8 +1,11 @@
-"""Rigid patches: neighboring points, each patch moved as a rigid body to where all views show its colors.
+"""Rigid patches: groups of neighboring points, moved as a rigid body to where all views show their colors.
 
-They track what is small, thin or fast, where optical flow fails: of a bat that swings by twice its width, a patch of pixels holds
-mostly background. A patch of points knows how it moved before, what its neighbors found, and its colors in many views. Good moves
-are handed on from patch to patch and refined by small steps, in turns, as PatchMatch (Barnes et al. 2009) does in images.
+They track small, thin or fast content, for which optical flow fails. Around a bat that swings by twice its width, a patch of
+pixels contains mostly background. A patch of points knows its earlier motion, the motion of its neighbors, and its colors in
+many views. As in PatchMatch, good motions are passed on between patches and refined by small steps, in turns.
+
+Source:
+    Barnes et al. 2009.
 """
 
 from __future__ import annotations
@@ -17,28 +20,31 @@ from splatreel.kernels import rigid
 from splatreel.kernels.rigid import Template, Views
 
 SIZE, STRIDE = 24, 3
-"""Points of a patch, and from the center of one patch to the next."""
+"""Number of points of a patch, and points between the centers of two patches."""
 NEIGHBORS = (1, 2, 3, 4, 6, 8, 10, 12)
-"""Ranks, by distance, of the neighbors whose moves a patch tries."""
+"""Ranks, by distance, of the neighbors whose motions a patch tries."""
 BAD = 0.06
-"""Color difference, 0..1, from which on flow is not believed."""
+"""Color difference, 0..1, from which on flow is considered wrong."""
 BETTER = 0.85
-"""A rigid move must leave less than this share of that difference."""
+"""A rigid motion must leave less than this share of that difference."""
 RATE = 0.2
-"""How fast colors follow what is seen where flow is believed: light changes, and what turns shows another side."""
+"""Rate at which stored colors follow the observed ones where flow is right, since light changes and objects turn."""
 STEPS = (1.0, 0.5, 0.25)
-"""Steps of the search in each sweep, as a share of the first ones."""
+"""Step sizes of the search in each sweep, relative to the first ones."""
 
 
 class RigidPatches:
-    """Patches of points [N, 3]. views: of a moment at which they are in place; their colors are taken there.
-
-    `motion` then takes them from frame to frame, in either direction.
-    """
+    """Patches of points."""
 
     def __init__(self, points: np.ndarray, views: Views) -> None:
+        """Form patches and sample their colors.
+
+        Args:
+            points: [N, 3] positions.
+            views: Views of a moment at which the points have these positions.
+        """
         self.colors = rigid.sample_colors(points, views)[1]
-        self.trusted = np.zeros(len(points), np.bool_)  # flow has brought them here, and that looked right
+        self.trusted = np.zeros(len(points), np.bool_)  # the flow of the last step matched the colors
         self.patches = np.zeros((0, SIZE), np.int64)
         if len(points) > SIZE:
             centers = points[::STRIDE]
@@ -46,10 +52,14 @@ class RigidPatches:
             self.neighbors = _nearest(centers, centers, [rank for rank in NEIGHBORS if rank < len(centers)])
 
     def motion(self, here: np.ndarray, last: np.ndarray, flow: np.ndarray, now: Views, then: Views) -> np.ndarray:
-        """How the points move, [N, 3]: as the flow says, or with a patch, where that fits the pictures clearly better.
+        """Return the motion [N, 3] of the points: the flow, or a rigid motion of a patch where that fits the images clearly better.
 
-        here: [N, 3] where they are; last: where they were; flow: [N, 3]. now, then: the views at both moments; now with the depths of
-        all that is seen, then with those of what is known to be there.
+        Args:
+            here: [N, 3] positions now.
+            last: [N, 3] positions at the previous frame.
+            flow: [N, 3] motion by optical flow.
+            now: Views at this frame, with depths of everything visible.
+            then: Views at the next frame, with depths of the points known to be there.
         """
         if not len(self.patches):
             return flow
@@ -77,10 +87,15 @@ class RigidPatches:
         moves: np.ndarray,
         found: np.ndarray,
     ) -> np.ndarray:
-        """The motion [N, 3] of every point: that of the best of its patches.
+        """Return the motion [N, 3] of the best patch of every point.
 
-        least: [N] the smallest difference that flow leaves of a patch of each, changed in place. better: the patches that do not
-        move as it says.
+        Args:
+            here: [N, 3] positions now.
+            flow: [N, 3] motion by optical flow.
+            least: [N] smallest color difference of a patch of each point under flow. Changed in place.
+            better: Patches whose rigid motion is better than flow.
+            moves: Rigid motions of the patches.
+            found: Color differences of the rigid motions.
         """
         motion = flow.copy()
         for patch in better:
@@ -91,6 +106,6 @@ class RigidPatches:
 
 
 def _nearest(points: np.ndarray, queries: np.ndarray, ranks: Sequence[int]) -> np.ndarray:
-    """[Q, R] int64 of the points nearest to each query, those of some ranks from 0 on."""
+    """Return [Q, R] int64, the points of certain ranks by distance from each query, ranks from 0."""
     wanted: Any = [rank + 1 for rank in ranks]
     return np.asarray(KDTree(points).query(queries, k=wanted)[1], np.int64)

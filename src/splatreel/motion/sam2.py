@@ -1,4 +1,4 @@
-"""Object-level completion of motion masks by SAM2 (paper section 4.1), behind the extra `splatreel[models]`."""
+"""Completion of motion masks to objects by SAM2 (paper section 4.1), with the extra `splatreel[models]`."""
 
 from __future__ import annotations
 
@@ -22,15 +22,14 @@ SAM2 = Pretrained(
 )
 SAM2_CONFIG = "configs/sam2.1/sam2.1_hiera_l.yaml"
 LEAST_AREA = 0.0005
-"""Share of the image; smaller parts of a mask prompt nothing."""
+"""Minimum area of a part of a mask to prompt SAM2, as a share of the image."""
 
 
 class Sam2Segmenter:
-    """SAM2 (Ravi et al. 2024): the view with the largest mask prompts it, and the views, taken as a video, carry the objects on.
+    """Segmenter by SAM2. The view with the largest mask prompts it; the views, taken as a video, propagate the objects.
 
-    weights: a SAM2 checkpoint that fits `config`; None looks at SPLATREEL_SAM2_WEIGHTS, then in torch's cache. Nothing is downloaded.
-    predictor: a ready video predictor in their place. Every part of the mask is an object with up to `points` prompts. Raises
-    `MissingDependencyError` where the package or the weights are missing.
+    Source:
+        Ravi et al. 2024.
     """
 
     def __init__(
@@ -43,20 +42,34 @@ class Sam2Segmenter:
         seed: int = 0,
         predictor: Any = None,
     ) -> None:
+        """Load the network. Nothing is downloaded.
+
+        Args:
+            weights: Checkpoint of SAM2 that fits `config`; None uses SPLATREEL_SAM2_WEIGHTS or torch's download cache.
+            config: Configuration of SAM2.
+            device: Device; by default CUDA if there is any.
+            objects: Maximum number of objects. Each part of a mask is an object.
+            points: Maximum number of prompts per object.
+            seed: Seed of the choice of prompts.
+            predictor: Video predictor to use instead.
+
+        Raises:
+            MissingDependencyError: If the package or the weights are missing.
+        """
         self.predictor = predictor if predictor is not None else _load_predictor(weights, config, device)
         self.objects = objects
         self.points = points
         self.seed = seed
 
     def complete(self, masks: np.ndarray, images: np.ndarray) -> np.ndarray:
-        """See `Segmenter`: the given masks with SAM2's added (M = M_raft + M_sam)."""
+        """Return the masks united with those of SAM2 (M = M_raft + M_sam); see `Segmenter`."""
         completed = masks.copy()
         start = int(masks.sum((1, 2)).argmax())
         prompts = object_prompts(masks[start], self.objects, self.points, self.seed)
         if not prompts:
             return completed
         with tempfile.TemporaryDirectory() as folder:
-            for i, image in enumerate(images):  # the predictor reads a video as numbered JPEG files
+            for i, image in enumerate(images):  # the predictor reads a folder of numbered JPEG files
                 cv2.imwrite(str(Path(folder) / f"{i:05d}.jpg"), np.ascontiguousarray(image[..., ::-1]))
             state = self.predictor.init_state(video_path=folder)
             for number, pixels in enumerate(prompts, 1):
@@ -72,7 +85,7 @@ class Sam2Segmenter:
         return completed
 
     def _propagate(self, state: Any, start: int) -> Iterator[tuple[int, np.ndarray]]:
-        """Every view and the union of the objects' masks in it, [H, W] bool, in both directions from the prompted view."""
+        """Yield every view and the union of its objects' masks [H, W] bool, in both directions from the prompted view."""
         for reverse in (False, True):
             passes = self.predictor.propagate_in_video(state, start_frame_idx=start, reverse=reverse)
             for view, _, logits in passes:
@@ -80,9 +93,15 @@ class Sam2Segmenter:
 
 
 def object_prompts(mask: np.ndarray, objects: int, points: int, seed: int) -> list[np.ndarray]:
-    """Points inside the largest connected parts of a mask [H, W], one array [P, 2] float32 of pixels (x, y) a part.
+    """Return prompts inside the largest connected parts of a mask: one array [P, 2] float32 of pixels (x, y) per part.
 
-    The first is the one farthest from the part's border, where a prompt is least ambiguous; the others are drawn at random.
+    The first prompt is farthest from the part's border, where it is least ambiguous; the others are random.
+
+    Args:
+        mask: [H, W] bool.
+        objects: Maximum number of parts.
+        points: Maximum number of prompts per part.
+        seed: Seed of the random prompts.
     """
     rng = np.random.default_rng(seed)
     count, parts, stats, _ = cv2.connectedComponentsWithStats(mask.astype(np.uint8))
@@ -109,5 +128,5 @@ def _load_predictor(weights: Path | None, config: str, device: str | None) -> An
 
         return build_sam2_video_predictor
 
-    build, path = SAM2.imported(load), SAM2.weights(weights)
+    build, path = SAM2.import_package(load), SAM2.find_weights(weights)
     return build(config, str(path), device=device or ("cuda" if torch.cuda.is_available() else "cpu"))

@@ -1,4 +1,4 @@
-"""Temporal mean of a keyframe's pictures: what does not move is averaged over the frames of its group, against noise."""
+"""Temporal mean of a keyframe's images: pixels that do not move are averaged over the frames of the group, against noise."""
 
 from __future__ import annotations
 
@@ -11,15 +11,17 @@ from splatreel.capture.frame_file import release_pages
 from splatreel.motion.change import difference
 
 SAME = 8 / 255
-"""Mean absolute difference of the colors around a pixel, from which on a frame says nothing about the keyframe."""
+"""Mean absolute color difference around a pixel, 0..1, from which on a frame does not contribute."""
 
 
 def temporal_mean(frames: np.ndarray) -> np.ndarray:
-    """The keyframe's pictures, each pixel averaged over the frames in which its surroundings look as they do at the keyframe.
+    """Return the keyframe's images [C, H, W, 3] uint8, averaged over frames that look alike around each pixel.
 
-    frames: [T, C, H, W, 3] uint8, the keyframe first. Returns [C, H, W, 3] uint8. Noise falls by up to the root of T, and slow
-    changes of light, which static points cannot follow, are met in their middle; what moves is left as it was. A frame weighs by
-    Tukey's bisquare of its difference: 1 where it is none, 0 from `SAME` on.
+    Noise falls by up to the square root of T. Slow changes of light, which static points cannot follow, are averaged. Moving
+    pixels do not change. A frame's weight is Tukey's bisquare of its difference: 1 for no difference, 0 from `SAME` on.
+
+    Args:
+        frames: [T, C, H, W, 3] uint8, the keyframe first.
     """
 
     def of(camera: int) -> np.ndarray:
@@ -32,7 +34,7 @@ def temporal_mean(frames: np.ndarray) -> np.ndarray:
 
 
 def _temporal_mean(frames: np.ndarray) -> np.ndarray:
-    """The same of one camera: [T, H, W, 3] to [H, W, 3]."""
+    """Average the images of one camera, [T, H, W, 3] to [H, W, 3]."""
     first = frames[0].astype(np.float32)
     total, weight = first.copy(), np.ones(first.shape[:2], np.float32)
     for frame in frames[1:]:

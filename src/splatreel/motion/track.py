@@ -1,7 +1,7 @@
 """Tracks of points: optical flow of all views, lifted to motion in space and chained from frame to frame.
 
-The gradient of a picture moves a splat about as far as it is large; what is thrown goes farther than that between two frames. Flow
-reaches it, and many views agree on one motion in space. The tracks are only where the deformation models start from.
+The gradient of an image moves a splat about as far as the splat is large. Thrown objects move farther between two frames. Flow
+covers that distance, and many views agree on one motion in space. Deformation models start from the tracks.
 """
 
 from __future__ import annotations
@@ -13,27 +13,37 @@ import torch
 from torch import Tensor
 
 from splatreel.kernels import rigid, sceneflow, splat
-from splatreel.motion.flow import Flow, each_view
+from splatreel.motion.flow import Flow, map_views
+from splatreel.motion.lift import SplatTensors
 from splatreel.motion.rigid_patches import RigidPatches
-from splatreel.motion.splats import SplatTensors
 from splatreel.scene.camera import Camera
 from splatreel.scene.gaussians import Gaussians
 
 ROUNDS = 3
-"""Of reweighting, when neighbors settle on one motion."""
+"""Rounds of reweighting in the smoothing of neighbors' motions."""
 NEIGHBORS = 16
-"""Points whose motions are averaged with one's own."""
+"""Number of neighbors whose motions are averaged with a point's own."""
 
 
 class PointTracks:
-    """Where points are at the frames passed so far. start: the frame at which `points` are in place.
+    """Positions of points at the frames passed so far.
 
-    motion: [N, 3], about how they move there, if that is known. rested: they were in the same place in all frames before.
+    Attributes:
+        points: The points at frame `start`.
+        start: Frame at which the points are in place.
     """
 
     def __init__(
         self, points: Gaussians, start: int, motion: np.ndarray | None = None, *, rested: bool = False
     ) -> None:
+        """Start tracks.
+
+        Args:
+            points: The points at frame `start`.
+            start: Frame at which the points are in place.
+            motion: [N, 3] approximate motion at `start`, world units per frame; None if unknown.
+            rested: The points had the same positions at all earlier frames.
+        """
         self.points, self.start = points, start
         self.tensors = SplatTensors.of(points)
         self.neighbors = _neighbors(self.tensors[0])
@@ -43,60 +53,69 @@ class PointTracks:
         self.patches: RigidPatches | None = None  # from the first step on
 
     def last(self, later: bool) -> tuple[Tensor, Tensor]:
-        """Where the points are, [N, 3], and how they moved there, at the frame farthest from the start in that direction."""
+        """Return positions and last motion [N, 3] at the frame farthest from the start, in one direction of time."""
         return (self._later if later else self._earlier)[-1]
 
     def append(self, later: bool, motion: Tensor) -> None:
-        """Go on by one frame in that direction. motion: [N, 3]."""
+        """Advance by one frame in one direction of time. motion: [N, 3]."""
         (self._later if later else self._earlier).append((self.last(later)[0] + motion, motion))
 
     @property
     def first(self) -> int:
-        """The earliest frame passed."""
+        """Earliest frame passed."""
         return self.start - len(self._earlier) + 1
 
     @property
     def at_last_frame(self) -> Gaussians:
-        """The points at the last frame."""
-        return self.points.moved(self.last(True)[0].numpy() - self.points.means, identity(len(self.points)))
+        """The points at the last frame passed."""
+        return self.points.moved(self.last(True)[0].numpy() - self.points.means, identity_quats(len(self.points)))
 
     @property
     def positions(self) -> np.ndarray:
-        """[T, N, 3] at every frame passed, the earliest first."""
+        """Positions at every frame passed, [T, N, 3], the earliest first."""
         return torch.stack([place for place, _ in [*self._earlier[:0:-1], *self._later]]).numpy()
 
 
 class Tracker:
-    """Tracks points through a group's frames [T, C, H, W, 3] uint8. static: what may hide them; near: near plane, world units.
+    """Tracker of points through a group's frames.
 
-    All tracks take a step together: the flow of one pair of frames is in memory, not that of a group. Points that no view sees keep
-    their velocity.
+    All tracks advance together, so that memory holds the flow of one pair of frames only. Points that no view sees keep their
+    velocity.
     """
 
     def __init__(self, static: Gaussians, cameras: list[Camera], frames: np.ndarray, flow: Flow, near: float) -> None:
+        """Prepare tracking.
+
+        Args:
+            static: Points that may occlude tracked points.
+            cameras: Training cameras.
+            frames: [T, C, H, W, 3] uint8.
+            flow: Optical flow.
+            near: Near plane, world units.
+        """
         self.cameras, self.frames, self.flow, self.near = cameras, frames, flow, near
         self.poses, self.lenses = np.stack([c.viewmat for c in cameras]), np.stack([c.K for c in cameras])
-        # Half the size is enough to tell what hides what.
+        # Half the size is enough for occlusion.
         self.half_cameras = [camera.resized((camera.width + 1) // 2, (camera.height + 1) // 2) for camera in cameras]
         self.set_occluders(static)
 
     def set_occluders(self, static: Gaussians) -> None:
-        """From now on these are what may hide points."""
+        """Replace the points that may occlude tracked points."""
         self.static_depths = [
             _depth_and_flow(SplatTensors.of(static), None, camera, self.near)[0] for camera in self.half_cameras
         ]
 
     def step(self, tracks: list[PointTracks], frame: int) -> None:
-        """From a frame to the next."""
+        """Advance tracks from a frame to the next."""
         self._step(tracks, frame, frame + 1)
 
     def track_back(self, tracks: list[PointTracks]) -> None:
-        """From the earliest frame that each has passed to the first."""
+        """Extend tracks from the earliest frame that each has passed to frame 0."""
         for frame in range(max((track.first for track in tracks), default=0), 0, -1):
             self._step([track for track in tracks if track.first == frame], frame, frame - 1)
 
     def depths(self, points: Gaussians) -> np.ndarray:
-        """[C, H, W] of the static points and these in every view, infinite for nothing."""
+        """Return the depths [C, H, W] of the occluders and these points in every view, infinite where there are none."""
         height, width = self.frames.shape[2:4]
         small = self._depths_and_guesses(SplatTensors.of(points), None)[0]
         return _enlarged(small)[:, :height, :width].numpy()
@@ -110,7 +129,7 @@ class Tracker:
         rig, (height, width) = (self.poses, self.lenses), self.frames.shape[2:4]
         wanted = sceneflow.pixels_needed(places.numpy(), *rig, depths.numpy(), height, width, self.near)
         work = partial(self._flow_of_view, here, there, guesses, wanted)
-        flows = np.stack(each_view(work, len(self.cameras), self.flow))
+        flows = np.stack(map_views(work, len(self.cameras), self.flow))
         now, then = self.views(here, depths.numpy()), self.views(there, torch.stack(self.static_depths).numpy())
         for track, (place, motion) in zip(tracks, ends, strict=True):
             known = place.numpy(), motion.numpy(), *rig, flows, depths.numpy()
@@ -121,18 +140,18 @@ class Tracker:
     def _corrected(
         self, track: PointTracks, place: Tensor, before: Tensor, motion: Tensor, now: rigid.Views, then: rigid.Views
     ) -> Tensor:
-        """Motion [N, 3], corrected by rigid patches where flow is wrong. before: the motion to `place`."""
+        """Return the motion [N, 3], corrected by rigid patches where flow is wrong. before: the motion that led to `place`."""
         if track.patches is None:
             track.patches = RigidPatches(place.numpy(), now)
         last = (place - before).numpy()
         return torch.from_numpy(track.patches.motion(place.numpy(), last, motion.numpy(), now, then))
 
     def views(self, frame: int, depths: np.ndarray) -> rigid.Views:
-        """The views at a frame. depths: of what hides points from them."""
+        """Return the views at a frame. depths: of occluders."""
         return rigid.make_views(self.poses, self.lenses, self.frames[frame], depths, self.near)
 
     def _depths_and_guesses(self, points: SplatTensors, motion: Tensor | None) -> tuple[Tensor, Tensor]:
-        """[C, ceil(H / 2), ceil(W / 2)] depths of the static points and these; [.., 2] where a motion [N, 3] of these takes pixels."""
+        """Return depths [C, ceil(H / 2), ceil(W / 2)] of occluders and these points, and the flow [.., 2] of a motion [N, 3]."""
         depths, guesses = [], []
         for static, camera in zip(self.static_depths, self.half_cameras, strict=True):
             depth, flow = _depth_and_flow(points, motion, camera, self.near)
@@ -141,15 +160,15 @@ class Tracker:
         return torch.stack(depths), torch.stack(guesses)
 
     def _flow_of_view(self, here: int, there: int, guesses: Tensor, wanted: np.ndarray, camera: int) -> np.ndarray:
-        """Flow of a view's wanted pixels. What moves is looked for first where it would be if it went on as it did."""
+        """Return the flow of a view's wanted pixels. The search starts where constant velocity would take them."""
         height, width = self.frames.shape[2:4]
         guess = 2 * _enlarged(guesses[camera][None])[0, :height, :width].numpy()
         flow = self.flow(self.frames[here, camera], self.frames[there, camera], guess, wanted[camera])
         return flow.astype(np.float16)
 
 
-def identity(count: int) -> np.ndarray:
-    """Quaternions [N, 4] that turn nothing."""
+def identity_quats(count: int) -> np.ndarray:
+    """Return identity quaternions [N, 4]."""
     quats = np.zeros((count, 4), np.float32)
     quats[:, 0] = 1
     return quats
@@ -161,15 +180,15 @@ def _neighbors(means: Tensor) -> Tensor | None:
 
 
 def _enlarged(images: Tensor) -> Tensor:
-    """Twice the height and width of images [C, H, W, ...]."""
+    """Double the height and width of images [C, H, W, ...]."""
     return images.repeat_interleave(2, 1).repeat_interleave(2, 2)
 
 
 @torch.no_grad()
 def _depth_and_flow(points: SplatTensors, motion: Tensor | None, camera: Camera, near: float) -> tuple[Tensor, Tensor]:
-    """Depth [H, W] of points, and where a motion [N, 3] takes pixels that they cover by more than half; infinite elsewhere.
+    """Return the depth [H, W] of points, and the flow [H, W, 2] of a motion [N, 3], pixels.
 
-    The latter is [H, W, 2], in pixels, and 0 elsewhere.
+    Pixels that the points cover by less than half have infinite depth and zero flow.
     """
     means, quats, scales, opacities = points
     view = camera.viewmat, camera.K, camera.width, camera.height
@@ -184,7 +203,7 @@ def _depth_and_flow(points: SplatTensors, motion: Tensor | None, camera: Camera,
 
 
 def _smooth(motion: Tensor, certainty: Tensor, neighbors: Tensor | None) -> Tensor:
-    """The motion that a point and its neighbors share: at an object's edge, flow belongs to what is behind it as often as not."""
+    """Return the motion shared by each point and its neighbors. At an object's edge, flow often belongs to the background."""
     if neighbors is None:
         return motion
     group = torch.cat([torch.arange(len(motion))[:, None], neighbors], 1)

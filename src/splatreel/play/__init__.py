@@ -1,0 +1,1 @@
+"""Playback of reels: the web player and its server, the Python viewer, and export."""

@@ -1,5 +1,7 @@
-"""Host names that a server answers to, so that a page elsewhere cannot read a reel by giving its own name this machine's address
-(DNS rebinding)."""
+"""Host names that a server answers to.
+
+They protect against DNS rebinding, by which another site points its own name to this machine to read a reel.
+"""
 
 from __future__ import annotations
 
@@ -14,14 +16,23 @@ _HOST = re.compile(r"(?:([A-Za-z0-9._-]{1,253})|\[([0-9A-Fa-f:.]{2,45})\])(?::\d
 
 
 class AllowedHosts:
-    """What a Host header may say.
+    """Permitted values of a Host header.
 
-    bound: the address that the server listens on; given: as the user called it. Where it is one of this machine's own (loopback), only
-    localhost and addresses of that kind; else any address, which no other site can have for a name, localhost, this machine's name
-    and `given`. allowed: further names. Raises `UsageError` for one that is none.
+    A server on a loopback address answers to localhost and loopback addresses. Other servers also answer to any IP address, to this
+    machine's name and to the host name they were started with.
     """
 
     def __init__(self, bound: str, given: str, allowed: Iterable[str] = ()) -> None:
+        """Collect the permitted names.
+
+        Args:
+            bound: IP address that the server listens on.
+            given: The same host as the user wrote it.
+            allowed: Further names, such as that of a proxy.
+
+        Raises:
+            UsageError: One of `allowed` is not a host name.
+        """
         self._loopback = ipaddress.ip_address(bound.split("%")[0]).is_loopback
         self._names = {"localhost", *map(_checked, allowed)}
         if not self._loopback:
@@ -39,7 +50,7 @@ class AllowedHosts:
 
 
 def host_name(header: str) -> str | None:
-    """The name or address in a Host header, without its port and brackets; None if it is no such header."""
+    """Return the name or address in a Host header, without port and brackets; None for an invalid header."""
     match = _HOST.fullmatch(header)
     return (match[1] or match[2]).lower().removesuffix(".") if match else None
 

@@ -1,6 +1,6 @@
-"""A camera path: views and times of a reel at seconds of the path, and a smooth way through them (docs/format.md).
+"""Camera paths: keyframes of view and reel time, and smooth interpolation between them (docs/format.md).
 
-The same arithmetic as the player's `path.ts`; tests compare the two.
+The player's `camera-path.ts` computes the same; tests compare the two.
 """
 
 from __future__ import annotations
@@ -24,26 +24,35 @@ VERSION = 1
 MAX_KEYFRAMES = 10_000
 MAX_BYTES = 16 << 20
 _SAME = 1e-5
-"""Ends nearer than this, in radians and in parts of the path's length, are one view."""
+"""A loop whose ends differ by less than this, in radians and relative to its length, is smooth at its ends."""
 
 
 @dataclass(frozen=True)
 class Keyframe:
-    """at: seconds of the path. time: seconds of the reel. viewmat: [4, 4] float64, world to camera, OpenCV."""
+    """A view and a time of the reel at a time of the path."""
 
     at: float
+    """Seconds from the start of the path."""
     time: float
+    """Seconds of the reel."""
     viewmat: np.ndarray
+    """[4, 4] float64, world to camera, OpenCV."""
 
 
 class CameraPath:
-    """A smooth way through keyframes, whose `at` grow. loop: it begins again at the end.
+    """A smooth path through keyframes.
 
-    Eyes follow cubics whose rates at a keyframe are of a parabola through it and its neighbors, turns the same on the sphere; the
-    reel's time goes straight from keyframe to keyframe.
+    Positions follow cubic Hermite curves. The tangent at a keyframe is that of the parabola through it and its neighbors. Rotations
+    follow the same curves on the sphere. The time of the reel is linear between keyframes.
     """
 
     def __init__(self, keyframes: Sequence[Keyframe], loop: bool = False) -> None:
+        """Prepare the tangents.
+
+        Args:
+            keyframes: At least one, with increasing `at`.
+            loop: Whether the path repeats. It is smooth at its ends if the first and last view agree.
+        """
         self.keyframes = tuple(keyframes)
         self.loop = loop
         poses = np.stack([k.viewmat for k in keyframes]).astype(np.float64)
@@ -61,11 +70,11 @@ class CameraPath:
 
     @property
     def seconds(self) -> float:
-        """How long it takes."""
+        """Duration of the path."""
         return self.keyframes[-1].at
 
     def at(self, seconds: float) -> tuple[np.ndarray, float]:
-        """viewmat [4, 4] float64 and seconds of the reel after some seconds of the path."""
+        """Return the viewmat, [4, 4] float64, and the time of the reel at a time of the path, all in seconds."""
         now = seconds % self.seconds if self.loop and self.seconds > 0 else seconds
         times = [k.at for k in self.keyframes]
         i = int(np.clip(np.searchsorted(times, now, "right") - 1, 0, max(len(times) - 2, 0)))
@@ -82,8 +91,8 @@ class CameraPath:
         return viewmat, before.time + (after.time - before.time) * t
 
 
-def in_order(start: Camera, cameras: Sequence[Camera]) -> list[Camera]:
-    """Cameras from `start` and always on to the nearest that was not passed; one that stands at the start is passed."""
+def nearest_first(start: Camera, cameras: Sequence[Camera]) -> list[Camera]:
+    """Order cameras from `start` on, each followed by the nearest one left. A camera at the position of `start` is left out."""
     stops = [start]
     left = [c for c in cameras if np.linalg.norm(c.center - start.center) > 1e-6]
     while left:
@@ -93,7 +102,7 @@ def in_order(start: Camera, cameras: Sequence[Camera]) -> list[Camera]:
 
 
 def read_path(file: Path) -> CameraPath:
-    """The path in a JSON file, as the player saves it. Raises `UsageError` that names the file, the value and the remedy."""
+    """Read a camera path that the player saved. Raises `UsageError` with the invalid value and its remedy."""
     document = read_json(file, lambda text: UsageError(f"{text} Give a camera path that the player saved."), MAX_BYTES)
     try:
         return _parse(document)
@@ -102,7 +111,7 @@ def read_path(file: Path) -> CameraPath:
 
 
 def _parse(document: Any) -> CameraPath:
-    """Raises ValueError that names the value and the remedy."""
+    """Check the fields. Raises ValueError with the invalid value and its remedy."""
     fields = document if isinstance(document, dict) else {}
     if fields.get("format") != FORMAT:
         raise ValueError(f"its format is {_short(fields.get('format'))}. Give one that the player saved.")
@@ -110,7 +119,7 @@ def _parse(document: Any) -> CameraPath:
         raise ValueError(f"its version is {_short(fields.get('version'))}, this is for {VERSION}. Update Splatreel.")
     entries = fields.get("keyframes")
     if not isinstance(entries, list) or not 1 <= len(entries) <= MAX_KEYFRAMES:
-        raise ValueError(f"its keyframes are no list of 1 to {MAX_KEYFRAMES}. Add one.")
+        raise ValueError(f"its keyframes are not a list of 1 to {MAX_KEYFRAMES}. Add one.")
     keyframes: list[Keyframe] = []
     for i, entry in enumerate(entries):
         keyframes.append(
@@ -147,10 +156,15 @@ def _short(value: object) -> str:
 
 
 def _tangents(moves: np.ndarray, steps: np.ndarray, closed: bool) -> np.ndarray:
-    """Rates [N, 3] at the keyframes of a curve with these moves [N - 1, 3] between them, which take `steps` seconds.
+    """Return the rates of change [N, 3] at the keyframes of a curve.
 
-    Of a parabola through three, but no more than three times that of the slower side, so that between equal keyframes it rests.
-    closed: the last keyframe is the first.
+    The rate is that of the parabola through three keyframes, limited to three times the slower side, so that the curve does not move
+    between equal keyframes.
+
+    Args:
+        moves: [N - 1, 3] differences between keyframes.
+        steps: [N - 1] seconds between keyframes.
+        closed: Whether the last keyframe equals the first.
     """
     if not len(moves):
         return np.zeros((1, 3))
@@ -167,12 +181,12 @@ def _tangents(moves: np.ndarray, steps: np.ndarray, closed: bool) -> np.ndarray:
 
 
 def _hermite(a: np.ndarray, u: np.ndarray, b: np.ndarray, v: np.ndarray, t: float) -> np.ndarray:
-    """A part of the way from a to b, leaving with u and coming with v."""
+    """Interpolate from a to b at t in 0..1, with tangents u and v."""
     return (1 - 3 * t**2 + 2 * t**3) * a + (3 * t**2 - 2 * t**3) * b + (t - 2 * t**2 + t**3) * u + (t**3 - t**2) * v
 
 
 def _arc(a: Rotation, u: np.ndarray, b: Rotation, v: np.ndarray, t: float) -> Rotation:
-    """The same on the sphere of turns, by de Casteljau's construction; u and v: radians about the camera's own axes."""
+    """Interpolate rotations likewise, by de Casteljau's algorithm. u and v: rotation vectors in the camera's frame."""
     points = [a, a * Rotation.from_rotvec(u / 3), b * Rotation.from_rotvec(-v / 3), b]
     while len(points) > 1:
         points = [p * Rotation.from_rotvec(t * _between(p, q)) for p, q in pairwise(points)]
@@ -180,5 +194,5 @@ def _arc(a: Rotation, u: np.ndarray, b: Rotation, v: np.ndarray, t: float) -> Ro
 
 
 def _between(a: Rotation, b: Rotation) -> np.ndarray:
-    """The shorter turn from a to b in a's own frame, its axis times radians, [3]."""
+    """Return the shortest rotation from a to b as a rotation vector [3] in the frame of a."""
     return (a.inv() * b).as_rotvec()

@@ -1,4 +1,4 @@
-"""A player's clock: it runs while playing, stops or loops at the end, and can be set."""
+"""Clock of the Python viewer."""
 
 from __future__ import annotations
 
@@ -7,20 +7,24 @@ from dataclasses import dataclass
 
 @dataclass
 class Clock:
-    """start, duration, time: where the reel begins and ends, and where it is, seconds. rate: seconds of the reel a second."""
+    """Playback time, which advances while playing and stops or loops at the end."""
 
     duration: float
+    """End of the reel, in seconds."""
     playing: bool = True
     loop: bool = True
     rate: float = 1.0
+    """Seconds of the reel per second."""
     time: float = 0.0
+    """Present time, in seconds of the reel."""
     start: float = 0.0
+    """Start of the reel, in seconds."""
 
     def __post_init__(self) -> None:
         self.time = max(self.time, self.start)
 
     def advance(self, seconds: float) -> None:
-        """Let some seconds pass."""
+        """Advance by `seconds` of real time."""
         if not self.playing or self.duration <= self.start:
             return
         self.time += seconds * self.rate
@@ -30,11 +34,11 @@ class Clock:
             self.time = self.start + (self.time - self.start) % length if self.loop else self.duration
 
     def seek(self, time: float) -> None:
-        """Go to a time, kept within the reel."""
+        """Go to a time, clamped to the reel."""
         self.time = min(max(time, self.start), self.duration)
 
     def toggle(self) -> None:
-        """Play or pause; at the end, play from the beginning."""
+        """Play or pause. At the end, play from the start."""
         if not self.playing and self.time >= self.duration:
             self.time = self.start
         self.playing = not self.playing

@@ -1,4 +1,4 @@
-"""A reel as an ordinary video: rendered on the CPU, a frame at a time, along a path of cameras."""
+"""Export of a reel as an ordinary video, rendered on the CPU along a path of cameras."""
 
 from __future__ import annotations
 
@@ -12,22 +12,23 @@ import av
 import numpy as np
 
 from splatreel.errors import UsageError
-from splatreel.play.camera_path import CameraPath, Keyframe, in_order
-from splatreel.play.sound import FilmSound
+from splatreel.play.camera_path import CameraPath, Keyframe, nearest_first
+from splatreel.play.reel_sound import FilmSound
 from splatreel.play.timeline import Timeline
 from splatreel.scene.atomic import replacing
 from splatreel.scene.camera import Camera
 
 Shot = tuple[float, Camera]
-"""A picture of a film: seconds of the reel, and the camera that takes it."""
-MOST_SHOTS = 1_000_000
-"""Pictures of a film along a path: nine hours at 30 a second."""
+"""A frame of a film: seconds of the reel, and the camera that takes it."""
+MAX_SHOTS = 1_000_000
+"""Maximum number of frames of a film along a path: nine hours at 30 fps."""
 
 
 class Shots(Sequence[Shot]):
-    """The pictures of a film, each made when it is asked for. count: how many there are; make: makes the one of a number."""
+    """The frames of a film, each computed on access."""
 
     def __init__(self, count: int, make: Callable[[int], Shot]) -> None:
+        """Describe `count` frames. make: returns the frame of an index."""
         self._count, self._make = count, make
 
     def __len__(self) -> int:
@@ -42,17 +43,24 @@ class Shots(Sequence[Shot]):
         return self._make(numbers) if isinstance(numbers, int) else [self._make(i) for i in numbers]
 
 
-def film_of(path: CameraPath, lens: Camera, fps: float) -> Sequence[Shot]:
-    """The pictures of a film along a path, as many as its seconds have at this rate, and at least one; all through this lens.
+def film_along_path(path: CameraPath, lens: Camera, fps: float) -> Sequence[Shot]:
+    """Return the frames of a film along a camera path, at least one.
 
-    Of a path that loops the last picture is the one before the first, so that the film loops as well. Raises `UsageError` for a path
-    that takes too long.
+    A looping path gives a looping film: its last frame is the one before the first.
+
+    Args:
+        path: Camera path.
+        lens: Camera with the intrinsics and size of all frames.
+        fps: Frames per second.
+
+    Raises:
+        UsageError: The path takes too long.
     """
     count = max(round(path.seconds * fps) + (0 if path.loop else 1), 1)
-    if count > MOST_SHOTS:
+    if count > MAX_SHOTS:
         raise UsageError(
-            f"The camera path takes {path.seconds:,.0f} seconds, {count:,} pictures; a film has {MOST_SHOTS:,} at most. Give its "
-            f"keyframes earlier seconds."
+            f"The camera path takes {path.seconds:,.0f} seconds, {count:,} frames; a film has at most {MAX_SHOTS:,}. Give its "
+            f"keyframes earlier times."
         )
 
     def shot(i: int) -> Shot:
@@ -62,12 +70,19 @@ def film_of(path: CameraPath, lens: Camera, fps: float) -> Sequence[Shot]:
     return Shots(count, shot)
 
 
-def film_through(start: Camera, cameras: Sequence[Camera], frames: int, fps: float, first: int = 0) -> Sequence[Shot]:
-    """So many frames of a reel from `first` on, on a path from `start` through the cameras, the nearest next, with its lens.
+def film_through_cameras(
+    start: Camera, cameras: Sequence[Camera], frames: int, fps: float, first: int = 0
+) -> Sequence[Shot]:
+    """Return the frames of a film that plays a reel while the view moves from `start` through the cameras, nearest first.
 
-    A start that stands where one of the cameras does passes it once. Without another camera it stays.
+    Args:
+        start: First camera, whose intrinsics and size all frames have.
+        cameras: Cameras to pass. One at the position of `start` is skipped. Without others the view does not move.
+        frames: Number of frames.
+        fps: Frames per second of the reel.
+        first: First frame of the reel.
     """
-    stops = in_order(start, cameras)
+    stops = nearest_first(start, cameras)
     leg = (frames - 1) / fps / max(len(stops) - 1, 1)
     if leg <= 0:
         stops = stops[:1]
@@ -78,8 +93,8 @@ def film_through(start: Camera, cameras: Sequence[Camera], frames: int, fps: flo
     return Shots(frames, lambda i: ((first + i) / fps, replace(start, viewmat=path.at(i / fps)[0])))
 
 
-def starts_in_step(shots: Sequence[Shot], fps: float) -> float | None:
-    """Seconds of the reel at which a film starts, if time goes at the reel's own pace all along, as its sound does; else None."""
+def sound_start(shots: Sequence[Shot], fps: float) -> float | None:
+    """Return the time of the reel at which a film starts, in seconds; None if the film does not play at the reel's speed."""
     start = shots[0][0]
     return start if all(abs(seconds - start - i / fps) < 0.5 / fps for i, (seconds, _) in enumerate(shots)) else None
 
@@ -87,11 +102,15 @@ def starts_in_step(shots: Sequence[Shot], fps: float) -> float | None:
 def write_film(
     path: Path, reel: Timeline, shots: Sequence[Shot], report: Callable[[int], None] = lambda done: None
 ) -> None:
-    """Write pictures of a reel as H.264 in MP4, at the reel's rate, with its sound as AAC if it keeps step with them.
+    """Write frames of a reel as H.264 in MP4, atomically, with AAC sound if the film plays at the reel's speed.
 
-    The same pictures give the same bytes, and the film is there whole or not at all.
+    The same frames give the same bytes.
 
-    All cameras have the same size; odd sides lose a row or column, as players expect. report: called with how many pictures are done.
+    Args:
+        path: File to write.
+        reel: Reel to render.
+        shots: Frames, whose cameras have the same size. An odd width or height is reduced by one, since players expect even ones.
+        report: Called with the number of finished frames.
     """
     width, height = shots[0][1].width // 2 * 2, shots[0][1].height // 2 * 2
     with (
@@ -103,9 +122,9 @@ def write_film(
         stream = container.add_stream("libx264", rate=Fraction(reel.fps).limit_denominator(1001))
         stream.width, stream.height, stream.pix_fmt = width, height, "yuv420p"
         stream.codec_context.thread_count = 1
-        # Of several threads and of x264's macroblock tree the bytes depend on the machine and on what else it does.
+        # With several threads, or with the macroblock tree of x264, the bytes would depend on the machine and its load.
         stream.options = {"crf": "17", "preset": "medium", "flags": "+bitexact", "x264-params": "mbtree=0"}
-        start = starts_in_step(shots, reel.fps)
+        start = sound_start(shots, reel.fps)
         sound = FilmSound(container, reel.sound, start) if reel.sound is not None and start is not None else None
         for done, (seconds, camera) in enumerate(shots):
             image = reel.render(reel.at(seconds), camera)

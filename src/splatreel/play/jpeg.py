@@ -1,4 +1,4 @@
-"""Rendered pictures as JPEG."""
+"""JPEG encoding of rendered images."""
 
 from __future__ import annotations
 
@@ -12,7 +12,13 @@ QUALITIES = (80, 70, 60, 50, 40, 30)
 
 
 def jpeg_within(pixels: np.ndarray, most: int, qualities: Sequence[int] = QUALITIES) -> bytes:
-    """[H, W, 3] uint8 as a progressive JPEG in the best quality that takes at most so many bytes, or else in the last."""
+    """Encode pixels as a progressive JPEG of bounded size.
+
+    Args:
+        pixels: [H, W, 3] uint8.
+        most: Maximum number of bytes. If no quality fits, the last one is used.
+        qualities: Qualities to try, best first.
+    """
     data = b""
     for quality in qualities:
         file = io.BytesIO()
@@ -24,5 +30,5 @@ def jpeg_within(pixels: np.ndarray, most: int, qualities: Sequence[int] = QUALIT
 
 
 def to_bytes(image: np.ndarray) -> np.ndarray:
-    """Colors from 0 to 1, which may exceed it, as uint8."""
+    """Convert colors from float to uint8, clipped to 0..1."""
     return np.rint(np.clip(image, 0, 1) * 255).astype(np.uint8)

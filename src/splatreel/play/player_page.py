@@ -1,4 +1,4 @@
-"""The player's page with a reel's metadata: its title, and tags for previews of links (Open Graph, Twitter cards)."""
+"""The player's page with the metadata of a reel: its title, and tags for link previews (Open Graph, Twitter cards)."""
 
 from __future__ import annotations
 
@@ -10,20 +10,31 @@ from splatreel.codec.presentation import Presentation
 STATIC = Path(__file__).parent / "static"
 """The built web player."""
 TITLE = "<title>Splatreel</title>"
-"""What stands in the player's own page."""
+"""Title element of the built page, which is replaced."""
 
 
-def with_metadata(page: str, said: Presentation, address: str | None = None) -> str:
-    """The page with title and tags. address: of the folder that holds the page and `reel/`; without it no picture is named."""
-    title = said.title or "Splatreel"
-    tags = {"author": said.author, "description": said.description, "og:type": "website", "og:title": title}
-    tags["og:description"] = said.description
-    if address and said.poster:
+def with_metadata(page: str, presentation: Presentation, address: str | None = None) -> str:
+    """Return the page with the title and tags of a reel.
+
+    Args:
+        page: HTML of the player's page.
+        presentation: Metadata of the reel.
+        address: URL of the folder that holds the page and `reel/`. Without it the tags name no picture.
+    """
+    title = presentation.title or "Splatreel"
+    tags = {
+        "author": presentation.author,
+        "description": presentation.description,
+        "og:type": "website",
+        "og:title": title,
+    }
+    tags["og:description"] = presentation.description
+    if address and presentation.poster:
         tags |= {
             "og:url": address,
-            "og:image": f"{address}reel/{said.poster.asset.uri}",
-            "og:image:width": str(said.poster.width),
-            "og:image:height": str(said.poster.height),
+            "og:image": f"{address}reel/{presentation.poster.asset.uri}",
+            "og:image:width": str(presentation.poster.width),
+            "og:image:height": str(presentation.poster.height),
             "og:image:alt": title,
             "twitter:card": "summary_large_image",
         }
@@ -32,6 +43,8 @@ def with_metadata(page: str, said: Presentation, address: str | None = None) -> 
         kind = "property" if name.startswith("og:") else "name"
         if value:
             lines.append(f'<meta {kind}="{name}" content="{escape(value)}" />')
-    if address and said.poster:  # on its way before the page knows the manifest
-        lines.append(f'<link rel="preload" as="image" href="reel/{said.poster.asset.uri}" fetchpriority="high" />')
+    if address and presentation.poster:  # the browser requests it before the manifest arrives
+        lines.append(
+            f'<link rel="preload" as="image" href="reel/{presentation.poster.asset.uri}" fetchpriority="high" />'
+        )
     return page.replace(TITLE, "\n    ".join(lines), 1)

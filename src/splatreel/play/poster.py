@@ -1,4 +1,4 @@
-"""The poster, which is shown until a reel plays: the start camera's picture at the first frame, as a player will show it."""
+"""The poster that is shown until a reel plays: the first frame, seen by the start camera."""
 
 from __future__ import annotations
 
@@ -9,13 +9,13 @@ from splatreel.play.timeline import Timeline
 
 URI = "poster.jpg"
 SIDES = (960, 640)
-"""Pixels of the longer side; the second where a picture takes too much in the first, however coarse."""
+"""Pixels of the longer side. The second is used if the first exceeds `MOST_BYTES` at every quality."""
 MOST_BYTES = 24_000
-"""It comes within the first round trip of a slow line."""
+"""Maximum size, chosen to arrive within the first round trip of a slow connection."""
 
 
 def write_poster(writer: ReelWriter, reel: Timeline) -> Poster:
-    """Draw it from the reel as decoded; the same bytes for the same reel. Only the file is written, see `ReelWriter.present`."""
+    """Render the poster from the decoded reel and write its file. The manifest is left to `ReelWriter.present`."""
     camera, data = reel.manifest.camera, b""
     for side in SIDES:
         scale = side / max(camera.width, camera.height)

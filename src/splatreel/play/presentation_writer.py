@@ -1,4 +1,4 @@
-"""Adds a reel's presentation while the reel is written: texts, a poster, thumbnails."""
+"""Writes the presentation of a reel while the reel is written: texts, a poster, thumbnails."""
 
 from __future__ import annotations
 
@@ -14,17 +14,19 @@ from splatreel.play.timeline import open_reel
 
 @dataclass(frozen=True)
 class PresentationWriter:
-    """Called with a writer and a group that was just published, or None when the reel is about to be complete.
+    """Callback of a reel writer that keeps the presentation up to date.
 
-    words: `title`, `author`, `description`, `licence`, those that shall change; the others stay as they are. otherwise: for those
-    that there are none of.
-    Raises `ReelError` for a text that is too long, and where files cannot be written.
+    Call it with the writer and the number of the group that was just written, or None just before the reel is complete. It raises
+    `ReelError` if a text is too long or a file cannot be written.
     """
 
     words: Mapping[str, str] = field(default_factory=dict)
+    """Texts to set: any of `title`, `author`, `description` and `licence`. The others do not change."""
     otherwise: Mapping[str, str] = field(default_factory=dict)
+    """Texts to set if the reel has none of that name."""
 
     def __call__(self, writer: ReelWriter, group: int | None) -> None:
+        """Write what changed of the presentation."""
         before = writer.manifest.presentation
         missing = {name: text for name, text in self.otherwise.items() if not getattr(before, name)}
         words = {name: check_text(name, text) for name, text in (missing | dict(self.words)).items()}
@@ -32,7 +34,7 @@ class PresentationWriter:
         if group == 0 or after.poster is None:
             after = replace(after, poster=write_poster(writer, open_reel(writer.path)))
         if group is not None:
-            after = replace(after, thumbnails=None)  # those of a reel that was complete, and now gets other groups
+            after = replace(after, thumbnails=None)  # they belong to an earlier, complete reel
         elif after.thumbnails is None:
             after = replace(after, thumbnails=write_thumbnails(writer, open_reel(writer.path)))
         if after != before:

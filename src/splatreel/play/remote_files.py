@@ -1,4 +1,4 @@
-"""The files of a reel that lies elsewhere, for a server here to give away: fetched when they are asked for."""
+"""Files of a remote reel for a local server, fetched on request."""
 
 from __future__ import annotations
 
@@ -17,15 +17,16 @@ from splatreel.errors import ReelError
 from splatreel.play.served_files import MANIFEST, OpenFile
 
 FRESH = 1.0
-"""Seconds for which a manifest counts as what it is now."""
-MOST_KEPT = 128 << 20
-"""Bytes of files that are kept, so that a second viewer, or a range of a file, need not wait for the other machine."""
+"""Seconds for which a fetched manifest counts as current."""
+CACHE_BYTES = 128 << 20
+"""Bytes of files kept in memory, so that a second viewer, or a range request, does not fetch them again."""
 
 
 class RemoteFiles:
-    """As `ReelFiles`. url: of the reel or of its manifest. Raises `ReelError` where there is no reel."""
+    """`ReelFiles` of a remote reel."""
 
     def __init__(self, url: str) -> None:
+        """Fetch the manifest. url: of the reel or of its manifest. Raises `ReelError` if there is no reel."""
         self._source = open_source(url)
         self._looking, self._keeping = threading.Lock(), threading.Lock()
         self._files: OrderedDict[str, bytes] = OrderedDict()
@@ -36,7 +37,7 @@ class RemoteFiles:
         self._looked, self._modified = time.monotonic(), time.time()
 
     def open(self, name: str) -> OpenFile | None:
-        """The file of this path within the reel; None where the manifest does not name it. Raises `ReelError`."""
+        """Fetch the file of this path within the reel. See `ReelFiles`."""
         self._refresh()
         if name == MANIFEST:
             return self._opened(self._data)
@@ -44,7 +45,7 @@ class RemoteFiles:
         return None if entry is None else self._opened(self._read(entry))
 
     def presentation(self) -> tuple[Presentation, float]:
-        """What the reel says of itself, and when its manifest changed last, seconds since 1970."""
+        """Return the metadata of the reel. See `ReelFiles`."""
         self._refresh()
         return self._manifest.presentation, self._modified
 
@@ -52,7 +53,7 @@ class RemoteFiles:
         return OpenFile(io.BytesIO(data), len(data), f'"{hashlib.sha256(data).hexdigest()[:32]}"', self._modified)
 
     def _refresh(self) -> None:
-        """What was known is kept where the other machine does not answer, or answers what is no manifest."""
+        """Fetch the manifest again if it is no longer current. Keep the old one if that fails."""
         with self._looking:
             if time.monotonic() - self._looked < FRESH:
                 return
@@ -60,15 +61,15 @@ class RemoteFiles:
                 data = self._source.read(MANIFEST, MAX_BYTES)
                 if data != self._data:
                     manifest = self._parsed(data)
-                    self._entries = self._entries_of_both(manifest)
+                    self._entries = self._merged_entries(manifest)
                     self._data, self._manifest, self._modified = data, manifest, time.time()
             except ReelError:
                 return
             finally:
                 self._looked = time.monotonic()
 
-    def _entries_of_both(self, manifest: Manifest) -> dict[str, Entry]:
-        """Who has the manifest before this one still asks for its files."""
+    def _merged_entries(self, manifest: Manifest) -> dict[str, Entry]:
+        """Return the files of the old and the new manifest, since clients may still hold the old one."""
         return _entries(self._manifest) | _entries(manifest)
 
     def _parsed(self, data: bytes) -> Manifest:
@@ -81,10 +82,12 @@ class RemoteFiles:
                 return self._files[entry.sha256]
         data = self._source.read(entry.uri, entry.bytes)
         if hashlib.sha256(data).hexdigest() != entry.sha256:
-            raise ReelError(f"{self._source.name(entry.uri)}: its sha256 is not the manifest's. Publish the reel anew.")
+            raise ReelError(
+                f"{self._source.name(entry.uri)}: its sha256 differs from the manifest. Publish the reel again."
+            )
         with self._keeping:
             self._files[entry.sha256] = data
-            while sum(map(len, self._files.values())) > MOST_KEPT:
+            while sum(map(len, self._files.values())) > CACHE_BYTES:
                 self._files.popitem(last=False)
         return data
 

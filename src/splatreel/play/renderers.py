@@ -1,4 +1,4 @@
-"""Renders Gaussians with our kernels, on the CPU or a CUDA device, for programs that only play."""
+"""Rendering of Gaussians for playback, on the CPU or a CUDA device, with the kernels that training uses."""
 
 from __future__ import annotations
 
@@ -14,15 +14,19 @@ from splatreel.scene.gaussians import Gaussians
 
 Color = tuple[float, float, float]
 Draw = Callable[[Gaussians, Camera, float, bool, Color], np.ndarray]
-"""(Gaussians, camera, near plane in world units, antialias, background) to the picture, [H, W, 3] float32; values may exceed 1."""
+"""Function of (Gaussians, camera, near plane in world units, antialias, background) that returns an image.
+
+The image is [H, W, 3] float32, whose values may exceed 1.
+"""
 
 
 def renderer(name: Literal["cpu", "cuda"]) -> Draw:
-    """The function that draws. Raises `UsageError` where there is no CUDA device; torch is imported for CUDA only."""
+    """Return the draw function of a device. Raises `UsageError` if there is no CUDA device. Only CUDA imports torch."""
     return _cuda() if name == "cuda" else draw_on_cpu
 
 
 def draw_on_cpu(gaussians: Gaussians, camera: Camera, near: float, antialias: bool, background: Color) -> np.ndarray:
+    """Render on the CPU, see `Draw`."""
     return render_image(gaussians, camera, near=near, antialias=antialias, background=background)
 
 

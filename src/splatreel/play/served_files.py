@@ -1,4 +1,4 @@
-"""Which files of a reel's folder are served: the manifest and what it names, and no others that lie there."""
+"""The files of a reel that a server may send: the manifest and the files that it names."""
 
 from __future__ import annotations
 
@@ -17,40 +17,45 @@ MANIFEST = "manifest.json"
 
 
 class OpenFile(NamedTuple):
-    """Its bytes, their number, entity tag, and time of the last change, seconds since 1970. Who gets it closes it."""
+    """An open file, which the caller closes."""
 
     file: BinaryIO
     size: int
     tag: str
+    """Entity tag, with its quotes."""
     modified: float
+    """Time of the last change, in seconds since 1970."""
 
 
 class ReelFiles(Protocol):
-    """The files of a reel that a server gives away. For any thread."""
+    """The files of a reel that a server may send. Thread-safe."""
 
     def open(self, name: str) -> OpenFile | None:
-        """The file of this path within the reel; None where the manifest does not name it, or there is none.
+        """Open the file of this path within the reel; None if the manifest does not name it or it does not exist.
 
-        Raises OSError where it cannot be read, and `ReelError` where that is the fault of another machine.
+        Raises:
+            OSError: The file cannot be read.
+            ReelError: The file cannot be fetched from another machine.
         """
         ...
 
     def presentation(self) -> tuple[Presentation, float]:
-        """What the reel says of itself, and when its manifest was written, seconds since 1970."""
+        """Return the metadata of the reel, and the time at which its manifest was written, in seconds since 1970."""
         ...
 
 
 def open_file(path: Path) -> OpenFile:
-    """A file of this machine. Raises OSError."""
+    """Open a local file. Raises OSError."""
     file = path.open("rb", buffering=0)
     status = os.fstat(file.fileno())
     return OpenFile(file, status.st_size, f'"{status.st_mtime_ns:x}-{status.st_size:x}"', status.st_mtime)
 
 
 class ServedFiles:
-    """The manifest of a reel as it is now: it is read again when the file changes, as that of a live reel does. For any thread."""
+    """`ReelFiles` of a local reel. The manifest is read again when it changes, as that of a live reel does."""
 
     def __init__(self, reel: Path) -> None:
+        """Serve the reel in a folder."""
         self._reel = reel.resolve()
         self._lock = threading.Lock()
         self._seen: tuple[int, int, int] | None = None
@@ -60,12 +65,12 @@ class ServedFiles:
         self._pages: Known = {}
 
     def open(self, name: str) -> OpenFile | None:
-        """See `ReelFiles`."""
+        """Open a file. See `ReelFiles`."""
         path = self.find(name)
         return open_file(path) if path else None
 
     def find(self, name: str) -> Path | None:
-        """The file of this path within the reel, links resolved; None where there is none, or the manifest does not name it."""
+        """Return the resolved path of a file that the manifest names; None if there is none within the reel."""
         with self._lock:
             self._refresh()
             if name not in self._names:
@@ -73,17 +78,17 @@ class ServedFiles:
         try:
             path = (self._reel / name).resolve()
             return path if path.is_relative_to(self._reel) and path.is_file() else None
-        except (OSError, RuntimeError):  # a loop of links
+        except (OSError, RuntimeError):  # a symlink loop
             return None
 
     def presentation(self) -> tuple[Presentation, float]:
-        """What the reel says of itself, and when its manifest was written, seconds since 1970."""
+        """Return the metadata of the reel. See `ReelFiles`."""
         with self._lock:
             self._refresh()
             return self._presentation, self._modified
 
     def _refresh(self) -> None:
-        """A manifest that cannot be read names nothing: the player, which gets it, says what is wrong."""
+        """Read the manifest again if it changed. An invalid one names no files; the player, which receives it, reports the error."""
         file = self._reel / MANIFEST
         try:
             status = file.stat()

@@ -1,7 +1,8 @@
-"""Serves the web player and one reel over HTTP: read-only, from this machine only unless asked otherwise."""
+"""HTTP server of the web player and one reel, read-only and by default for this machine only."""
 
 from __future__ import annotations
 
+import asyncio
 import logging
 import os
 import socket
@@ -11,29 +12,29 @@ import webbrowser
 from collections.abc import Iterable
 from pathlib import Path
 from types import TracebackType
+from typing import cast
 
 import uvicorn
 
 from splatreel.errors import ReelError, UsageError
 from splatreel.play.allowed_hosts import AllowedHosts
-from splatreel.play.connection import HEAD_BYTES, IDLE_SECONDS, Connection
+from splatreel.play.connection import HEAD_BYTES, IDLE_SECONDS, ConnectionLimits
 from splatreel.play.remote_files import RemoteFiles
 from splatreel.play.served_files import ReelFiles, ServedFiles
 from splatreel.play.web_app import WebApp
 from splatreel.storage.addresses import local_path
 
-_MOST_CONNECTIONS = 256
+_MAX_CONNECTIONS = 256
 _BACKLOG = 128
 _RECEIVE_BYTES = 32 << 10
-"""Requests are small: more than this the system need not hold of what a client sends."""
+"""Receive buffer of the system per connection. Requests are small."""
 _SECONDS_TO_CLOSE = 2
 
 
 class Server:
-    """An HTTP server of the player and a reel, on a thread of its own. Also a context manager: `with serve(path) as server:`.
+    """An HTTP server of the player and a reel, on a thread of its own.
 
-    reel_path: the reel's directory, or its URL, whose files are then fetched as they are asked for.
-    cors: whether pages of other sites may read the reel. allow_hosts: names that it may be asked for as, beside its own.
+    It is also a context manager: `with serve(path) as server:`.
     """
 
     def __init__(
@@ -44,6 +45,7 @@ class Server:
         cors: bool = False,
         allow_hosts: Iterable[str] = (),
     ) -> None:
+        """Listen, without answering before `start`. See `serve`."""
         reel = _files(reel_path)
         self._socket = _listen(host, port)
         self._address: tuple[str, int] = self._socket.getsockname()[:2]
@@ -60,26 +62,26 @@ class Server:
 
     @property
     def url(self) -> str:
-        """Address of the player."""
+        """URL of the player."""
         host, port = self._address
         if host in ("0.0.0.0", "::"):
             host = "localhost"
         return f"http://[{host}]:{port}/" if ":" in host else f"http://{host}:{port}/"
 
     def start(self) -> Server:
-        """Begin to answer; returns at once."""
+        """Begin to answer requests, and return at once."""
         if not self._started:
             self._started = True
             self._thread.start()
         return self
 
     def wait(self) -> None:
-        """Block until `close` is called by another thread, or Ctrl-C."""
+        """Block until another thread calls `close`, or until Ctrl-C."""
         while self._thread.is_alive():
-            time.sleep(0.2)  # Python 3.11 takes a thread for ended when Ctrl-C interrupts `join`
+            time.sleep(0.2)  # on Python 3.11, `join` interrupted by Ctrl-C marks the thread as ended
 
     def close(self) -> None:
-        """Stop answering, also what is being answered, and free the port."""
+        """Stop at once, abort running responses, and free the port."""
         if self._started:
             self._http.should_exit = True
             self._thread.join()
@@ -97,16 +99,27 @@ class Server:
 def serve(
     reel_path: str | Path,
     host: str = "127.0.0.1",
-    port: int = 8000,
+    port: int = 8080,
     open_browser: bool = False,
     cors: bool = False,
     allow_hosts: Iterable[str] = (),
 ) -> Server:
-    """Start serving a reel, a directory or a URL, and the player; port 0 takes any free one.
+    """Start a server of the player and a reel.
 
-    Returns the running server: `.url` opens the player, `.wait()` blocks, `.close()` ends it. cors: whether pages of other
-    sites may read the reel; allow_hosts: names that it may be asked for as, beside its own (of a proxy before it, say).
-    Raises `ReelError` if reel_path holds no reel, `UsageError` if the address cannot be used.
+    Args:
+        reel_path: Directory of the reel, or its URL. Files of a remote reel are fetched on request.
+        host: Address to listen on.
+        port: Port to listen on; 0 takes any free one.
+        open_browser: Whether to open the player in a browser.
+        cors: Whether pages of other sites may read the reel.
+        allow_hosts: Host names to answer to, beside the server's own, such as that of a proxy.
+
+    Returns:
+        The running server: `url` is the player's address, `wait` blocks, and `close` ends it.
+
+    Raises:
+        ReelError: There is no reel at `reel_path`.
+        UsageError: The address cannot be used.
     """
     server = Server(reel_path, host, port, cors, allow_hosts).start()
     if open_browser:
@@ -115,7 +128,7 @@ def serve(
 
 
 def _files(location: str | Path) -> ReelFiles:
-    """Raises `ReelError` where there is no reel."""
+    """Return the files of a reel. Raises `ReelError` if there is none."""
     path = local_path(location)
     if path is None:
         return RemoteFiles(str(location))
@@ -127,11 +140,11 @@ def _files(location: str | Path) -> ReelFiles:
 def _listen(host: str, port: int) -> socket.socket:
     listener = socket.socket(socket.AF_INET6 if ":" in host else socket.AF_INET)
     try:
-        if os.name == "posix":  # elsewhere it would share the port with another server
+        if os.name == "posix":  # on Windows this option would share the port with another server
             listener.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
         listener.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, _RECEIVE_BYTES)
         listener.bind((host, port))
-        listener.listen(_BACKLOG)  # who comes before the thread runs waits for it
+        listener.listen(_BACKLOG)  # connections wait until the thread runs
     except (OSError, OverflowError) as error:
         listener.close()
         reason = error.strerror if isinstance(error, OSError) else error
@@ -140,11 +153,12 @@ def _listen(host: str, port: int) -> socket.socket:
 
 
 def _config(site: WebApp) -> uvicorn.Config:
-    """Quiet, since the terminal belongs to the person who started the server; what others send is no news."""
+    """Return a configuration that logs nothing, since the command line reports to the terminal itself."""
+    limits = ConnectionLimits(site, _connection_limit())
     return uvicorn.Config(
-        site,
+        limits,
         loop="asyncio",
-        http=Connection,
+        http=cast(type[asyncio.Protocol], limits.connect),
         ws="none",
         lifespan="off",
         log_config=None,
@@ -152,8 +166,6 @@ def _config(site: WebApp) -> uvicorn.Config:
         access_log=False,
         proxy_headers=False,
         server_header=False,
-        limit_concurrency=2
-        * _most_connections(),  # beyond it uvicorn answers 503; `Connection` makes room at half of it
         backlog=_BACKLOG,
         timeout_keep_alive=IDLE_SECONDS,
         timeout_graceful_shutdown=_SECONDS_TO_CLOSE,
@@ -161,10 +173,10 @@ def _config(site: WebApp) -> uvicorn.Config:
     )
 
 
-def _most_connections() -> int:
-    """Each may need a file as well: half of those that the system lets a process open."""
+def _connection_limit() -> int:
+    """Return the maximum number of connections: half of the files that the process may open, since each may need one more."""
     try:
         import resource
     except ImportError:  # Windows
-        return _MOST_CONNECTIONS
-    return max(min(_MOST_CONNECTIONS, (resource.getrlimit(resource.RLIMIT_NOFILE)[0] - 64) // 2), 16)
+        return _MAX_CONNECTIONS
+    return max(min(_MAX_CONNECTIONS, (resource.getrlimit(resource.RLIMIT_NOFILE)[0] - 64) // 2), 16)

@@ -1,4 +1,4 @@
-"""A reel with its player as one HTML file, which plays wherever it lies: on a disk, in a mail, on any host."""
+"""Export of a reel and its player as one HTML file, which plays from a disk, a mail or any host."""
 
 from __future__ import annotations
 
@@ -16,15 +16,24 @@ from splatreel.play.player_page import STATIC, with_metadata
 
 LOADER = re.compile(r'<script type="module" data-early>.*?</script>', re.S)
 PAGE = "<main data-splatreel-page>"
-"""What stands in the player's own page."""
-ELSEWHERE = ("player", "hevc", "draco")
-"""How the names begin of scripts that are no files in the page: the player itself, what the paper's codec needs."""
+"""Main element of the built page."""
+EXCLUDED = ("player", "hevc", "draco")
+"""Name prefixes of scripts that are not embedded as files: the player itself, and the decoders of the paper's codec."""
 
 
 def write_standalone(path: Path, location: str | Path, rendition: str | None = None) -> int:
-    """Write the file atomically; returns its bytes. rendition: one of those the manifest names; None: the best.
+    """Write the file atomically.
 
-    Raises `ReelError` for a reel that is damaged, or coded as in the paper: workers in a page do not find the decoders of others.
+    Args:
+        path: File to write.
+        location: Directory or URL of the reel.
+        rendition: One of those that the manifest names; None for the best.
+
+    Returns:
+        The number of bytes.
+
+    Raises:
+        ReelError: The reel is damaged, or uses the paper's codec, whose decoders cannot be embedded.
     """
     reel = ReelReader(location, rendition)
     manifest = reel.manifest
@@ -32,15 +41,15 @@ def write_standalone(path: Path, location: str | Path, rendition: str | None = N
         manifest = manifest.select_rendition(manifest.renditions[0])
     manifest = replace(manifest.without_pages(), live=False)
     page = (STATIC / "index.html").read_text(encoding="utf-8")
-    parts = [f'<script type="application/json" id="splatreel-manifest">{_inert(manifest.to_json())}</script>']
+    parts = [f'<script type="application/json" id="splatreel-manifest">{_escape_json(manifest.to_json())}</script>']
     parts += [_file("reel", entry.uri, _checked(reel, entry)) for entry in [*manifest.files, *manifest.assets]]
-    scripts = [script for script in sorted(STATIC.glob("*.js")) if not script.name.startswith(ELSEWHERE)]
+    scripts = [script for script in sorted(STATIC.glob("*.js")) if not script.name.startswith(EXCLUDED)]
     parts += [_file("player", script.name, script.read_bytes()) for script in scripts]
     player = (STATIC / "player.js").read_text(encoding="utf-8")
-    parts.append(f'<script type="module">{_inert_code(player)}</script>')
+    parts.append(f'<script type="module">{_escape_script(player)}</script>')
     loader = LOADER.search(page)
     if loader is None or PAGE not in page:
-        raise ReelError(f"{STATIC / 'index.html'}: has no loader, or not {PAGE}. Build the player again.")
+        raise ReelError(f"{STATIC / 'index.html'}: has no loader or no {PAGE}. Build the player again.")
     page = page.replace(loader[0], "\n".join(parts), 1).replace(PAGE, PAGE.replace(">", ' data-src="embedded:">'), 1)
     data = with_metadata(page, manifest.presentation).encode()
     write_atomically(path, data)
@@ -53,7 +62,7 @@ def _checked(reel: ReelReader, entry: FileEntry | Asset) -> bytes:
         means = unpack_file(data)[1].get("means")
         if means is not None and means.parameters.get("codec") != "lattice":
             raise ReelError(
-                f"{reel.name}: {entry.uri} is coded as in the paper. Write a reel of the predictive codec: "
+                f"{reel.name}: {entry.uri} uses the paper's codec. Encode the reel with the predictive codec: "
                 "splatreel encode RUN --out REEL."
             )
     return data
@@ -63,11 +72,11 @@ def _file(kind: str, name: str, data: bytes) -> str:
     return f'<script type="text/plain" data-{kind}-file="{name}">{b64encode(data).decode()}</script>'
 
 
-def _inert(text: str) -> str:
-    """JSON that ends no element."""
+def _escape_json(text: str) -> str:
+    """Escape JSON so that it cannot end the script element."""
     return text.replace("<", "\\u003c")
 
 
-def _inert_code(text: str) -> str:
-    """The same program, of whose strings none ends the element or begins a comment in it."""
+def _escape_script(text: str) -> str:
+    """Escape a script so that none of its strings ends the script element or begins a comment."""
     return re.sub("</(?=script)", r"<\\/", text, flags=re.IGNORECASE).replace("<!--", r"\x3c!--")

@@ -1,4 +1,4 @@
-"""Small pictures of a reel over time, for people who look for a moment: about 10 KB a minute, in sheets of some minutes."""
+"""Thumbnails of a reel over time, for the seek bar: about 10 KB per minute, in sheets of several minutes."""
 
 from __future__ import annotations
 
@@ -12,21 +12,21 @@ from splatreel.play.jpeg import jpeg_within, to_bytes
 from splatreel.play.timeline import Timeline
 
 SIDE = 112
-"""Pixels of a picture's longer side."""
+"""Pixels of the longer side of a thumbnail."""
 SHORTEST, LONGEST = 0.25, 10.0
-"""Seconds from one picture to the next."""
+"""Minimum and maximum seconds between thumbnails."""
 FEW = 8
-"""Pictures of a reel that is short; a longer one has one in `LONGEST`."""
+"""Number of thumbnails of a short reel. A long one has one every `LONGEST` seconds."""
 COLUMNS, ROWS = 6, 5
 MOST_BYTES = 1300
-"""Of a picture, on average."""
+"""Maximum mean size of a thumbnail."""
 QUALITIES = (70, 60, 50, 40, 30, 20)
 
 
 def write_thumbnails(writer: ReelWriter, reel: Timeline) -> Thumbnails:
-    """Draw them from the reel as decoded; only the files are written, see `ReelWriter.present`.
+    """Render thumbnails from the decoded reel and write their files. The manifest is left to `ReelWriter.present`.
 
-    Those of times before a reel that begins later show its first frame.
+    Thumbnails of times before the start of a reel show its first frame.
     """
     frames, fps, camera = reel.frames, reel.fps, reel.manifest.camera
     step = max(round(fps * min(max(frames / fps / FEW, SHORTEST), LONGEST)), 1)

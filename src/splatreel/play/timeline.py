@@ -1,4 +1,7 @@
-"""Time to Gaussians: what a reel shows at a moment, with the cross-fade between groups (paper section 4.4)."""
+"""The Gaussians of a reel at any time, with the cross-fade between groups.
+
+Source: paper section 4.4.
+"""
 
 from __future__ import annotations
 
@@ -11,22 +14,22 @@ import numpy as np
 from splatreel.codec.manifest import Manifest
 from splatreel.codec.reader import ReelReader
 from splatreel.errors import ReelError
+from splatreel.play.reel_sound import ReelSound
 from splatreel.play.renderers import Draw, draw_on_cpu
-from splatreel.play.sound import ReelSound
 from splatreel.scene.camera import Camera
 from splatreel.scene.gaussians import Gaussians
 from splatreel.scene.group import Group
 
 
 class Moment(Gaussians):
-    """All that a reel shows at a moment. rests: [N] bool, its static points. light: [3], what has brightened all colors.
-
-    fade: where one group fades to the next, what either shows alone, and the weight of the next.
-    """
+    """The Gaussians that a reel shows at a time."""
 
     rests: np.ndarray
+    """[N] bool: which Gaussians are static."""
     light: np.ndarray
+    """[3] factors by which all colors were multiplied."""
     fade: tuple[Moment, Moment, float] | None
+    """In a cross-fade, the Gaussians of the old and of the new group alone, and the weight of the new one; otherwise None."""
 
     def __init__(
         self,
@@ -35,7 +38,7 @@ class Moment(Gaussians):
         light: np.ndarray | None,
         fade: tuple[Moment, Moment, float] | None = None,
     ) -> None:
-        """rests: which of the parts do. light: None if it is as ever."""
+        """Join `parts`. rests: which of them are static. light: [3] factors of all colors; None for constant light."""
         everything = _joined(parts if light is None else [part.brightened(light) for part in parts])
         super().__init__(everything.means, everything.quats, everything.scales, everything.opacities, everything.sh)
         object.__setattr__(self, "rests", np.repeat(rests, [len(part) for part in parts]))
@@ -44,40 +47,47 @@ class Moment(Gaussians):
 
 
 class Timeline:
-    """A reel in time. Decodes what a moment needs and keeps the groups around it."""
+    """A reel as a function of time. It decodes the groups that a time needs, and caches them."""
 
     def __init__(self, reel: ReelReader) -> None:
+        """Play the reel of a reader."""
         self.reel = reel
 
     @property
     def manifest(self) -> Manifest:
+        """Manifest of the reel."""
         return self.reel.manifest
 
     @cached_property
     def sound(self) -> ReelSound | None:
-        """None where the reel is silent."""
+        """Sound of the reel; None for a silent one."""
         sound = self.manifest.presentation.sound
         return ReelSound(self.reel, sound) if sound else None
 
     @property
     def fps(self) -> float:
+        """Frames per second."""
         return self.reel.fps
 
     @property
     def frames(self) -> int:
+        """Number of frames."""
         return self.reel.frames
 
     @property
     def duration(self) -> float:
-        """Seconds."""
+        """Duration in seconds."""
         return self.reel.duration
 
     def at(self, seconds: float) -> Moment:
-        """Everything visible at a time, ready to render; times outside of the reel are clamped.
+        """Return the Gaussians at a time, which is clamped to the reel.
 
-        In the overlap the old group's points fade out and the new one's fade in; what is alive in both stays as it is. `render`
-        does better there: it fades pictures.
-        Raises `ReelError` for a damaged file or a live reel that has no group yet, ValueError for NaN.
+        In the overlap of two groups, the points of the old group fade out and those of the new one fade in. Static points alive in both
+        do not change. `render` blends images there instead, which looks better.
+
+        Raises:
+            ReelError: A file is damaged, or a live reel has no group yet.
+            ValueError: The time is NaN.
         """
         if np.isnan(seconds):
             raise ValueError("The time is NaN.")
@@ -95,9 +105,12 @@ class Timeline:
         return self._fading(frame, weight, self.reel.group(groups[place - 1].group), new, light)
 
     def render(self, gaussians: Gaussians, camera: Camera, draw: Draw = draw_on_cpu) -> np.ndarray:
-        """The picture that a camera takes of Gaussians of this reel, [H, W, 3] float32, drawn as the manifest says.
+        """Render Gaussians of this reel with the near plane, antialiasing and background of its manifest.
 
-        Where one group fades to the next, of a moment it is the pictures of both that fade.
+        A `Moment` in a cross-fade is rendered as a blend of two images, one per group.
+
+        Returns:
+            [H, W, 3] float32, whose values may exceed 1.
         """
         if isinstance(gaussians, Moment) and gaussians.fade is not None:
             old, new, weight = gaussians.fade
@@ -106,13 +119,13 @@ class Timeline:
         return draw(self.seen(gaussians, camera), camera, manifest.near, manifest.antialias, self.background(gaussians))
 
     def seen(self, gaussians: Gaussians, camera: Camera) -> Gaussians:
-        """What of a moment's Gaussians is drawn for a camera: of static points, what its surroundings leave (`Clearance`)."""
+        """Return the Gaussians to draw for a camera: without the static ones that its `Clearance` hides."""
         if not isinstance(gaussians, Moment) or not self.manifest.clearance.share:
             return gaussians
         return gaussians[~(gaussians.rests & self.manifest.clearance.hides(gaussians.means, camera))]
 
     def background(self, gaussians: Gaussians) -> tuple[float, float, float]:
-        """Red, green and blue where nothing is, in a moment's light."""
+        """Return the background color, red, green and blue, scaled by the light of a moment."""
         light = gaussians.light if isinstance(gaussians, Moment) else 1.0
         red, green, blue = (np.asarray(self.manifest.background) * light).tolist()
         return red, green, blue
@@ -120,7 +133,7 @@ class Timeline:
     def _weight(self, frame: float, group: Group) -> float:
         overlap = self.manifest.overlap
         share = min((frame - group.first_frame) / overlap, 1.0) if overlap else 1.0
-        # Eased: an opaque point in front of the others shows half of its color at a tenth of its weight.
+        # Eased, since an opaque point in front of others shows half of its color at a tenth of its weight.
         return share * share * (3 - 2 * share)
 
     def _fading(self, frame: float, weight: float, old: Group, new: Group, light: np.ndarray | None) -> Moment:
@@ -139,17 +152,22 @@ class Timeline:
         return Moment(parts, [True, True, False, True, False], light, (before, after, weight))
 
     def _points_of(self, layers: list[int], group: int) -> np.ndarray:
-        """[S] bool: which points of the layers that live at a group are of these."""
+        """Return which static points of a group belong to `layers`, [S] bool."""
         living = self.manifest.living_layers(group)
         counts = [self.manifest.layers[index].points for index in living]
         return np.repeat(np.isin(living, layers), counts).astype(bool)
 
 
 def open_reel(location: str | Path, rendition: str | None = None, most: int | None = None) -> Timeline:
-    """Open the reel at a directory, a manifest.json or an http(s) URL; `open_reel(path).at(seconds)` are its Gaussians.
+    """Open a reel. `open_reel(path).at(seconds)` returns its Gaussians.
 
-    rendition: one of those the manifest names; None: the best. most: bytes of memory that a file may take, see
-    `ReelReader`. Raises `ReelError` if there is no valid reel, or not that rendition.
+    Args:
+        location: Directory, manifest.json or http(s) URL.
+        rendition: One of those that the manifest names; None for the best.
+        most: Bytes of memory that a file may take, see `ReelReader`.
+
+    Raises:
+        ReelError: There is no valid reel, or not that rendition.
     """
     return Timeline(ReelReader(location, rendition, most))
 

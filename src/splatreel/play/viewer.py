@@ -1,7 +1,7 @@
-"""A reel in the browser with every picture drawn here, by our kernels, and streamed through viser (extra `viewer`).
+"""Viewer that renders a reel with the Python kernels and streams the images to browsers through viser (extra `viewer`).
 
-For machines whose browsers cannot draw, and to see exactly what the kernels draw. Each browser has a camera of its own; the
-time is everybody's.
+It serves machines whose browsers cannot draw, and shows exactly what the kernels render. Each browser has its own camera; all share
+one time.
 """
 
 from __future__ import annotations
@@ -25,18 +25,32 @@ from splatreel.scene.camera import Camera
 from splatreel.scene.gaussians import Gaussians
 
 RATES = ("0.25", "0.5", "1", "2")
-_PATIENCE = 1 / 12
-"""Seconds that a picture may take while something moves; what stands still is drawn in full."""
+_MAX_SECONDS = 1 / 12
+"""Maximum seconds per image while something moves. Still views are rendered at full resolution."""
 _MIN_SIDE = 96
-"""Pixels of the shorter side at least."""
+"""Minimum pixels of the shorter side."""
 _POLL = 1 / 60
 
 
 class Viewer:
-    """A viser server that shows a reel, on a thread of its own. Also a context manager: `with Viewer(...) as viewer:`."""
+    """A viser server that shows a reel, on a thread of its own.
+
+    It is also a context manager: `with Viewer(...) as viewer:`.
+    """
 
     def __init__(self, reel: Timeline, draw: Draw, host: str = "127.0.0.1", port: int = 0, width: int = 1280) -> None:
-        """port: 0 takes any free one; width: of the largest picture, pixels. Raises ModuleNotFoundError without viser."""
+        """Start the viser server. Rendering begins when the context is entered.
+
+        Args:
+            reel: Reel to show.
+            draw: Renderer, see `renderers.renderer`.
+            host: Address to listen on.
+            port: Port to listen on; 0 takes any free one.
+            width: Maximum width of an image, in pixels.
+
+        Raises:
+            ModuleNotFoundError: viser is not installed.
+        """
         import viser
 
         self.reel = reel
@@ -48,10 +62,12 @@ class Viewer:
         self._shown: dict[int, tuple] = {}
         self._moment: tuple[float, Gaussians] | None = None
         self._pace = 1e-7
-        """Seconds a pixel takes, lately."""
-        # A browser that is closed while its picture is drawn is no news.
+        """Recent rendering time per pixel, in seconds."""
+        # viser warns when a browser closes while its image is rendered.
         warnings.filterwarnings("ignore", "Queued a .* on a closed connection")
-        with contextlib.redirect_stdout(io.StringIO()):  # it says where it listens, as the command line does
+        with contextlib.redirect_stdout(
+            io.StringIO()
+        ):  # viser prints its address, which the command line prints as well
             self._server: Any = viser.ViserServer(host=host, port=port, label="Splatreel", verbose=False)
         self._arrange()
         self._ended = threading.Event()
@@ -59,25 +75,25 @@ class Viewer:
 
     @property
     def url(self) -> str:
-        """Address for the browser."""
+        """URL of the viewer."""
         host = "localhost" if self._host == "0.0.0.0" else self._host
         return f"http://{host}:{self._server.get_port()}/"
 
     @property
     def settled(self) -> bool:
-        """Every browser shows the present time and its own view in full."""
+        """True if every browser shows the present time and its own view at full resolution."""
         clients = self._server.get_clients()
         return bool(clients) and all(self._shown.get(name, ((), False))[1] for name in clients)
 
     def wait(self) -> None:
-        """Block until `close` is called by another thread, or Ctrl-C. Raises `SplatreelError` if the reel turns out damaged."""
+        """Block until another thread calls `close`, or until Ctrl-C. Raises `SplatreelError` if the reel is damaged."""
         while self._thread.is_alive():
             self._thread.join(0.5)
         if self._error is not None:
             raise self._error
 
     def close(self) -> None:
-        """Stop drawing and free the port."""
+        """Stop rendering and free the port."""
         self._ended.set()
         self._thread.join()
         with contextlib.redirect_stdout(io.StringIO()):
@@ -92,7 +108,7 @@ class Viewer:
         self.close()
 
     def _arrange(self) -> None:
-        """The panel, and the view that browsers begin with."""
+        """Create the control panel and set the first view."""
         server, clock, manifest = self._server, self.clock, self.reel.manifest
         server.scene.set_up_direction(tuple(map(float, manifest.up)))
         server.gui.configure_theme(dark_mode=True, show_logo=False, show_share_button=False)
@@ -113,7 +129,7 @@ class Viewer:
         )
 
     def _warm_up(self) -> None:
-        """Let the first picture's costs (compiling, decoding) pass before time begins, and learn how fast this device is."""
+        """Render before time begins, to compile the kernels, decode the first group and measure the speed of the device."""
         for _ in range(2):
             began = time.perf_counter()
             view = self.reel.manifest.camera
@@ -135,7 +151,7 @@ class Viewer:
             self._error = error
 
     def _show_all(self) -> bool:
-        """Draw for every browser that does not show the present time and its own view in full yet; whether there was one."""
+        """Render for every browser that does not show the present time and view at full resolution. Return True if any did not."""
         clients = self._server.get_clients()
         self._shown = {name: shown for name, shown in self._shown.items() if name in clients}
         drew = False
@@ -155,7 +171,7 @@ class Viewer:
         return drew
 
     def _view_of(self, camera: Any) -> Camera | None:
-        """What a browser looks at, at its own size but no wider than `width`; None while it has no size."""
+        """Return the camera of a browser, at most `width` pixels wide; None while the browser has no size."""
         if camera.image_width < 1 or camera.image_height < 1:
             return None
         width = min(camera.image_width, self._width)
@@ -163,9 +179,9 @@ class Viewer:
         return camera_of(camera.position, camera.wxyz, camera.fov, width, height)
 
     def _picture(self, view: Camera, full: bool) -> np.ndarray:
-        """[h, w, 3] bytes: coarser than the view while something moves, as far as the device needs it."""
+        """Render [h, w, 3] uint8, at reduced resolution unless `full`, if the device is too slow."""
         if not full:
-            part = min(math.sqrt(_PATIENCE / (self._pace * view.width * view.height)), 1.0)
+            part = min(math.sqrt(_MAX_SECONDS / (self._pace * view.width * view.height)), 1.0)
             part = max(part, min(_MIN_SIDE / min(view.width, view.height), 1.0))
             view = view.resized(max(round(view.width * part), 1), max(round(view.height * part), 1))
         began = time.perf_counter()
@@ -178,7 +194,15 @@ class Viewer:
 
 
 def camera_of(position: np.ndarray, wxyz: np.ndarray, fov: float, width: int, height: int) -> Camera:
-    """A camera from its place, its turn to the world (OpenCV) and its vertical field of view, radians."""
+    """Return a camera.
+
+    Args:
+        position: [3] in world units.
+        wxyz: [4] rotation from camera to world, OpenCV.
+        fov: Vertical field of view, in radians.
+        width: Pixels.
+        height: Pixels.
+    """
     viewmat = np.eye(4)
     viewmat[:3, :3] = rotations.to_matrix(np.asarray(wxyz, np.float64)[None])[0].T
     viewmat[:3, 3] = -viewmat[:3, :3] @ np.asarray(position)
@@ -187,7 +211,7 @@ def camera_of(position: np.ndarray, wxyz: np.ndarray, fov: float, width: int, he
 
 
 def place_camera(handle: Any, camera: Camera, middle: np.ndarray) -> None:
-    """Put a camera of viser where one of ours is; it turns about what lies ahead, as far away as `middle` [3]."""
+    """Set a viser camera to the pose of `camera`. It orbits the point ahead that is as far away as `middle` [3]."""
     ahead = float((middle - camera.center) @ camera.forward)
     distance = ahead if ahead > 0 else max(float(np.linalg.norm(middle - camera.center)), 1e-3)
     handle.position = camera.center.astype(np.float64)

@@ -1,4 +1,8 @@
-"""What the web server answers: below `/` the player's files, below `/reel/` those that the reel's manifest names, to be read only."""
+"""ASGI application: the player's files below `/`, and the files that the reel's manifest names below `/reel/`.
+
+Starlette's `FileResponse` would open a path again, cannot send bytes from memory, and rejects invalid ranges, which this application
+answers with the whole file. Ranges are therefore parsed here.
+"""
 
 from __future__ import annotations
 
@@ -8,7 +12,7 @@ import io
 import os
 import re
 from collections.abc import AsyncIterator
-from email.utils import formatdate, parsedate_to_datetime
+from email.utils import formatdate
 from pathlib import Path
 from typing import BinaryIO, NamedTuple
 
@@ -17,6 +21,7 @@ from starlette.concurrency import run_in_threadpool
 from starlette.middleware.cors import CORSMiddleware
 from starlette.requests import Request
 from starlette.responses import PlainTextResponse, Response, StreamingResponse
+from starlette.staticfiles import StaticFiles
 from starlette.types import ASGIApp, Receive, Scope, Send
 
 from splatreel.errors import ReelError
@@ -32,32 +37,44 @@ _PLAYER_TYPES = {
     ".txt": "text/plain; charset=utf-8",
 }
 _REEL_TYPES = {".json": "application/json", ".mp4": "audio/mp4", ".m4s": "audio/mp4", ".jpg": "image/jpeg"}
-"""Whatever else a manifest names is bytes: nothing of a reel may run as a page or a script."""
+"""Content types of a reel's files. All others are sent as bytes, so that no file of a reel runs as a page or a script."""
 _REEL_POLICY = "default-src 'none'"
+_CONDITIONS = StaticFiles(check_dir=False)
+"""Evaluates `If-None-Match` and `If-Modified-Since`."""
 _READ = ("GET", "HEAD")
 _CHUNK = 1 << 16
-"""Bytes that are held for each reader."""
+"""Bytes in memory per response."""
 _READERS = 4
-"""Threads that read files for answers under way, so that new requests do not queue behind many of these."""
+"""Threads that read files for running responses, so that new requests do not queue behind them."""
 
 
 class Content(NamedTuple):
-    """What is sent: its bytes, their number, type, entity tag, time of the last change (seconds since 1970),
-    Content-Security-Policy, and how long browsers may keep it."""
+    """A file to send."""
 
     file: BinaryIO
     size: int
     type: str
     tag: str
+    """Entity tag, with its quotes."""
     modified: float
+    """Time of the last change, in seconds since 1970."""
     policy: str
+    """Content-Security-Policy."""
     cache: str = "no-cache"
+    """Cache-Control."""
 
 
 class WebApp:
-    """The ASGI application. names: what it may be asked for as; cors: whether pages of other sites may read it."""
+    """The ASGI application."""
 
     def __init__(self, reel: ReelFiles, names: AllowedHosts, cors: bool = False) -> None:
+        """Serve a reel.
+
+        Args:
+            reel: Files of the reel.
+            names: Permitted values of the Host header.
+            cors: Whether pages of other sites may read the reel.
+        """
         self._files = reel
         self._names = names
         self._headers = {
@@ -73,21 +90,22 @@ class WebApp:
             self._app = CORSMiddleware(self._app, ("*",), _READ, allowed, expose_headers=shown)
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        """Answer a request."""
         request = Request(scope)
         host = request.headers.get("Host", "")
         if host not in self._names:
-            await self._refuse(421, _other_name(host))(scope, receive, send)
+            await self._refuse(421, _host_refusal(host))(scope, receive, send)
         else:
             await self._app(scope, receive, send)
 
     async def _respond(self, scope: Scope, receive: Receive, send: Send) -> None:
         request = Request(scope)
-        bears = request.headers.get("Content-Length", "0") != "0" or "Transfer-Encoding" in request.headers
-        closing = {"Connection": "close"} if bears else {}
+        has_body = request.headers.get("Content-Length", "0") != "0" or "Transfer-Encoding" in request.headers
+        closing = {"Connection": "close"} if has_body else {}
         if request.method not in _READ:
             response: Response = self._refuse(405, "This server is read only.", Allow=", ".join(_READ), **closing)
-        elif bears:
-            response = self._refuse(413, "This server takes nothing: send requests without a body.", **closing)
+        elif has_body:
+            response = self._refuse(413, "This server accepts no request body.", **closing)
         else:
             response = await run_in_threadpool(self._answer, request)
         await response(scope, receive, send)
@@ -96,8 +114,8 @@ class WebApp:
         try:
             content = self._find(request)
         except ReelError:
-            return self._refuse(502, "This file cannot be fetched from where the reel lies.")
-        return self._send(request, content) if content else self._refuse(404, "There is no such file here.")
+            return self._refuse(502, "The remote host of the reel does not deliver this file.")
+        return self._send(request, content) if content else self._refuse(404, "There is no such file.")
 
     def _refuse(self, status: int, text: str, **headers: str) -> Response:
         return PlainTextResponse(f"{text}\n", status, {**self._headers, **headers})
@@ -115,20 +133,20 @@ class WebApp:
                 return None
             if name == _PAGE:
                 return self._page(request)
-            # A page starts several workers from one script.
+            # Several workers start from one script.
             return _content(open_file(STATIC / name), kind, policy())._replace(cache="max-age=60")
         except OSError:
             return None
 
     def _page(self, request: Request) -> Content:
-        """The player's page, with what the reel says of itself unless another one is asked for."""
+        """Return the player's page, with the metadata of the reel unless the query names another reel."""
         file = STATIC / _PAGE
         text, modified = file.read_text(encoding="utf-8"), file.stat().st_mtime
         if "src" not in request.query_params:
-            said, written = self._files.presentation()
+            presentation, written = self._files.presentation()
             secure = request.headers.get("X-Forwarded-Proto") == "https"
             address = f"http{'s' if secure else ''}://{request.headers['Host']}/"
-            text, modified = with_metadata(text, said, address), max(modified, written)
+            text, modified = with_metadata(text, presentation, address), max(modified, written)
         data = text.encode()
         tag = f'"{hashlib.sha256(data).hexdigest()[:32]}"'
         return Content(io.BytesIO(data), len(data), _PLAYER_TYPES[".html"], tag, modified, policy())
@@ -139,13 +157,13 @@ class WebApp:
             "ETag": content.tag,
             "Last-Modified": formatdate(content.modified, usegmt=True),
             "Accept-Ranges": "bytes",
-            # A reel can be replaced or grow: ask before using a copy.
             "Cache-Control": content.cache,
             "Content-Security-Policy": content.policy,
         }
-        if _unchanged(asked.get("If-None-Match"), asked.get("If-Modified-Since"), content):
+        not_modified = Response(None, 304, headers)
+        if _CONDITIONS.is_not_modified(not_modified.headers, asked):
             content.file.close()
-            return Response(None, 304, headers)
+            return not_modified
         whole = asked.get("If-Range", content.tag) != content.tag
         span = None if whole else parse_range(asked.get("Range"), content.size)
         if span == ():
@@ -163,7 +181,7 @@ class WebApp:
 
 
 class _FileResponse(StreamingResponse):
-    """Part of an open file, which it closes."""
+    """Response with a part of an open file, which it closes."""
 
     def __init__(self, file: BinaryIO, chunks: AsyncIterator[bytes], status: int, headers: dict[str, str]) -> None:
         super().__init__(chunks, status, headers)
@@ -175,7 +193,7 @@ class _FileResponse(StreamingResponse):
 
 
 async def _chunks(file: BinaryIO, start: int, end: int, reading: CapacityLimiter) -> AsyncIterator[bytes]:
-    """Bytes start to end, fewer where the file became shorter: uvicorn then cuts the connection, which had been promised more."""
+    """Read bytes start to end. If the file became shorter, uvicorn closes the connection, since the content is incomplete."""
     file.seek(start)
     left = end - start
     while left > 0 and (chunk := await to_thread.run_sync(file.read, min(_CHUNK, left), limiter=reading)):
@@ -184,7 +202,7 @@ async def _chunks(file: BinaryIO, start: int, end: int, reading: CapacityLimiter
 
 
 def policy() -> str:
-    """The Content-Security-Policy of the player's files: that of docs/player.md, but reels may lie on any host (`?src=`)."""
+    """Return the Content-Security-Policy of the player's files: that of docs/player.md, with reels on any host (`?src=`)."""
     scripts = re.findall(r"<script[^>]*>([^<].*?)</script>", (STATIC / _PAGE).read_text(encoding="utf-8"), re.S)
     digests = (base64.b64encode(hashlib.sha256(script.encode()).digest()).decode() for script in scripts)
     hashes = "".join(f" 'sha256-{digest}'" for digest in digests)
@@ -196,7 +214,7 @@ def policy() -> str:
 
 
 def parse_range(header: str | None, size: int) -> tuple[int, int] | tuple[()] | None:
-    """(start, end) of a single byte range; () if it lies outside; None where the whole file should be sent."""
+    """Return (start, end) of a single byte range; () if it lies outside the file; None to send the whole file."""
     match = re.fullmatch(r"bytes=(\d{0,18})-(\d{0,18})", header.strip()) if header else None
     if match is None or match.group(1) == match.group(2) == "":
         return None
@@ -214,17 +232,8 @@ def _content(found: OpenFile, kind: str, policy: str) -> Content:
     return Content(found.file, found.size, kind, found.tag, found.modified, policy)
 
 
-def _unchanged(tags: str | None, since: str | None, content: Content) -> bool:
-    if tags is not None:
-        return content.tag in [item.strip().removeprefix("W/") for item in tags.split(",")]
-    try:
-        return since is not None and int(content.modified) <= parsedate_to_datetime(since).timestamp()
-    except (TypeError, ValueError, OverflowError):
-        return False
-
-
-def _other_name(header: str) -> str:
+def _host_refusal(header: str) -> str:
     name = host_name(header)
     if name is None:
-        return "The request does not say which host it is for."
+        return "The request has no valid Host header."
     return f"This server does not answer to the name {name}. If it should, start it with: --allow-host {name}"

@@ -9,7 +9,7 @@ import numpy as np
 from splatreel.capture.base import Capture
 from splatreel.capture.prefetch import FramePrefetcher
 from splatreel.recon.cameras.rig import Rig, tell_offsets
-from splatreel.recon.encode.output import Output
+from splatreel.recon.encode.group_output import Output
 from splatreel.recon.init.layout import Layout
 from splatreel.recon.layering.labels import Layers
 from splatreel.recon.layering.velocity_prior import VelocityPrior
@@ -90,8 +90,8 @@ def reconstruct_group(
         layers, static = renewed(layers, before.trained), StaticPoints.none(job.config.keyframe.sh_degree)
     static = publish_layer(job, data, layers, static, output)
     start = tracking(job, data, layers, static, before.velocity)
-    if start.left is not None:
-        static = static.without(start.left)
+    if start.departed is not None:
+        static = static.without(start.departed)
     found = motion(job, data, start, static)
     if job.config.group.time_offsets:
         job.store.group(span.index).save_time_offsets(found.time_offsets.values)

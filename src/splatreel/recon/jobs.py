@@ -20,10 +20,10 @@ from splatreel.codec.writer import ReelWriter
 from splatreel.config import Config
 from splatreel.errors import ReconstructionError
 from splatreel.progress import Progress
+from splatreel.recon.encode.group_output import ChapterOutput, ignore_group
+from splatreel.recon.encode.group_writer import GroupWriter, PresentationHook
 from splatreel.recon.encode.header import open_writer
-from splatreel.recon.encode.output import ChapterOutput, untold
-from splatreel.recon.encode.publisher import Present, Publisher
-from splatreel.recon.encode.sound import hear
+from splatreel.recon.encode.soundtrack import select_soundtrack
 from splatreel.recon.groups import Handover, reconstruct_groups
 from splatreel.recon.init.layout import Layout
 from splatreel.recon.run.job import Job
@@ -116,7 +116,7 @@ def scene_job(run: ChapteredRun, progress: Progress) -> None:
         with logged(lock.work, SCENE) as log:
             progress = LoggedProgress(progress, log)
             job = run.job(SCENE, (_PLATE,), progress)
-            sound = hear(lock.work, run.capture, run.sound, progress)
+            sound = select_soundtrack(lock.work, run.capture, run.sound, progress)
             run.store.save_chapter_firsts([chapter.first for chapter in run.chapters])
             reconstruct_shared_scene(job, run.capture, sound, lock)
 
@@ -128,7 +128,9 @@ def keep_tables(run: ChapteredRun) -> None:
         write_atomically(file, pack_tables(tables))
 
 
-def chapter_job(run: ChapteredRun, index: int, progress: Progress, after_group: Callable[[int], None] = untold) -> None:
+def chapter_job(
+    run: ChapteredRun, index: int, progress: Progress, after_group: Callable[[int], None] = ignore_group
+) -> None:
     """One chapter, group after group. after_group: called with the index of each group when it is finished.
 
     Raises `ReconstructionError` where the scene is not there yet, and as `reconstruct` does.
@@ -149,7 +151,7 @@ def chapter_job(run: ChapteredRun, index: int, progress: Progress, after_group: 
             reconstruct_groups(job, run.capture, layout, before, output)
 
 
-def publish_job(run: ChapteredRun, progress: Progress, present: Present) -> None:
+def publish_job(run: ChapteredRun, progress: Progress, present: PresentationHook) -> None:
     """The reel, from all chapters. Raises `ReconstructionError` where one is not finished, and says which."""
     with run.lock():
         publisher = ChapterPublisher(run, present)
@@ -167,15 +169,15 @@ def publish_job(run: ChapteredRun, progress: Progress, present: Present) -> None
 class ChapterPublisher:
     """Puts the groups of chapters into the reel, in order, as far as they are there. The run is locked while it is used."""
 
-    def __init__(self, run: ChapteredRun, present: Present) -> None:
+    def __init__(self, run: ChapteredRun, present: PresentationHook) -> None:
         if not has_scene(run):
             raise ReconstructionError(f"{run.out}: the scene that chapters share is not finished. Make it first.")
         self.run, self.present = run, present
         self.writer: ReelWriter = open_writer(run.store, run.out / "reel", run.config.encode, resume=True)
-        self._publisher = Publisher(self.writer, run.store, run.device, encoded=True)
+        self._group_writer = GroupWriter(self.writer, run.store, run.device, encoded=True)
         self.published = self.writer.manifest.end_group
         for index in range(self.published):
-            self._publisher.skip(index)
+            self._group_writer.skip(index)
         if self.published:
             present(self.writer, self.published - 1)
 
@@ -183,7 +185,7 @@ class ChapterPublisher:
         """All groups whose turn it is and that are encoded."""
         store, count = self.run.store, len(self.run.groups)
         while self.published < count and store.group(self.published).has_encoded_group():
-            self._publisher.publish(self.published)
+            self._group_writer.write(self.published)
             self.present(self.writer, self.published)
             self.published += 1
 

@@ -8,9 +8,9 @@ from pathlib import Path
 from splatreel.capture.base import Capture
 from splatreel.config import Config
 from splatreel.progress import Progress, Silent, parts_of
-from splatreel.recon.encode.output import ReelOutput
-from splatreel.recon.encode.publisher import Present, Publisher, nothing_more
-from splatreel.recon.encode.sound import hear
+from splatreel.recon.encode.group_output import ReelOutput
+from splatreel.recon.encode.group_writer import GroupWriter, PresentationHook, no_presentation
+from splatreel.recon.encode.soundtrack import select_soundtrack
 from splatreel.recon.groups import Handover, reconstruct_groups
 from splatreel.recon.jobs import ChapteredRun, ChapterPublisher, chapter_job, scene_job
 from splatreel.recon.preparation import open_reel, prepare, save_header
@@ -39,7 +39,7 @@ def reconstruct(
     sound: str = "auto",
     device: str = "auto",
     progress: Progress | None = None,
-    present: Present = nothing_more,
+    present: PresentationHook = no_presentation,
 ) -> Result:
     """Reconstruct a capture into OUT/reel, with checkpoints in OUT/work; the same call continues an interrupted run.
 
@@ -59,7 +59,7 @@ def plan_run(capture: Capture, out: Path, config: Config, *, sound: str = "auto"
     return ChapteredRun(capture, Path(out), config, sound, pick_device(device))
 
 
-def reconstruct_run(run: ChapteredRun, progress: Progress, present: Present) -> Result:
+def reconstruct_run(run: ChapteredRun, progress: Progress, present: PresentationHook) -> Result:
     """All of it, in this process. Raises as `reconstruct` does."""
     if len(run.chapters) > 1:
         reconstruct_chapters(run, progress, present)
@@ -72,22 +72,22 @@ def result_of(run: ChapteredRun) -> Result:
     return Result(run.out / "reel", run.store.work, run.store.seconds(), run.device.type)
 
 
-def reconstruct_sequence(run: ChapteredRun, progress: Progress, present: Present) -> None:
+def reconstruct_sequence(run: ChapteredRun, progress: Progress, present: PresentationHook) -> None:
     """A video of one chapter: every group starts from the one before."""
     with run.lock() as lock:
-        heard = hear(lock.work, run.capture, run.sound, progress)
+        soundtrack = select_soundtrack(lock.work, run.capture, run.sound, progress)
         job = run.job("", tuple(run.groups), progress)
         rig, layout = prepare(job, run.capture, lock)
-        save_header(job, run.capture, rig, layout, heard)
+        save_header(job, run.capture, rig, layout, soundtrack)
         writer = open_reel(job, lock)
         before = Handover(rig, StaticPoints.none(run.config.keyframe.sh_degree), Gaussians.empty())
-        output = ReelOutput(writer, Publisher(writer, job.store, job.device), present)
+        output = ReelOutput(writer, GroupWriter(writer, job.store, job.device), present)
         reconstruct_groups(job, run.capture, layout, before, output)
         present(writer, None)
         writer.finish()
 
 
-def reconstruct_chapters(run: ChapteredRun, progress: Progress, present: Present) -> None:
+def reconstruct_chapters(run: ChapteredRun, progress: Progress, present: PresentationHook) -> None:
     """A video of several: the scene that they share, and one chapter after the other, each published as it is finished."""
     of_scene, *of_chapters = parts_of(progress, run.costs())
     with run.lock():

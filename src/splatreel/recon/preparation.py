@@ -9,7 +9,7 @@ from splatreel.codec.writer import ReelWriter
 from splatreel.recon.cameras.rig import Rig, check_first_poses
 from splatreel.recon.coverage.coverage import Coverage, cover
 from splatreel.recon.encode.header import header_of, open_writer
-from splatreel.recon.encode.sound import RunSound, save_sound
+from splatreel.recon.encode.soundtrack import Soundtrack, save_soundtrack
 from splatreel.recon.init.layout import Layout
 from splatreel.recon.init.limits import limits
 from splatreel.recon.run.job import Job
@@ -43,14 +43,14 @@ def prepare(job: Job, capture: Capture, lock: RunLock) -> tuple[Rig, Layout]:
     return rig, layout
 
 
-def save_header(job: Job, capture: Capture, rig: Rig, layout: Layout, sound: RunSound | None) -> None:
+def save_header(job: Job, capture: Capture, rig: Rig, layout: Layout, sound: Soundtrack | None) -> None:
     """What is known of the reel beforehand: header, limits of views, sound."""
     store = job.store
     coverage = store.coverage()
     farthest = None if coverage is None else coverage.angle
     holds = limits(rig.cameras, store.initial_points()[0], layout, farthest)
     store.save_header(header_of(rig.cameras, capture.fps, job.config, layout), holds)
-    save_sound(store.work, sound)
+    save_soundtrack(store.work, sound)
 
 
 def open_reel(job: Job, lock: RunLock) -> ReelWriter:

@@ -14,10 +14,10 @@ from splatreel.motion.lift import shares
 from splatreel.recon.cameras.exposure import measure_exposure, take_out
 from splatreel.recon.cameras.group_input import GroupInput
 from splatreel.recon.cameras.rig import Rig
-from splatreel.recon.encode.fineness import encode_layer
 from splatreel.recon.encode.importance import weigh
-from splatreel.recon.encode.sound import RunSound
-from splatreel.recon.init.initialise import initial_points, near_plane
+from splatreel.recon.encode.soundtrack import Soundtrack
+from splatreel.recon.encode.step_choice import encode_layer_by_slope
+from splatreel.recon.init.initial_points import initial_points, near_plane
 from splatreel.recon.init.layout import Layout, border_color, measure
 from splatreel.recon.preparation import check_cameras, save_header, tell_coverage
 from splatreel.recon.run.job import Job
@@ -35,7 +35,7 @@ UNKNOWN = 0.5
 """Share of what a point shows that may lie where the plates mean nothing."""
 
 
-def reconstruct_shared_scene(job: Job, capture: Capture, sound: RunSound | None, lock: RunLock) -> None:
+def reconstruct_shared_scene(job: Job, capture: Capture, sound: Soundtrack | None, lock: RunLock) -> None:
     """Make clean plates, reconstruct them as the first keyframe of a video, and encode the points as a layer; all of it is kept."""
     store = job.store.scene
     if store.has_layer():
@@ -130,7 +130,7 @@ def _save_layer(job: Job, data: GroupInput, points: Gaussians, plates: CleanPlat
         job.progress.stage("writing what all chapters share", 1, job.plan.layered(0))
         importance = weigh([known], data.cameras, data.near, job.device, data.antialias)
         none = known[:0]
-        (encoded, order), steps = encode_layer(
+        (encoded, order), steps = encode_layer_by_slope(
             ReelEncoder(job.config.encode), data, known, none, 0, importance, job.trial
         )
         store.save_encoded_layer(encoded)

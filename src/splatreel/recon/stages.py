@@ -14,9 +14,9 @@ from splatreel.codec.predictive.precision import STEPS
 from splatreel.recon.cameras.exposure import at_next_keyframe, measure_exposure, take_out, tell_exposure
 from splatreel.recon.cameras.group_input import GroupInput
 from splatreel.recon.cameras.rig import Rig, check_poses_again
-from splatreel.recon.encode.fineness import encode_group, encode_layer
+from splatreel.recon.encode.group_output import Output
 from splatreel.recon.encode.importance import group_importance, weigh
-from splatreel.recon.encode.output import Output
+from splatreel.recon.encode.step_choice import encode_group_by_slope, encode_layer_by_slope
 from splatreel.recon.init.layout import Layout
 from splatreel.recon.layering.labels import Layers, find_layers
 from splatreel.recon.layering.tracking import GroupStart, track
@@ -25,7 +25,7 @@ from splatreel.recon.run.device import check_room
 from splatreel.recon.run.job import Job
 from splatreel.recon.run.store import StoredGroup, StoredLayer, once
 from splatreel.recon.train.chapter_keyframe import ChapterStart, start_chapter
-from splatreel.recon.train.export import GroupResult
+from splatreel.recon.train.group import GroupResult
 from splatreel.recon.train.keyframe import KeyframeResult
 from splatreel.recon.train.stages import train_first_keyframe, train_group, train_keyframe
 from splatreel.scene.gaussians import Gaussians
@@ -136,7 +136,9 @@ def publish_layer(job: Job, data: GroupInput, layers: Layers, static: StaticPoin
         count = len(layers.settled)
         importance = weigh([seen], data.cameras, data.near, job.device, data.antialias)[:count]
         moving = len(layers.dynamic) + len(layers.relit)
-        encoded, steps = encode_layer(output.encoder, data, layers.settled, seen[count:], moving, importance, job.trial)
+        encoded, steps = encode_layer_by_slope(
+            output.encoder, data, layers.settled, seen[count:], moving, importance, job.trial
+        )
         decoded, order = output.add_layer(span.index, span.first, layers.settled, encoded), encoded[1]
         job.progress.update(1, points=len(decoded))
     job.store.group(span.index).save_layer(StoredLayer(layers.settled[order], decoded, importance[order], steps))
@@ -186,6 +188,6 @@ def publish_group(job: Job, data: GroupInput | None, group: Group, static: Stati
     if data is None:
         files, steps = encoder.group(group, importance), STEPS
     else:
-        files, steps = encode_group(encoder, data, group, static, importance, job.trial)
+        files, steps = encode_group_by_slope(encoder, data, group, static, importance, job.trial)
     job.store.group(group.index).save_group(StoredGroup(group, importance, steps))
     output.add_group(group, files)

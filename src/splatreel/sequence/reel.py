@@ -14,8 +14,8 @@ from splatreel.codec.presentation import Limits
 from splatreel.codec.writer import ReelWriter
 from splatreel.errors import GaussiansError
 from splatreel.progress import Progress
+from splatreel.recon.encode.group_writer import PresentationHook, no_presentation
 from splatreel.recon.encode.importance import weigh
-from splatreel.recon.encode.publisher import Present, nothing_more
 from splatreel.recon.init.layout import measure
 from splatreel.recon.init.limits import limits
 from splatreel.scene.camera import Camera, middle_camera
@@ -152,7 +152,7 @@ def write_reel(
     progress: Progress,
     device: torch.device,
     holds: Limits | None = None,
-    present: Present = nothing_more,
+    present: PresentationHook = no_presentation,
 ) -> Comparison:
     """Write a sequence into a new reel and compare the two.
 

@@ -27,7 +27,7 @@ def front(size: int = 65) -> Camera:
     """Return a camera at z = 4 looking along -z with y up."""
     viewmat = np.diag([1.0, -1.0, -1.0, 1.0])
     viewmat[2, 3] = 4
-    return Camera("front", viewmat, [[size, 0, size / 2], [0, size, size / 2], [0, 0, 1]], size, size)
+    return Camera("front", viewmat, np.array([[size, 0, size / 2], [0, size, size / 2], [0, 0, 1]]), size, size)
 
 
 def together(a: sd.Shapes, b: sd.Shapes) -> sd.Shapes:

@@ -1,6 +1,6 @@
 import hashlib
 from pathlib import Path
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 import pytest
@@ -12,7 +12,7 @@ from splatreel.capture.opening import open_capture
 from splatreel.errors import CaptureError, UsageError
 from splatreel.scene.camera import Camera
 
-SIZE = {"width": 64, "height": 48, "frames": 3}
+SIZE: dict[str, Any] = {"width": 64, "height": 48, "frames": 3}
 
 
 def render_truth(

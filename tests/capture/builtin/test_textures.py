@@ -10,7 +10,7 @@ COLORS = ((0.5, 0.4, 0.3), (0.2, 0.2, 0.6), (0.9, 0.9, 0.9))
 def colors(kind: int, points: np.ndarray) -> np.ndarray:
     """Return colors [N, 3] of a front face."""
     half = (1.0, 1.0, 1.0)
-    return np.array([albedo(float(kind), *point, 0.0, 0.0, 1.0, half, COLORS, 3.0, 0.1) for point in points])
+    return np.array([albedo(float(kind), *point, 0.0, 0.0, 1.0, half, COLORS, 3.0, 0.1) for point in points])  # pyright: ignore[reportCallIssue]
 
 
 def test_grain_scales_the_pattern() -> None:

@@ -31,7 +31,9 @@ def test_cameras_and_points_match_the_model(scene: Path) -> None:
     for found, written in zip(capture.cameras, folders.cameras(), strict=True):
         np.testing.assert_allclose(found.viewmat, written.viewmat, atol=1e-5)
         np.testing.assert_allclose(found.K, written.K, atol=1e-5)
+    assert capture.points is not None
     np.testing.assert_allclose(capture.points, [[0.5, -0.25, 1], [0, 0, 0]])
+    assert capture.point_colors is not None
     np.testing.assert_allclose(capture.point_colors, [[1, 0.2, 0], [0, 1, 0.4]], atol=1e-6)
 
 

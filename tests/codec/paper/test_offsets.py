@@ -87,7 +87,7 @@ def test_offsets_are_a_playable_mp4():
         assert {s.codec_context.profile for s in streams} == {"Main"}
         assert [s.width // parameters["width"] for s in streams] == [3, 3, 4]
         assert all(s.width % 16 == 0 and s.height % 16 == 0 for s in streams)
-        keys = [p.is_keyframe for p in container.demux(streams[1]) if p.size]
+        keys = [p.is_keyframe for p in container.demux(streams[1]) if p.size]  # pyright: ignore[reportAttributeAccessIssue]
         assert keys == [True] + [False] * 4
     for at in (i for i in range(len(data)) if data.startswith(b"hvcC", i)):
         assert data[at + 4 + 12] <= 150  # x265 says level 8.5 of lossless streams

@@ -27,8 +27,8 @@ def test_predictive_points_round_trip():
     steps = STEPS
     before = before[order]
     assert np.abs(after.means - before.means).max() <= 0.51 * steps.position * size
-    shapes = [covariance.of_shapes(g.quats, g.scales) for g in (after, before)]
-    np.testing.assert_allclose(*shapes, atol=0.61 * steps.shape)
+    found, expected = (covariance.of_shapes(g.quats, g.scales) for g in (after, before))
+    np.testing.assert_allclose(found, expected, atol=0.61 * steps.shape)
     assert np.abs(after.opacities - before.opacities).max() <= 0.61 * steps.opacity
     assert np.abs(after.sh[:, 0] - before.sh[:, 0]).max() <= 1.1 * steps.color
     assert np.sqrt(((after.sh[:, 1:] - before.sh[:, 1:]) ** 2).mean()) <= steps.rest

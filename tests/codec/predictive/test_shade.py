@@ -20,6 +20,7 @@ def test_shade_round_trips(codec):
     data, order = encode_group(before, EncodeConfig(codec=codec), None)
     after = decode_group(data, "x")
     step = STEPS.shade * CONFIG.coarseness
+    assert after.shade is not None
     np.testing.assert_allclose(after.shade, before.shade[:, order], atol=step)
     assert not np.allclose(after.at(3).opacities, after.at(0).opacities, atol=0.05)
 

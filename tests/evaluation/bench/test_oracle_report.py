@@ -20,7 +20,7 @@ def test_single_frame_round_trips_through_json() -> None:
 
 def test_report_computes_known_means_and_distances() -> None:
     report = OracleReport(FRAMES, REEL)
-    assert report.mean() == Score(Quality(32, 33, pytest.approx(0.92)), Quality(28, 29, 0.8))
+    assert report.mean() == Score(Quality(32, 33, pytest.approx(0.92)), Quality(28, 29, 0.8))  # pyright: ignore[reportArgumentType]
     assert report.decoded().psnr == 31
     assert report.distance() == {"whole": pytest.approx(1.75), "moving": pytest.approx(5.0)}
     record = report.reel_dict("a reel")

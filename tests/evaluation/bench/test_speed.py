@@ -4,6 +4,7 @@ import json
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -36,7 +37,7 @@ def test_bench_reconstruct_reports_all_rows(tmp_path: Path, monkeypatch: pytest.
     monkeypatch.setattr(speed, "medians_ms", medians)
     capture = WallCapture(4, speed=0.3)
     capture.held_out = ["cam03"]
-    rows = bench_reconstruct(
+    rows: list[dict[str, Any]] = bench_reconstruct(
         capture, tmp_path, {"quick": config(4), "long": config(8)}, device="cpu", loop=8, repeats=1
     )
     quick, iteration, looped, long = rows

@@ -9,7 +9,7 @@ def test_gains_are_learned_with_a_mean_of_one():
     image = torch.full((4, 4, 3), 0.5)
     for i in range(600):
         camera = i % 3
-        (image * gains.of(camera) - truth[camera] * image).square().mean().backward()
+        (image * gains.of(camera) - truth[camera] * image).square().mean().backward()  # pyright: ignore[reportOperatorIssue]
         gains.step()
     torch.testing.assert_close(gains.values.mean(0), torch.ones(3))
     torch.testing.assert_close(gains.values[:, 0].detach(), truth, atol=0.02, rtol=0)

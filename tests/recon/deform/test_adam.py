@@ -1,4 +1,4 @@
-"""Rows that come and go, and knots that a moment moves."""
+"""Adam for changing rows and for knots of splines."""
 
 import numpy as np
 import torch
@@ -9,7 +9,7 @@ from splatreel.recon.deform.adam import Adam, KnotAdam
 RATE, EPS = 0.02, 1e-15
 
 
-def test_what_has_no_gradient_stays_and_forgets_nothing():
+def test_adam_without_gradient_changes_nothing():
     adam = Adam(torch.ones(5, 2), RATE, EPS)
     adam.step()
     assert adam.steps == 0
@@ -20,14 +20,14 @@ def test_what_has_no_gradient_stays_and_forgets_nothing():
     torch.testing.assert_close(adam.tensor.detach(), torch.full((5, 2), 1 - RATE))
 
 
-def test_rows_after_the_end_are_left_alone():
+def test_knot_adam_leaves_knots_after_end():
     adam = Adam(torch.ones(5, 2), RATE, EPS)
     kernel.adam([adam.follow(torch.ones(4, 2), 1, end=3)])
     torch.testing.assert_close(adam.tensor[:, 0].detach(), torch.tensor([1, 1 - RATE, 1 - RATE, 1, 1]))
     assert not adam.mean[3:].any()
 
 
-def test_moments_have_the_steps_of_all_knots() -> None:
+def test_knot_adam_sums_overlapping_moments() -> None:
     """Several moments between two steps add up, wherever their knots overlap."""
     generator = torch.Generator().manual_seed(0)
     start = torch.randn(9, 5, 3, generator=generator)
@@ -46,7 +46,7 @@ def test_moments_have_the_steps_of_all_knots() -> None:
         assert knots.steps == whole.steps
 
 
-def test_no_moment_is_no_step() -> None:
+def test_knot_adam_without_moments_returns_none() -> None:
     adam = KnotAdam(torch.ones(6, 4, 2), RATE, EPS)
     assert adam.at([]) is None
     assert adam.steps == 0

@@ -15,7 +15,7 @@ def learn(shade: Appearance, wanted, iterations: int, frames: int) -> None:
         shade.step(i / iterations)
 
 
-def test_changes_start_at_zero_and_are_learned():
+def test_appearance_starts_at_zero_and_learns():
     frames = 20
     shade = Appearance(frames, 2, CPU)
     assert not shade.at(7.3).any()
@@ -29,7 +29,7 @@ def test_changes_start_at_zero_and_are_learned():
         torch.testing.assert_close(shade.at(frame), wanted(frame), atol=0.08, rtol=0.1)
 
 
-def test_what_changes_nothing_in_the_picture_goes_back_to_nothing():
+def test_appearance_without_gradient_decays_to_zero():
     shade = Appearance(10, 3, CPU)
     with torch.no_grad():
         shade.controls.add_(2.0)
@@ -39,7 +39,7 @@ def test_what_changes_nothing_in_the_picture_goes_back_to_nothing():
     assert shade.at(5).abs().max() < 0.01
 
 
-def test_rows_follow_the_points():
+def test_appearance_rows_follow_points():
     shade = Appearance(10, 3, CPU)
     learn(shade, lambda frame: torch.tensor([[0.1], [0.2], [0.3]]).expand(3, 4), 20, 10)
     before = shade.at(4.0).detach().clone()
@@ -55,7 +55,7 @@ def test_rows_follow_the_points():
     torch.testing.assert_close(shade.at(3), torch.full((3, 4), 0.2), atol=0.1, rtol=0)
 
 
-def test_a_known_start_is_followed():
+def test_appearance_starts_from_given_shades():
     wanted = torch.zeros(20, 3, 3)
     wanted[:, 1] = torch.sin(torch.arange(20) / 4)[:, None] * torch.tensor([0.5, 0.2, -0.5])
     shade = Appearance(20, 3, CPU, wanted)
@@ -65,7 +65,7 @@ def test_a_known_start_is_followed():
 
 
 def pictures(frames: int = 20) -> torch.Tensor:
-    """Two cameras that see a bar move, a pixel a frame, over gray noise; [T, 2, 40, 60, 3] uint8."""
+    """Return images [T, 2, 40, 60, 3] uint8 of a bar that moves by a pixel per frame over gray noise."""
     rng = torch.Generator().manual_seed(0)
     images = torch.randint(100, 120, (frames, 2, 40, 60, 3), generator=rng, dtype=torch.uint8)
     for t in range(frames):
@@ -73,16 +73,16 @@ def pictures(frames: int = 20) -> torch.Tensor:
     return images
 
 
-def test_a_cut_is_what_changes_at_once():
+def test_detect_cuts_ignores_motion():
     assert detect_cuts(pictures()) == []
     cut = pictures()
-    cut[9:, :, 30:, 40:] = 20  # a screen goes dark, and stays so
+    cut[9:, :, 30:, 40:] = 20  # a screen turns dark, and stays dark
     assert detect_cuts(cut) == [9]
     assert detect_cuts(cut[:1]) == []
     assert detect_cuts(cut[:2]) == []
 
 
-def test_a_cut_is_not_smeared():
+def test_appearance_keeps_cuts_sharp():
     def wanted(frame: float) -> torch.Tensor:
         return torch.full((1, 4), 0.4 if frame >= 9 else 0.0) * torch.tensor([1.0, -1, 1, 0])
 

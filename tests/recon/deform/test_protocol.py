@@ -1,4 +1,4 @@
-"""Both deformation models honour the same protocol."""
+"""Protocol of deformation models, for both models."""
 
 import pytest
 import torch
@@ -32,7 +32,7 @@ def fit(model, means, frames, iterations):
 
 @pytest.mark.slow
 @pytest.mark.parametrize(("model", "tolerance"), [(Trajectory, 0.01), (HashGrid, 0.025)])
-def test_offsets_start_near_zero_and_learn_a_motion(model, tolerance):
+def test_offsets_start_near_zero_and_learn_motion(model, tolerance):
     means, frames = cloud(), 12
     net = model(means, frames, 1.0)
     dx, dq = net.offsets(means, 6)
@@ -51,7 +51,7 @@ def tracks_of(means, frames):
 
 
 @pytest.mark.parametrize(("model", "tolerance"), [(Trajectory, 2e-3), (HashGrid, 0.02)])
-def test_a_model_follows_smooth_tracks(model, tolerance):
+def test_model_follows_smooth_tracks(model, tolerance):
     means, frames = cloud(), 12
     net = model(means, frames, 1.0, tracks=tracks_of(means, frames))
     for frame in range(frames):
@@ -61,7 +61,7 @@ def test_a_model_follows_smooth_tracks(model, tolerance):
     assert net.offsets(means, frames - 1)[0].abs().mean() > 2.5 * tolerance, "the tracks do move"
 
 
-def test_a_trajectory_smooths_the_jitter_of_tracks():
+def test_trajectory_smooths_jitter_of_tracks():
     means, frames = cloud(), 12
     jitter = 0.02 * torch.randn(frames, len(means), 3, generator=torch.Generator().manual_seed(2))
     net = Trajectory(means, frames, 1.0, tracks=tracks_of(means, frames) + jitter)
@@ -69,8 +69,8 @@ def test_a_trajectory_smooths_the_jitter_of_tracks():
     assert sum(errors) / frames < 0.8 * jitter.abs().mean()
 
 
-def test_tracks_that_were_followed_stay_when_training_goes_on():
-    """All knots are in use from then on: the next frames to be let in are not extrapolated anew."""
+def test_extend_to_keeps_knots_of_tracks():
+    """With tracks all knots are in use, so that later frames are not extrapolated again."""
     means, frames = cloud(), 12
     net = Trajectory(means, frames, 1.0, tracks=tracks_of(means, frames))
     before = net.offsets(means, 11)[0].detach()
@@ -82,7 +82,7 @@ def test_tracks_that_were_followed_stay_when_training_goes_on():
 
 
 @pytest.mark.parametrize("model", MODELS)
-def test_new_points_of_followed_tracks_rest_or_go_with_their_parents(model):
+def test_appended_points_rest_or_copy_parent_tracks(model):
     means, frames = cloud(), 12
     net = model(means, frames, 1.0, tracks=tracks_of(means, frames))
     net.append(means[:3], torch.tensor([0, 1, 2]))
@@ -91,7 +91,7 @@ def test_new_points_of_followed_tracks_rest_or_go_with_their_parents(model):
 
 
 @pytest.mark.parametrize("model", MODELS)
-def test_points_come_and_go(model):
+def test_keep_and_append_change_rows(model):
     means, frames = cloud(), 12
     net = model(means, frames, 1.0)
     fit(net, means, frames, 200)
@@ -108,7 +108,7 @@ def test_points_come_and_go(model):
     net.step(0.5)
 
 
-def test_points_that_were_static_join_a_trajectory_at_rest():
+def test_trajectory_appends_points_at_rest():
     means, frames = cloud(), 12
     net = Trajectory(means, frames, 1.0)
     fit(net, means, frames, 200)
@@ -120,7 +120,7 @@ def test_points_that_were_static_join_a_trajectory_at_rest():
 
 
 @pytest.mark.parametrize("count", [0, 1, 3, 70])
-def test_few_points_work(count):
+def test_models_with_few_points(count):
     means = cloud(max(count, 1))[:count]
     net = Trajectory(means, 5, 1.0)
     dx, dq = net.offsets(means, 2)
@@ -128,7 +128,7 @@ def test_few_points_work(count):
     assert dq.shape == (count, 4)
 
 
-def test_nodes_spread_and_weights_are_local():
+def test_trajectory_nodes_are_spread_and_weights_local():
     means = cloud(500)
     nodes = means[farthest_points(means, 50, 0)]
     assert len(torch.unique(nodes, dim=0)) == 50
@@ -139,7 +139,7 @@ def test_nodes_spread_and_weights_are_local():
 
 
 @pytest.mark.parametrize("model", [Trajectory, HashGrid])
-def test_what_is_known_to_rest_rests_whatever_is_learned(model):
+def test_fixed_points_never_move(model):
     means, frames = cloud(), 12
     fixed = torch.arange(len(means)) % 3 == 0
     still = torch.where(fixed[:, None], means, tracks_of(means, frames))
@@ -154,7 +154,7 @@ def test_what_is_known_to_rest_rests_whatever_is_learned(model):
     assert (dx[~fixed].norm(dim=1) > 0.01).float().mean() > 0.9
 
 
-def test_nodes_are_of_what_moves():
+def test_trajectory_nodes_are_moving_points():
     means = cloud()
     fixed = means[:, 0] > 0
     net = Trajectory(means, 12, 1.0, fixed=fixed)

@@ -1,4 +1,4 @@
-"""Splines over a group's frames: partition of unity, reproduction of lines, turns within two frames."""
+"""Splines over a group's frames: partition of unity, lines, sharp turns."""
 
 import pytest
 import torch
@@ -12,7 +12,7 @@ def value(spline, controls, frame):
 
 
 @pytest.mark.parametrize("bends", [(), (3, 8)])
-def test_weights_sum_to_one_and_are_continuous(bends):
+def test_spline_weights_sum_to_one_and_are_continuous(bends):
     spline = Spline(12, bends)
     for frame in (0, 0.3, 1.0, 7.999, 8.0, 11.0):
         assert abs(spline.at(frame)[1].sum() - 1) < 1e-6
@@ -23,7 +23,7 @@ def test_weights_sum_to_one_and_are_continuous(bends):
 
 
 @pytest.mark.parametrize("frames", [1, 2, 3, 35])
-def test_a_line_is_followed_exactly(frames):
+def test_spline_reproduces_lines(frames):
     spline = Spline(frames)
     line = torch.arange(frames, dtype=torch.float32)[:, None, None] * torch.tensor([[0.1, -0.2, 0.0]])
     controls = spline.fit(line)
@@ -36,7 +36,7 @@ def bounce(frames, at):
     return (torch.arange(frames, dtype=torch.float32) - at).abs()[:, None, None] * torch.tensor([[0.0, 0.0, 1.0]])
 
 
-def test_a_bounce_is_not_cut_off():
+def test_spline_follows_bounce():
     paths = bounce(31, 15)
     even, close = Spline(31), Spline.along(paths)
     errors = [(s.values(s.fit(paths)) - paths).abs().amax((1, 2)) for s in (even, close)]
@@ -44,7 +44,7 @@ def test_a_bounce_is_not_cut_off():
     assert errors[1].max() < 0.5 * errors[0].max()
 
 
-def test_knots_are_close_only_where_paths_turn():
+def test_spline_adds_knots_only_at_turns():
     spline = Spline.along(bounce(31, 15))
     assert {14, 15, 16} <= set(spline.breaks)
     assert 5 not in spline.breaks
@@ -52,12 +52,12 @@ def test_knots_are_close_only_where_paths_turn():
 
 
 @pytest.mark.parametrize("paths", [torch.zeros(20, 4, 3), torch.zeros(20, 0, 3), torch.zeros(1, 2, 3)])
-def test_what_rests_needs_no_closer_knots(paths):
+def test_spline_of_rest_has_even_knots(paths):
     assert Spline.along(paths).knots == Spline(len(paths)).knots
 
 
-def test_one_part_of_many_that_bounces_is_followed():
-    """A ball is a fiftieth of all points, whose tracks are noisy; a few others jump."""
+def test_spline_follows_bounce_of_one_part():
+    """A ball has a fiftieth of all points. The tracks are noisy, and a few other points jump."""
     generator = torch.Generator().manual_seed(0)
     paths = 0.002 * torch.randn(31, 1000, 3, generator=generator)
     parts = torch.arange(1000) // 20

@@ -1,4 +1,4 @@
-"""One attribute as decoded, all others as trained."""
+"""Points with one attribute as decoded and all others as trained."""
 
 from dataclasses import replace
 
@@ -23,7 +23,7 @@ def group(seed: int) -> Group:
 
 
 def differing(attribute: str, trained: Group, other: Group) -> Group:
-    """`trained` with one attribute of another group, set at its source."""
+    """Return `trained` with one attribute of another group."""
     points, theirs = trained.dynamic, other.dynamic
     if attribute == "motion":
         return replace(trained, dx=other.dx)
@@ -48,8 +48,9 @@ def assert_equal(one: Gaussians, other: Gaussians) -> None:
 
 
 @pytest.mark.parametrize("attribute", SECTIONS)
-def test_a_moment_has_the_decoded_attribute_and_no_other(attribute: str) -> None:
+def test_with_decoded_at_replaces_one_attribute(attribute: str) -> None:
     trained = group(0)
+    assert trained.shade is not None
     trained = replace(trained, shade=None if attribute == "opacity" else 0.2 * trained.shade)
     decoded = differing(attribute, trained, group(1))
     assert_equal(with_decoded_at(attribute, trained, decoded, 2.0), decoded.at(2.0))
@@ -58,7 +59,7 @@ def test_a_moment_has_the_decoded_attribute_and_no_other(attribute: str) -> None
 
 
 @pytest.mark.parametrize("attribute", STATIC)
-def test_static_points_have_it_too(attribute: str) -> None:
+def test_with_decoded_replaces_one_attribute(attribute: str) -> None:
     trained = group(0)
     decoded = differing(attribute, trained, group(1)).dynamic
     assert_equal(with_decoded(attribute, trained.dynamic, decoded), decoded)
@@ -66,8 +67,8 @@ def test_static_points_have_it_too(attribute: str) -> None:
         assert_equal(with_decoded(unlike, trained.dynamic, decoded), trained.dynamic)
 
 
-def test_a_shape_that_is_decoded_with_other_axes_turns_as_before() -> None:
-    """The codec names axes anew: rotation offsets are about the axes of their own file."""
+def test_decoded_shape_with_other_axes_keeps_rotation() -> None:
+    """The codec may reorder axes. Rotation offsets refer to the axes of their own file."""
     trained, quarter = group(0), np.array([0.5**0.5, 0.5**0.5, 0, 0], np.float32)
     quats = rotations.multiply(trained.dynamic.quats, np.tile(quarter, (40, 1)))
     back = quarter * np.array([1, -1, -1, -1], np.float32)
@@ -81,7 +82,7 @@ def test_a_shape_that_is_decoded_with_other_axes_turns_as_before() -> None:
         assert_equal(seen, expected)
 
 
-def test_the_bytes_of_attributes_are_those_of_their_sections() -> None:
+def test_attribute_bytes_sum_sections() -> None:
     whole = group(0)
     file, order = encode_group(whole, EncodeConfig())
     assert set(attribute_bytes(file)) == set(SECTIONS)

@@ -1,4 +1,4 @@
-"""How much the pictures hang on a point: what is hidden or far outside hardly counts."""
+"""Importance of points, and the search of a coarseness."""
 
 import numpy as np
 import pytest
@@ -6,12 +6,12 @@ import torch
 
 from splatreel.errors import UsageError
 from splatreel.recon.encode.importance import weigh
-from splatreel.recon.encode.rate import meet_rate
+from splatreel.recon.encode.reencode import search_coarseness
 from splatreel.scene.camera import Camera
 from splatreel.scene.gaussians import Gaussians
 
 
-def test_hidden_and_unseen_points_count_less() -> None:
+def test_importance_of_hidden_points_is_small() -> None:
     means = np.array([[0, 0, 0], [0, 0, 2.0], [90, 0, 0], [0.4, 0, 0]])
     scales = np.array([[0.3] * 3, [0.05] * 3, [0.1] * 3, [0.1] * 3])
     points = Gaussians(means, np.tile([1.0, 0, 0, 0], (4, 1)), scales, np.array([0.99] * 4), np.ones((4, 1, 3)))
@@ -23,12 +23,12 @@ def test_hidden_and_unseen_points_count_less() -> None:
     assert (found[2] == 0).all()
     assert (found[1] < 0.1 * found[0]).all()
     assert (found[3] > 0).all()
-    assert found[0, 1] > found[3, 1]  # the larger a point, the more hangs on its color
+    assert found[0, 1] > found[3, 1]  # larger points matter more
     np.testing.assert_array_equal(found, weigh([points, points], [camera], 0.01, torch.device("cpu")))
 
 
-def test_every_moment_counts() -> None:
-    """A point that only the last one shows has its weight, and what all show has more."""
+def test_importance_sums_over_moments() -> None:
+    """A point that only the last moment shows has its weight; a point that all moments show has more."""
     away, here = np.array([[0.0, 0, 0], [90, 0, 0]]), np.array([[0.0, 0, 0], [0.5, 0, 0]])
     first, last = (
         Gaussians(means, np.tile([1.0, 0, 0, 0], (2, 1)), np.full((2, 3), 0.1), np.full(2, 0.9), np.ones((2, 1, 3)))
@@ -39,20 +39,20 @@ def test_every_moment_counts() -> None:
     cameras = [Camera("front", viewmat, np.array([[60, 0, 32], [0, 60, 24], [0, 0, 1]]), 64, 48)]
     few, many = (weigh([*[first] * count, last], cameras, 0.01, torch.device("cpu")) for count in (24, 99))
     assert (few[1] > 0).all()
-    np.testing.assert_allclose(many[0], 2 * few[0], rtol=0.3)  # squares add up, of four times as many pictures
+    np.testing.assert_allclose(many[0], 2 * few[0], rtol=0.3)  # squares add up over four times as many images
 
 
-def test_a_rate_is_met() -> None:
+def test_search_coarseness_reaches_rate() -> None:
     tried: list[float] = []
 
     def write(coarseness: float) -> float:
         tried.append(coarseness)
         return 3 * coarseness**-0.6
 
-    assert abs(3 * meet_rate(write, 1.7) ** -0.6 / 1.7 - 1) <= 0.05
+    assert abs(3 * search_coarseness(write, 1.7) ** -0.6 / 1.7 - 1) <= 0.05
     assert len(tried) < 10
 
 
-def test_a_rate_that_no_coarseness_has_is_refused() -> None:
-    with pytest.raises(UsageError, match=r"9 Mbit/s cannot be met: the nearest tried has 0\.5"):
-        meet_rate(lambda coarseness: 0.5, 9.0)
+def test_search_coarseness_refuses_unreachable_rate() -> None:
+    with pytest.raises(UsageError, match=r"9 Mbit/s cannot be reached: the nearest trial has 0\.5"):
+        search_coarseness(lambda coarseness: 0.5, 9.0)

@@ -1,4 +1,4 @@
-"""Long lenses far away: planes follow the slice of depths that the cameras share. Other rigs are swept as ever."""
+"""Depth ranges of distant long lenses follow the shared depths; other rigs keep theirs."""
 
 import cv2
 import numpy as np
@@ -6,8 +6,8 @@ import pytest
 
 from splatreel.capture.builtin.synthetic import make_cameras
 from splatreel.recon.init import planesweep
-from splatreel.recon.init.frusta import FINE, focused, pixels_apart, shared_depths
-from splatreel.recon.init.initialise import SWEEP_PLANES, SWEEP_WIDTH, depth_ranges, initial_points
+from splatreel.recon.init.frusta import FINE, narrow_ranges, pixels_apart, shared_depths
+from splatreel.recon.init.initial_points import SWEEP_PLANES, SWEEP_WIDTH, depth_ranges, initial_points
 from splatreel.recon.init.triangulate import nearest_cameras
 from splatreel.scene.camera import Camera
 from tests.recon.corner import arc, texture
@@ -18,7 +18,7 @@ NONE = np.zeros((0, 3))
 
 
 def telephoto(count: int = 5, degrees: float = 60.0) -> list[Camera]:
-    """Cameras 30 units away, all around the middle by so many degrees, of 14.5 degrees across: 16,041 pixels of 4096."""
+    """Return cameras 30 units away at these angles, with a field of view of 14.5 degrees: focal length 16,041 for 4096 pixels."""
     focal = 16041 * WIDTH / 4096
     K = np.array([[focal, 0, WIDTH / 2], [0, focal, HEIGHT / 2], [0, 0, 1]])
     cameras = []
@@ -31,21 +31,21 @@ def telephoto(count: int = 5, degrees: float = 60.0) -> list[Camera]:
 
 
 def relief(camera: Camera) -> tuple[np.ndarray, np.ndarray]:
-    """A textured wall that leans, z = y / 2 in the world, as a camera sees it: uint8 [H, W, 3], and its depth [H, W]."""
+    """Return the image [H, W, 3] uint8 and depth [H, W] of a textured, tilted wall, z = y / 2."""
     rays = planesweep.unproject(camera, np.ones((HEIGHT, WIDTH))) - camera.center
     normal = np.array([0, -0.5, 1])
     depth = -(camera.center @ normal) / (rays @ normal)
     places = camera.center + rays * depth[..., None]
     u, v = ((places[..., :2] + 4) * 60 % 511).astype(np.float32).transpose(2, 0, 1)
-    return np.uint8(cv2.remap(texture(3), u, v, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REFLECT)), depth
+    return cv2.remap(texture(3), u, v, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REFLECT).astype(np.uint8), depth
 
 
 @pytest.mark.slow
-def test_planes_follow_the_subject() -> None:
+def test_narrow_ranges_follows_subject() -> None:
     cameras = telephoto()
     images, truths = zip(*map(relief, cameras), strict=True)
     before = depth_ranges(cameras, NONE)
-    ranges, planes = focused(cameras, before, WIDTH, SWEEP_PLANES)
+    ranges, planes = narrow_ranges(cameras, before, WIDTH, SWEEP_PLANES)
     assert (ranges[:, 0] > 1.5 * before[:, 0]).all()
     assert (ranges[:, 0] < DISTANCE - 3).all()
     assert (ranges[:, 1] > DISTANCE + 3).all()
@@ -56,32 +56,32 @@ def test_planes_follow_the_subject() -> None:
     assert errors[1] < 0.05 < errors[0] / 4
 
 
-def test_neighboring_planes_are_a_pixel_or_two_apart() -> None:
+def test_narrow_ranges_spaces_planes_by_pixels() -> None:
     cameras = telephoto()
     nearest = nearest_cameras(cameras, planesweep.NEIGHBORS)
     before = depth_ranges(cameras, NONE)
-    ranges, planes = focused(cameras, before, WIDTH, SWEEP_PLANES)
+    ranges, planes = narrow_ranges(cameras, before, WIDTH, SWEEP_PLANES)
     others = [cameras[j] for j in nearest[2]]
     assert pixels_apart(cameras[2], others, before[2], SWEEP_PLANES) > 10
     assert pixels_apart(cameras[2], others, ranges[2], int(planes[2])) == pytest.approx(FINE, rel=0.1)
 
 
 @pytest.mark.parametrize("cameras", [arc(5), ring(6, width=48, height=32), make_cameras(256, 192)])
-def test_other_rigs_are_swept_as_ever(cameras: list[Camera]) -> None:
+def test_narrow_ranges_keeps_other_rigs(cameras: list[Camera]) -> None:
     before = depth_ranges(cameras, NONE)
-    ranges, planes = focused(cameras, before, min(SWEEP_WIDTH, cameras[0].width), SWEEP_PLANES)
+    ranges, planes = narrow_ranges(cameras, before, min(SWEEP_WIDTH, cameras[0].width), SWEEP_PLANES)
     assert np.array_equal(ranges, before)
     assert (planes == SWEEP_PLANES).all()
 
 
-def test_views_that_meet_nowhere_keep_their_range() -> None:
+def test_narrow_ranges_without_overlap_keeps_range() -> None:
     ahead, aside = telephoto(2, 180.0)
     depths = np.array([1.0, 5.0])
     assert np.array_equal(shared_depths(ahead, [aside], depths), depths)
 
 
 @pytest.mark.slow
-def test_initial_points_of_long_lenses_lie_on_the_subject() -> None:
+def test_initial_points_of_long_lenses_lie_on_subject() -> None:
     cameras = telephoto()
     points = initial_points(cameras, np.stack([relief(camera)[0] for camera in cameras])).points
     assert len(points) > 1000

@@ -1,3 +1,5 @@
+"""Measures of a scene."""
+
 import numpy as np
 import pytest
 
@@ -8,22 +10,22 @@ CAMERAS = ring(7, width=96, height=64)
 BALL = np.random.default_rng(0).normal(size=(4000, 3)) * 0.2
 
 
-def test_measures_survive_their_file() -> None:
+def test_layout_dict_round_trip() -> None:
     layout = measure(CAMERAS, BALL, 0.1)
     assert Layout.from_dict(layout.to_dict()) == layout
     before = {name: value for name, value in layout.to_dict().items() if name != "clearance"}
     assert Layout.from_dict(before).clearance.share == 0, "of a run that began without one"
 
 
-def test_the_focus_is_what_the_cameras_look_at_and_most_of_the_way_to_it_is_not_cleared() -> None:
+def test_clearance_focus_and_share() -> None:
     clearance = clearance_of(CAMERAS, BALL)
     np.testing.assert_allclose(clearance.focus, 0, atol=0.3)
     assert clearance.share == MOST_CLEAR
 
 
 @pytest.mark.parametrize("depth", [1.2, 0.4])
-def test_what_stands_close_to_one_camera_is_never_hidden_from_it(depth: float) -> None:
-    """A post that takes a hundredth of what one of seven cameras sees, or a little more."""
+def test_clearance_never_hides_content_near_a_camera(depth: float) -> None:
+    """A post takes a hundredth of the points of one of seven cameras, or a little more."""
     camera = CAMERAS[3]
     post = camera.center + depth * camera.viewmat[2, :3] + np.random.default_rng(1).normal(size=(60, 3)) * 0.02
     clearance = clearance_of(CAMERAS, np.concatenate([BALL, post]))
@@ -31,7 +33,7 @@ def test_what_stands_close_to_one_camera_is_never_hidden_from_it(depth: float) -
     assert not clearance.hides(post, camera).any()
 
 
-def test_the_background_is_what_pictures_show_near_their_borders() -> None:
+def test_border_color_is_mean_near_borders() -> None:
     images = np.full((2, 80, 160, 3), 200, np.uint8)
     images[0, 10:70, 20:140] = 0
     images[1, 10:70, 20:140] = 255
@@ -43,6 +45,6 @@ def test_the_background_is_what_pictures_show_near_their_borders() -> None:
     assert 0 < green < red
 
 
-def test_cameras_that_see_nothing_leave_everything_to_be_seen() -> None:
+def test_clearance_without_points_is_zero() -> None:
     away = [look_at([0, 0, -4 - i], target=(0, 0, -9)) for i in range(3)]
     assert clearance_of(away, BALL).share == 0

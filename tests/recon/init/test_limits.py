@@ -1,4 +1,4 @@
-"""How far views hold, for rigs that are known."""
+"""Limits of viewpoints for known rigs."""
 
 from dataclasses import replace
 
@@ -14,7 +14,7 @@ BALL = np.random.default_rng(0).normal(size=(3000, 3)) * 0.3
 
 
 def arc(step: float, count: int = 9, height: float = 1.0, radius: float = 4.0) -> list[Camera]:
-    """Cameras `step` degrees apart around the vertical axis, which look at the origin from above; y is down."""
+    """Return cameras `step` degrees apart around the vertical axis, which look at the origin from above; y is down."""
     angles = np.radians(step * (np.arange(count) - count // 2))
     flat = np.sqrt(radius**2 - height**2)
     return [look_at([flat * np.sin(a), -height, -flat * np.cos(a)]) for a in angles]
@@ -25,7 +25,7 @@ def laid_out(cameras: list[Camera]) -> Layout:
     return replace(layout, clearance=replace(layout.clearance, focus=(0.0, 0.0, 0.0)), up=[0.0, -1.0, 0.0])
 
 
-def test_views_hold_between_cameras_and_as_far_beyond_them() -> None:
+def test_limits_angle_follows_camera_spacing() -> None:
     found = limits(arc(16, height=0.1), BALL, laid_out(arc(16, height=0.1)))
     assert found is not None
     assert found.angle == pytest.approx(0.75 * 16 + 5, abs=0.1)
@@ -34,21 +34,21 @@ def test_views_hold_between_cameras_and_as_far_beyond_them() -> None:
 
 
 @pytest.mark.parametrize(("step", "angle"), [(1, 10), (40, 35), (59, 45)])
-def test_the_angle_is_neither_tiny_nor_all_around(step: float, angle: float) -> None:
+def test_limits_angle_is_clamped(step: float, angle: float) -> None:
     cameras = arc(step, count=6, height=0.01)
     found = limits(cameras, BALL, laid_out(cameras))
     assert found is not None
     assert found.angle == pytest.approx(angle, abs=0.2)
 
 
-def test_one_camera_far_from_the_others_does_not_widen_the_angle() -> None:
+def test_limits_angle_ignores_one_distant_camera() -> None:
     cameras = [*arc(8, count=12, height=0.01), look_at([0, -0.01, 4])]
     found = limits(cameras, BALL, laid_out(cameras))
     assert found is not None
     assert found.angle == pytest.approx(0.75 * 8 + 5, abs=0.2)
 
 
-def test_the_floor_is_below_the_scene_and_the_cameras() -> None:
+def test_limits_floor_is_below_scene_and_cameras() -> None:
     cameras = arc(10)
     floor = np.c_[np.random.default_rng(1).uniform(-3, 3, (3000, 2)), np.full(3000, 0.8)][:, [0, 2, 1]]
     stray = np.array([[0, 5, 0], [1, 3, 1], [0, 900, 0]])
@@ -64,12 +64,12 @@ def test_the_floor_is_below_the_scene_and_the_cameras() -> None:
     assert few.floor is None
 
 
-def test_cameras_that_look_outward_have_no_limits() -> None:
+def test_limits_of_outward_cameras_are_none() -> None:
     outward = [look_at(c.center * 0.1, target=tuple(c.center)) for c in arc(40)]
     assert limits(outward, BALL, laid_out(outward)) is None
 
 
-def test_a_trial_that_failed_lowers_the_angle_and_none_raises_it() -> None:
+def test_limits_angle_is_lowered_by_failed_trial() -> None:
     cameras = arc(16, height=0.1)
     lowered, left = (limits(cameras, BALL, laid_out(cameras), most) for most in (7.5, 40.0))
     assert lowered is not None

@@ -1,4 +1,4 @@
-"""Rigs whose up is known, as the layouts that are read have them, in a world that lies askew."""
+"""Up direction of rigs whose up direction is known, in a tilted world."""
 
 import numpy as np
 import pytest
@@ -15,7 +15,7 @@ UP = WORLD[:, 1]
 
 
 def off(cameras: list[Camera]) -> float:
-    """Degrees between what is found and the truth."""
+    """Return the error in degrees."""
     return float(np.degrees(np.arccos(np.clip(upright(cameras) @ UP, -1, 1))))
 
 
@@ -25,7 +25,7 @@ def mean_off(cameras: list[Camera]) -> float:
 
 
 def camera(azimuth: float, height: float, roll: float = 0, *, radius: float = 4, at=(0, 0, 0), size=(64, 48)) -> Camera:
-    """It looks at a point from `radius` away, and `height` above it. Degrees; roll 0 is held level."""
+    """Return a camera that looks at a point from `radius` away and `height` above it; angles in degrees."""
     a = np.radians(azimuth)
     center = np.array([radius * np.sin(a), height, radius * np.cos(a)]) + at
     z = (at - center) / np.linalg.norm(at - center)
@@ -35,9 +35,8 @@ def camera(azimuth: float, height: float, roll: float = 0, *, radius: float = 4,
     viewmat = np.eye(4)
     viewmat[:3, :3] = axes @ WORLD.T
     viewmat[:3, 3] = -viewmat[:3, :3] @ WORLD @ center
-    width, height = size
-    K = np.array([[64, 0, width / 2], [0, 64, height / 2], [0, 0, 1]])
-    return Camera(f"{azimuth:g} {height:g} {roll:g}", viewmat, K, width, height)
+    K = np.array([[64, 0, size[0] / 2], [0, 64, size[1] / 2], [0, 0, 1]])
+    return Camera(f"{azimuth:g} {height:g} {roll:g}", viewmat, K, *size)
 
 
 def rolls(count: int, degrees: float) -> np.ndarray:
@@ -69,29 +68,29 @@ RIGS = {
 
 
 @pytest.mark.parametrize("rig", RIGS)
-def test_level_cameras_that_look_down_do_not_lean(rig: str) -> None:
+def test_upright_of_level_cameras_looking_down(rig: str) -> None:
     assert off(RIGS[rig]) < min(4, mean_off(RIGS[rig]) / 5)
 
 
-def test_the_built_in_capture_stands_upright() -> None:
+def test_upright_of_builtin_capture() -> None:
     cameras = [camera for camera in make_cameras() if camera.name not in HELD_OUT]
     layout = measure(cameras, np.random.default_rng(0).normal(size=(500, 3)), 0.1)
     assert np.degrees(np.arccos(layout.up[1])) < 0.5, "15.3 by the mean"
 
 
 @pytest.mark.parametrize("side", [90, -90])
-def test_a_camera_on_its_side_does_not_matter(side: float) -> None:
+def test_upright_ignores_rolled_camera(side: float) -> None:
     assert off([*ARC, camera(12, 1.5, side)]) < 1.5
     assert off([*ARC[::3], camera(-40, 1.5, side), camera(-30, 1, side)]) < 4, "two of nine"
 
 
-def test_an_upright_phone_among_lying_ones_is_as_good_as_they() -> None:
-    """Its pictures are turned as they are read: it is as high as wide, but as level as the others."""
+def test_upright_with_portrait_and_landscape_phones() -> None:
+    """Portrait images are taller than wide, but as level as the others."""
     phones = [camera(a, 1.6, size=(36, 64) if i % 2 else (64, 36)) for i, a in enumerate((-50, -20, 15, 40))]
     assert off(phones) < 0.5
 
 
-def test_the_mean_decides_where_right_axes_do_not() -> None:
+def test_upright_uses_mean_if_right_axes_are_ambiguous() -> None:
     one = camera(20, 1.5)
     assert off([one]) == pytest.approx(mean_off([one]), abs=1e-3), "one camera"
     column = [camera(0, h, at=(x, h, 0)) for h in (0.5, 1.0, 1.5) for x in (-1, 0, 1)]
@@ -100,6 +99,6 @@ def test_the_mean_decides_where_right_axes_do_not() -> None:
     assert off(rolled) == pytest.approx(mean_off(rolled), abs=1e-3), "rolled at random"
 
 
-def test_cameras_without_any_up_have_one_all_the_same() -> None:
+def test_upright_of_opposite_cameras_has_default() -> None:
     hung = [camera(0, 0, roll) for roll in (0, 180)]
     assert np.linalg.norm(upright(hung)) == pytest.approx(1)

@@ -1,7 +1,9 @@
+"""Separation of static from dynamic points."""
+
 import numpy as np
 
 from splatreel.kernels.image import render_image
-from splatreel.recon.layering.labels import convertible, crowding, separate
+from splatreel.recon.layering.labels import convertible, near_cameras, separate
 from splatreel.scene.clearance import Clearance
 from splatreel.scene.gaussians import Gaussians
 from splatreel.scene.static_points import StaticPoints
@@ -9,7 +11,7 @@ from tests.recon.inputs import group_input
 from tests.recon.scenes import look_at, random_gaussians, ring
 
 
-def test_points_change_layer_by_their_labels():
+def test_separate_sorts_points_by_labels():
     static, dynamic = random_gaussians(6, seed=0), random_gaussians(4, seed=1)
     alive = np.array([True, False, True, True, True, False])
     moves = np.array([True, False, True, True, False, True, False, False])
@@ -20,7 +22,7 @@ def test_points_change_layer_by_their_labels():
     assert len(layers.settled) == 0
     np.testing.assert_array_equal(layers.dynamic.means, np.concatenate([dynamic.means[[0, 2, 3]], static.means[[2]]]))
     np.testing.assert_array_equal(layers.relit.points.means, np.stack([dynamic.means[1], static.means[0]]))
-    np.testing.assert_array_equal(layers.relit.light, np.float32([[0, 0], [-0.5, -0.5], [0, 0]]))
+    np.testing.assert_array_equal(layers.relit.light, np.array([[0, 0], [-0.5, -0.5], [0, 0]], np.float32))
     settled = separate(StaticPoints(static, alive), dynamic, moves, 0 * light)
     np.testing.assert_array_equal(settled.settled.means, dynamic.means[[1]])
     assert settled.alive.tolist() == [True, False, False, True, True, False]
@@ -34,16 +36,16 @@ def test_nothing_moves_and_everything_moves():
     assert (len(moving.dynamic), len(moving.settled), moving.alive.sum()) == (5, 0, 0)
 
 
-def test_who_stands_close_to_a_camera_would_not_be_seen_if_he_were_static():
+def test_near_cameras_finds_points_that_clearance_would_hide():
     camera, other = look_at([0, 0, -4], width=64, height=48), look_at([0, 0, 4], width=64, height=48)
     points = np.array([[0, 0, -3.5], [2, 0, -3.5], [0, 0, 3.5], [0, 0, 0], [0, 0, -5]])
     clearance = Clearance((0.0, 0.0, 0.0), 0.25)
-    assert crowding(points, [camera], clearance).tolist() == [True, False, False, False, False]
-    assert crowding(points, [camera, other], clearance).tolist() == [True, False, True, False, False]
+    assert near_cameras(points, [camera], clearance).tolist() == [True, False, False, False, False]
+    assert near_cameras(points, [camera, other], clearance).tolist() == [True, False, True, False, False]
 
 
-def test_only_what_shows_where_pictures_change_is_convertible():
-    """A row of six points: the last two go dark. One more is behind all cameras, and one is not alive."""
+def test_convertible_points_lie_in_changing_pixels():
+    """In a row of six points the last two darken. One more point is behind all cameras, and one is not alive."""
     means = np.concatenate([[[x, 0, 0] for x in np.linspace(-1.5, 1.5, 6)], [[0, 0, -50], [0, 0.5, 0]]])
     points = Gaussians(
         means, np.tile([1.0, 0, 0, 0], (8, 1)), np.full((8, 3), 0.1), np.full(8, 0.9), np.full((8, 1, 3), 1.5)

@@ -1,3 +1,5 @@
+"""Points whose light changes."""
+
 import numpy as np
 
 from splatreel.recon.layering.relighting import RelitPoints
@@ -5,7 +7,7 @@ from splatreel.scene.gaussians import C0
 from tests.recon.scenes import random_gaussians
 
 
-def test_colours_follow_the_light() -> None:
+def test_relit_colors_follow_light() -> None:
     points = random_gaussians(5, sh_degree=1)
     light = np.log(np.linspace(0.5, 1.5, 15)).reshape(3, 5).astype(np.float32)
     lit = RelitPoints(points, light)
@@ -19,7 +21,7 @@ def test_colours_follow_the_light() -> None:
         np.testing.assert_array_equal(lit.tracks[frame], points.means)
 
 
-def test_what_is_black_stays_black() -> None:
+def test_relit_black_stays_black() -> None:
     points = random_gaussians(2)
     points.sh[:, 0] = -3
     assert not RelitPoints(points, np.ones((4, 2), np.float32)).shades.any()

@@ -1,4 +1,6 @@
-"""What flies in after the keyframe becomes points of the group, with tracks."""
+"""Tracking of a group: content that appears after the keyframe becomes points with tracks."""
+
+from typing import Any
 
 import numpy as np
 import pytest
@@ -23,7 +25,7 @@ CENTER, RADIUS = np.array([0.6, 0.1, -0.2]), 0.3
 
 
 def visitor() -> Gaussians:
-    """A ball, bright yellow with darker stripes."""
+    """Return a bright yellow ball with darker stripes."""
     directions = np.random.default_rng(0).normal(size=(700, 3))
     means = CENTER + RADIUS * directions / np.linalg.norm(directions, axis=1, keepdims=True)
     shade = 1.2 + 0.4 * np.sin(12 * means.sum(1))
@@ -61,22 +63,22 @@ def tracked(
     return track(data, dynamic, relit, living, motion, LayeringConfig(), Silent())
 
 
-def test_new_points_are_appended_with_tracks(arrival: np.ndarray) -> None:
+def test_track_appends_new_points(arrival: np.ndarray) -> None:
     start = started(arrival)
     new = len(start.dynamic) - len(THING)
     assert new > 20
     assert start.tracks.shape == (FRAMES, len(start.dynamic), 3)
     np.testing.assert_array_equal(start.dynamic.means[: len(THING)], THING.means)
     np.testing.assert_allclose(start.dynamic.means, start.tracks[0], atol=1e-6)
-    assert np.abs(start.tracks[:, : len(THING)] - THING.means).max() < 0.1, "the thing stands still"
-    at_arrival = start.tracks[tracking.LOOK_EVERY, len(THING) :]
+    assert np.abs(start.tracks[:, : len(THING)] - THING.means).max() < 0.1, "the object rests"
+    at_arrival = start.tracks[tracking.CHECK_EVERY, len(THING) :]
     assert np.median(np.linalg.norm(at_arrival - CENTER, axis=1)) < RADIUS + 0.1
     yellow = start.dynamic.sh[len(THING) :, 0]
     assert np.median(yellow[:, 0] - yellow[:, 2]) > 1
     assert start.dynamic.sh.shape[1] == THING.sh.shape[1]
 
 
-def test_the_scene_with_new_points_is_nearer_to_the_pictures(arrival: np.ndarray) -> None:
+def test_new_points_reduce_image_error(arrival: np.ndarray) -> None:
     start, last = started(arrival), FRAMES - 1
     identity = np.tile([1.0, 0, 0, 0], (len(start.dynamic), 1))
     there = start.dynamic.moved(start.tracks[last] - start.dynamic.means, identity)
@@ -87,58 +89,56 @@ def test_the_scene_with_new_points_is_nearer_to_the_pictures(arrival: np.ndarray
     assert errors[1] < 0.7 * errors[0]
 
 
-def test_where_nothing_appears_nothing_is_added() -> None:
+def test_track_adds_nothing_without_new_content() -> None:
     start = started(film(False))
     assert len(start.dynamic) == len(THING)
     assert start.tracks.shape == (FRAMES, len(THING), 3)
 
 
-def test_what_was_wrong_at_the_keyframe_is_not_new(arrival: np.ndarray) -> None:
+def test_errors_at_keyframe_add_no_points(arrival: np.ndarray) -> None:
     frames = arrival.copy()
     frames[0] = arrival[-1]
     assert len(started(frames).dynamic) == len(THING)
 
 
-def test_more_new_points_than_there_is_room_for_are_noise(arrival: np.ndarray, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_track_rejects_new_points_above_budget(arrival: np.ndarray, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(tracking, "MAX_NEW_POINTS", 5)
     start = started(arrival, THING[:3], Gaussians.concatenate([WALL, THING[3:]]))
     assert len(start.dynamic) == 3
     assert start.tracks.shape == (FRAMES, 3, 3)
 
 
-def test_a_burst_that_is_rejected_leaves_room_for_what_comes_later(
-    arrival: np.ndarray, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """Noise at the first look is too much to take; a ball that is there at the second one is still taken."""
+def test_rejected_points_do_not_use_budget(arrival: np.ndarray, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The first check finds too many noisy points; a ball found by the second check is added."""
     frames = np.concatenate([arrival, arrival[-1:].repeat(3, 0)])
-    looks, find = [], ChangeDetector.appeared
+    checks, find = [], ChangeDetector.find_appeared
 
-    def appeared(self: ChangeDetector, tracks: list, frame: int, masks: object) -> tuple[Gaussians, np.ndarray]:
-        looks.append(frame)
-        if len(looks) > 1:
+    def find_appeared(self: ChangeDetector, tracks: list, frame: int, masks: Any) -> tuple[Gaussians, np.ndarray]:
+        checks.append(frame)
+        if len(checks) > 1:
             return find(self, tracks, frame, masks)
         noise = blots(tracking.MAX_NEW_POINTS + 1, [-1, -1, 0], [1, 1, 0.5], 0.02, 3)
         return noise, np.zeros((len(noise), 3))
 
-    monkeypatch.setattr(ChangeDetector, "appeared", appeared)
+    monkeypatch.setattr(ChangeDetector, "find_appeared", find_appeared)
     start = started(frames)
-    assert looks == [4, 8]
+    assert checks == [4, 8]
     assert 20 < len(start.dynamic) - len(THING) <= tracking.MAX_NEW_POINTS
 
 
-def test_a_group_without_dynamic_points_takes_new_points(arrival: np.ndarray) -> None:
+def test_track_without_dynamic_points_adds_new_points(arrival: np.ndarray) -> None:
     start = started(arrival, Gaussians.empty(0), Gaussians.concatenate([WALL, THING]))
     assert len(start.dynamic) > 20
     assert start.tracks.shape == (FRAMES, len(start.dynamic), 3)
 
 
-def test_fewer_frames_than_a_look_takes_are_tracked_only(arrival: np.ndarray) -> None:
+def test_track_of_few_frames_adds_no_points(arrival: np.ndarray) -> None:
     assert started(arrival[:2]).tracks.shape == (2, len(THING), 3)
 
 
-def test_what_lies_in_shadow_is_not_new_and_rests() -> None:
-    """A patch of the wall grows dark: known as relit, it stays where it is, and nothing is added for it."""
-    patch = (np.abs(WALL.means[:, :2] - [0.7, 0]) < 0.6).all(1)
+def test_relit_points_rest_and_add_no_points() -> None:
+    """A patch of the wall darkens. As relit points it stays in place, and no points are added."""
+    patch = np.all(np.abs(WALL.means[:, :2] - [0.7, 0]) < 0.6, axis=1)
     light = np.zeros((FRAMES, patch.sum()), np.float32)
     light[2:] = -1.2
     relit, static = RelitPoints(WALL[patch], light), WALL[~patch]
@@ -146,26 +146,26 @@ def test_what_lies_in_shadow_is_not_new_and_rests() -> None:
     films = [[render_image(scene, camera, near=NEAR) for camera in CAMERAS] for scene in scenes]
     frames = (np.clip(films, 0, 1) * 255).round().astype(np.uint8)
     start = tracked(frames, THING, relit, static)
-    assert len(start.dynamic) == len(THING) + len(relit), "nothing is new"
+    assert len(start.dynamic) == len(THING) + len(relit), "no point was added"
     np.testing.assert_array_equal(start.tracks[:, len(THING) :], relit.tracks)
     np.testing.assert_array_equal(start.shades[:, len(THING) :], relit.shades)
     assert not start.shades[:, : len(THING)].any()
-    assert len(started(frames).dynamic) > len(THING), "unknown, it would have been"
+    assert len(started(frames).dynamic) > len(THING), "without relighting, points are added"
 
 
-def test_what_rests_and_then_leaves_is_no_longer_static() -> None:
-    """A ball among the static points is gone from one frame to the next: its points belong to the group, those of the wall do not."""
+def test_departed_static_points_become_dynamic() -> None:
+    """A ball among the static points disappears between two frames. Its points join the group, the points of the wall do not."""
     ball = visitor()
     static = Gaussians.concatenate([WALL, THING, ball])
     start = started(film(True)[::-1].copy(), Gaussians.empty(0), static)
-    assert start.left.shape == (len(static),)
-    assert start.left[-len(ball) :].mean() > 0.6
-    assert start.left[: -len(ball)].mean() < 0.02
-    taken = (start.dynamic.means[:, None] == static.means[start.left]).all(2).any(1)
-    assert taken.sum() == start.left.sum()
+    assert start.departed.shape == (len(static),)
+    assert start.departed[-len(ball) :].mean() > 0.6
+    assert start.departed[: -len(ball)].mean() < 0.02
+    taken = (start.dynamic.means[:, None] == static.means[start.departed]).all(2).any(1)
+    assert taken.sum() == start.departed.sum()
     assert start.tracks.shape == (FRAMES, len(start.dynamic), 3)
     np.testing.assert_array_equal(start.tracks[0, taken], start.dynamic.means[taken])
 
 
-def test_what_stays_is_static() -> None:
-    assert not started(film(False), Gaussians.empty(0), Gaussians.concatenate([WALL, THING])).left.any()
+def test_resting_points_do_not_depart() -> None:
+    assert not started(film(False), Gaussians.empty(0), Gaussians.concatenate([WALL, THING])).departed.any()

@@ -1,4 +1,4 @@
-"""Live reels of tiny captures that are written while they are followed: the recorder writes when it is told that all is shown."""
+"""Live reels of tiny captures that grow while they are followed. The recorder writes frames upon progress messages."""
 
 from collections.abc import Callable
 from contextlib import closing
@@ -38,7 +38,7 @@ def recorder(folder: Path, kind: str = "pictures", sound: Callable[[int], np.nda
 
 
 class Director(Silent):
-    """Remembers what is told, and acts on it. acts: by the beginning of what is told, what is done once."""
+    """Progress that records messages and reacts to them. acts: by the first words of a message, an action that runs once."""
 
     def __init__(self, acts: dict[str, Callable[[], object]] | None = None) -> None:
         self.told: list[str] = []
@@ -50,7 +50,7 @@ class Director(Silent):
         self._act(text)
 
     def stage(self, name: str, total: int, span: Span | None = None) -> None:
-        assert span is None or not name.startswith("group"), "nobody knows how long it will be"
+        assert span is None or not name.startswith("group"), "the number of groups is unknown"
         self.stages.append((name, total))
         self._act(name)
 
@@ -76,7 +76,7 @@ def groups(reel: Path) -> dict[str, bytes]:
 
 @pytest.fixture(scope="module")
 def whole(tmp_path_factory: pytest.TempPathFactory) -> dict[str, bytes]:
-    """The files of nine frames that were there before."""
+    """Return the files of a capture of nine frames that was complete."""
     folder = tmp_path_factory.mktemp("whole")
     source = recorder(folder / "show")
     source.write(9)
@@ -87,9 +87,7 @@ def interrupt() -> None:
     raise KeyboardInterrupt
 
 
-def test_groups_are_shown_as_they_are_filmed_and_are_those_of_a_capture_that_was_complete(
-    tmp_path: Path, whole: dict[str, bytes]
-) -> None:
+def test_live_groups_equal_those_of_complete_capture(tmp_path: Path, whole: dict[str, bytes]) -> None:
     source, seen = recorder(tmp_path / "show"), []
     reel = tmp_path / "out" / "reel"
 
@@ -103,22 +101,20 @@ def test_groups_are_shown_as_they_are_filmed_and_are_those_of_a_capture_that_was
         source.end()
 
     source.write(LENGTH + OVERLAP + 1)
-    director = Director({"Group 1 shown": more, "Group 2 shown": more, "Group 3 shown": end})
+    director = Director({"Group 1 written": more, "Group 2 written": more, "Group 3 written": end})
     assert follow(source, tmp_path / "out", director) == reel
     assert seen == [(True, 1), (True, 2)]
     assert groups(reel) == whole
     assert not ReelReader(reel).manifest.live
     assert verify_reel(reel).groups == 4
-    shown = [text for text in director.told if text.startswith("Group") and "shown" in text]
-    assert shown[0] == "Group 1 shown; waiting for frames."  # its frames were there before
-    assert " s after its last frame was filmed; waiting for frames." in shown[2]
-    assert shown[3].endswith("; all is shown.")
+    written = [text for text in director.told if text.startswith("Group") and "written" in text]
+    assert written[0] == "Group 1 written; waiting for frames."  # its frames existed before
+    assert " s after its last frame was filmed; waiting for frames." in written[2]
+    assert written[3].endswith("; the capture has ended.")
 
 
-@pytest.mark.parametrize("where", ["group 2: learning how it moves", "Group 2 shown", "group 1: building"])
-def test_a_run_that_was_stopped_goes_on_with_the_frames_that_came_since(
-    where: str, tmp_path: Path, whole: dict[str, bytes]
-) -> None:
+@pytest.mark.parametrize("where", ["group 2: learning how it moves", "Group 2 written", "group 1: building"])
+def test_stopped_live_run_resumes_with_new_frames(where: str, tmp_path: Path, whole: dict[str, bytes]) -> None:
     source = recorder(tmp_path / "show")
     source.write(6)
     with pytest.raises(KeyboardInterrupt):
@@ -128,9 +124,7 @@ def test_a_run_that_was_stopped_goes_on_with_the_frames_that_came_since(
     assert groups(follow(source, tmp_path / "out", Director())) == whole
 
 
-def test_a_capture_that_went_on_after_it_was_taken_for_ended_is_followed_again(
-    tmp_path: Path, whole: dict[str, bytes]
-) -> None:
+def test_live_run_resumes_after_capture_grows_again(tmp_path: Path, whole: dict[str, bytes]) -> None:
     source = recorder(tmp_path / "show")
     source.write(6)
     first = Director()
@@ -142,18 +136,18 @@ def test_a_capture_that_went_on_after_it_was_taken_for_ended_is_followed_again(
     assert groups(follow(source, tmp_path / "out", Director())) == whole
 
 
-def test_who_is_late_hears_of_it_and_of_catching_up(tmp_path: Path, whole: dict[str, bytes]) -> None:
+def test_lateness_is_reported(tmp_path: Path, whole: dict[str, bytes]) -> None:
     source = recorder(tmp_path / "show")
     source.write(9)
     source.end()
     director = Director()
     assert groups(follow(source, tmp_path / "out", director)) == whole  # in order
-    late = [text for text in director.told if text.startswith("Cannot keep up")]
-    assert late == ["Cannot keep up: group 1 begins 0.2 s late; groups are shown later and later (--when-late wait)."]
+    late = [text for text in director.told if text.startswith("Too slow")]
+    assert late == ["Too slow: group 1 starts 0.2 s late; latency grows (--when-late wait)."]
     assert "Group 4: caught up." in director.told
 
 
-def test_drafts_take_fewer_iterations_until_it_has_caught_up(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_draft_lowers_iterations_until_caught_up(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(
         "splatreel.recon.live.lateness.DRAFT", {"keyframe.refine_iterations": 4, "group.iterations_per_frame": 1}
     )
@@ -167,34 +161,32 @@ def test_drafts_take_fewer_iterations_until_it_has_caught_up(tmp_path: Path, mon
     assert iterations == [frames, frames, frames, frames * CONFIG.group.iterations_per_frame]
 
 
-def test_what_is_left_out_stands_still_and_the_next_group_is_at_the_edge(tmp_path: Path) -> None:
+def test_skipped_groups_rest_and_next_group_is_newest(tmp_path: Path) -> None:
     source = recorder(tmp_path / "show")
     source.write(LENGTH + OVERLAP + 1)
 
     def burst() -> None:
         source.write(4 * LENGTH)
 
-    director = Director({"group 2: learning how it moves": burst, "Group 6 shown": source.end})
+    director = Director({"group 2: learning how it moves": burst, "Group 6 written": source.end})
     source.write(LENGTH)
     reel = ReelReader(follow(source, tmp_path / "out", director, when_late="skip"))
     made = [name for name, _ in director.stages if "learning how it moves" in name]
     assert [name.split(":")[0] for name in made] == ["group 1", "group 2", "group 6", "group 7"]
-    assert [text for text in director.told if "left out" in text and text.startswith("Group")] == [
-        f"Group {number} is left out: nothing moves in it." for number in (3, 4, 5)
+    assert [text for text in director.told if "skipped" in text and text.startswith("Group")] == [
+        f"Group {number} skipped: nothing moves in it." for number in (3, 4, 5)
     ]
     assert reel.manifest.frames == source.written[0]
-    before, held = reel.group(1), reel.group(3)
-    assert len(held.dynamic) == len(before.dynamic) > 0
-    assert np.abs(held.dx).max() < 1e-6
-    np.testing.assert_allclose(held.at(0).means.mean(0), before.at(LENGTH).means.mean(0), atol=0.02)
+    before, skipped = reel.group(1), reel.group(3)
+    assert len(skipped.dynamic) == len(before.dynamic) > 0
+    assert np.abs(skipped.dx).max() < 1e-6
+    np.testing.assert_allclose(skipped.at(0).means.mean(0), before.at(LENGTH).means.mean(0), atol=0.02)
     assert np.abs(before.dx).max() > 1e-3
 
 
 @pytest.mark.slow
-def test_a_reel_that_keeps_its_last_seconds_stays_small_and_goes_on_after_a_kill(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    for module in ("window", "renewal", "output"):
+def test_retention_deletes_old_groups_and_survives_a_kill(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    for module in ("retention", "following"):
         monkeypatch.setattr(f"splatreel.recon.live.{module}.EPOCH", 3)
     source, out = recorder(tmp_path / "show"), tmp_path / "out"
     source.write(7 * LENGTH + 1)
@@ -207,7 +199,7 @@ def test_a_reel_that_keeps_its_last_seconds_stays_small_and_goes_on_after_a_kill
     manifest = ReelReader(reel).manifest
     assert (manifest.first_group, manifest.end_group, manifest.frames) == (5, 7, 15)
     assert [layer.until for layer in manifest.layers if layer.group == 6] == [9]
-    assert all(layer.group >= 3 for layer in manifest.layers), "earlier ones are retired"
+    assert all(layer.group >= 3 for layer in manifest.layers), "earlier layers are retired"
     assert verify_reel(reel).strangers == []
     assert set(groups(reel)) == {entry.uri for entry in manifest.files}
     kept = {name.split("/")[0] for name in contents(out / "work") if name.startswith("group")}
@@ -217,21 +209,21 @@ def test_a_reel_that_keeps_its_last_seconds_stays_small_and_goes_on_after_a_kill
     other = tmp_path / "other"
     undisturbed = follow(source, other, Director(), keep=keep)
     assert groups(undisturbed) == groups(reel)
-    for file in groups(reel):  # a reel that was lost is written again from what is kept
+    for file in groups(reel):  # a lost reel is written again from the checkpoints
         (reel / file).unlink()
     (reel / "manifest.json").unlink()
     assert groups(follow(source, out, Director(), keep=keep)) == groups(undisturbed)
 
 
 @pytest.mark.slow
-def test_the_sound_grows_with_the_reel_and_goes_on_after_a_kill(tmp_path: Path) -> None:
+def test_live_soundtrack_grows_and_survives_a_kill(tmp_path: Path) -> None:
     source, out = recorder(tmp_path / "show", "ts", clicks), tmp_path / "out"
     source.write(BEGUN)
     config = small({"group.length": 10, "group.iterations_per_frame": 1})
-    director = Director({"Group 2 shown": lambda: source.write(18), "group 4: learning": interrupt})
+    director = Director({"Group 2 written": lambda: source.write(18), "group 4: learning": interrupt})
     with pytest.raises(KeyboardInterrupt):
         follow(source, out, director, config=config)
-    assert "Sound: camera cam00, as it is recorded" in director.told
+    assert "Sound: camera cam00, recorded live" in director.told
     early = ReelReader(out / "reel").manifest.presentation.sound
     assert early is not None
     assert [segment.start for segment in early.segments] == [0.0, 2.0]
@@ -249,4 +241,4 @@ def test_the_sound_grows_with_the_reel_and_goes_on_after_a_kill(tmp_path: Path) 
     data = [(out / "reel" / segment.asset.uri).read_bytes() for segment in sound.segments]
     init = (out / "reel" / sound.init.uri).read_bytes()
     samples = np.concatenate([part for _, part in decode_sound(init, data, 1)])[:, 0]
-    assert heard(samples) == pytest.approx(list(np.arange(5, frames, 5) / FPS), abs=0.003)  # Opus begins softly
+    assert heard(samples) == pytest.approx(list(np.arange(5, frames, 5) / FPS), abs=0.003)  # Opus fades in

@@ -4,7 +4,7 @@ from pathlib import Path
 import pytest
 
 from splatreel.progress import Silent
-from splatreel.recon.encode.publisher import nothing_more
+from splatreel.recon.encode.group_writer import no_presentation
 from splatreel.recon.jobs import publish_job
 from splatreel.recon.machines.reports import Report
 from splatreel.recon.machines.worker_pool import WorkerPool
@@ -31,5 +31,5 @@ def expected(scene: Path, tmp_path_factory: pytest.TempPathFactory) -> dict[str,
     reports: list[Report] = []
     with spec(out).opened() as run, WorkerPool(spec(out), [None], 1, 0) as pool:
         pool.make(range(3), reports.append)
-        publish_job(run, Silent(), nothing_more)
+        publish_job(run, Silent(), no_presentation)
     return content(out / "reel")

@@ -13,7 +13,7 @@ from splatreel import threads
 from splatreel.config.settings import changed
 from splatreel.errors import ReconstructionError
 from splatreel.progress import Silent
-from splatreel.recon.encode.publisher import nothing_more
+from splatreel.recon.encode.group_writer import no_presentation
 from splatreel.recon.machines.batch import run_job
 from splatreel.recon.machines.run_spec import RunSpec
 from splatreel.recon.machines.share import JobName, Share
@@ -23,7 +23,7 @@ from tests.recon.test_pipeline import content
 
 
 def job(run: RunSpec, name: JobName, share: Share | None = None) -> str:
-    return run_job(run, name, share, Silent(), nothing_more)
+    return run_job(run, name, share, Silent(), no_presentation)
 
 
 def read_status(out: Path) -> dict[str, Any]:

@@ -164,7 +164,7 @@ class Line:
 
 def test_a_chapter_for_which_there_is_no_memory_waits(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     pool = WorkerPool(spec(tmp_path), [None] * 4, 1, need=100)
-    monkeypatch.setattr(pool, "_start", lambda: pool._workers.append(Worker(None, Line(), None)) or pool._workers[-1])
+    monkeypatch.setattr(pool, "_start", lambda: pool._workers.append(Worker(None, Line(), None)) or pool._workers[-1])  # pyright: ignore[reportArgumentType]
     pool._waiting.extend(range(4))
     monkeypatch.setattr(worker_pool, "free_memory", lambda: 0)
     pool._hand_out()

@@ -14,7 +14,7 @@ import pytest
 from splatreel.cli.machines import Machines
 from splatreel.cli.publish import publishing
 from splatreel.errors import UsageError
-from splatreel.recon.encode.publisher import nothing_more
+from splatreel.recon.encode.group_writer import no_presentation
 from splatreel.recon.machines import ray_cluster
 from splatreel.recon.machines.exchange import Exchange
 from splatreel.recon.machines.ray_cluster import ClusterOptions, connected, reconstruct_on_cluster, wait_for_nodes
@@ -48,7 +48,7 @@ def cluster(s3_server: str) -> Iterator[Any]:
             patch.setenv(name, value)
         head = SMALL | {"include_dashboard": False, "_system_config": QUICKLY}
         made = Cluster(initialize_head=True, head_node_args=head)
-        made.second = made.add_node(**SMALL)
+        made.second = made.add_node(**SMALL)  # pyright: ignore[reportArgumentType, reportAttributeAccessIssue]
         yield made
         made.shutdown()
 
@@ -86,9 +86,9 @@ def made_in(bucket: Bucket, cluster: Any, display: Display) -> dict[str, str]:
     machines.check(out, follow=False)
     with machines.folder(out) as folder:
         url, run = machines.published(out, None), spec(folder)
-        with publishing(folder / "reel", url, 24.0, display, nothing_more) as present:
+        with publishing(folder / "reel", url, 24.0, display, no_presentation) as present:
             output = {"sound": run.sound, "device": run.device, "progress": display, "present": present}
-            said = machines.reconstruct(run.open_capture, folder, run.config, out, output)
+            said = machines.reconstruct(run.open_capture, folder, run.config, out, output)  # pyright: ignore[reportArgumentType]
         assert said == f"{out}/reel: the reel is complete."
         return content(folder / "reel")
 

@@ -10,7 +10,7 @@ import pytest
 
 from splatreel.errors import ReconstructionError
 from splatreel.evaluation.report import Report
-from splatreel.recon.encode.sound import load_sound
+from splatreel.recon.encode.soundtrack import load_soundtrack
 from splatreel.recon.run.checkpoint import load_arrays, save_arrays
 from splatreel.recon.run.run_record import check_record
 from splatreel.recon.run.store import Store
@@ -54,8 +54,8 @@ CASES: list[tuple[str, Callable[[Path], object], Any]] = [
     ("coverage.json", lambda work: Store(work).coverage(), COVERAGE | {"trial": {"psnr": "30"}}),
     ("seconds.json", lambda work: Store(work).seconds(), [1]),
     ("seconds.json", lambda work: Store(work).seconds(), {"points": "1"}),
-    ("sound/choice.json", load_sound, [1, 2]),
-    ("sound/choice.json", load_sound, {"camera": "a", "channels": "2", "position": [0, 0, 0]}),
+    ("sound/choice.json", load_soundtrack, [1, 2]),
+    ("sound/choice.json", load_soundtrack, {"camera": "a", "channels": "2", "position": [0, 0, 0]}),
     ("run.json", lambda work: check_record(work, {"config": {}}), [[]]),
     ("run.json", lambda work: check_record(work, {"config": {}}), {"config": 3}),
 ]

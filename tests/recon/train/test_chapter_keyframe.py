@@ -1,4 +1,4 @@
-"""What the first frame of a chapter adds to static points that are known, and what it takes away."""
+"""First keyframe of a chapter: points added to and removed from the shared static points."""
 
 import numpy as np
 import pytest
@@ -32,13 +32,13 @@ def static(points: Gaussians) -> StaticPoints:
 
 
 def drawn(points: Gaussians, factor: float = 1.0, noise: float = 0.0) -> np.ndarray:
-    """[C, H, W, 3] uint8."""
+    """Draw a scene for all cameras, [C, H, W, 3] uint8."""
     images = np.stack([render_image(points, camera, near=NEAR) for camera in CAMERAS]) * factor * 255
     return np.rint(images + np.random.default_rng(0).normal(0, noise, images.shape)).clip(0, 255).astype(np.uint8)
 
 
 def filmed(points: Gaussians, **how: float) -> GroupInput:
-    """One frame of a scene."""
+    """Return the input of a group with one frame of a scene."""
     return group_input(drawn(points, **how)[None], CAMERAS, near=NEAR)
 
 
@@ -47,18 +47,18 @@ def start(data: GroupInput, known: Gaussians, config: Config = CONFIG) -> Chapte
 
 
 def error(points: Gaussians, truth: Gaussians) -> float:
-    """Mean square, of a view that no camera has."""
+    """Return the mean squared error of a held-out view."""
     shown, true = (render_image(scene, UNSEEN, near=NEAR).clip(0, 1) for scene in (points, truth))
     return float(np.square(shown - true).mean())
 
 
-def test_where_nothing_has_changed_there_is_nothing_to_add() -> None:
+def test_unchanged_scene_adds_no_points() -> None:
     found = start(filmed(BOTH, noise=3.0), BOTH)
     assert len(found.points) == 0
     assert found.alive.all()
 
 
-def test_what_has_appeared_gets_points_where_it_is_and_all_that_was_there_stays() -> None:
+def test_new_object_gets_points_and_static_points_stay() -> None:
     found = start(filmed(BOTH), WALL)
     assert found.alive.mean() > 0.98, "what it hides has not gone"
     seen = found.points.opacities > 0.3
@@ -70,7 +70,7 @@ def test_what_has_appeared_gets_points_where_it_is_and_all_that_was_there_stays(
     assert after < 0.4 * error(WALL, BOTH)
 
 
-def test_what_has_gone_is_taken_out_and_what_is_known_behind_it_shows() -> None:
+def test_removed_object_uncovers_known_points_behind_it() -> None:
     found = start(filmed(WALL), BOTH)
     wall, thing = found.alive[: len(WALL)], found.alive[len(WALL) :]
     assert wall.mean() > 0.98
@@ -78,8 +78,8 @@ def test_what_has_gone_is_taken_out_and_what_is_known_behind_it_shows() -> None:
     assert error(Gaussians.concatenate([BOTH[found.alive], found.points]), WALL) < 0.1 * error(BOTH, WALL)
 
 
-def test_where_nobody_has_seen_what_is_behind_what_has_gone_new_points_fill_the_hole() -> None:
-    behind = (np.abs(WALL.means[:, :2] - [-0.25, 0]) < [0.6, 0.6]).all(1)
+def test_removed_object_gets_new_points_where_background_is_unknown() -> None:
+    behind = np.all(np.abs(WALL.means[:, :2] - [-0.25, 0]) < [0.6, 0.6], axis=1)
     known = Gaussians.concatenate([WALL[~behind], THING])
     found = start(filmed(WALL), known)
     left = Gaussians.concatenate([known[found.alive], found.points])
@@ -87,7 +87,7 @@ def test_where_nobody_has_seen_what_is_behind_what_has_gone_new_points_fill_the_
 
 
 @pytest.mark.parametrize("factor", [0.8, 1.25])
-def test_light_that_is_another_than_in_the_plates_is_taken_out_and_adds_nothing(factor: float) -> None:
+def test_light_different_from_plates_adds_no_points(factor: float) -> None:
     wall = Gaussians(WALL.means, WALL.quats, WALL.scales, WALL.opacities, WALL.sh * 0.5)
     frames = drawn(wall, factor)[None]
     assert missing_in(group_input(frames, CAMERAS, near=NEAR), static(wall)).any()
@@ -97,7 +97,7 @@ def test_light_that_is_another_than_in_the_plates_is_taken_out_and_adds_nothing(
     assert found.alive.all()
 
 
-def test_what_one_camera_alone_sees_is_nothing_that_is_there() -> None:
+def test_content_of_a_single_camera_adds_no_points() -> None:
     images = drawn(WALL)
     images[2, 20:40, 30:60] = 255
     found = start(group_input(images[None], CAMERAS, near=NEAR), WALL)

@@ -1,3 +1,5 @@
+"""Common parts of density control."""
+
 import torch
 
 from splatreel.recon.train.density import GradientMeter, children, rotate, select_growth
@@ -5,20 +7,20 @@ from splatreel.recon.train.points import TrainablePoints, default_rates
 from tests.recon.scenes import random_gaussians
 
 
-def test_the_meter_averages_over_the_views_that_saw_a_point():
+def test_gradient_meter_averages_over_views_that_see_a_point():
     meter = GradientMeter(3, torch.device("cpu"))
     meter.add(torch.tensor([[0.03, 0.04], [0.0, 0.0], [1.0, 0.0]]), 2, 2)
     meter.add(torch.tensor([[0.06, 0.08], [0.0, 0.0]]), 2, 2, index=torch.tensor([0, 1]))
     torch.testing.assert_close(meter.mean(), torch.tensor([0.075, 0.0, 1.0]))
 
 
-def test_gradients_are_in_normalized_device_units():
+def test_gradient_meter_uses_normalized_device_units():
     meter = GradientMeter(1, torch.device("cpu"))
     meter.add(torch.tensor([[1e-3, 0.0]]), 320, 180)
     torch.testing.assert_close(meter.mean(), torch.tensor([0.16]))
 
 
-def test_only_the_strongest_grow_when_there_is_little_room():
+def test_select_growth_takes_largest_gradients_within_budget():
     meter = GradientMeter(4, torch.device("cpu"))
     meter.add(torch.tensor([[0.1, 0], [0.4, 0], [0.2, 0], [0.3, 0]]), 2, 2)
     assert select_growth(meter, 0.15, 10).tolist() == [False, True, True, True]
@@ -26,7 +28,7 @@ def test_only_the_strongest_grow_when_there_is_little_room():
     assert not select_growth(meter, 0.15, 0).any()
 
 
-def test_children_stay_near_their_parent_and_are_smaller():
+def test_children_are_near_parent_and_smaller():
     points = TrainablePoints.from_gaussians(random_gaussians(50), default_rates(1.0), torch.device("cpu"))
     split = torch.zeros(50, dtype=torch.bool)
     split[:10] = True
@@ -38,8 +40,8 @@ def test_children_stay_near_their_parent_and_are_smaller():
     assert ((rows["means"][:10] - parent["means"]).norm(dim=1) < 5 * reach).all()
 
 
-def test_children_are_drawn_from_their_parents_gaussian():
-    """In its own axes, by its own scales: a needle's children lie along it."""
+def test_children_follow_parent_gaussian():
+    """Samples use the parent's axes and scales: the children of a needle lie along it."""
     gaussians = random_gaussians(400)
     gaussians.scales[:] = 0.5, 0.05, 0.005
     points = TrainablePoints.from_gaussians(gaussians, default_rates(1.0), torch.device("cpu"))

@@ -1,4 +1,4 @@
-"""Groups of a tiny scene that our own renderer drew: a cluster passes in front of a wall."""
+"""Training of groups of a tiny rendered scene: a cluster passes in front of a wall."""
 
 from dataclasses import replace
 
@@ -14,8 +14,7 @@ from splatreel.recon.cameras.color_gains import CameraGains
 from splatreel.recon.deform.hashgrid import HashGrid
 from splatreel.recon.deform.trajectory import Trajectory
 from splatreel.recon.layering.tracking import GroupStart
-from splatreel.recon.train.export import GroupResult
-from splatreel.recon.train.group import GroupTrainer
+from splatreel.recon.train.group import GroupResult, GroupTrainer
 from splatreel.recon.train.pictures import Pictures
 from splatreel.recon.train.render import View
 from splatreel.scene.gaussians import Gaussians
@@ -85,7 +84,7 @@ class Losses(Silent):
 
 
 def quality(filmed: Pictures, result: GroupResult, static: Gaussians = WALL) -> float:
-    """PSNR over all frames and cameras, as the viewer will draw them."""
+    """Return the PSNR over all frames and cameras, drawn as by a viewer."""
     squares = []
     group = Group(0, 0, result.dynamic, result.dx, result.dq, result.alive, result.shade)
     for frame, images in enumerate(filmed.images.numpy()):
@@ -98,7 +97,7 @@ def quality(filmed: Pictures, result: GroupResult, static: Gaussians = WALL) -> 
 
 
 @pytest.mark.parametrize(("deformation", "least"), [("trajectory", 28), ("hashgrid", 30)])
-def test_motion_is_learned(filmed: Pictures, deformation: str, least: float) -> None:
+def test_group_learns_motion(filmed: Pictures, deformation: str, least: float) -> None:
     group, losses = trainer(filmed, config(deformation, 60)), Losses()
     assert isinstance(group.points.deformation, HashGrid if deformation == "hashgrid" else Trajectory)
     assert quality(filmed, group.result()) < 27, "standing still is not good enough"
@@ -111,8 +110,8 @@ def test_motion_is_learned(filmed: Pictures, deformation: str, least: float) -> 
     assert result.alive.all()
 
 
-def test_a_thing_that_darkens_and_fades_needs_shade() -> None:
-    """It stays where it is; half of it goes dark, the other half vanishes."""
+def test_group_learns_darkening_and_fading() -> None:
+    """The object rests; one half darkens, the other half vanishes."""
     scenes = []
     for t in range(FRAMES):
         share, half = t / (FRAMES - 1), np.arange(len(THING)) % 2
@@ -131,7 +130,7 @@ def test_a_thing_that_darkens_and_fades_needs_shade() -> None:
     assert quality(dark, found) > quality(dark, without) + 3
 
 
-def test_training_starts_with_small_pictures(filmed: Pictures, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_group_training_starts_with_small_images(filmed: Pictures, monkeypatch: pytest.MonkeyPatch) -> None:
     group = trainer(filmed, with_group(config(iterations=60), coarse_share=0.25))
     heights, step = [], group.step
     monkeypatch.setattr(group, "step", lambda n: heights.append(group.pictures.images.shape[2]) or step(n))
@@ -141,15 +140,15 @@ def test_training_starts_with_small_pictures(filmed: Pictures, monkeypatch: pyte
 
 
 @pytest.mark.parametrize("deformation", ["trajectory", "hashgrid"])
-def test_true_tracks_are_a_good_start(filmed: Pictures, deformation: str) -> None:
+def test_group_starts_well_from_true_tracks(filmed: Pictures, deformation: str) -> None:
     tracks = np.stack([moved(THING, t).means for t in range(FRAMES)])
     group = trainer(filmed, config(deformation), tracks=tracks)
     assert quality(filmed, group.result()) > 35
     assert group.psnr() > 35
 
 
-def test_colors_depend_less_on_the_view_where_that_costs(filmed: Pictures) -> None:
-    """The thing looks alike from everywhere, and starts as if it did not."""
+def test_lambda_sh_reduces_view_dependent_color(filmed: Pictures) -> None:
+    """The object looks the same from everywhere, but starts with view-dependent color."""
     sheen = np.full((len(THING), 3, 3), 0.1, np.float32)
     sheeny = replace(THING, sh=np.concatenate([THING.sh, sheen], 1))
 
@@ -161,14 +160,14 @@ def test_colors_depend_less_on_the_view_where_that_costs(filmed: Pictures) -> No
     assert quality(filmed, priced) > quality(filmed, free) - 0.5
 
 
-def test_the_same_seed_learns_the_same(filmed: Pictures) -> None:
+def test_group_training_is_deterministic_per_seed(filmed: Pictures) -> None:
     a, b = (trainer(filmed, config(iterations=6)).train(Silent()) for _ in range(2))
     np.testing.assert_array_equal(a.dx, b.dx)
     np.testing.assert_array_equal(a.dynamic.means, b.dynamic.means)
 
 
-def test_a_static_point_where_the_picture_moves_becomes_dynamic(filmed: Pictures) -> None:
-    """A few of the thing's points were called static: they are found, and nothing of the wall is."""
+def test_conversion_makes_moving_static_points_dynamic(filmed: Pictures) -> None:
+    """A few moving points start as static ones. They are converted, and no point of the wall is."""
     few = np.arange(len(THING)) % 8 == 0
     static = Gaussians.concatenate([WALL, THING[few]])
     group = trainer(filmed, config(iterations=60, adapt_every=30, adapt_neighbors=0.4), THING[~few], static)
@@ -180,7 +179,7 @@ def test_a_static_point_where_the_picture_moves_becomes_dynamic(filmed: Pictures
     assert result.dx.shape[1] == len(result.dynamic)
 
 
-def test_a_pull_alone_makes_a_static_point_dynamic(filmed: Pictures) -> None:
+def test_conversion_by_gradient_alone(filmed: Pictures) -> None:
     few = np.arange(len(THING)) % 8 == 0
     static = Gaussians.concatenate([WALL, THING[few]])
     settings = {"adapt_every": 40, "adapt_neighbors": 2.0}
@@ -192,7 +191,7 @@ def test_a_pull_alone_makes_a_static_point_dynamic(filmed: Pictures) -> None:
     assert (~alive[: len(WALL)]).mean() < 0.05, "the wall stands still"
 
 
-def test_what_must_stay_is_not_converted(filmed: Pictures) -> None:
+def test_conversion_respects_may_move(filmed: Pictures) -> None:
     settings = config(iterations=8, adapt_every=10, adapt_gradient=0.0, adapt_neighbors=2.0)
     may = np.arange(len(WALL)) % 2 == 0
     alive = trainer(filmed, settings, may_move=may).train(Silent()).alive
@@ -200,7 +199,7 @@ def test_what_must_stay_is_not_converted(filmed: Pictures) -> None:
     assert not alive[may].all()
 
 
-def test_points_join_until_the_budget_is_spent(filmed: Pictures) -> None:
+def test_conversion_and_cloning_stop_at_budget(filmed: Pictures) -> None:
     group = trainer(filmed, config(iterations=8, adapt_every=10, adapt_gradient=0.0, adapt_neighbors=2.0))
     group.density.budget = 50
     before = len(group.points)
@@ -211,10 +210,10 @@ def test_points_join_until_the_budget_is_spent(filmed: Pictures) -> None:
 
 
 @pytest.mark.parametrize("deformation", ["trajectory", "hashgrid"])
-def test_pruning_keeps_the_rows_of_points_and_motion_together(filmed: Pictures, deformation: str) -> None:
-    """Every third point fades; the others keep their place and their motion."""
+def test_prune_keeps_points_and_motion_aligned(filmed: Pictures, deformation: str) -> None:
+    """Every third point fades; the others keep position and motion."""
     tracks = np.stack([moved(THING, t).means for t in range(FRAMES)])
-    tracks[..., 1] += np.linspace(0, 0.1, FRAMES)[:, None] * np.arange(len(THING))  # every point goes its own way
+    tracks[..., 1] += np.linspace(0, 0.1, FRAMES)[:, None] * np.arange(len(THING))  # every point has another motion
     group = trainer(filmed, config(deformation), tracks=tracks)
     before = group.result()
     faint = torch.arange(len(THING)) % 3 == 0
@@ -226,11 +225,11 @@ def test_pruning_keeps_the_rows_of_points_and_motion_together(filmed: Pictures, 
     np.testing.assert_allclose(after.dx, before.dx[:, kept], atol=1e-6)
     group.density.restart()
     group.find_neighbors()
-    group.step(0)  # the optimizers still fit
+    group.step(0)  # the optimizers match the rows
 
 
-def test_what_is_large_may_be_far_away_but_not_near(filmed: Pictures) -> None:
-    """A far wall that became dynamic, for somebody's shadow on it, would leave a hole."""
+def test_prune_keeps_large_far_points(filmed: Pictures) -> None:
+    """Pruning a far wall that became dynamic, because of a shadow, would leave a hole."""
     wide = 0.8 * filmed.unit
     two = replace(THING[:2], means=np.array([[0, 0, 0], [0, 0, 4 * filmed.unit]], np.float32))
     two = replace(two, scales=np.full((2, 3), wide, np.float32), opacities=np.full(2, 0.9, np.float32))
@@ -239,7 +238,7 @@ def test_what_is_large_may_be_far_away_but_not_near(filmed: Pictures) -> None:
     np.testing.assert_allclose(group.points.means[:, 2].detach(), [4 * filmed.unit], atol=1e-5)
 
 
-def test_a_group_keeps_a_point_even_if_all_are_faint(filmed: Pictures) -> None:
+def test_prune_never_removes_all_points(filmed: Pictures) -> None:
     group = trainer(filmed, config(), THING.faded(0.001))
     group.density.prune(group.pictures)
     assert len(group.points) == len(THING)
@@ -248,8 +247,8 @@ def test_a_group_keeps_a_point_even_if_all_are_faint(filmed: Pictures) -> None:
     assert len(group.points) == len(THING), "out of sight"
 
 
-def test_points_that_fill_nothing_go_and_the_picture_stays(filmed: Pictures) -> None:
-    """Some were put behind the wall, where no camera sees them."""
+def test_drop_faint_removes_invisible_points(filmed: Pictures) -> None:
+    """Some points lie behind the wall, where no camera sees them."""
     hidden = blots(30, [-0.8, -0.6, 1.3], [0.2, 0.6, 1.5], 0.05, 2)
     tracks = np.stack([moved(Gaussians.concatenate([THING, hidden]), t).means for t in range(FRAMES)])
     settings = with_group(config(), faint_share=0.01)
@@ -264,7 +263,7 @@ def test_points_that_fill_nothing_go_and_the_picture_stays(filmed: Pictures) -> 
 
 
 @pytest.mark.parametrize("deformation", ["trajectory", "hashgrid"])
-def test_a_group_in_which_nothing_moves(filmed: Pictures, deformation: str) -> None:
+def test_group_without_motion(filmed: Pictures, deformation: str) -> None:
     notes = Losses()
     result = trainer(filmed, config(deformation), Gaussians.empty(0)).train(notes)
     assert len(result.dynamic) == 0
@@ -274,7 +273,7 @@ def test_a_group_in_which_nothing_moves(filmed: Pictures, deformation: str) -> N
     assert not notes.values
 
 
-def test_one_moving_point_and_no_static_one() -> None:
+def test_group_with_one_dynamic_and_no_static_point() -> None:
     filmed = frames(THING[:1], 2)
     settings = config(iterations=4, adapt_every=2)
     result = trainer(filmed, settings, THING[:1], Gaussians.empty(0)).train(Silent())
@@ -282,8 +281,8 @@ def test_one_moving_point_and_no_static_one() -> None:
     assert np.isfinite(result.dx).all()
 
 
-def test_gains_are_applied_and_left_as_they_are(filmed: Pictures) -> None:
-    """A camera that records half as bright is no fault of the scene."""
+def test_group_applies_gains_without_changing_them(filmed: Pictures) -> None:
+    """A camera that records at half brightness does not change the scene."""
     dim = replace(filmed, images=(filmed.images * torch.tensor([1, 1, 0.5, 1])[:, None, None, None]).round().byte())
     gains = CameraGains(len(CAMERAS), CPU)
     gains.load(torch.tensor([[1.0] * 3, [1.0] * 3, [0.5] * 3, [1.0] * 3]))

@@ -1,4 +1,4 @@
-"""Keyframes of a tiny scene that our own renderer drew."""
+"""Training of keyframes of a tiny rendered scene."""
 
 from dataclasses import replace
 
@@ -9,8 +9,7 @@ import torch
 from splatreel.kernels.image import render_image
 from splatreel.progress import Silent
 from splatreel.recon.cameras.color_gains import CameraGains
-from splatreel.recon.train.average import EVERY
-from splatreel.recon.train.keyframe import KeyframeTrainer, starting_points
+from splatreel.recon.train.keyframe import AVERAGE_EVERY, Average, KeyframeTrainer, starting_points
 from splatreel.recon.train.pictures import Pictures
 from splatreel.recon.train.points import TrainablePoints, default_rates
 from splatreel.recon.train.render import View, deformed
@@ -46,12 +45,12 @@ def gains() -> CameraGains:
 
 
 def rough_start() -> TrainablePoints:
-    """Points near the true ones, in gray."""
+    """Return gray points near the true ones."""
     places = SCENE.means + np.random.default_rng(0).normal(size=SCENE.means.shape) * 0.03
     return starting_points(places, np.full(places.shape, 0.5), CONFIG, UNIT, CPU)
 
 
-def test_points_start_as_large_as_their_distance_and_in_their_color() -> None:
+def test_starting_points_have_neighbor_size_and_color() -> None:
     grid = np.stack(np.meshgrid(*[np.arange(4) * 0.1] * 3), -1).reshape(-1, 3)
     colors = np.random.default_rng(0).uniform(0, 1, grid.shape)
     points = starting_points(grid, colors, CONFIG, 1.0, CPU).gaussians()
@@ -64,13 +63,13 @@ def test_points_start_as_large_as_their_distance_and_in_their_color() -> None:
 
 
 @pytest.mark.parametrize("count", [1, 2])
-def test_very_few_points_start_too(count: int) -> None:
+def test_starting_points_with_one_or_two_points(count: int) -> None:
     points = starting_points(np.eye(3)[:count], np.zeros((count, 3)), CONFIG, 1.0, CPU)
     assert len(points) == count
     assert np.isfinite(points.gaussians().scales).all()
 
 
-def test_a_keyframe_is_learned_for_views_it_has_not_seen() -> None:
+def test_keyframe_generalizes_to_held_out_view() -> None:
     trainer = KeyframeTrainer(rough_start(), gains(), CONFIG, max_points=3000)
     start = psnr(trainer.points.gaussians(), CAMERAS[0])
     trainer.train(pictures(), 300, 300, Silent())
@@ -82,33 +81,33 @@ def test_a_keyframe_is_learned_for_views_it_has_not_seen() -> None:
     assert len(points) > len(SCENE), "points were cloned or split"
 
 
-def test_the_last_iterations_are_averaged(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_keyframe_averages_last_iterations(monkeypatch: pytest.MonkeyPatch) -> None:
     points = TrainablePoints.from_gaussians(SCENE, default_rates(UNIT), CPU)
     trainer = KeyframeTrainer(points, gains(), replace(CONFIG, average_share=0.2), max_points=len(SCENE))
     step, seen = trainer.step, []
 
     def watched(*arguments):
         taken = step(*arguments)
-        if trainer.done + 1 > 80 and (trainer.done + 1) % EVERY == 0:
+        if trainer.done + 1 > 80 and (trainer.done + 1) % AVERAGE_EVERY == 0:
             seen.append(trainer.points.gaussians().sh.copy())
         return taken
 
     monkeypatch.setattr(trainer, "step", watched)
     trainer.train(pictures(), 100, 100, Silent())
-    assert len(seen) == 20 // EVERY
+    assert len(seen) == 20 // AVERAGE_EVERY
     assert np.ptp(seen, axis=0).max() > 1e-3, "they differ"
     np.testing.assert_allclose(trainer.points.gaussians().sh, np.mean(seen, axis=0), atol=1e-5)
 
 
-def test_no_more_points_than_allowed() -> None:
+def test_densification_stops_at_max_points() -> None:
     limit = len(SCENE) + 20
     trainer = KeyframeTrainer(rough_start(), gains(), CONFIG, max_points=limit)
     trainer.train(pictures(), 200, 200, Silent())
     assert len(SCENE) - 60 < len(trainer.points) <= limit
 
 
-def test_static_points_stay_and_only_the_others_learn() -> None:
-    """The wall is frozen; what stands before it is learned on top of it."""
+def test_static_points_stay_frozen() -> None:
+    """The wall is frozen; the object in front of it is trained."""
     gray = Gaussians(THING.means, THING.quats, THING.scales, THING.opacities, np.zeros_like(THING.sh))
     points = TrainablePoints.from_gaussians(gray, default_rates(UNIT), CPU)
     trainer = KeyframeTrainer(points, gains(), plain({"keyframe.sh_degree": 0}).keyframe, static=WALL, max_points=200)
@@ -118,7 +117,7 @@ def test_static_points_stay_and_only_the_others_learn() -> None:
     assert after > before + 5
 
 
-def test_faint_points_and_monsters_are_pruned_but_never_all() -> None:
+def test_prune_drops_faint_and_huge_points_but_never_all() -> None:
     opacities, scales = THING.opacities.copy(), THING.scales.copy()
     opacities[:10], scales[10:15] = 0.001, 0.6 * UNIT
     sick = Gaussians(THING.means, THING.quats, scales, opacities, THING.sh)
@@ -134,8 +133,8 @@ def test_faint_points_and_monsters_are_pruned_but_never_all() -> None:
         assert len(trainer.points) == len(THING) - 15
 
 
-def test_where_a_picture_means_nothing_it_teaches_nothing() -> None:
-    """Somebody white stands in the picture of one camera, of whom the others know nothing."""
+def test_unknown_pixels_do_not_affect_training() -> None:
+    """A white person stands in the image of one camera only."""
     seen = pictures()
     images, unknown = seen.images.clone(), torch.zeros(seen.images.shape[1:4], dtype=torch.bool)
     images[0, 1, 8:24, 12:36] = 255
@@ -149,7 +148,7 @@ def test_where_a_picture_means_nothing_it_teaches_nothing() -> None:
     assert found["masked"] > found["believed"] + 2
 
 
-def test_what_is_unknown_in_one_of_four_pixels_is_unknown_at_half_size() -> None:
+def test_halved_marks_pixel_unknown_if_any_of_four_is() -> None:
     seen = pictures()
     unknown = torch.zeros(seen.images.shape[1:4], dtype=torch.bool)
     unknown[0, 5, 8] = True
@@ -158,8 +157,8 @@ def test_what_is_unknown_in_one_of_four_pixels_is_unknown_at_half_size() -> None
     assert torch.nonzero(small).tolist() == [[0, 2, 4]]
 
 
-def test_what_explains_nothing_fades_when_opacity_has_a_price() -> None:
-    """Points behind the wall show in no picture."""
+def test_lambda_opacity_fades_hidden_points() -> None:
+    """Points behind the wall are visible in no image."""
     hidden = np.random.default_rng(3).uniform([-1, -1, 1.5], [1, 1, 2.5], (40, 3))
     places = np.concatenate([rough_start().means.detach().numpy(), hidden])
 
@@ -175,8 +174,8 @@ def test_what_explains_nothing_fades_when_opacity_has_a_price() -> None:
     assert psnr(priced, UNSEEN) > psnr(free, UNSEEN) - 1
 
 
-def test_what_hides_nothing_else_is_not_made_to_hide_things() -> None:
-    """Thick mist of a plain wall's color before all that the cameras see: where it goes, the wall behind explains the pictures."""
+def test_lambda_spread_removes_mist_in_front_of_plain_wall() -> None:
+    """Thick mist in the color of a plain wall covers everything. Without it, the wall explains the images."""
     plain = replace(WALL, sh=np.zeros_like(WALL.sh))  # gray
     scene = Gaussians.concatenate([plain, THING])
     mist = np.random.default_rng(5).uniform([-2.2, -1.4, -2.4], [2.2, 1.4, -1.8], (300, 3)).astype(np.float32)
@@ -191,7 +190,7 @@ def test_what_hides_nothing_else_is_not_made_to_hide_things() -> None:
     assert psnr(trainer.points.gaussians(), UNSEEN, scene) > 28
 
 
-def test_large_points_that_a_plain_wall_needs_stay_in_the_end() -> None:
+def test_last_prune_keeps_large_points() -> None:
     wall = blots(4, [-1, -1, 2], [1, 1, 2], 0.9, 1)
     wall = replace(wall, scales=np.full_like(wall.scales, 0.7 * UNIT), opacities=np.full(4, 0.9, np.float32))
     points = TrainablePoints.from_gaussians(wall, default_rates(UNIT, 1.0), CPU)
@@ -200,8 +199,8 @@ def test_large_points_that_a_plain_wall_needs_stay_in_the_end() -> None:
     assert len(trainer.points) == 4
 
 
-def test_depths_do_not_spread_where_that_costs() -> None:
-    """Faint points before the wall, of its color: pictures hardly mind them."""
+def test_lambda_spread_reduces_depth_spread() -> None:
+    """Faint points in the color of the wall lie in front of it. The images hardly depend on them."""
     before = np.random.default_rng(3).uniform([-0.6, -0.6, -1.5], [0.6, 0.6, -0.8], (30, 3))
 
     def trained(weight: float) -> TrainablePoints:
@@ -219,7 +218,7 @@ def test_depths_do_not_spread_where_that_costs() -> None:
     assert psnr(priced.gaussians(), UNSEEN) > psnr(free.gaussians(), UNSEEN) - 1.5
 
 
-def test_far_points_go_farther_in_a_step() -> None:
+def test_far_points_take_larger_steps() -> None:
     points = starting_points(
         np.array([[0, 0, 0], [0, 0, 3 * UNIT], [0, 0, 99 * UNIT]]), np.ones((3, 3)), CONFIG, UNIT, CPU
     )
@@ -234,9 +233,50 @@ def test_far_points_go_farther_in_a_step() -> None:
     torch.testing.assert_close(moved / moved[0], trainer.density.distances / near, rtol=1e-3, atol=0)
 
 
-def test_training_at_two_resolutions_goes_on_where_it_was() -> None:
+def test_training_continues_at_second_resolution() -> None:
     trainer = KeyframeTrainer(rough_start(), gains(), CONFIG, max_points=1000)
     trainer.train(pictures(), 10, 20, Silent())
     assert trainer.done == 10
     trainer.train(pictures(), 10, 20, Silent())
     assert trainer.done == 20
+
+
+def test_average_is_mean_of_counted_iterations() -> None:
+    average, tensor = Average(0.5, 8 * AVERAGE_EVERY), torch.zeros(3)
+    for done in range(1, 8 * AVERAGE_EVERY + 1):
+        tensor.fill_(done)
+        if average.has_begun(done):
+            average.add(done, [tensor])
+    average.write_to([tensor])
+    torch.testing.assert_close(tensor, torch.full((3,), (5 + 6 + 7 + 8) * AVERAGE_EVERY / 4))
+
+
+def test_average_beats_last_noisy_step() -> None:
+    generator = torch.Generator().manual_seed(0)
+    average, place = Average(0.5, 1000), torch.ones(100)
+    for done in range(1, 1001):
+        place -= 0.1 * (place + torch.randn(100, generator=generator))
+        if average.has_begun(done):
+            average.add(done, [place])
+    ended = place.abs().mean()
+    average.write_to([place])
+    assert place.abs().mean() < 0.5 * ended
+
+
+def test_average_without_share_changes_nothing() -> None:
+    average, tensor = Average(0.0, 100), torch.ones(2)
+    assert not average.has_begun(100)
+    average.write_to([tensor])
+    torch.testing.assert_close(tensor, torch.ones(2))
+
+
+def test_average_restarts_when_rows_are_removed() -> None:
+    average = Average(1.0, 100)
+    average.add(AVERAGE_EVERY, [torch.zeros(3)])
+    average.add(2 * AVERAGE_EVERY, [torch.ones(2)])
+    average.add(3 * AVERAGE_EVERY, [torch.full((2,), 2.0)])
+    kept, gone = torch.zeros(2), torch.zeros(5)
+    average.write_to([kept])
+    torch.testing.assert_close(kept, torch.full((2,), 1.5))
+    average.write_to([gone])
+    torch.testing.assert_close(gone, torch.zeros(5))

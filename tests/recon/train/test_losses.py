@@ -1,4 +1,4 @@
-"""The lists of losses: which run when, with what weight, and what they leave."""
+"""Lists of losses: their schedule, weights and gradients."""
 
 from dataclasses import fields
 
@@ -19,7 +19,7 @@ CPU = torch.device("cpu")
 
 
 def group_step(iteration: int, share: float = 0.5, frames: int = 4, seed: int = 0) -> GroupStep:
-    """Of some points before nothing, with what they are drawn on."""
+    """Return a step of a group with a few points and an empty background."""
     views = [View.of(camera, CPU) for camera in ring(1, width=32, height=32)]
     pictures = Pictures(torch.zeros(frames, 1, 32, 32, 3, dtype=torch.uint8), views, 0.1, 4.0)
     points = MovingPoints.of(GroupStart(random_gaussians(20, seed)), pictures, GroupConfig(), seed)
@@ -47,13 +47,13 @@ def group_step(iteration: int, share: float = 0.5, frames: int = 4, seed: int = 
 @pytest.mark.parametrize(
     ("losses", "config"), [(KEYFRAME, KeyframeConfig), (KEYFRAME_BEFORE_STATIC, KeyframeConfig), (GROUP, GroupConfig)]
 )
-def test_every_weight_is_a_field_of_the_configuration(losses: tuple[Loss, ...], config: type) -> None:
+def test_loss_weights_are_configuration_fields(losses: tuple[Loss, ...], config: type) -> None:
     known = {field.name for field in fields(config)}
     assert {loss.weight for loss in losses if loss.weight} <= known
     assert len({loss.name for loss in losses}) == len(losses)
 
 
-def test_a_loss_that_runs_seldom_counts_more() -> None:
+def test_loss_weight_is_multiplied_by_every() -> None:
     loss = Loss("some", lambda step, weight: None, "lambda_arap", every=8, first=1)
     config = GroupConfig(lambda_arap=0.25)
     assert [loss.weight_at(group_step(n), config) for n in (0, 1, 2, 9)] == [0, 2, 0, 2]
@@ -61,7 +61,7 @@ def test_a_loss_that_runs_seldom_counts_more() -> None:
     assert [late.weight_at(group_step(0, share), config) for share in (0.4, 0.5, 0.6)] == [0, 0, 1]
 
 
-def test_losses_of_a_group_take_turns_and_those_without_a_weight_rest() -> None:
+def test_group_losses_run_by_schedule_and_weight() -> None:
     config = GroupConfig(lambda_sh=0.0)
     assert set(backward(GROUP, group_step(0), config)) == {"photometric", "rigidity"}
     assert set(backward(GROUP, group_step(1), config)) == {"photometric", "smoothness"}
@@ -70,7 +70,7 @@ def test_losses_of_a_group_take_turns_and_those_without_a_weight_rest() -> None:
     assert set(backward(GROUP, group_step(1, frames=2), config)) == {"photometric"}
 
 
-def test_a_price_is_added_to_the_gradients_that_are_there() -> None:
+def test_loss_on_gradients_adds_to_existing_gradients() -> None:
     free, priced = group_step(3), group_step(3)
     backward(GROUP, free, GroupConfig(lambda_sh=0.0))
     assert set(backward(GROUP, priced, GroupConfig(lambda_sh=2.0))) == {"photometric"}
@@ -80,9 +80,9 @@ def test_a_price_is_added_to_the_gradients_that_are_there() -> None:
     torch.testing.assert_close(rest.grad - before.grad, rest.detach().sign() * 2 / (32 * 32))
 
 
-def test_the_losses_that_ran_are_those_whose_gradients_are_left() -> None:
-    step = group_step(0)
-    left, right = (Loss(name, lambda step, weight: weight * step.points.means.sum()) for name in ("left", "right"))
+def test_backward_returns_losses_with_gradients() -> None:
+    step = group = group_step(0)
+    left, right = (Loss(name, lambda step, weight: weight * group.points.means.sum()) for name in ("left", "right"))
     nothing = Loss("nothing", lambda step, weight: None)
     found = backward((left, nothing, right), step, GroupConfig())
     assert list(found) == ["left", "right"]

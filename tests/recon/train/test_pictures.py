@@ -1,4 +1,4 @@
-"""Which sizes of pictures training looks at, and for how long."""
+"""Image sizes of training and their durations."""
 
 import pytest
 import torch
@@ -16,28 +16,28 @@ def pictures(width: int, height: int) -> Pictures:
 
 
 def sizes(width: int, height: int, coarse: float, afforded: float) -> list[tuple[int, int]]:
-    """The iteration of 1000 at which each size ends, and its width."""
+    """Return the iteration of 1000 at which each size ends, and its width."""
     return [(end, shown.images.shape[3]) for end, shown in pictures(width, height).sizes(1000, coarse, afforded)]
 
 
-def test_small_pictures_are_looked_at_in_full_after_the_coarse_ones():
+def test_sizes_of_small_images_end_at_full_size():
     assert sizes(100, 80, 0.25, 0.4) == [(250, 50), (1000, 100)]
     assert sizes(100, 80, 0.0, 0.4) == [(1000, 100)]
 
 
-def test_of_large_pictures_each_size_has_as_many_pixels():
-    """8,000 pixels of which 2,000 are afforded: a quarter of the iterations; of half size all that are left, but for coarse ones."""
+def test_sizes_of_large_images_share_pixels_equally():
+    """8,000 pixels with a limit of 2,000: full size in a quarter of the iterations, then half size and coarse sizes."""
     assert sizes(100, 80, 0.25, 0.002) == [(250, 25), (750, 50), (1000, 100)]
     assert sizes(100, 80, 0.0, 0.002) == [(750, 50), (1000, 100)]
     assert sizes(100, 80, 0.25, 0.0005) == [(250, 12), (688, 25), (938, 50), (1000, 100)]
 
 
-def test_without_a_limit_none_is_large():
+def test_sizes_without_limit_use_full_size():
     assert sizes(100, 80, 0.25, 0.0) == [(250, 50), (1000, 100)]
 
 
 @pytest.mark.parametrize("width", [101, 100])
-def test_halved_views_see_the_same(width: int):
+def test_halved_views_project_to_half_pixels(width: int):
     shown = pictures(width, 80).halved()
     assert shown.images.shape[2:4] == (40, 50)
     assert (shown.images == 100).all()

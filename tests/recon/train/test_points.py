@@ -1,3 +1,5 @@
+"""Trainable points and their optimizer."""
+
 import torch
 
 from splatreel.recon.train.points import NAMES, TrainablePoints, default_rates, to_gaussians, to_params
@@ -9,11 +11,11 @@ def make(count=5):
 
 
 def take_a_step(points):
-    sum((p**2).sum() for p in points.params.values()).backward()
+    torch.stack([(p**2).sum() for p in points.params.values()]).sum().backward()
     points.step()
 
 
-def test_gaussians_survive_the_round_trip_to_parameters():
+def test_to_params_round_trip():
     gaussians = random_gaussians(20)
     back = to_gaussians(to_params(gaussians, torch.device("cpu")))
     for name in ("means", "quats", "scales", "opacities", "sh"):
@@ -22,7 +24,7 @@ def test_gaussians_survive_the_round_trip_to_parameters():
         )
 
 
-def test_rows_keep_their_optimizer_state_when_others_go():
+def test_keep_preserves_optimizer_state():
     points = make()
     take_a_step(points)
     before = points.adams["means"].mean.clone()
@@ -31,7 +33,7 @@ def test_rows_keep_their_optimizer_state_when_others_go():
     torch.testing.assert_close(points.adams["means"].mean, before[[3, 1]])
 
 
-def test_appended_rows_start_without_momentum_and_train():
+def test_append_starts_without_momentum():
     points = make()
     take_a_step(points)
     points.append(points.rows(torch.tensor([0, 2])))
@@ -44,10 +46,10 @@ def test_appended_rows_start_without_momentum_and_train():
     assert all((points.params[name][5:] != before[name][5:]).any() for name in NAMES)
 
 
-def test_a_price_of_the_higher_bands_shrinks_them_and_nothing_else():
+def test_price_sh_shrinks_only_higher_bands():
     points = make()
     before = {name: tensor.detach().clone() for name, tensor in points.params.items()}
-    (0 * sum(tensor.sum() for tensor in points.params.values())).backward()
+    (0 * torch.stack([tensor.sum() for tensor in points.params.values()]).sum()).backward()
     points.price_sh(0.1)
     points.step()
     for name in NAMES:
@@ -57,7 +59,7 @@ def test_a_price_of_the_higher_bands_shrinks_them_and_nothing_else():
             torch.testing.assert_close(points.params[name].detach(), before[name])
 
 
-def test_what_has_no_gradient_or_no_price_is_left_alone():
+def test_price_sh_without_gradient_or_price_changes_nothing():
     points = make()
     points.price_sh(0.1)
     assert points.params["sh_rest"].grad is None
@@ -66,7 +68,7 @@ def test_what_has_no_gradient_or_no_price_is_left_alone():
     assert not points.params["sh_rest"].grad.any()
 
 
-def test_rates_are_scaled_from_their_base():
+def test_scale_rates_multiplies_base_rates():
     points = make()
     points.scale_rates({"means": 0.5}, default=0.1)
     points.scale_rates({"means": 0.5}, default=0.1)

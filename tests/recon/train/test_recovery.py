@@ -1,4 +1,4 @@
-"""Numbers that are not finite, put into training on purpose."""
+"""Recovery of training from injected NaN and infinity."""
 
 import gc
 import weakref
@@ -37,7 +37,7 @@ class Notes(Silent):
 
 
 def spoil(monkeypatch: pytest.MonkeyPatch, bad: Callable[[int], bool], value: float = np.nan) -> None:
-    """The loss of those calls, counted from 1, is multiplied by a value that is not finite."""
+    """Multiply the loss of some calls, counted from 1, by NaN or infinity."""
     calls = 0
 
     def loss(name: str, *args: object) -> Tensor:
@@ -51,7 +51,7 @@ def spoil(monkeypatch: pytest.MonkeyPatch, bad: Callable[[int], bool], value: fl
 
 
 @pytest.mark.parametrize("value", [np.nan, np.inf])
-def test_a_keyframe_goes_back_to_its_last_good_state(monkeypatch: pytest.MonkeyPatch, value: float) -> None:
+def test_keyframe_recovers_last_good_state(monkeypatch: pytest.MonkeyPatch, value: float) -> None:
     def train(notes: Notes) -> KeyframeTrainer:
         trainer = KeyframeTrainer(keyframes.rough_start(), keyframes.gains(), keyframes.CONFIG, max_points=3000)
         trainer.train(keyframes.pictures(), TOTAL, TOTAL, notes)
@@ -72,10 +72,8 @@ def test_a_keyframe_goes_back_to_its_last_good_state(monkeypatch: pytest.MonkeyP
 
 @pytest.mark.slow
 @pytest.mark.parametrize(("deformation", "iterations"), [("trajectory", 48), ("hashgrid", 28)])
-def test_a_group_goes_back_to_its_last_good_state(
-    monkeypatch: pytest.MonkeyPatch, deformation: str, iterations: int
-) -> None:
-    """With what it had before points came and went, and before pictures became larger."""
+def test_group_recovers_last_good_state(monkeypatch: pytest.MonkeyPatch, deformation: str, iterations: int) -> None:
+    """The state includes density control and the image size."""
     filmed = groups.frames()
     config = groups.with_group(
         groups.config(deformation, iterations, adapt_every=20), appearance=True, coarse_share=0.25
@@ -87,10 +85,14 @@ def test_a_group_goes_back_to_its_last_good_state(
     assert "goes on from iteration 50, at 0.5 times" in notes.notes[0]
     assert group.recovery.pace == 1
     assert groups.quality(filmed, found) > groups.quality(filmed, smooth) - 1.5
-    assert all(np.isfinite(array).all() for array in (found.dx, found.dq, found.shade, found.dynamic.means))
+    assert all(
+        np.isfinite(array).all()
+        for array in (found.dx, found.dq, found.shade, found.dynamic.means)
+        if array is not None
+    )
 
 
-def test_a_second_failure_leaves_training_slow(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_second_failure_keeps_low_pace(monkeypatch: pytest.MonkeyPatch) -> None:
     config = groups.with_group(groups.config(iterations=40), appearance=True)
     spoil(monkeypatch, lambda call: call in (70, 145))
     notes, group = Notes(), groups.trainer(groups.frames(), config)
@@ -103,8 +105,8 @@ def test_a_second_failure_leaves_training_slow(monkeypatch: pytest.MonkeyPatch) 
     assert group.points.appearance.adam.rate == pytest.approx(0.25 * 0.05 ** (199 / 200))
 
 
-def test_points_that_were_converted_rest_again(monkeypatch: pytest.MonkeyPatch) -> None:
-    """What moved was static at first: adaptive conversion made it dynamic, and going back took it back."""
+def test_recovery_reverts_converted_points(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Points that adaptive conversion made dynamic become static again."""
     group = groups.trainer(groups.frames(), groups.config(iterations=4))
     before, count, restore = group.static.view(0), len(group.points), group.snapshot()
     group.density.convert(torch.arange(100))
@@ -118,13 +120,13 @@ def test_points_that_were_converted_rest_again(monkeypatch: pytest.MonkeyPatch) 
 
 
 @pytest.mark.parametrize("part", ["canonical", "deformation", "appearance"])
-def test_values_that_training_spoils_are_found_at_once(monkeypatch: pytest.MonkeyPatch, part: str) -> None:
-    """The loss may be finite, and a gradient not."""
+def test_recovery_detects_infinite_values_despite_finite_loss(monkeypatch: pytest.MonkeyPatch, part: str) -> None:
+    """A gradient may be infinite although the loss is finite."""
     config = groups.with_group(groups.config(iterations=20), appearance=True)
     group, notes, spoiled = groups.trainer(groups.frames(), config), Notes(), []
     values = {
         "canonical": lambda: group.points.means.detach(),
-        "deformation": lambda: group.points.deformation.controls[1],
+        "deformation": lambda: group.points.deformation.controls[1],  # pyright: ignore[reportAttributeAccessIssue]
         "appearance": lambda: group.points.appearance.controls,
     }[part]
     step = group.step
@@ -143,7 +145,7 @@ def test_values_that_training_spoils_are_found_at_once(monkeypatch: pytest.Monke
     assert np.isfinite(found.dx).all()
 
 
-def test_training_that_stays_infinite_is_given_up(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_recovery_gives_up_after_max_attempts(monkeypatch: pytest.MonkeyPatch) -> None:
     spoil(monkeypatch, lambda call: call >= 60)
     trainer, notes = (
         KeyframeTrainer(keyframes.rough_start(), keyframes.gains(), keyframes.CONFIG, max_points=3000),
@@ -155,7 +157,7 @@ def test_training_that_stays_infinite_is_given_up(monkeypatch: pytest.MonkeyPatc
 
 
 class Value:
-    """What is trained: one number. kept: its copies."""
+    """A training of one number."""
 
     def __init__(self) -> None:
         self.value, self.kept = 1.0, list[float]()
@@ -171,18 +173,18 @@ class Value:
         self.value = self.kept[-1]
 
 
-def test_a_state_is_kept_only_if_it_is_finite() -> None:
+def test_recovery_saves_only_finite_states() -> None:
     training, state, notes = Value(), Recovery(), Notes()
-    state.keep(0, training)
+    state.save_state(0, training)
     training.value = np.inf
     with pytest.raises(splat.GaussiansError) as found:
-        state.passed(recovery.KEEP_EVERY, torch.tensor(0.1), training)
-    assert state.go_back(recovery.KEEP_EVERY, found.value, notes) == 0
+        state.check_iteration(recovery.KEEP_EVERY, torch.tensor(0.1), training)
+    assert state.restore(recovery.KEEP_EVERY, found.value, notes) == 0
     assert (training.value, training.kept) == (1.0, [1.0])
 
 
-def test_what_was_trained_is_freed_as_soon_as_nobody_needs_it() -> None:
-    """The frames of a group are gigabytes: they must not wait for the garbage collector."""
+def test_trainer_is_freed_without_garbage_collection() -> None:
+    """The frames of a group take gigabytes, so they must not wait for the garbage collector."""
     keyframe = KeyframeTrainer(keyframes.rough_start(), keyframes.gains(), keyframes.CONFIG, max_points=3000)
     group = groups.trainer(groups.frames(), groups.config(iterations=2))
     gc.disable()

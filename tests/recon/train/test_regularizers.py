@@ -1,3 +1,7 @@
+"""Regularizers of motion."""
+
+from typing import Any, cast
+
 import pytest
 import torch
 
@@ -16,7 +20,7 @@ def arap(means, dx, dq, unit=1.0):
     return regularizers.arap(means, dx, dq, neighbor, torch.ones(len(means)), unit)
 
 
-def test_a_rigid_motion_costs_nothing():
+def test_arap_of_rigid_motion_is_zero():
     means = grid()
     dq = torch.tensor([[0.8, 0.0, 0.6, 0.0]]).expand(len(means), 4)
     dx = rotate(dq, means) + torch.tensor([0.3, -0.2, 0.5]) - means
@@ -24,7 +28,7 @@ def test_a_rigid_motion_costs_nothing():
 
 
 @pytest.mark.parametrize("kind", ["stretch", "twist"])
-def test_stretching_and_twisting_cost(kind):
+def test_arap_of_stretching_and_twisting_is_positive(kind):
     means = grid()
     dq = torch.tensor([[1.0, 0, 0, 0]]).repeat(len(means), 1)
     dx = torch.zeros_like(means)
@@ -35,7 +39,7 @@ def test_stretching_and_twisting_cost(kind):
     assert arap(means, dx, dq) > 0.05
 
 
-def test_the_unit_makes_the_loss_independent_of_scale():
+def test_arap_is_independent_of_scale():
     means, dx = grid(), 0.1 * grid().sin()
     dq = torch.tensor([[1.0, 0, 0, 0]]).repeat(len(means), 1)
     small, large = arap(means, dx, dq), arap(1000 * means, 1000 * dx, dq, 1000.0)
@@ -43,7 +47,7 @@ def test_the_unit_makes_the_loss_independent_of_scale():
 
 
 class Polynomial:
-    """Offsets t^power."""
+    """Deformation with offsets t^power."""
 
     def __init__(self, power):
         self.power = power
@@ -52,16 +56,16 @@ class Polynomial:
         return torch.full_like(means, float(frame) ** self.power), torch.ones(len(means), 4)
 
 
-def test_constant_velocity_costs_nothing_and_acceleration_does():
+def test_temporal_penalizes_acceleration_only():
     means = grid()
-    assert regularizers.temporal(Polynomial(1), means, 2, 4, 0.3, 1.0) < 1e-5
+    assert regularizers.temporal(cast(Any, Polynomial(1)), means, 2, 4, 0.3, 1.0) < 1e-5
     expected = 3 * abs(0.7 * 4 + 0.3 * 16 - 2.6**2)
     torch.testing.assert_close(
-        regularizers.temporal(Polynomial(2), means, 2, 4, 0.3, 1.0).item(), expected, rtol=1e-4, atol=0
+        regularizers.temporal(cast(Any, Polynomial(2)), means, 2, 4, 0.3, 1.0).item(), expected, rtol=1e-4, atol=0
     )
 
 
-def test_the_losses_reach_the_parameters():
+def test_regularizers_give_gradients_to_parameters():
     means = grid()
     model = Trajectory(means, 10, 1.0)
     dx, dq = model.offsets(means, 3)
@@ -72,7 +76,7 @@ def test_the_losses_reach_the_parameters():
     assert all(grad is not None and torch.isfinite(grad).all() for grad in grads)
 
 
-def test_the_neighbors_of_a_point_are_by_rank_and_far_ones_count_less():
+def test_neighbors_are_ranked_and_weighted_by_distance():
     means = torch.tensor([[0.0, 0, 0], [1, 0, 0], [3, 0, 0], [3, 0.1, 0]])
     found = regularizers.Neighbors.of(means, 8)
     assert found is not None

@@ -1,3 +1,5 @@
+"""Drawing during training."""
+
 from dataclasses import replace
 
 import numpy as np
@@ -29,8 +31,8 @@ def static_cache(points: Gaussians = WALL) -> StaticCache:
 
 
 @pytest.mark.parametrize("camera", range(3))
-def test_layered_and_whole_drawing_agree(camera: int) -> None:
-    """Picture, alpha and gradients of the moving points; only a whole drawing says how static points are pulled."""
+def test_layered_drawing_matches_whole_drawing(camera: int) -> None:
+    """Image, alpha and gradients of moving points agree; only whole drawing gives gradients to static points."""
     results = []
     for layered in (True, False):
         points, seen = moving(VIEWS[camera])
@@ -55,7 +57,7 @@ def test_layered_and_whole_drawing_agree(camera: int) -> None:
     assert whole.tiles is None
 
 
-def test_what_rests_is_not_drawn_close_to_a_view_and_what_moves_is() -> None:
+def test_clearance_hides_static_points_only() -> None:
     camera = ring(3, width=96, height=64)[0]
     layout = measure([camera], WALL.means, NEAR)
     depths = WALL.means @ camera.viewmat[2, :3] + camera.viewmat[2, 3]
@@ -71,8 +73,8 @@ def test_what_rests_is_not_drawn_close_to_a_view_and_what_moves_is() -> None:
 
 
 @pytest.mark.parametrize("layered", [True, False])
-def test_a_background_shows_through_what_is_drawn(layered: bool) -> None:
-    """As if it were blended behind everything by alpha: picture and gradients."""
+def test_background_matches_alpha_blending(layered: bool) -> None:
+    """Image and gradients equal those of a background blended by alpha."""
     color = torch.tensor([0.3, 0.9, 0.1])
     plain = VIEWS[1]
     view = replace(plain, background=color)
@@ -91,7 +93,7 @@ def test_a_background_shows_through_what_is_drawn(layered: bool) -> None:
         torch.testing.assert_close(tensor.grad, results[1][1].params[name].grad, atol=1e-3, rtol=1e-3)
 
 
-def test_without_static_points_only_what_moves_is_drawn() -> None:
+def test_draw_without_static_points() -> None:
     _, seen = moving(VIEWS[0])
     alone, before_nothing = draw(seen, VIEWS[0]), draw(seen, VIEWS[0], static_cache(Gaussians.empty(0)).view(0))
     assert alone.index is None
@@ -100,7 +102,7 @@ def test_without_static_points_only_what_moves_is_drawn() -> None:
 
 
 @pytest.mark.parametrize("drawn_before", [True, False])
-def test_static_views_show_the_living_points_only(drawn_before: bool) -> None:
+def test_static_view_contains_living_points_only(drawn_before: bool) -> None:
     alive = torch.from_numpy(WALL.means[:, 0] < 0.3)
     behind = static_cache()
     if drawn_before:
@@ -115,14 +117,14 @@ def test_static_views_show_the_living_points_only(drawn_before: bool) -> None:
     assert (static_cache().view(1).frozen.image - static.frozen.image).abs().max() > 0.1
 
 
-def test_the_callers_mask_stays_his_own() -> None:
+def test_set_alive_copies_mask() -> None:
     behind, alive = static_cache(), torch.ones(len(WALL), dtype=torch.bool)
     behind.set_alive(alive)
     alive[0] = False
     assert bool(behind.alive.all())
 
 
-def test_static_points_are_drawn_once() -> None:
+def test_static_cache_projects_once_per_view() -> None:
     behind = static_cache()
     first = behind.view(2)
     assert behind.view(2) is first
@@ -130,8 +132,8 @@ def test_static_points_are_drawn_once() -> None:
     assert behind.view(2) is first, "nothing died"
 
 
-def test_what_a_point_fills_is_what_is_seen_of_it() -> None:
-    """One splat in front of a wall and the same behind it: there it fills what it adds to the wall's alpha."""
+def test_contributions_equal_visible_pixels() -> None:
+    """Of a splat in front of a wall and one behind it, the visible part counts: what it adds to the wall's alpha."""
     wall = Gaussians(WALL.means, WALL.quats, WALL.scales, np.full(len(WALL), 0.999), WALL.sh)
     view, static = VIEWS[0], static_cache(wall).view(0)
     one = THING[:1]
@@ -145,7 +147,7 @@ def test_what_a_point_fills_is_what_is_seen_of_it() -> None:
     torch.testing.assert_close(contributions(behind, view, static), through[None], atol=1e-3, rtol=1e-3)
 
 
-def test_small_pictures_are_what_their_views_see() -> None:
+def test_halved_images_match_halved_views() -> None:
     views = [View.of(camera, CPU, antialias=True) for camera in ring(2, width=97, height=65)]
     seen = StaticCache(WALL, views, NEAR, CPU)
     pictures = torch.stack([seen.view(k).frozen.image for k in range(2)])

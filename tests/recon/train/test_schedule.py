@@ -1,3 +1,5 @@
+"""Order of training images."""
+
 import numpy as np
 import pytest
 import torch
@@ -5,7 +7,7 @@ import torch
 from splatreel.recon.train.schedule import FrameSchedule
 
 
-def test_frames_come_in_from_near_to_far():
+def test_frontier_moves_from_first_to_last_frame():
     schedule = FrameSchedule(frames=10, cameras=3, iterations=1000, progressive=0.5, seed=0)
     assert [schedule.frontier(i) for i in (0, 49, 50, 250, 499, 500, 999)] == [0, 0, 1, 5, 9, 9, 9]
     for i in range(0, 500, 7):
@@ -14,7 +16,7 @@ def test_frames_come_in_from_near_to_far():
         assert 0 <= camera < 3
 
 
-def test_while_frames_come_in_the_newest_come_up_most_and_none_is_forgotten():
+def test_warm_up_prefers_newest_frames():
     schedule = FrameSchedule(frames=10, cameras=3, iterations=1000, progressive=0.5, seed=0)
     drawn = [schedule.draw(250) for _ in range(600)]  # the frontier is frame 5
     assert set(drawn) == {(frame, camera) for frame in range(6) for camera in range(3)}
@@ -24,7 +26,7 @@ def test_while_frames_come_in_the_newest_come_up_most_and_none_is_forgotten():
 
 
 @pytest.mark.parametrize("progressive", [0.0, 0.5])
-def test_after_the_warm_up_every_picture_comes_once_a_round(progressive):
+def test_round_contains_every_image_once(progressive):
     schedule = FrameSchedule(frames=5, cameras=4, iterations=100, progressive=progressive, seed=1)
     for _ in range(3):
         assert sorted(schedule.draw(99) for _ in range(20)) == [(f, c) for f in range(5) for c in range(4)]
@@ -32,12 +34,12 @@ def test_after_the_warm_up_every_picture_comes_once_a_round(progressive):
     assert orders[0] != orders[1]
 
 
-def test_a_frame_that_stays_bad_comes_up_more_often_whatever_its_cameras():
+def test_frame_with_larger_loss_is_drawn_more_often():
     schedule = FrameSchedule(frames=6, cameras=8, iterations=100, progressive=0.0, seed=0)
     for frame in range(6):
-        for camera in range(8):  # some cameras see more that is wrong, in every frame
-            schedule.note(frame, camera, torch.tensor((2.0 if frame == 4 else 1.0) * (1 + camera)))
-    wanted = schedule.wanted()
+        for camera in range(8):  # some cameras have larger errors in every frame
+            schedule.record_loss(frame, camera, torch.tensor((2.0 if frame == 4 else 1.0) * (1 + camera)))
+    wanted = schedule.draws_per_round()
     assert wanted.mean() == pytest.approx(1)
     assert wanted[4] == pytest.approx(2 * wanted[0])
     np.testing.assert_allclose(wanted[[0, 1, 2, 3, 5]], wanted[0])
@@ -45,16 +47,16 @@ def test_a_frame_that_stays_bad_comes_up_more_often_whatever_its_cameras():
     assert drawn[4] == pytest.approx(2 * drawn[[0, 1, 2, 3, 5]].mean(), rel=0.1)
 
 
-def test_no_frame_is_left_out_or_taken_over():
+def test_draws_per_round_are_limited():
     schedule = FrameSchedule(frames=4, cameras=1, iterations=10, progressive=0.0, seed=0)
     for frame, loss in enumerate((1e-9, 1.0, 1.0, 1e3)):
-        schedule.note(frame, 0, torch.tensor(loss))
-    wanted = schedule.wanted()
+        schedule.record_loss(frame, 0, torch.tensor(loss))
+    wanted = schedule.draws_per_round()
     assert wanted.max() / wanted.min() <= 6
     assert {schedule.draw(0)[0] for _ in range(60)} == {0, 1, 2, 3}
 
 
-def test_pictures_not_seen_yet_come_up_as_often_as_others():
+def test_frames_without_loss_have_mean_draws():
     schedule = FrameSchedule(frames=3, cameras=2, iterations=10, progressive=0.0, seed=0)
-    schedule.note(0, 0, torch.tensor(0.5))
-    np.testing.assert_allclose(schedule.wanted(), 1)
+    schedule.record_loss(0, 0, torch.tensor(0.5))
+    np.testing.assert_allclose(schedule.draws_per_round(), 1)

@@ -1,3 +1,5 @@
+"""Reconstruction of one frame."""
+
 from dataclasses import replace
 from pathlib import Path
 
@@ -15,7 +17,7 @@ CONFIG = small({"keyframe.first_iterations": 40})
 
 
 class Trace(Silent):
-    """Remembers the last step."""
+    """Progress that records the last step."""
 
     done = 0
 
@@ -27,7 +29,7 @@ def images(capture: WallCapture, frame: int) -> np.ndarray:
     return capture.read(frame, 1, [camera.name for camera in capture.cameras])[0]
 
 
-def test_a_frame_alone_is_the_first_keyframe_of_a_run(tmp_path: Path) -> None:
+def test_single_frame_equals_first_keyframe_of_a_run(tmp_path: Path) -> None:
     capture, trace = WallCapture(1), Trace()
     gaussians, layout = reconstruct_single_frame(capture.cameras, images(capture, 0), CONFIG, progress=trace)
     work = reconstruct(capture, tmp_path, CONFIG, device="cpu").work
@@ -38,7 +40,7 @@ def test_a_frame_alone_is_the_first_keyframe_of_a_run(tmp_path: Path) -> None:
     assert trace.done == 40
 
 
-def test_cameras_that_do_not_agree_are_told_of() -> None:
+def test_single_frame_warns_about_low_psnr() -> None:
     capture, heard = WallCapture(1), Notes()
     config = replace(CONFIG, keyframe=replace(CONFIG.keyframe, first_iterations=150, rate_scale=4.0))
     shown = images(capture, 0)
@@ -46,4 +48,4 @@ def test_cameras_that_do_not_agree_are_told_of() -> None:
     assert not heard.lines
     noise = np.random.default_rng(0).integers(0, 256, shown.shape).astype(np.uint8)
     reconstruct_single_frame(capture.cameras, noise, config, progress=heard)
-    assert "do not agree" in heard.lines[0]
+    assert "the cameras disagree" in heard.lines[0]

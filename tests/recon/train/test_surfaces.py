@@ -1,3 +1,5 @@
+"""Losses of surfaces."""
+
 import dataclasses
 
 import numpy as np
@@ -11,7 +13,7 @@ from splatreel.scene.camera import Camera
 
 
 def seen(depths: list[float], opacities: list[float], scale: float = 1.0) -> tuple[Splats, View, torch.Tensor]:
-    """Splats that each fill the view of one camera, as it sees them, and their opacities, which get gradients."""
+    """Return splats that each fill the view of one camera, and their opacities, which get gradients."""
     camera = front_camera(32, 24)
     center, forward = camera.center * scale, camera.forward
     pose = np.eye(4)
@@ -26,14 +28,14 @@ def seen(depths: list[float], opacities: list[float], scale: float = 1.0) -> tup
     return splats(means, quats, scales, given, colors, view, 0.1 * scale), view, given
 
 
-def test_what_is_at_one_depth_does_not_spread():
+def test_spread_of_one_depth_is_zero():
     points, view, _ = seen([3.0, 3.0], [0.6, 0.9])
     assert surfaces.spread(surfaces.Depths.of(points, view, 0.1)) < 1e-4
 
 
 @pytest.mark.parametrize("scale", [1.0, 1000.0])
 @pytest.mark.parametrize("behind", [2.5, 4.0])
-def test_what_is_before_a_surface_pays_by_its_distance(scale: float, behind: float) -> None:
+def test_spread_grows_with_distance_to_surface(scale: float, behind: float) -> None:
     points, view, opacities = seen([2.0, behind], [0.2, 0.9], scale)
     spread = surfaces.spread(surfaces.Depths.of(points, view, 0.1 * scale))
     first, second, apart = 0.2, 0.8 * 0.9, np.log(behind / 2)
@@ -46,8 +48,8 @@ def test_what_is_before_a_surface_pays_by_its_distance(scale: float, behind: flo
 
 
 @pytest.mark.parametrize("mist", [0.1, 0.4, 0.6, 0.9])
-def test_mist_before_a_surface_fades_however_thick_it_is(mist: float) -> None:
-    """The variance of depths, which is symmetric, would have it fill the pixel from half of it on, and hide what is behind."""
+def test_spread_fades_mist_of_any_thickness(mist: float) -> None:
+    """The symmetric variance of depths would make mist grow if it fills more than half of a pixel."""
     points, view, opacities = seen([1.0, 4.0], [mist, 0.95])
     surfaces.spread(surfaces.Depths.of(points, view, 0.1)).backward()
     assert opacities.grad is not None
@@ -55,7 +57,7 @@ def test_mist_before_a_surface_fades_however_thick_it_is(mist: float) -> None:
     assert opacities.grad[1] <= 0, "the surface stays"
 
 
-def test_the_spread_of_many_layers_and_of_none_is_finite() -> None:
+def test_spread_is_finite_for_many_layers_and_none() -> None:
     for depths, shown in (
         ([0.2, 1.0, 1.1, 3.0, 40.0], [0.3] * 5),
         ([2.0, 3.0], [0.0, 0.0]),
@@ -70,7 +72,7 @@ def test_the_spread_of_many_layers_and_of_none_is_finite() -> None:
 
 
 def corrugated(amplitude: float, slope: float = 0.0) -> tuple[Splats, View, torch.Tensor]:
-    """A wall of small splats before one camera, which leans by `slope` and every other column of which stands out."""
+    """Return a wall of small splats that is tilted by `slope`; every other column is displaced."""
     camera = front_camera(48, 32)
     columns, rows = np.meshgrid(np.arange(1, 48, 2.0), np.arange(1, 32, 2.0))
     depth = 1 / (0.3 + slope * columns + amplitude * (np.arange(columns.shape[1]) % 2))
@@ -93,21 +95,23 @@ def rough(amplitude: float, slope: float = 0.0, edges: bool = False) -> torch.Te
     return surfaces.roughness(surfaces.Depths.of(points, view, 0.1), picture, 30.0)
 
 
-def test_a_plane_is_not_rough_however_it_leans_and_what_bends_is() -> None:
+def test_roughness_is_zero_for_tilted_planes() -> None:
     assert rough(0.0) < 1e-4
     leaning, bent = rough(0.0, 0.004), rough(0.01)
     assert leaning < 0.3 * bent, "all that bends is its steps from splat to splat"
     assert rough(0.02) > 1.5 * bent
 
 
-def test_depth_may_bend_where_the_picture_has_edges() -> None:
+def test_roughness_is_smaller_at_image_edges() -> None:
     assert rough(0.02, edges=True) < 0.2 * rough(0.02)
 
 
-def test_a_plate_before_a_plain_wall_fades() -> None:
+def test_roughness_fades_plate_in_front_of_plain_wall() -> None:
     points, view, opacities = corrugated(0.0)
     near = torch.zeros(len(opacities), dtype=torch.bool)
-    near[len(opacities) // 2 + 8 : len(opacities) // 2 + 14] = True  # a few in the middle of a row, half as far
+    near[len(opacities) // 2 + 8 : len(opacities) // 2 + 14] = (
+        True  # a few in the middle of a row, at half the distance
+    )
     lifted = dataclasses.replace(points, depths=torch.where(near, points.depths / 2, points.depths))
     surfaces.roughness(
         surfaces.Depths.of(lifted, view, 0.1), torch.zeros(32, 48, 3, dtype=torch.uint8), 30.0

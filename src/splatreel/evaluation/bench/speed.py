@@ -23,8 +23,8 @@ from splatreel.recon.layering.tracking import GroupStart
 from splatreel.recon.pipeline import Result, reconstruct
 from splatreel.recon.run.machine_speed import on_one_thread
 from splatreel.recon.run.store import Store, restored_rig
+from splatreel.recon.train.density import MEASURE_EVERY
 from splatreel.recon.train.group import GroupTrainer
-from splatreel.recon.train.group_density import MEASURE_EVERY
 from splatreel.recon.train.render import draw
 from splatreel.recon.train.stages import group_trainer
 from splatreel.scene.spans import GroupSpan

@@ -13,12 +13,31 @@ from numba import njit, types
 
 from splatreel.jit import BOOL, F1, F2, F3, I1, range_kernel
 from splatreel.kernels.cpu.harmonics import color_one, color_one_backward
-from splatreel.kernels.cpu.motion import turn_one, turn_one_backward
-from splatreel.kernels.cpu.project import FINE_BLUR, GRAIN, LIMITS, Pinhole, project_one, project_one_backward
-from splatreel.kernels.cpu.rows import stack_floats
+from splatreel.kernels.cpu.motion import product, unit_gradient
+from splatreel.kernels.cpu.project import (
+    CONIC,
+    FINE_BLUR,
+    GRAIN,
+    LANES,
+    LIMITS,
+    MEAN,
+    POINT_FLOATS,
+    QUAT,
+    SCALE,
+    SPLAT_FLOATS,
+    Pinhole,
+    load_rows,
+    load_splats,
+    project_block,
+    project_block_backward,
+    store_rows,
+    store_splats,
+)
+from splatreel.kernels.cpu.rows import choose, stack_floats
 from splatreel.kernels.cpu.scalars import HALF, ONE, TWO, ZERO, F
 
 FINE = F(FINE_BLUR)
+QUAT_FLOATS = 4 * LANES
 LEAST_AREA = F(1e-6)
 
 Arrays = tuple[np.ndarray, ...]
@@ -83,10 +102,9 @@ def backward(
 ) -> Arrays:
     """Gradients to the fields of the moment, dx apart, whose gradient is that of the means."""
     d_moment = _like(*moment[:6], moment.dq, moment.shade)
-    room = _like(d_conics, moment.quats)
     d_seen = d_means2d, d_conics, d_colors, d_opacities
     inputs = tuple(moment), tuple(seen), view.blur == FINE_BLUR, view.viewmat, view.lens, center
-    _deform_backward.over(len(moment.means), *inputs, d_seen, room, d_moment, grain=GRAIN)
+    _deform_backward.over(len(moment.means), *inputs, d_seen, d_moment, grain=GRAIN)
     return d_moment
 
 
@@ -95,10 +113,46 @@ def _like(*arrays: np.ndarray) -> Arrays:
 
 
 @njit(inline="always")
-def _kept_area(conics, i):
+def _kept_area(a, b, c):
     """As `project.kept_area`, at least LEAST_AREA."""
-    a, b, c = conics[i, 0], conics[i, 1], conics[i, 2]
     return max(ONE - FINE * (a + c) + FINE * FINE * (a * c - b * b), LEAST_AREA)
+
+
+@njit(inline="always")
+def _unit(block, lane):
+    """The normalized quaternion of one lane of a block of four rows, and one over its norm."""
+    w, x, y, z = block[lane], block[LANES + lane], block[2 * LANES + lane], block[3 * LANES + lane]
+    inverse = ONE / max(math.sqrt(w * w + x * x + y * y + z * z), F(1e-12))
+    return w * inverse, x * inverse, y * inverse, z * inverse, inverse
+
+
+@njit(inline="always")
+def _turn_block(quats, dq, out, row):
+    """Hamilton products quats * dq / |dq| of a block, into four rows of `out`."""
+    for lane in range(LANES):
+        w, x, y, z, _ = _unit(dq, lane)
+        a, b, c, d = quats[lane], quats[LANES + lane], quats[2 * LANES + lane], quats[3 * LANES + lane]
+        a, b, c, d = product(a, b, c, d, w, x, y, z)
+        out[row * LANES + lane], out[(row + 1) * LANES + lane] = a, b
+        out[(row + 2) * LANES + lane], out[(row + 3) * LANES + lane] = c, d
+
+
+@njit(inline="always")
+def _turn_block_backward(quats, dq, d_products, row, d_quats, d_dq):
+    """Gradients of `_turn_block`: d_products are the rows `row` to `row + 4` of a block.
+
+    The gradient to a factor of a product is that to the product times the conjugate of the other factor, on the same side.
+    """
+    for lane in range(LANES):
+        w, x, y, z, inverse = _unit(dq, lane)
+        gw, gx = d_products[row * LANES + lane], d_products[(row + 1) * LANES + lane]
+        gy, gz = d_products[(row + 2) * LANES + lane], d_products[(row + 3) * LANES + lane]
+        a, b, c, d = product(gw, gx, gy, gz, w, -x, -y, -z)
+        d_quats[lane], d_quats[LANES + lane], d_quats[2 * LANES + lane], d_quats[3 * LANES + lane] = a, b, c, d
+        a, b, c, d = quats[lane], -quats[LANES + lane], -quats[2 * LANES + lane], -quats[3 * LANES + lane]
+        a, b, c, d = product(a, b, c, d, gw, gx, gy, gz)
+        a, b, c, d = unit_gradient(w, x, y, z, inverse, a, b, c, d)
+        d_dq[lane], d_dq[LANES + lane], d_dq[2 * LANES + lane], d_dq[3 * LANES + lane] = a, b, c, d
 
 
 MOMENT = types.Tuple((F2, F2, F2, F1, F3, F3, F2, F2, F2))
@@ -110,74 +164,91 @@ def _deform(first, last, moment, seen, antialias, V, lens, limits, center, opaci
     canonical, turns, _, _, base, rest, dx, dq, shade = moment
     means2d, conics, colors, depths, radii, means, quats, scales, opaque = seen
     moved, shaded = dx.shape[0] > 0, shade.shape[0] > 0
-    for i in range(first, last):
-        basis = stack_floats(16)
-        for c in range(3):
-            means[i, c] = canonical[i, c] + (dx[i, c] if moved else ZERO)
-        red, green, blue = base[i, 0, 0], base[i, 0, 1], base[i, 0, 2]
-        if shaded:
-            red, green, blue = red + shade[i, 0], green + shade[i, 1], blue + shade[i, 2]
+    points, splats = stack_floats(POINT_FLOATS), stack_floats(SPLAT_FLOATS)
+    before, turn, basis = stack_floats(QUAT_FLOATS), stack_floats(QUAT_FLOATS), stack_floats(16)
+    for start in range(first, last, LANES):
+        count = min(LANES, last - start)
+        for i in range(start, start + count):
+            for c in range(3):
+                means[i, c] = canonical[i, c] + (dx[i, c] if moved else ZERO)
+        load_rows(means, start, count, 3, points, MEAN)
+        load_rows(scales, start, count, 3, points, SCALE)
         if moved:
-            turn_one(i, turns, dq, quats)
+            load_rows(turns, start, count, 4, before, 0)
+            load_rows(dq, start, count, 4, turn, 0)
+            _turn_block(before, turn, points, QUAT)
         else:
-            for c in range(4):
-                quats[i, c] = turns[i, c]
-        project_one(i, means, quats, scales, V, lens, limits, means2d, conics, depths, radii)
-        color_one(i, means, center, red, green, blue, rest, basis, colors)
-        opacities[i] = opaque[i] * (math.sqrt(_kept_area(conics, i)) if antialias else ONE)
+            load_rows(turns, start, count, 4, points, QUAT)
+        project_block(points, V, lens, limits, splats)
+        store_rows(points, QUAT, start, count, 4, quats)
+        store_splats(splats, start, count, means2d, conics, depths, radii)
+        for i in range(start, start + count):
+            red, green, blue = base[i, 0, 0], base[i, 0, 1], base[i, 0, 2]
+            if shaded:
+                red, green, blue = red + shade[i, 0], green + shade[i, 1], blue + shade[i, 2]
+            color_one(i, means, center, red, green, blue, rest, basis, colors)
+            kept = _kept_area(conics[i, 0], conics[i, 1], conics[i, 2]) if antialias else ONE
+            opacities[i] = opaque[i] * math.sqrt(kept)
 
 
 D_SEEN = types.Tuple((F2, F2, F2, F1))
-ROOM = types.UniTuple(F2, 2)
 D_MOMENT = types.Tuple((F2, F2, F2, F1, F3, F3, F2, F2))
 
 
-@range_kernel(MOMENT, SEEN, BOOL, F2, F1, F1, D_SEEN, ROOM, D_MOMENT)
-def _deform_backward(first, last, moment, seen, antialias, V, lens, center, d_seen, room, d_moment):
+@njit(inline="always")
+def _antialias_block_backward(splats, d_splats, opaque, d_opaque):
+    """Add to the gradients of the conics what the antialiased opacities depend on them, and take the area from d_opaque."""
+    for lane in range(LANES):
+        a, b = splats[CONIC * LANES + lane], splats[(CONIC + 1) * LANES + lane]
+        c = splats[(CONIC + 2) * LANES + lane]
+        area = _kept_area(a, b, c)
+        root = math.sqrt(area)
+        slope = choose(area > LEAST_AREA, d_opaque[lane] * opaque[lane] * HALF / root, ZERO)
+        d_splats[CONIC * LANES + lane] += slope * FINE * (FINE * c - ONE)
+        d_splats[(CONIC + 1) * LANES + lane] -= slope * FINE * FINE * TWO * b
+        d_splats[(CONIC + 2) * LANES + lane] += slope * FINE * (FINE * a - ONE)
+        d_opaque[lane] *= root
+
+
+@range_kernel(MOMENT, SEEN, BOOL, F2, F1, F1, D_SEEN, D_MOMENT)
+def _deform_backward(first, last, moment, seen, antialias, V, lens, center, d_seen, d_moment):
     _, turns, _, _, _, _, _, dq, shade = moment
     _, conics, colors, _, radii, means, quats, scales, opaque = seen
     d_means2d, d_conics, d_colors, d_opacities = d_seen
-    d_blurred, d_product = room
     d_means, d_quats, d_log_scales, d_logits, d_base, d_rest, d_dq, d_shade = d_moment
     moved, shaded = dq.shape[0] > 0, shade.shape[0] > 0
-    for i in range(first, last):
-        basis, d_opaque = stack_floats(16), d_opacities[i]
-        for c in range(3):
-            d_blurred[i, c] = d_conics[i, c]
+    points, splats, d_points = stack_floats(POINT_FLOATS), stack_floats(SPLAT_FLOATS), stack_floats(POINT_FLOATS)
+    d_splats, before, turn = stack_floats(SPLAT_FLOATS), stack_floats(QUAT_FLOATS), stack_floats(QUAT_FLOATS)
+    d_before, d_turn, basis = stack_floats(QUAT_FLOATS), stack_floats(QUAT_FLOATS), stack_floats(16)
+    opacity, d_opacity = stack_floats(LANES), stack_floats(LANES)
+    for start in range(first, last, LANES):
+        count = min(LANES, last - start)
+        load_rows(means, start, count, 3, points, MEAN)
+        load_rows(quats, start, count, 4, points, QUAT)
+        load_rows(scales, start, count, 3, points, SCALE)
+        load_splats(conics, d_means2d, d_conics, radii, start, count, splats, d_splats)
+        for lane in range(LANES):
+            i = start + min(lane, count - 1)
+            opacity[lane], d_opacity[lane] = opaque[i], d_opacities[i]
         if antialias:
-            area = _kept_area(conics, i)
-            root = math.sqrt(area)
-            slope = d_opaque * opaque[i] * HALF / root if area > LEAST_AREA else ZERO
-            d_blurred[i, 0] += slope * FINE * (FINE * conics[i, 2] - ONE)
-            d_blurred[i, 1] -= slope * FINE * FINE * TWO * conics[i, 1]
-            d_blurred[i, 2] += slope * FINE * (FINE * conics[i, 0] - ONE)
-            d_opaque *= root
-        project_one_backward(
-            i,
-            means,
-            quats,
-            scales,
-            V,
-            lens,
-            conics,
-            radii,
-            d_means2d,
-            d_blurred,
-            ZERO,
-            d_means,
-            d_product,
-            d_log_scales,
-        )
+            _antialias_block_backward(splats, d_splats, opacity, d_opacity)
+        project_block_backward(points, splats, d_splats, V, lens, d_points)
+        store_rows(d_points, MEAN, start, count, 3, d_means)
         if moved:
-            turn_one_backward(i, turns, dq, d_product, d_quats, d_dq)
+            load_rows(turns, start, count, 4, before, 0)
+            load_rows(dq, start, count, 4, turn, 0)
+            _turn_block_backward(before, turn, d_points, QUAT, d_before, d_turn)
+            store_rows(d_before, 0, start, count, 4, d_quats)
+            store_rows(d_turn, 0, start, count, 4, d_dq)
         else:
-            for c in range(4):
-                d_quats[i, c] = d_product[i, c]
-        color_one_backward(i, means, center, colors, d_colors, basis, d_base, d_rest)
-        d_logits[i] = d_opaque * opaque[i] * (ONE - opaque[i])
-        for c in range(3):
-            d_log_scales[i, c] *= scales[i, c]
+            store_rows(d_points, QUAT, start, count, 4, d_quats)
+        for lane in range(count):
+            i = start + lane
+            color_one_backward(i, means, center, colors, d_colors, basis, d_base, d_rest)
+            d_logits[i] = d_opacity[lane] * opacity[lane] * (ONE - opacity[lane])
+            for c in range(3):
+                d_log_scales[i, c] = d_points[(SCALE + c) * LANES + lane] * scales[i, c]
+                if shaded:
+                    d_shade[i, c] = d_base[i, 0, c]
             if shaded:
-                d_shade[i, c] = d_base[i, 0, c]
-        if shaded:
-            d_shade[i, 3] = d_logits[i]
+                d_shade[i, 3] = d_logits[i]

@@ -105,7 +105,7 @@ def _offsets_gradient(first, last, d_dx, d_dq, index, share, unit, sums, d_point
 
 
 @njit(inline="always")
-def _product(aw, ax, ay, az, bw, bx, by, bz):
+def product(aw, ax, ay, az, bw, bx, by, bz):
     return (
         aw * bw - ax * bx - ay * by - az * bz,
         aw * bx + ax * bw + ay * bz - az * by,
@@ -123,7 +123,7 @@ def _unit(q, i):
 
 
 @njit(inline="always")
-def _before_unit(w, x, y, z, inverse, gw, gx, gy, gz):
+def unit_gradient(w, x, y, z, inverse, gw, gx, gy, gz):
     """Gradient to a quaternion before normalization, from that to the unit quaternion."""
     along = gw * w + gx * x + gy * y + gz * z
     return (
@@ -132,25 +132,6 @@ def _before_unit(w, x, y, z, inverse, gw, gx, gy, gz):
         (gy - along * y) * inverse,
         (gz - along * z) * inverse,
     )
-
-
-@njit(inline="always")
-def turn_one(i, quats, dq, product):
-    """Hamilton product quats * dq / |dq| of point i."""
-    w, x, y, z, _ = _unit(dq, i)
-    product[i, 0], product[i, 1], product[i, 2], product[i, 3] = _product(
-        quats[i, 0], quats[i, 1], quats[i, 2], quats[i, 3], w, x, y, z
-    )
-
-
-@njit(inline="always")
-def turn_one_backward(i, quats, dq, d_product, d_quats, d_dq):
-    """Its gradient: to a factor of a product, it is that to the product times the conjugate of the other factor, on its side."""
-    w, x, y, z, inverse = _unit(dq, i)
-    gw, gx, gy, gz = d_product[i, 0], d_product[i, 1], d_product[i, 2], d_product[i, 3]
-    d_quats[i, 0], d_quats[i, 1], d_quats[i, 2], d_quats[i, 3] = _product(gw, gx, gy, gz, w, -x, -y, -z)
-    nw, nx, ny, nz = _product(quats[i, 0], -quats[i, 1], -quats[i, 2], -quats[i, 3], gw, gx, gy, gz)
-    d_dq[i, 0], d_dq[i, 1], d_dq[i, 2], d_dq[i, 3] = _before_unit(w, x, y, z, inverse, nw, nx, ny, nz)
 
 
 @range_kernel(F2, F2)
@@ -240,4 +221,4 @@ def _split_gradient(first, last, units, gradient, d_dx, d_dq):
         w, x, y, z, inverse = units[i, 0], units[i, 1], units[i, 2], units[i, 3], units[i, 4]
         d_dx[i, 0], d_dx[i, 1], d_dx[i, 2] = gradient[i, 0], gradient[i, 1], gradient[i, 2]
         gw, gx, gy, gz = gradient[i, 3], gradient[i, 4], gradient[i, 5], gradient[i, 6]
-        d_dq[i, 0], d_dq[i, 1], d_dq[i, 2], d_dq[i, 3] = _before_unit(w, x, y, z, inverse, gw, gx, gy, gz)
+        d_dq[i, 0], d_dq[i, 1], d_dq[i, 2], d_dq[i, 3] = unit_gradient(w, x, y, z, inverse, gw, gx, gy, gz)

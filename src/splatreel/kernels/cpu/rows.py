@@ -229,3 +229,13 @@ def prefetch(typing: Any, array: Any, row: Any) -> Any:
         return context.get_dummy_value()
 
     return types.void(array, types.int64), generate
+
+
+@intrinsic
+def choose(typing: Any, condition: Any, yes: Any, no: Any) -> Any:
+    """Return one of two float32 numbers without a branch, which would keep a loop from becoming vector code."""
+
+    def generate(context: Any, builder: Any, signature: Any, values: Any) -> Any:
+        return builder.select(*values)
+
+    return types.float32(types.boolean, types.float32, types.float32), generate

@@ -17,7 +17,7 @@ import numpy as np
 from splatreel import threads
 from splatreel.recon.cameras.findings import Findings, Mended
 from splatreel.recon.cameras.readings import misread, related
-from splatreel.recon.init.features import detect, epipolar_lines, match, off_line
+from splatreel.recon.init.features import detect, epipolar_lines, line_distances, match
 from splatreel.recon.init.planesweep import project, unproject
 from splatreel.recon.init.triangulate import intersect, neighbor_pairs, reprojection_errors, separation
 from splatreel.scene.camera import Camera, focus_point
@@ -125,7 +125,7 @@ class _Sight:
             off = [np.zeros(0)]
             for seen, found in zip(self.features, self.matches[a, b], strict=True):
                 lines = epipolar_lines(self.cameras[a], self.cameras[b], seen[a].pixels[found[:, 0]])
-                off.append(off_line(lines, seen[b].pixels[found[:, 1]]))
+                off.append(line_distances(lines, seen[b].pixels[found[:, 1]]))
             self._near[a, b] = np.abs(np.concatenate(off)) < MATCH_PIXELS
         return np.concatenate([np.zeros(0, bool), *(self._near[pair] for pair in pairs)])
 

@@ -13,7 +13,7 @@ import cv2
 import numpy as np
 
 from splatreel.capture.pose_checks import inverted, with_opengl_axes
-from splatreel.recon.init.features import Features, epipolar_lines, match, off_line
+from splatreel.recon.init.features import Features, epipolar_lines, line_distances, match
 from splatreel.recon.init.triangulate import intersect, neighbor_pairs
 from splatreel.scene.camera import Camera
 
@@ -94,7 +94,7 @@ def fitting(cameras: list[Camera], features: list[Features], matches: Matches) -
     for i, j in neighbor_pairs(cameras, 1):
         a, b, found = cameras[i], cameras[j], matches[i, j]
         there, here = features[j].pixels[found[:, 1]], features[i].pixels[found[:, 0]]
-        near = np.abs(off_line(epipolar_lines(a, b, here), there)) < MATCH_PIXELS
+        near = np.abs(line_distances(epipolar_lines(a, b, here), there)) < MATCH_PIXELS
         total += len(found)
         fits += int(_before(a, b, here[near], there[near]).sum())
     return fits / max(total, 1), fits

@@ -1,4 +1,4 @@
-"""Adam for one tensor whose rows come and go, and for splines, of which a moment moves four knots only."""
+"""Adam for a tensor whose rows are added and removed, and for splines, of which a moment changes four knots only."""
 
 from __future__ import annotations
 
@@ -11,17 +11,26 @@ from torch import Tensor
 from splatreel.kernels import adam as kernel
 
 DECAYS = 0.9, 0.999
-ONCE = np.ones(1, np.float32)
+FULL_WEIGHT = np.ones(1, np.float32)
 
 Restore = Callable[[], None]
-"""Brings back what was there when it was made, as often as it is called."""
+"""Function that restores a saved state. It may be called repeatedly."""
 
 Moment = tuple[int, np.ndarray, Tensor]
-"""The first of the four knots that a moment depends on, their weights [4] float32, and the gradient to the splines' values then."""
+"""First of the four knots that a moment depends on, their weights [4] float32, and the gradient of the splines' values at that
+moment."""
 
 
 class Adam:
-    """tensor: a leaf; mean, square: the moments of its gradient, of the same shape; steps: taken so far. rate: the learning rate."""
+    """Adam optimizer of one tensor.
+
+    Attributes:
+        tensor: Leaf tensor that is trained.
+        mean: First moment of its gradient.
+        square: Second moment of its gradient.
+        rate: Learning rate.
+        steps: Number of steps taken.
+    """
 
     def __init__(self, tensor: Tensor, rate: float, eps: float) -> None:
         self.tensor = tensor.detach().clone().contiguous().requires_grad_(True)
@@ -30,7 +39,7 @@ class Adam:
         self._trained = kernel.Trained(self.tensor.detach(), self.mean, self.square)
 
     def snapshot(self) -> Restore:
-        """The tensor and its moments, copied."""
+        """Copy the tensor and its moments."""
         steps, state = self.steps, [each.detach().clone() for each in (self.tensor, self.mean, self.square)]
 
         def restore() -> None:
@@ -45,32 +54,40 @@ class Adam:
         step([self])
 
     def take(self) -> kernel.Step | None:
-        """The step that follows the gradient of the tensor, which is cleared; None if it has none."""
+        """Return the step that follows the tensor's gradient, and clear the gradient; return None if there is none."""
         gradient, self.tensor.grad = self.tensor.grad, None
         return None if gradient is None else self.follow(gradient, 0)
 
-    def follow(self, gradient: Tensor, first: int, end: int | None = None, factors: np.ndarray = ONCE) -> kernel.Step:
-        """The step by the gradient [G, ...] of the rows from `first` on, see `kernel.Step`."""
+    def follow(
+        self, gradient: Tensor, first: int, end: int | None = None, factors: np.ndarray = FULL_WEIGHT
+    ) -> kernel.Step:
+        """Return the step for a gradient [G, ...] of the rows from `first` on, see `kernel.Step`."""
         self.steps += 1
         moment = self.rate, *DECAYS, self.eps, self.steps
         return kernel.Step(self._trained, gradient, factors, first, len(self.mean) if end is None else end, moment)
 
     def rewrite(self, of_tensor: Callable[[Tensor], Tensor], of_moment: Callable[[Tensor], Tensor]) -> None:
-        """Replace the tensor and its moments by what is made of them."""
+        """Replace the tensor and its moments by functions of them."""
         self.tensor = of_tensor(self.tensor.detach()).contiguous().requires_grad_(True)
         self.mean, self.square = of_moment(self.mean).contiguous(), of_moment(self.square).contiguous()
         self._trained = kernel.Trained(self.tensor.detach(), self.mean, self.square)
 
 
 class KnotAdam(Adam):
-    """Of the control values of splines, tensor [knots, rows, D]."""
+    """Adam optimizer of the control values of splines, [knots, rows, D]."""
 
     @property
     def values(self) -> Tensor:
+        """Control values, without gradient."""
         return self._trained.parameter
 
     def at(self, moments: Sequence[Moment], end: int | None = None) -> kernel.Step | None:
-        """The step by the gradients [rows, D] of some moments, None if there are none. end: knots from there on stay as they are."""
+        """Return the step for the gradients [rows, D] of some moments; None without moments.
+
+        Args:
+            moments: Gradients and the knots they belong to.
+            end: First knot that is not changed; None changes all.
+        """
         if not moments:
             return None
         first, weights, gradient = moments[0]
@@ -84,8 +101,8 @@ class KnotAdam(Adam):
         return self.follow(total, first, end)
 
 
-def together(parts: Iterable[Restore]) -> Restore:
-    """All of them."""
+def merge_snapshots(parts: Iterable[Restore]) -> Restore:
+    """Combine several restore functions into one."""
     parts = list(parts)
 
     def restore() -> None:
@@ -96,5 +113,5 @@ def together(parts: Iterable[Restore]) -> Restore:
 
 
 def step(adams: Iterable[Adam]) -> None:
-    """All of them follow the gradients of their tensors, in one pass."""
+    """Follow the gradients of several tensors in one pass."""
     kernel.adam([taken for adam in adams if (taken := adam.take()) is not None])

@@ -1,8 +1,8 @@
-"""How the color and the opacity of dynamic points change within a group: what motion cannot tell (beyond the paper).
+"""Change of color and opacity of dynamic points within a group, beyond the paper.
 
-Light and shadow pass over things, flames flicker, things come and go. Every point has a cubic B-spline in time of its own, as
-`trajectory` has for motion, with fewer knots: what changes fast is motion. But where much changes at once, as on a screen that shows
-something else, it has one in every frame.
+Light and shadow pass over objects, flames flicker, and objects appear and disappear. Every point has a cubic B-spline in time,
+as in `trajectory`, but with fewer knots, since fast changes are motion. At a cut, such as on a screen that changes its content,
+the spline has a knot at every frame.
 """
 
 from __future__ import annotations
@@ -22,21 +22,27 @@ FRAMES_PER_KNOT = 5.0
 RATES = (8e-3, 8e-3, 8e-3, 8e-2)
 """Learning rates of c_base and of the logit of the opacity."""
 LAMBDA = (3e-3, 3e-3, 3e-3, 1e-4)
-"""Weights of the mean absolute change: it is worth its bytes only where it shows."""
+"""Weights of the mean absolute change. A change must pay for its bytes."""
 CUT_GRAY_LEVELS, CUT_RATIO, CUT_SHARE = 40, 1.5, 0.002
-"""Gray levels by which a pixel changes strongly. At a cut CUT_RATIO times as many do as in the frames before and after, and at
-least the share CUT_SHARE of all."""
+"""A pixel changes strongly if it changes by `CUT_GRAY_LEVELS`. At a cut, `CUT_RATIO` times as many pixels do as in the frames
+before and after, and at least the share `CUT_SHARE` of all."""
 
 
 class Appearance:
-    """Changes of N points over the frames of a group. controls: [knots, N, 4] in units of the learning rates.
-
-    start: [T, N, 3] what c_base gains at every frame, at first; nothing by default. cuts: frames of `detect_cuts`.
-    """
+    """Change of color and opacity of N points over the frames of a group."""
 
     def __init__(
         self, frames: int, count: int, device: torch.device, start: Tensor | None = None, cuts: Iterable[int] = ()
     ) -> None:
+        """Create splines.
+
+        Args:
+            frames: Number of frames, T.
+            count: Number of points, N.
+            device: Device of the tensors.
+            start: [T, N, 3] initial change of c_base at every frame; None is no change.
+            cuts: Result of `detect_cuts`.
+        """
         bends = {frame for cut in cuts for frame in (cut - 1, cut)}
         self.spline = Spline(frames, bends, FRAMES_PER_KNOT)
         self.rates, self.weights = torch.tensor(RATES, device=device), torch.tensor(LAMBDA, device=device)
@@ -48,10 +54,11 @@ class Appearance:
 
     @property
     def controls(self) -> Tensor:
+        """Control values [knots, N, 4], in units of the learning rates."""
         return self.adam.values
 
     def at(self, frame: float) -> Tensor:
-        """[N, 4] gains on c_base and on the logit of the opacity: a leaf, whose gradient the next step follows."""
+        """Return the change [N, 4] of c_base and of the logit of the opacity: a leaf, whose gradient the next step follows."""
         knot, weights = self.spline.at(frame)
         shade = motion.spline(self.controls, knot, weights) * self.rates
         if torch.is_grad_enabled():
@@ -60,11 +67,11 @@ class Appearance:
 
     @property
     def highest(self) -> Tensor:
-        """[N] the most that the logit of the opacity gains at any time: a spline stays within its controls."""
+        """Maximum change [N] of the logit of the opacity. A spline stays within its control values."""
         return self.controls[..., 3].amax(0) * self.rates[3]
 
     def step(self, share: float, pace: float = 1.0) -> None:
-        """As `Deformation.step`. Every change also costs its share of the mean of `LAMBDA` times its size."""
+        """Take an optimizer step, see `Deformation.step`. Changes also pay `LAMBDA` times their mean absolute value."""
         known = [
             (knot, weights, (shade.grad + shade.detach().sign() * (self.weights / shade.numel())) * self.rates)
             for knot, weights, shade in self.moments
@@ -77,7 +84,7 @@ class Appearance:
             adam.adam([taken])
 
     def snapshot(self) -> Restore:
-        """As `Deformation.snapshot`."""
+        """Copy everything that training changes."""
         controls = self.adam.snapshot()
 
         def restore() -> None:
@@ -87,15 +94,20 @@ class Appearance:
         return restore
 
     def check(self) -> None:
-        """Raises `GaussiansError` if a value is NaN or infinite."""
+        """Check all values.
+
+        Raises:
+            GaussiansError: If a value is NaN or infinite.
+        """
         splat.check_finite(shade=self.controls)
 
     def keep(self, index: Tensor) -> None:
+        """Keep the rows of an index or mask."""
         self.moments.clear()
         self.adam.rewrite(lambda rows: rows[:, index], lambda rows: rows[:, index])
 
     def append(self, count: int, parents: Tensor | None) -> None:
-        """As `Deformation.append`: new points do not change."""
+        """Add points, see `Deformation.append`. New points do not change."""
         self.moments.clear()
         added = self.controls[:, parents] if parents is not None else None
         zeros = self.controls.new_zeros(len(self.controls), count, 4)
@@ -106,9 +118,9 @@ class Appearance:
 
 
 def detect_cuts(images: Tensor) -> list[int]:
-    """Frames of images [T, C, H, W, 3] uint8 in which far more pixels change strongly than in those before and after.
+    """Return the frames of images [T, C, H, W, 3] uint8 in which far more pixels change strongly than before and after.
 
-    What moves changes about as many in neighboring frames. A quarter of the pixels is looked at.
+    Motion changes about as many pixels in neighboring frames. A quarter of the pixels is read.
     """
     few = images[:, :, ::2, ::2]
     shares = [_strong(before.short(), now.short()) for before, now in pairwise(few)]
@@ -118,5 +130,5 @@ def detect_cuts(images: Tensor) -> list[int]:
 
 
 def _strong(before: Tensor, now: Tensor) -> float:
-    """Share of the pixels of all cameras that change strongly."""
+    """Return the share of the pixels of all cameras that change strongly."""
     return float(((now - before).abs().amax(-1) > CUT_GRAY_LEVELS).float().mean())

@@ -1,7 +1,8 @@
-"""`hashgrid`: the paper's deformation model, a 4D hash grid decoded by tiny MLPs (paper section 4.2, after Grid4D).
+"""Deformation model `hashgrid` of the paper: a 4D hash grid decoded by small MLPs (paper section 4.2, after Grid4D).
 
-Four multiresolution hash grids: one in space (xyz) and three in space-time (xyt, xzt, yzt, coarser along t). As Grid4D publishes
-it, the spatial feature does not stand beside the space-time one but gates it, in -1..1: without the gate, neighbors tear apart.
+Four multiresolution hash grids are used: one in space (xyz) and three in space-time (xyt, xzt, yzt, coarser along t). As in
+Grid4D, the spatial feature gates the space-time features by a factor in -1..1. Without the gate, neighboring points drift
+apart.
 """
 
 from __future__ import annotations
@@ -12,21 +13,21 @@ import numpy as np
 import torch
 from torch import Tensor, nn
 
-from splatreel.kernels import splat
+from splatreel.kernels import motion, splat
 from splatreel.recon.deform.adam import Restore
 from splatreel.recon.deform.protocol import movable, movable_with
 from splatreel.recon.deform.spline import Spline
 
 AXES = ((0, 1, 2), (0, 1, 3), (0, 2, 3), (1, 2, 3))
 TIME_SPAN = 0.9
-"""Share of the unit interval that a group's time fills."""
+"""Share of the unit interval that a group's time spans."""
 
 
 class HashGrid(nn.Module):
-    """See `Deformation`. unit: typical viewing distance; offsets leave the network in a tenth of it.
+    """Hash grid model, see `Deformation`.
 
-    Tracks are kept as splines of the points, [knots, N, 3], and the grid learns what they lack: two things that pass close to each
-    other share cells, and a grid fitted to the tracks would tie them together.
+    Tracks are kept as splines of the points, [knots, N, 3], and the grid learns the remainder. A grid fitted to the tracks
+    would couple objects that pass close to each other, since they share cells.
     """
 
     LEVELS = 12
@@ -34,7 +35,7 @@ class HashGrid(nn.Module):
     LOG2_ENTRIES = 15
     SPATIAL_RESOLUTIONS = (16, 512)
     SPACE_TIME_RESOLUTIONS = ((8, 128), (4, 24))
-    """Coarsest and finest, of the two space axes and of time."""
+    """Coarsest and finest resolution, of the two space axes and of time."""
     WIDTH = 64
     GRID_RATE, NETWORK_RATE = 4e-3, 1e-3
     low: Tensor
@@ -49,6 +50,16 @@ class HashGrid(nn.Module):
         tracks: Tensor | None = None,
         fixed: Tensor | None = None,
     ) -> None:
+        """Create a model.
+
+        Args:
+            means: [N, 3] canonical positions.
+            frames: Number of frames, T.
+            unit: Typical viewing distance, world units. The network's output is in a tenth of it.
+            seed: Seed of the initial values.
+            tracks: [T, N, 3] initial positions; None is at rest.
+            fixed: [N] bool, points that never move; None for none.
+        """
         super().__init__()
         self.moves = movable(means, fixed)
         generator = torch.Generator().manual_seed(seed)
@@ -89,12 +100,13 @@ class HashGrid(nn.Module):
         )
 
     def offsets(self, means: Tensor, frame: float) -> tuple[Tensor, Tensor]:
-        # Positions enter as constants: a gradient through the grid to the points would move them to where the grid is smooth.
+        """See `Deformation`."""
+        # Positions are constants: a gradient through the grid would move the points to where the grid is smooth.
         space = ((means.detach() - self.low) / self.extent).clamp(0, 1 - 1e-6)
         time = torch.full_like(space[:, :1], frame / self.spline.last * TIME_SPAN)
         coordinates = torch.cat([space, time], 1)
         features = [
-            splat.hashgrid(coordinates[:, list(axes)].contiguous(), table, resolutions)
+            motion.hashgrid(coordinates[:, list(axes)].contiguous(), table, resolutions)
             for axes, table, resolutions in zip(AXES, self.tables, self.resolutions, strict=True)
         ]
         gate = 2 * torch.sigmoid(self.gate(features[0])) - 1
@@ -109,17 +121,19 @@ class HashGrid(nn.Module):
         return dx * self.moves, dq * (0.1 * self.moves) + identity
 
     def extend_to(self, frame: float) -> None:
-        """Nothing to prepare: the grid is defined at all times."""
+        """Do nothing: the grid is defined at all times."""
 
     def step(self, share: float, pace: float = 1.0) -> None:
+        """See `Deformation`."""
         for group in self.optimizer.param_groups:
             group["lr"] = pace * group["base"] * 0.02**share
         self.optimizer.step()
         self.optimizer.zero_grad(set_to_none=True)
 
     def snapshot(self) -> Restore:
+        """See `Deformation`."""
         values, moments = copy.deepcopy(self.state_dict()), copy.deepcopy(self.optimizer.state_dict())
-        moves, tracks = self.moves, self.tracks  # which are replaced and never changed
+        moves, tracks = self.moves, self.tracks  # replaced, never changed in place
 
         def restore() -> None:
             self.load_state_dict(values)
@@ -130,15 +144,17 @@ class HashGrid(nn.Module):
         return restore
 
     def check(self) -> None:
+        """See `Deformation`."""
         splat.check_finite(**dict(self.named_parameters()))
 
     def keep(self, index: Tensor) -> None:
+        """See `Deformation`."""
         self.moves = self.moves[index]
         if self.tracks is not None:
             self.tracks = self.tracks[:, index]
 
     def append(self, means: Tensor, parents: Tensor | None) -> None:
-        """Copies take their parents' tracks; new points have none, and move with the space they are in."""
+        """Add points. Copies take the tracks of their parents; new points have none, and move with the grid."""
         moves = movable_with(self.moves, means, parents)
         self.moves = torch.cat([self.moves, moves])
         if self.tracks is not None:

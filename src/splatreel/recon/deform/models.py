@@ -1,4 +1,4 @@
-"""The deformation models by the names that `GroupConfig.deformation` knows."""
+"""Deformation models by the names of `GroupConfig.deformation`."""
 
 from __future__ import annotations
 
@@ -14,9 +14,16 @@ MODELS = {"trajectory": Trajectory, "hashgrid": HashGrid}
 def make_deformation(
     name: str, means: Tensor, frames: int, unit: float, seed: int, tracks: Tensor | None, fixed: Tensor | None
 ) -> Deformation:
-    """The model of a name, for points at means [N, 3]. Where nothing moves it is `trajectory`, which needs no points.
+    """Create a model by its name. Without points it is `trajectory`, which needs none.
 
-    frames: of the group. unit: viewing distance, world units. tracks: [T, N, 3] positions to start from. fixed: [N] bool, which rest.
+    Args:
+        name: Key of `MODELS`.
+        means: [N, 3] canonical positions.
+        frames: Number of frames of the group, T.
+        unit: Typical viewing distance, world units.
+        seed: Seed of the initial values.
+        tracks: [T, N, 3] initial positions; None is at rest.
+        fixed: [N] bool, points that never move; None for none.
     """
     model = MODELS[name] if len(means) else Trajectory
     return model(means, frames, unit, seed, tracks, fixed)

@@ -1,4 +1,4 @@
-"""The one protocol of the deformation models: canonical points and a time in, offsets out (paper section 4.2)."""
+"""Protocol of deformation models: from canonical points and a time to offsets (paper section 4.2)."""
 
 from __future__ import annotations
 
@@ -11,46 +11,64 @@ from splatreel.recon.deform.adam import Restore
 
 
 class Deformation(Protocol):
-    """Offsets of a group's dynamic points over its frames; trained together with the points.
+    """Offsets of a group's dynamic points over its frames, trained together with the points.
 
-    A frame is a real number from 0 (the keyframe) to frames - 1. Where tracks are known, a model is made with them and starts there;
-    points that are known to rest, `fixed` [N] bool, have no offsets, now or later.
+    A frame is a real number from 0 (the keyframe) to frames - 1. A model may start from tracks. Points that are `fixed` [N]
+    bool never have offsets.
     """
 
     def offsets(self, means: Tensor, frame: float) -> tuple[Tensor, Tensor]:
-        """dx [N, 3] in world units and dq [N, 4], wxyz about (1, 0, 0, 0), not normalized, for canonical means [N, 3]."""
+        """Return offsets for canonical means [N, 3].
+
+        Returns:
+            dx [N, 3] in world units, and dq [N, 4], wxyz about (1, 0, 0, 0), not normalized.
+        """
         ...
 
     def extend_to(self, frame: float) -> None:
-        """Training is about to see frames up to this one for the first time."""
+        """Prepare for the first training on frames up to `frame`."""
         ...
 
     def step(self, share: float, pace: float = 1.0) -> None:
-        """Take an optimizer step and clear gradients. share: 0..1, how much of training is over. pace: times the learning rates."""
+        """Take an optimizer step and clear the gradients.
+
+        Args:
+            share: Share of training that is over, 0..1.
+            pace: Factor for the learning rates.
+        """
         ...
 
     def snapshot(self) -> Restore:
-        """What training changes, copied."""
+        """Copy everything that training changes."""
         ...
 
     def check(self) -> None:
-        """Raises `GaussiansError` if a value is NaN or infinite."""
+        """Check all values.
+
+        Raises:
+            GaussiansError: If a value is NaN or infinite.
+        """
         ...
 
     def keep(self, index: Tensor) -> None:
-        """Keep the rows of the points that an index [M] or mask [N] selects."""
+        """Keep the rows of the points of an index [M] or mask [N]."""
         ...
 
     def append(self, means: Tensor, parents: Tensor | None) -> None:
-        """Points were added at means [M, 3]: copies of the rows parents [M], or new points that rest (None)."""
+        """Add points.
+
+        Args:
+            means: [M, 3] canonical positions.
+            parents: [M] rows that the points copy; None for new points at rest.
+        """
         ...
 
 
 def movable(means: Tensor, fixed: Tensor | None) -> Tensor:
-    """[N, 1] what offsets of points at means [N, 3] are multiplied by: 0 where `fixed` [N] bool says so, else 1."""
+    """Return the factors [N, 1] of the offsets: 0 for points that are `fixed` [N] bool, else 1."""
     return torch.ones_like(means[:, :1]) if fixed is None else (~fixed)[:, None].to(means)
 
 
 def movable_with(moves: Tensor, means: Tensor, parents: Tensor | None) -> Tensor:
-    """[M, 1] the same of points that are added at means [M, 3]: copies do as their parents, new points may move."""
+    """Return the factors [M, 1] of added points: those of their parents, or 1 for new points."""
     return movable(means, None) if parents is None else moves[parents]

@@ -1,4 +1,4 @@
-"""Cubic B-splines over the frames of a group: what both deformation models start from when tracks are known."""
+"""Cubic B-splines over the frames of a group. Both deformation models start from them if tracks are known."""
 
 from __future__ import annotations
 
@@ -9,27 +9,35 @@ import torch
 from torch import Tensor
 
 SMOOTHING = 0.05
-"""Weight of a spline's second differences against the paths it follows."""
+"""Weight of a spline's second differences relative to the paths it is fitted to."""
 
 FRAMES_PER_KNOT = 2.0
 """Even spacing of the knots."""
 
 SHARP, RINGING, TURN = 3.0, 0.3, 0.003
-"""A part turns too sharply for the even spline where it leaves it SHARP times as far as in the median frame, RINGING times as far as
-in the worst, as a spline that misses a turn swings around the path before and after, and TURN, in typical viewing distances: about a
-pixel."""
+"""A part turns too sharply for the even spline where its error is a peak above three limits: `SHARP` times the median error,
+`RINGING` times the maximum error, since a spline that misses a turn oscillates around the path, and `TURN` viewing
+distances, about a pixel."""
 PART = 0.01
-"""Share of the points that a part needs for it: the tracks of a few jump."""
+"""Minimum share of the points for a part to count. Tracks of a few points jump."""
 
 
 class Spline:
-    """Control values decide four at a time: those of knot i to i + 3 between breaks[i] and breaks[i + 1].
+    """Cubic B-spline. Between breaks[i] and breaks[i + 1] the control values i to i + 3 determine it.
 
-    breaks: frames where its pieces meet; knots: control values it has. bends: frames with a knot each, and at their neighbors:
-    what bounces off something turns within one.
+    Attributes:
+        breaks: Frames at which its pieces meet.
+        knots: Number of control values.
     """
 
     def __init__(self, frames: int, bends: Iterable[int] = (), frames_per_knot: float = FRAMES_PER_KNOT) -> None:
+        """Place the knots.
+
+        Args:
+            frames: Number of frames.
+            bends: Frames with sharp turns. They and their neighbors get a knot each, since a bounce happens within one frame.
+            frames_per_knot: Even spacing of the other knots.
+        """
         self.frames = frames
         self.last = max(frames - 1, 1)
         self.breaks = _breaks(self.last, bends, frames_per_knot)
@@ -41,9 +49,11 @@ class Spline:
 
     @classmethod
     def along(cls, paths: Tensor, parts: Tensor | None = None) -> Spline:
-        """The spline with knots to follow paths [T, N, D], one value a frame, in typical viewing distances.
+        """Return the spline with knots to follow paths, more densely where a part turns sharply.
 
-        Knots are closer where a part turns sharply. parts: [N], to which one each point belongs; the mean of all hides what one does.
+        Args:
+            paths: [T, N, D] one value per frame, in typical viewing distances.
+            parts: [N] part of each point; None is one part. The mean of all points would hide the turn of one part.
         """
         even = cls(len(paths))
         if paths.shape[1] == 0:
@@ -58,20 +68,20 @@ class Spline:
         return cls(len(paths), bends)
 
     def at(self, frame: float) -> tuple[int, np.ndarray]:
-        """First of the four knots that decide a frame (a real number from 0), and their weights [4] float32."""
-        return self._whole.get(frame) or self._decide(frame)  # an iteration asks for three, and finding one takes 30 us
+        """Return the first of the four knots that determine a frame (a real number from 0), and their weights [4] float32."""
+        return self._whole.get(frame) or self._decide(frame)  # three calls per iteration, 30 us each if not stored
 
     def _decide(self, frame: float) -> tuple[int, np.ndarray]:
         knot = int(np.clip(np.searchsorted(self.breaks, frame, side="right") - 1, 0, len(self.breaks) - 2))
         return knot, _basis(frame, self._extended[knot + 1 : knot + 7])
 
     def values(self, controls: Tensor) -> Tensor:
-        """[T, N, D] the spline at every frame, for control values [knots, N, D]."""
+        """Return the spline at every frame, [T, N, D], for control values [knots, N, D]."""
         rows = torch.from_numpy(self._rows()).to(controls)
         return (rows @ controls.flatten(1)).view(-1, *controls.shape[1:])
 
     def fit(self, paths: Tensor) -> Tensor:
-        """Control values [knots, N, D] of the smoothest spline close to paths [T, N, D], one value a frame."""
+        """Return the control values [knots, N, D] of the smoothest spline close to paths [T, N, D], one value per frame."""
         rows = self._rows()
         bend = np.diff(np.eye(self.knots, dtype=np.float32), 2, axis=0)
         system = rows.T @ rows + SMOOTHING * bend.T @ bend + 1e-4 * np.eye(self.knots, dtype=np.float32)
@@ -79,7 +89,7 @@ class Spline:
         return (solve @ paths.flatten(1)).view(self.knots, *paths.shape[1:])
 
     def _rows(self) -> np.ndarray:
-        """[T, knots] float32 weights of the control values at every frame."""
+        """Return the weights [T, knots] float32 of the control values at every frame."""
         rows = np.zeros((self.frames, self.knots), np.float32)
         for frame in range(self.frames):
             knot, weights = self.at(frame)
@@ -88,7 +98,7 @@ class Spline:
 
 
 def _bends(errors: np.ndarray) -> set[int]:
-    """Frames in which a spline misses a turn, by how far it leaves a path in each."""
+    """Return the frames in which a spline misses a turn, from its errors [T]."""
     peaks = (errors >= np.append(errors[1:], 0)) & (errors >= np.append(0, errors[:-1]))
     sharp = peaks & (errors > max(SHARP * np.median(errors), RINGING * errors.max(), TURN))
     return {int(frame) for frame in np.nonzero(sharp)[0] if 0 < frame < len(errors) - 1}
@@ -103,7 +113,7 @@ def _breaks(last: int, bends: Iterable[int], frames_per_knot: float) -> np.ndarr
 
 
 def _basis(x: float, knots: np.ndarray) -> np.ndarray:
-    """Weights [4] float32 at x of the cubic B-splines over six knots, x between the middle two (Cox-de Boor)."""
+    """Return the weights [4] float32 at x of the cubic B-splines over six knots, x between the middle two (Cox-de Boor)."""
     weights = np.zeros(4)
     weights[0] = 1
     for degree in range(1, 4):

@@ -1,7 +1,7 @@
-"""`trajectory`: an explicit temporal basis on shared nodes and per point, our deformation model.
+"""Deformation model `trajectory`: an explicit temporal basis on shared nodes and per point.
 
-Every offset is a cubic B-spline in time, the sum of two levels: nodes shared by the points around them, which move whole limbs at
-once, and the point itself, for what is left.
+Every offset is a cubic B-spline in time, the sum of two levels. Nodes are shared by the points around them and move whole limbs
+at once; the level of the points adds the remainder.
 """
 
 from __future__ import annotations
@@ -11,20 +11,20 @@ import torch
 from torch import Tensor
 
 from splatreel.kernels import adam, motion, splat
-from splatreel.recon.deform.adam import KnotAdam, Restore, together
+from splatreel.recon.deform.adam import KnotAdam, Restore, merge_snapshots
 from splatreel.recon.deform.protocol import movable, movable_with
 from splatreel.recon.deform.spline import Spline
 
 DIMENSIONS = 7
-"""dx, and dq less its identity."""
+"""Components of an offset: dx, and dq less its identity."""
 
 
 class Trajectory:
-    """See `Deformation`. Control values are stored as [knots, rows, 7] in units of `unit`, the typical viewing distance."""
+    """Model of splines, see `Deformation`. Control values are [knots, rows, 7] in units of `unit`."""
 
     NODES = 64
     RATES = (5e-4, 1.5e-4)
-    """Learning rates of the nodes and of the points themselves."""
+    """Learning rates of the nodes and of the points."""
     EXTRAPOLATION = 0.8
 
     def __init__(
@@ -36,6 +36,16 @@ class Trajectory:
         tracks: Tensor | None = None,
         fixed: Tensor | None = None,
     ) -> None:
+        """Create a model.
+
+        Args:
+            means: [N, 3] canonical positions.
+            frames: Number of frames, T.
+            unit: Typical viewing distance, world units.
+            seed: Seed of the choice of nodes.
+            tracks: [T, N, 3] initial positions; None is at rest.
+            fixed: [N] bool, points that never move; None for none.
+        """
         device = means.device
         self.moves = movable(means, fixed)
         self.unit = unit
@@ -49,18 +59,18 @@ class Trajectory:
         self.reached = 3 if paths is None else self.knots - 1
         self.skin = index, share * self.moves
         controls = [torch.zeros(self.knots, n, DIMENSIONS, device=device) for n in (len(self.nodes), len(means))]
-        if paths is not None:  # the points' own level takes the tracks, as the smoothest spline close to them
+        if paths is not None:  # the level of the points starts as the smoothest spline close to the tracks
             controls[1][..., :3] = self.spline.fit(paths)
         self.adams = [KnotAdam(level, rate, eps=1e-12) for level, rate in zip(controls, self.RATES, strict=True)]
         self.evaluations: list[tuple[int, np.ndarray, Tensor, Tensor]] = []
 
     @property
     def controls(self) -> tuple[Tensor, Tensor]:
-        """Of the nodes and of the points themselves, [knots, rows, 7]."""
+        """Control values of the nodes and of the points, [knots, rows, 7]."""
         return self.adams[0].values, self.adams[1].values
 
     def offsets(self, means: Tensor, frame: float) -> tuple[Tensor, Tensor]:
-        """As `Deformation.offsets`; leaves, whose gradients the next step follows."""
+        """See `Deformation`. The results are leaves, whose gradients the next step follows."""
         knot, weights = self.spline.at(frame)
         dx, dq = motion.offsets(self.controls, knot, weights, self.skin, self.unit)
         if torch.is_grad_enabled():
@@ -68,6 +78,7 @@ class Trajectory:
         return dx, dq
 
     def extend_to(self, frame: float) -> None:
+        """Extrapolate the control values that no earlier frame used."""
         needed = self.spline.at(frame)[0] + 3
         with torch.no_grad():
             while self.reached < needed:
@@ -77,6 +88,7 @@ class Trajectory:
                     controls[k] = controls[k - 1] + self.EXTRAPOLATION * (controls[k - 1] - controls[k - 2])
 
     def step(self, share: float, pace: float = 1.0) -> None:
+        """See `Deformation`."""
         known = []
         for knot, weights, dx, dq in self.evaluations:
             if dx.grad is not None or dq.grad is not None:
@@ -87,13 +99,14 @@ class Trajectory:
         taken = []
         for level, (knots, rate) in enumerate(zip(self.adams, self.RATES, strict=True)):
             knots.rate = pace * rate * 0.05**share
-            end = self.reached + 1  # the knots after it have never been seen, and stay zero
+            end = self.reached + 1  # later knots have not been trained, and stay zero
             taken.append(knots.at([(knot, weights, slopes[level]) for knot, weights, slopes in known], end))
         adam.adam([step for step in taken if step is not None])
 
     def snapshot(self) -> Restore:
-        levels = together([level.snapshot() for level in self.adams])
-        skin, moves, reached = self.skin, self.moves, self.reached  # which are replaced and never changed
+        """See `Deformation`."""
+        levels = merge_snapshots([level.snapshot() for level in self.adams])
+        skin, moves, reached = self.skin, self.moves, self.reached  # replaced, never changed in place
 
         def restore() -> None:
             levels()
@@ -103,17 +116,19 @@ class Trajectory:
         return restore
 
     def check(self) -> None:
+        """See `Deformation`."""
         nodes, points = self.controls
         splat.check_finite(motion=points, nodes=nodes)
 
     def keep(self, index: Tensor) -> None:
+        """See `Deformation`."""
         self.evaluations.clear()
         self.skin = (self.skin[0][index], self.skin[1][index])
         self.moves = self.moves[index]
         self.adams[1].rewrite(lambda rows: rows[:, index], lambda rows: rows[:, index])
 
     def append(self, means: Tensor, parents: Tensor | None) -> None:
-        """Points without parents start with what makes their total offset zero: they were static."""
+        """Add points. Points without parents start with a total offset of zero, since they were static."""
         self.evaluations.clear()
         index, share = skin(means, self.nodes)
         moves = movable_with(self.moves, means, parents)
@@ -127,7 +142,7 @@ class Trajectory:
 
 
 def farthest_points(points: Tensor, count: int, seed: int) -> Tensor:
-    """Indices [count] of points spread evenly: each is the one farthest from those before it."""
+    """Return the indices [count] of evenly spread points: each is the farthest from the ones before it."""
     chosen = torch.empty(count, dtype=torch.int64, device=points.device)
     distance = torch.full((len(points),), torch.inf, device=points.device)
     current = seed % len(points)
@@ -139,7 +154,7 @@ def farthest_points(points: Tensor, count: int, seed: int) -> Tensor:
 
 
 def skin(points: Tensor, nodes: Tensor) -> tuple[Tensor, Tensor]:
-    """The four nearest nodes of every point, [N, 4], and their weights [N, 4], which sum to one; [N, 0] if there are no nodes."""
+    """Return the four nearest nodes of every point, [N, 4], and their weights [N, 4], which sum to one; [N, 0] without nodes."""
     if len(nodes) == 0:
         return points.new_zeros(len(points), 0, dtype=torch.int64), points.new_zeros(len(points), 0)
     index, distance = splat.nearest_neighbors(nodes, min(4, len(nodes)), queries=points)

@@ -1,4 +1,4 @@
-"""Gaussians with one attribute as decoded and all others as trained: the damage of an attribute's quantization alone."""
+"""Points with one attribute as decoded and all others as trained, to measure the error of one attribute's quantization."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ SECTIONS = {
     "turn": ("dq",),
     "shade": ("shade",),
 }
-"""Sections of a file by the field of `Steps` that they are quantized with."""
+"""Sections of a file by the field of `Steps` that quantizes them."""
 
 
 def attribute_bytes(data: bytes) -> dict[str, int]:
@@ -36,7 +36,7 @@ def attribute_bytes(data: bytes) -> dict[str, int]:
 
 
 def in_order(group: Group, order: np.ndarray) -> Group:
-    """Return a group whose dynamic points have another order."""
+    """Return a group with its dynamic points in another order [N]."""
     shade = None if group.shade is None else group.shade[:, order]
     return replace(group, dynamic=group.dynamic[order], dx=group.dx[:, order], dq=group.dq[:, order], shade=shade)
 

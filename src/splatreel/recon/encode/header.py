@@ -1,4 +1,4 @@
-"""What a reel says before any of its files: from the cameras, the layout and the settings."""
+"""Header of a reel, and creation of its writer."""
 
 from __future__ import annotations
 
@@ -10,14 +10,21 @@ import numpy as np
 from splatreel.codec.header import ReelHeader
 from splatreel.codec.writer import ReelWriter
 from splatreel.config import Config, EncodeConfig
-from splatreel.recon.encode.sound import publish_sound
+from splatreel.recon.encode.soundtrack import write_soundtrack
 from splatreel.recon.init.layout import Layout
 from splatreel.recon.run.store import Store
 from splatreel.scene.camera import Camera
 
 
 def header_of(cameras: list[Camera], fps: float, config: Config, layout: Layout) -> ReelHeader:
-    """cameras: those that are trained on."""
+    """Create the header of a reel.
+
+    Args:
+        cameras: Training cameras.
+        fps: Frames per second.
+        config: Settings.
+        layout: Measures of the scene.
+    """
     return ReelHeader(
         fps=fps,
         group_length=config.group.length,
@@ -37,13 +44,21 @@ def header_of(cameras: list[Camera], fps: float, config: Config, layout: Layout)
 def open_writer(
     store: Store, reel: Path, config: EncodeConfig, resume: bool, first_group: int | None = None
 ) -> ReelWriter:
-    """A writer for a reconstruction's reel, with its sound. first_group: as of `ReelWriter`.
+    """Create the writer of a reconstruction's reel, and add its soundtrack.
 
-    Raises `ReconstructionError` if the store holds none.
+    Args:
+        store: Checkpoints of the reconstruction.
+        reel: Folder of the reel.
+        config: Settings of the encoder.
+        resume: Continue a reel that exists already.
+        first_group: See `ReelWriter`.
+
+    Raises:
+        ReconstructionError: If the store has no header.
     """
     header, limits = store.header()
     writer = ReelWriter(reel, header, config=config, resume=resume, first_group=first_group)
     if limits != writer.manifest.presentation.limits:
         writer.present(dataclasses.replace(writer.manifest.presentation, limits=limits))
-    publish_sound(store.work, writer)
+    write_soundtrack(store.work, writer)
     return writer

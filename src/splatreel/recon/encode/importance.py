@@ -1,4 +1,4 @@
-"""How much of the pictures hangs on each point: what the encoder spends its bits by."""
+"""Importance of points: how much the images depend on each. The encoder distributes bits by it."""
 
 from __future__ import annotations
 
@@ -16,20 +16,26 @@ from splatreel.scene.gaussians import Gaussians
 from splatreel.scene.group import Group
 
 VIEWS = 24
-"""Pictures of a moment that are looked at, at most."""
+"""Maximum number of views drawn per moment."""
 GROUP_MOMENTS, GROUP_VIEWS = 32, 2
-"""Times of a group at which the importance of its points is looked at, and pictures at each: what shows for a few frames shows."""
+"""Moments of a group at which importance is measured, and views drawn at each. Points that show only for a few frames count
+too."""
 
 Importance = tuple[np.ndarray | None, np.ndarray | None]
-"""Of a group's dynamic points [N, 3], and of all static points so far [S, 3]; None where the codec has no use for it."""
+"""Importance of a group's dynamic points [N, 3], and of all static points so far [S, 3]; None where the codec does not use it."""
 
 
 def group_importance(
     reel: ReelHeader, config: EncodeConfig, static: Gaussians, group: Group, device: torch.device
 ) -> Importance:
-    """What `weigh` says of the points of a group over its frames. static: all that `group.alive` speaks of, in that order.
+    """Measure the importance of a group's points over its frames.
 
-    Nothing hangs on static points that are not alive.
+    Args:
+        reel: Header of the reel.
+        config: Settings of the encoder.
+        static: All static points that `group.alive` refers to. Those that are not alive have importance 0.
+        group: The group.
+        device: Device on which views are drawn.
     """
     if config.codec == "h265" and not (config.h265.weighted_codebook and config.sh_entries):
         return None, None
@@ -49,18 +55,26 @@ def weigh(
     antialias: bool = False,
     views: int = VIEWS,
 ) -> np.ndarray:
-    """[N, 3] float32: how much the pictures change with a point's shape (its log scales), its color and its place (world units).
+    """Return the importance [N, 3] float32 of points: of their shape (log scales), color and position (world units).
 
-    moments: the same N points at some times, each seen by `views` of the cameras at most. Large pictures are drawn smaller, and count
-    as large as they are. device: where they are drawn. Root of the summed squares over all pixels of the derivatives, estimated: the
-    gradient of a picture weighted by random signs has that sum as its expected square (Hutchinson's estimator).
+    Importance is the root of the summed squared derivatives of all pixels. Hutchinson's estimator gives it: the gradient of an
+    image weighted by random signs has that sum as its expected square. Large images are drawn smaller and weighted by their
+    size.
+
+    Args:
+        moments: The same N points at several moments.
+        cameras: Cameras to draw.
+        near: Near plane, world units.
+        device: Device on which views are drawn.
+        antialias: See `View`.
+        views: Maximum number of cameras drawn per moment.
     """
     rng = np.random.default_rng(0)
     squares: np.ndarray | float = 0.0
     smaller = [camera.at_most(ENOUGH_SIDE) for camera in cameras]
     apart = max(len(cameras) // views, 1)
     for number, points in enumerate(moments):
-        # Every moment is seen by other cameras, spread over all of them.
+        # Every moment uses other cameras, spread over all of them.
         for camera, drawn in list(zip(cameras, smaller, strict=True))[number % apart :: apart][:views]:
             pixels = camera.width * camera.height / (drawn.width * drawn.height)
             squares = squares + pixels * _squares(points, drawn, near, device, antialias, rng)
@@ -70,6 +84,7 @@ def weigh(
 def _squares(
     points: Gaussians, camera: Camera, near: float, device: torch.device, antialias: bool, rng: np.random.Generator
 ) -> np.ndarray:
+    """Return one sample of the squared derivatives, [N, 3]."""
     arrays = points.means, points.quats, points.scales, points.opacities, points.sh
     means, quats, scales, opacities, sh = (torch.from_numpy(array).to(device) for array in arrays)
     for tensor in (means, scales, sh):

@@ -1,19 +1,19 @@
-"""A whole reconstruction encoded again with other settings, without training."""
+"""Encoding of a finished reconstruction with other settings, without training."""
 
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Callable
 from pathlib import Path
 
 import torch
 
 from splatreel.codec.writer import ReelWriter
 from splatreel.config import EncodeConfig
-from splatreel.errors import ReconstructionError
+from splatreel.errors import ReconstructionError, UsageError
 from splatreel.progress import Progress
+from splatreel.recon.encode.group_writer import GroupWriter, PresentationHook, no_presentation
 from splatreel.recon.encode.header import open_writer
-from splatreel.recon.encode.publisher import Present, Publisher, nothing_more
-from splatreel.recon.encode.rate import meet_rate
 from splatreel.recon.run.store import Store
 
 
@@ -24,39 +24,80 @@ def reencode(
     device: torch.device,
     progress: Progress,
     mbps: float | None = None,
-    present: Present = nothing_more,
+    present: PresentationHook = no_presentation,
 ) -> Path:
-    """Write a reel from the checkpoints of a reconstruction; returns the reel's folder.
+    """Write a reel from the checkpoints of a reconstruction.
 
-    device: where importance is measured that no checkpoint has. mbps: megabits a second of video that the reel shall have; its
-    coarseness is then found by trying. present: adds what is there beside the points, at the end.
+    Args:
+        work: Folder of the checkpoints.
+        reel: Folder of the reel.
+        config: Settings of the encoder.
+        device: Device on which missing importance is measured.
+        progress: Receives the number of groups written.
+        mbps: Rate to reach, Mbit/s of video, by a search of the coarseness; None uses `config.coarseness`.
+        present: Adds content beside the points, at the end.
+
+    Returns:
+        Folder of the reel.
+
+    Raises:
+        ReconstructionError: If no group is finished.
     """
     store = Store(work)
     count = store.finished_groups()
     if count == 0:
-        raise ReconstructionError(f"{work}: holds no finished group. Run splatreel reconstruct first.")
-    publisher: Publisher | None = None
+        raise ReconstructionError(f"{work}: contains no finished group. Run splatreel reconstruct first.")
+    group_writer: GroupWriter | None = None
 
     def write(coarseness: float) -> float:
-        nonlocal publisher
+        nonlocal group_writer
         writer = open_writer(store, reel, dataclasses.replace(config, coarseness=coarseness), resume=False)
-        publisher = Publisher(writer, store, device, publisher and publisher.measured)
+        group_writer = GroupWriter(writer, store, device, group_writer and group_writer.measured)
         progress.stage("writing the groups", count)
-        publisher.publish_all(count, progress.update)
-        return megabits_a_second(writer)
+        group_writer.write_all(count, progress.update)
+        return megabits_per_second(writer)
 
     if mbps is None:
         write(config.coarseness)
     else:
-        meet_rate(write, mbps)
-    assert publisher is not None
-    present(publisher.writer, None)
-    publisher.writer.finish()
+        search_coarseness(write, mbps)
+    assert group_writer is not None
+    present(group_writer.writer, None)
+    group_writer.writer.finish()
     return reel
 
 
-def megabits_a_second(writer: ReelWriter) -> float:
-    """Of video, by all layers and groups."""
+def megabits_per_second(writer: ReelWriter) -> float:
+    """Return the rate of all layers and groups, Mbit/s of video."""
     manifest = writer.manifest
     size = sum(file.bytes for file in (*manifest.layers, *manifest.groups))
     return 8e-6 * size / ((manifest.frames - manifest.first_frame) / manifest.fps)
+
+
+TRIALS = 12
+"""Maximum number of encodings."""
+
+
+def search_coarseness(write: Callable[[float], float], mbps: float) -> float:
+    """Call `write` with different coarsenesses until the rate it returns is within 5 % of `mbps`.
+
+    Args:
+        write: Function from a coarseness to a rate, Mbit/s.
+        mbps: Rate to reach, Mbit/s.
+
+    Returns:
+        The last coarseness.
+
+    Raises:
+        UsageError: If no coarseness has that rate.
+    """
+    low, high, rate = -6.0, 8.0, 0.0
+    for _ in range(TRIALS):
+        octave = (low + high) / 2
+        rate = write(2.0**octave)
+        if abs(rate / mbps - 1) <= 0.05:
+            return 2.0**octave
+        low, high = (octave, high) if rate > mbps else (low, octave)
+    raise UsageError(
+        f"{mbps:g} Mbit/s cannot be reached: the nearest trial has {rate:.3g}. Choose another rate, or train more or fewer points."
+    )

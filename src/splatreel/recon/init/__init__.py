@@ -1,0 +1,1 @@
+"""Initial points and measures of a scene, from its first frame."""

@@ -1,4 +1,4 @@
-"""Features of pictures, and matches of them between cameras whose poses are known."""
+"""Image features, and their matches between cameras with known poses."""
 
 from __future__ import annotations
 
@@ -16,18 +16,25 @@ RATIO = 0.85
 
 @dataclass(frozen=True)
 class Features:
-    """pixels: [F, 2] float64, pixel centers at +0.5. descriptors: [F, 128] float32, unit (RootSIFT). colors: [F, 3] uint8."""
+    """SIFT features of an image.
+
+    Attributes:
+        pixels: [F, 2] float64, pixel centers at +0.5.
+        descriptors: [F, 128] float32, unit length (RootSIFT).
+        colors: [F, 3] uint8.
+    """
 
     pixels: np.ndarray
     descriptors: np.ndarray
     colors: np.ndarray
 
     def __getitem__(self, which: np.ndarray) -> Features:
+        """Select features by index or mask."""
         return Features(self.pixels[which], self.descriptors[which], self.colors[which])
 
 
 def detect(image: np.ndarray) -> Features:
-    """SIFT features of [H, W, 3] uint8."""
+    """Detect SIFT features in an image [H, W, 3] uint8."""
     sift = cv2.SIFT.create(MAX_FEATURES, contrastThreshold=0.01, edgeThreshold=20)
     keypoints, descriptors = sift.detectAndCompute(cv2.cvtColor(image, cv2.COLOR_RGB2GRAY), None)
     if descriptors is None or len(keypoints) == 0:
@@ -41,7 +48,7 @@ def detect(image: np.ndarray) -> Features:
 
 
 def fundamental(a: Camera, b: Camera) -> np.ndarray:
-    """F with x_b^T F x_a = 0 for homogeneous pixels."""
+    """Return the fundamental matrix F with x_b^T F x_a = 0 for homogeneous pixels."""
     relative = b.viewmat.astype(np.float64) @ np.linalg.inv(a.viewmat.astype(np.float64))
     x, y, z = relative[:3, 3]
     cross = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
@@ -49,20 +56,28 @@ def fundamental(a: Camera, b: Camera) -> np.ndarray:
 
 
 def epipolar_lines(camera_a: Camera, camera_b: Camera, pixels: np.ndarray) -> np.ndarray:
-    """[F, 3] lines in view b, of unit normals, on which things lie that view a shows at pixels [F, 2]."""
+    """Return the epipolar lines [F, 3] in view b of pixels [F, 2] in view a, with unit normals."""
     lines = np.c_[pixels, np.ones(len(pixels))] @ fundamental(camera_a, camera_b).T
     return lines / np.maximum(np.linalg.norm(lines[:, :2], axis=1, keepdims=True), 1e-12)
 
 
-def off_line(lines: np.ndarray, pixels: np.ndarray) -> np.ndarray:
-    """[F] how far pixels [F, 2] are from lines [F, 3], signed."""
+def line_distances(lines: np.ndarray, pixels: np.ndarray) -> np.ndarray:
+    """Return the signed distances [F] of pixels [F, 2] from lines [F, 3]."""
     return (lines[:, :2] * pixels).sum(1) + lines[:, 2]
 
 
 def match(camera_a: Camera, camera_b: Camera, a: Features, b: Features, reach: float | np.ndarray) -> np.ndarray:
-    """Mutual best matches near the epipolar lines that pass the ratio test; [M, 2] int indices into a and b.
+    """Return mutual best matches near the epipolar lines that pass the ratio test.
 
-    reach: pixels from the line, of all or each pair [A, B].
+    Args:
+        camera_a: First camera.
+        camera_b: Second camera.
+        a: Features of the first image.
+        b: Features of the second image.
+        reach: Maximum distance from the line, pixels, for all pairs or for each pair [A, B].
+
+    Returns:
+        [M, 2] int indices into a and b.
     """
     if len(a.pixels) == 0 or len(b.pixels) == 0:
         return np.zeros((0, 2), np.int64)

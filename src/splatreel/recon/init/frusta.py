@@ -1,4 +1,4 @@
-"""Where cameras' views meet, and how many planes a sweep takes there: long lenses see a thin slice of depths, in many pixels."""
+"""Depth ranges in which views overlap, and the number of planes for them. Long lenses see a thin slice of depths in many pixels."""
 
 from __future__ import annotations
 
@@ -11,19 +11,27 @@ from splatreel.recon.init.triangulate import nearest_cameras
 from splatreel.scene.camera import Camera
 
 COARSE, FINE = 5.0, 1.5
-"""Pixels of a depth map from plane to plane that are too many, and that are wanted then."""
+"""Spacing of planes, pixels: the range is refined above `COARSE`, to a spacing of `FINE`."""
 MOST_PLANES = 320
 GRID, LEVELS = (9, 7), 256
-"""Pixels across and down a picture, and inverse depths, that are looked at."""
+"""Samples: pixels across and down an image, and inverse depths."""
 SHARE, PARTNERS = 0.05, 2
-"""Of these pixels, those that so many neighbors must see at a depth for it to count."""
+"""A depth counts if at least `SHARE` of these pixels are seen by `PARTNERS` neighbors there."""
 
 
-def focused(cameras: list[Camera], ranges: np.ndarray, width: int, planes: int) -> tuple[np.ndarray, np.ndarray]:
-    """Ranges [C, 2] of depth, world units, and [C] how many planes to sweep there.
+def narrow_ranges(cameras: list[Camera], ranges: np.ndarray, width: int, planes: int) -> tuple[np.ndarray, np.ndarray]:
+    """Narrow the depth ranges of cameras whose planes would be too far apart, and choose the number of planes.
 
-    ranges: [C, 2] where depths may be. width: of the maps, pixels. Where `planes` planes are so far apart that the pictures hardly fit
-    on any, the range is cut to what neighbors see as well, and has more of them; else nothing changes.
+    A range is narrowed to the depths that neighbors see too. Other cameras keep their range and `planes` planes.
+
+    Args:
+        cameras: All cameras.
+        ranges: [C, 2] nearest and farthest depth, world units.
+        width: Width of the depth maps, pixels.
+        planes: Number of planes.
+
+    Returns:
+        Ranges [C, 2], and the number of planes [C].
     """
     nearest = nearest_cameras(cameras, NEIGHBORS)
     height = max(round(cameras[0].height * width / cameras[0].width), 1)
@@ -39,9 +47,13 @@ def focused(cameras: list[Camera], ranges: np.ndarray, width: int, planes: int) 
 
 
 def pixels_apart(camera: Camera, others: list[Camera], depths: np.ndarray, planes: int) -> float:
-    """How far from plane to plane the middle of a camera's picture moves in the others', median of the planes, mean of the cameras.
+    """Return the spacing of planes, pixels: median over the planes, mean over the other cameras, at the image center.
 
-    depths: [2], nearest and farthest.
+    Args:
+        camera: Camera of the depth map.
+        others: Cameras that are compared with it.
+        depths: [2] nearest and farthest depth, world units.
+        planes: Number of planes.
     """
     levels = np.linspace(1 / depths[1], 1 / depths[0], planes)
     middle = np.array([camera.width / 2 - 0.5, camera.height / 2 - 0.5, 1])
@@ -56,7 +68,7 @@ def pixels_apart(camera: Camera, others: list[Camera], depths: np.ndarray, plane
 
 
 def shared_depths(camera: Camera, others: list[Camera], depths: np.ndarray) -> np.ndarray:
-    """[2] the part of a range of depths in which other cameras see some of what a camera does; all of it where they nowhere do."""
+    """Return the part [2] of a depth range in which other cameras see a part of the image; the whole range if there is none."""
     levels = np.linspace(1 / depths[0], 1 / depths[1], LEVELS)
     rays = unproject(camera.resized(*GRID), np.ones(GRID[::-1])).reshape(-1, 3) - camera.center
     places = camera.center + rays / levels[:, None, None]

@@ -1,4 +1,4 @@
-"""How a capture lies in space: measures that every learning rate and threshold is relative to."""
+"""Measures of a scene. Learning rates and thresholds are relative to them."""
 
 from __future__ import annotations
 
@@ -14,16 +14,22 @@ from splatreel.scene.clearance import NONE, Clearance
 from splatreel.scene.untrusted import is_number, numbers
 
 BORDER = 8
-"""The part of a picture's width and height that its border takes on each side."""
+"""Each side of an image's border is one part in this many of its width or height."""
 CLEAR, MOST_CLEAR = 0.85, 0.35
-"""How much is taken to be free of what rests: of the room that cameras have before them, and at most of their distance to the focus."""
+"""Clearance is this share of the free space in front of the cameras, but at most `MOST_CLEAR` of the distance to the focus."""
 
 
 @dataclass(frozen=True)
 class Layout:
-    """near: near plane; unit: typical viewing distance (both world units); up: unit vector; bounds: low and high corner.
+    """Measures of a scene.
 
-    clearance: of static points; background: red, green and blue where nothing is, 0..1.
+    Attributes:
+        near: Near plane, world units.
+        unit: Typical viewing distance, world units.
+        up: [3] unit vector.
+        bounds: Low and high corner of the scene.
+        clearance: Space in front of a viewer in which no static point is drawn.
+        background: Color behind all points, 0..1.
     """
 
     near: float
@@ -34,11 +40,18 @@ class Layout:
     background: tuple[float, float, float] = (0.0, 0.0, 0.0)
 
     def to_dict(self) -> dict[str, Any]:
+        """Return the layout as JSON values."""
         return asdict(self) | {"clearance": self.clearance.to_dict(), "background": list(self.background)}
 
     @staticmethod
     def from_dict(value: dict[str, Any]) -> Layout:
-        """Raises KeyError, TypeError or ValueError for what is none."""
+        """Parse the result of `to_dict`.
+
+        Raises:
+            KeyError: If a field is missing.
+            TypeError: If a field has another type.
+            ValueError: If a field has another shape.
+        """
         numbers(value["up"], 3)
         numbers(value["bounds"], 2, 3)
         if not (is_number(value["near"]) and is_number(value["unit"])):
@@ -50,7 +63,7 @@ class Layout:
 
 
 def measure(cameras: list[Camera], points: np.ndarray, near: float) -> Layout:
-    """Lay out a capture from its training cameras and initial points [P, 3]."""
+    """Measure a scene by its training cameras and initial points [P, 3]."""
     low, high = np.percentile(points, [5, 95], axis=0)
     return Layout(
         near=float(near),
@@ -62,9 +75,9 @@ def measure(cameras: list[Camera], points: np.ndarray, near: float) -> Layout:
 
 
 def clearance_of(cameras: list[Camera], points: np.ndarray) -> Clearance:
-    """The room that all cameras had before them, nearly: one in 200 of the points that each one sees may be nearer.
+    """Return the free space in front of all cameras. One in 200 of the points that each camera sees may be nearer.
 
-    The focus is the mean of what the cameras look at, as far away as they typically look.
+    The focus is the mean of the points on the cameras' axes at the typical viewing distance.
     """
     unit = viewing_distance(cameras, points)
     focus = np.mean([camera.center + unit * camera.viewmat[2, :3] for camera in cameras], axis=0)
@@ -79,7 +92,7 @@ def clearance_of(cameras: list[Camera], points: np.ndarray) -> Clearance:
 
 
 def border_color(images: np.ndarray) -> tuple[float, float, float]:
-    """Red, green and blue, 0..1, of pictures [C, H, W, 3] uint8 near their borders, on average: what goes on beyond is likely alike."""
+    """Return the mean color near the borders of images [C, H, W, 3] uint8, 0..1. Unseen places beyond them likely look alike."""
     height, width = images.shape[1:3]
     border = np.ones((height, width), bool)
     border[height // BORDER : height - height // BORDER, width // BORDER : width - width // BORDER] = False
@@ -88,6 +101,6 @@ def border_color(images: np.ndarray) -> tuple[float, float, float]:
 
 
 def viewing_distance(cameras: list[Camera], points: np.ndarray) -> float:
-    """Median over the cameras of the median depth of the points each one sees."""
+    """Return the median over the cameras of the median depth of the points each one sees."""
     medians = [float(np.median(depths)) for depths in seen_depths(cameras, points) if len(depths)]
     return float(np.median(medians)) if medians else 1.0

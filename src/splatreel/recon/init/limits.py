@@ -1,4 +1,4 @@
-"""How far from the cameras views hold: what a player holds people to, softly."""
+"""Limits of viewpoints: how far a viewer may move from the training cameras."""
 
 from __future__ import annotations
 
@@ -12,26 +12,32 @@ from splatreel.recon.init.layout import Layout
 from splatreel.scene.camera import Camera
 
 MOST_CAMERAS = 0.9
-"""The share of the cameras that must look at the focus, and of the steps between neighbors that views must hold all along."""
+"""Share of the cameras that must look at the focus, and quantile of the steps between neighboring cameras that decides the
+angle."""
 LOOKING = 0.7
-"""The cosine of the angle at which the focus lies for a camera that looks at it, at least."""
+"""Minimum cosine of the angle between a camera's axis and the focus, for a camera that looks at it."""
 STEP_SHARE, MARGIN_DEGREES, LEAST_DEGREES, MOST_DEGREES = 0.75, 5.0, 10.0, 45.0
-"""The angle: this much of a step from camera to camera (half a step is the middle between two), and degrees more."""
+"""The angle is `STEP_SHARE` of a step from camera to camera (half a step is the middle between two) plus `MARGIN_DEGREES`,
+clamped to `LEAST_DEGREES`..`MOST_DEGREES`."""
 NEAREST, FARTHEST = 0.25, 1.25
-"""Of the least and the largest distance of a camera from the focus."""
+"""Limits of the distance, as shares of the smallest and the largest distance of a camera from the focus."""
 LOWEST = 2.0
-"""Percent of the points around the focus that may lie below the floor: noise, and what a mirror shows."""
+"""Percentage of the points around the focus that may lie below the floor: noise and reflections."""
 FEWEST_FLOOR_POINTS = 100
-"""Points that tell of no floor."""
+"""Minimum number of points that determine a floor."""
 
 
 def limits(cameras: Sequence[Camera], points: np.ndarray, layout: Layout, most: float | None = None) -> Limits | None:
-    """Of a rig around something, which the focus of `layout` is the middle of; None for cameras that look away from it.
+    """Return the limits of viewpoints for cameras around a subject; None for cameras that do not look at a common focus.
 
-    Between neighboring cameras views hold, and about as far beyond the outer ones: the angle is that which takes nine of ten steps
-    of the shortest way through all cameras. points: [P, 3], initial points; the floor is below nearly all of them that are around
-    the focus, and below every camera. most: degrees that the angle is at most, where a trial has shown that views do not hold
-    (`recon/coverage/trial.py`).
+    Views between neighboring cameras hold, and about as far beyond the outer ones. The angle follows from the steps of the
+    shortest path through all cameras. The floor lies below nearly all points around the focus and below every camera.
+
+    Args:
+        cameras: Training cameras.
+        points: [P, 3] initial points.
+        layout: Measures of the scene, with the focus.
+        most: Maximum angle, degrees, if a trial showed that views do not hold (`recon/coverage/trial.py`); None is no maximum.
     """
     focus, up = np.array(layout.clearance.focus), np.array(layout.up)
     centers = np.stack([camera.center for camera in cameras]).astype(np.float64)
@@ -53,7 +59,7 @@ def limits(cameras: Sequence[Camera], points: np.ndarray, layout: Layout, most: 
 
 
 def _angle(directions: np.ndarray) -> float:
-    """Degrees. directions: [C, 3], unit, of the cameras from the focus; two at one place are one."""
+    """Return the angle, degrees, for unit directions [C, 3] from the focus to the cameras."""
     between = np.degrees(np.arccos(np.clip(directions @ directions.T, -1, 1)))
     steps = minimum_spanning_tree(between).data
     step = float(np.quantile(steps, MOST_CAMERAS, method="lower")) if len(steps) else 0.0
@@ -61,7 +67,15 @@ def _angle(directions: np.ndarray) -> float:
 
 
 def _floor(points: np.ndarray, cameras: np.ndarray, focus: np.ndarray, up: np.ndarray, radius: float) -> float | None:
-    """A height along `up`; None where points do not tell. cameras: [C], their heights. radius: of what is around the focus."""
+    """Return the height of the floor along `up`; None for too few points.
+
+    Args:
+        points: [P, 3] initial points.
+        cameras: [C] heights of the cameras.
+        focus: [3] center of the subject.
+        up: [3] up direction.
+        radius: Radius of the subject around the focus, world units.
+    """
     around = points[np.linalg.norm(points - focus, axis=1) < radius]
     if len(around) < FEWEST_FLOOR_POINTS:
         return None

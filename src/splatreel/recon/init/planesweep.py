@@ -1,8 +1,11 @@
-"""Dense depth by plane sweep and semi-global matching, for the walls and floors that have no features to triangulate.
+"""Dense depth by plane sweep and semi-global matching, for surfaces without features.
 
-For every camera, planes parallel to its image are swept through the scene; each neighbor's image is warped by the plane's
-homography and compared patch by patch (zero-mean normalized cross-correlation, blind to the cameras' different gains). Paths in
-four directions (Hirschmueller 2008, "Stereo processing by semiglobal matching") carry depth into weak texture.
+For every camera, planes parallel to its image are swept through the scene. The image of each neighbor is warped by the
+homography of the plane and compared patch by patch. Zero-mean normalized cross-correlation ignores the cameras' different
+gains. Paths in four directions carry depth into weak texture.
+
+Source:
+    Hirschmueller 2008, "Stereo processing by semiglobal matching".
 """
 
 from __future__ import annotations
@@ -21,15 +24,22 @@ from splatreel.scene.camera import Camera
 NEIGHBORS = 4
 PATCH = 5
 NOISE = 2.5 / 255
-"""Standard deviation of a patch below which it counts as flat: noise would otherwise correlate by chance."""
+"""Standard deviation below which a patch counts as flat. Noise would otherwise correlate by chance."""
 SMALL_STEP, LARGE_STEP = 0.06, 0.5
-"""Costs of a change of depth by one plane, and by more, between neighboring pixels (P1, P2 of semi-global matching)."""
+"""Costs of a change of depth by one plane, and by more, between neighboring pixels (P1 and P2 of semi-global matching)."""
 AGREEMENT_PLANES = 1.5
 
 
 @dataclass(frozen=True)
 class DepthMap:
-    """depth: [H, W] float32 world units along the camera's axis. agreeing: [H, W] uint8, how many neighbors' maps agree."""
+    """Depth map of a camera.
+
+    Attributes:
+        camera: The camera, at the size of the map.
+        image: [H, W, 3] uint8.
+        depth: [H, W] float32, world units along the camera's axis.
+        agreeing: [H, W] uint8, number of neighbors whose maps agree.
+    """
 
     camera: Camera
     image: np.ndarray
@@ -40,10 +50,14 @@ class DepthMap:
 def sweep(
     cameras: list[Camera], images: np.ndarray, ranges: np.ndarray, *, width: int = 320, planes: int | np.ndarray = 96
 ) -> list[DepthMap]:
-    """One depth map a camera.
+    """Compute one depth map per camera.
 
-    images: [C, H, W, 3] uint8. ranges: [C, 2] nearest and farthest depth of every camera, world units. planes: how many, of all or
-    each camera [C]. The maps are made at `width` pixels, or the images' own width if that is smaller.
+    Args:
+        cameras: All cameras.
+        images: [C, H, W, 3] uint8.
+        ranges: [C, 2] nearest and farthest depth of every camera, world units.
+        width: Width of the maps, pixels, at most that of the images.
+        planes: Number of planes, for all cameras or for each camera [C].
     """
     width = min(width, images.shape[2])
     height = max(round(images.shape[1] * width / images.shape[2]), 1)
@@ -61,7 +75,7 @@ def sweep(
         best = _best_levels(_aggregate(cost, grays[i]))
         return (1 / (levels[0] + steps[i] * best)).astype(np.float32)
 
-    with ThreadPoolExecutor(min(threads.count(), 8)) as pool:  # the compiled kernels and OpenCV let go of the GIL
+    with ThreadPoolExecutor(min(threads.count(), 8)) as pool:  # compiled kernels and OpenCV release the GIL
         depths = list(pool.map(depth_of, range(len(cameras))))
     agreeing = [
         sum(_agreement(small_cameras[i], depths[i], steps[i], small_cameras[j], depths[j]) for j in nearest[i])
@@ -74,7 +88,7 @@ def sweep(
 
 
 def unproject(camera: Camera, depth: np.ndarray) -> np.ndarray:
-    """World points [H, W, 3] float64 of a depth map [H, W]."""
+    """Return the world points [H, W, 3] float64 of a depth map [H, W]."""
     height, width = depth.shape
     x = (np.arange(width) + 0.5 - camera.K[0, 2]) / camera.K[0, 0]
     y = (np.arange(height) + 0.5 - camera.K[1, 2]) / camera.K[1, 1]
@@ -83,7 +97,7 @@ def unproject(camera: Camera, depth: np.ndarray) -> np.ndarray:
 
 
 def project(camera: Camera, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Pixels [..., 2] and depths [...] of world points [..., 3]; pixels are NaN behind the camera."""
+    """Return pixels [..., 2] and depths [...] of world points [..., 3]. Pixels are NaN behind the camera."""
     local = points @ camera.viewmat[:3, :3].T.astype(np.float64) + camera.viewmat[:3, 3]
     depth = local[..., 2]
     safe = np.where(depth > 1e-9, depth, np.nan)
@@ -93,13 +107,13 @@ def project(camera: Camera, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]
 
 
 def inside(camera: Camera, pixels: np.ndarray) -> np.ndarray:
-    """Which pixels [..., 2] lie in the camera's image; NaN does not."""
+    """Return which pixels [..., 2] lie in the camera's image; NaN does not."""
     x, y = pixels[..., 0], pixels[..., 1]
     return (x >= 0) & (x < camera.width) & (y >= 0) & (y < camera.height)
 
 
 def seen_depths(cameras: list[Camera], points: np.ndarray) -> list[np.ndarray]:
-    """The depths of the points inside each camera's image."""
+    """Return the depths of the points inside each camera's image."""
     found = []
     for camera in cameras:
         pixels, depth = project(camera, points)
@@ -110,7 +124,7 @@ def seen_depths(cameras: list[Camera], points: np.ndarray) -> list[np.ndarray]:
 def _cost_volume(
     camera: Camera, gray: np.ndarray, others: list[tuple[Camera, np.ndarray]], depths: np.ndarray
 ) -> np.ndarray:
-    """Matching costs 0 (alike) .. 1, [H, W, D] float32."""
+    """Return matching costs [H, W, D] float32, 0 (alike) to 1."""
     size = (camera.width, camera.height)
     mean, square = cv2.blur(gray, (PATCH, PATCH)), cv2.blur(gray * gray, (PATCH, PATCH))
     deviation = np.sqrt(np.maximum(square - mean * mean, 0) + NOISE**2)
@@ -134,7 +148,15 @@ def _cost_volume(
 
 
 def plane_homographies(camera: Camera, other: Camera, depths: np.ndarray) -> np.ndarray:
-    """[D, 3, 3]: pixels of `camera` (integer centers, as OpenCV counts) to those of `other` by way of the planes z = depth."""
+    """Return the homographies [D, 3, 3] from `camera` to `other` via the planes z = depth.
+
+    Pixel centers are integers, as in OpenCV.
+
+    Args:
+        camera: Source camera.
+        other: Target camera.
+        depths: [D] depths of the planes, world units.
+    """
     relative = other.viewmat.astype(np.float64) @ np.linalg.inv(camera.viewmat.astype(np.float64))
     shift = np.array([[1, 0, -0.5], [0, 1, -0.5], [0, 0, 1]])
     tilt = np.zeros((len(depths), 3, 3))
@@ -144,7 +166,7 @@ def plane_homographies(camera: Camera, other: Camera, depths: np.ndarray) -> np.
 
 @numba.njit(nogil=True, cache=True, fastmath=True)
 def _correlate(mean, deviation, scores, plane):  # pragma: no cover - compiled
-    """Write one plane of costs: the mean of the better half of the neighbors, so that an occluded one does not count."""
+    """Write one plane of costs: the mean of the better half of the neighbors, so that occluded ones do not count."""
     count = scores.shape[0]
     half = (count + 1) // 2
     for y in range(mean.shape[0]):
@@ -172,7 +194,7 @@ def _correlate(mean, deviation, scores, plane):  # pragma: no cover - compiled
 
 
 def _aggregate(cost: np.ndarray, gray: np.ndarray) -> np.ndarray:
-    """Sum of the path costs from left, right, top and bottom, [H, W, D]."""
+    """Return the sum [H, W, D] of the path costs from left, right, top and bottom."""
     total = np.zeros_like(cost)
     _scan_rows(cost, gray, total)
     _scan_rows(cost.transpose(1, 0, 2), gray.T, total.transpose(1, 0, 2))
@@ -181,7 +203,7 @@ def _aggregate(cost: np.ndarray, gray: np.ndarray) -> np.ndarray:
 
 @numba.njit(nogil=True, cache=True, fastmath=True)
 def _scan_rows(cost, gray, total):  # pragma: no cover - compiled
-    """Add the path costs of both directions along every row. A jump in depth is cheaper where the image has an edge."""
+    """Add the path costs of both directions along every row. A jump in depth costs less at an image edge."""
     height, width, planes = cost.shape
     for y in range(height):
         previous = np.empty(planes, np.float32)
@@ -211,7 +233,7 @@ def _scan_rows(cost, gray, total):  # pragma: no cover - compiled
 
 @numba.njit(nogil=True, cache=True)
 def _best_levels(total):  # pragma: no cover - compiled
-    """The plane of least cost with a parabola's fraction, [H, W] float32."""
+    """Return the plane of least cost, [H, W] float32, refined by a parabola."""
     height, width, planes = total.shape
     best = np.empty((height, width), np.float32)
     for y in range(height):
@@ -228,7 +250,7 @@ def _best_levels(total):  # pragma: no cover - compiled
 
 
 def _agreement(camera: Camera, depth: np.ndarray, step: float, other: Camera, other_depth: np.ndarray) -> np.ndarray:
-    """Where the other camera's map puts a surface within a few planes of this one's, [H, W] bool."""
+    """Return [H, W] bool, the pixels for which the other camera's map has a surface within a few planes."""
     pixels, seen_depth = project(other, unproject(camera, depth))
     visible = inside(other, pixels)
     column, row = np.where(visible[..., None], pixels, 0).astype(int).transpose(2, 0, 1)

@@ -1,7 +1,7 @@
-"""Sparse points from feature matches between cameras whose poses are known.
+"""Sparse points from feature matches between cameras with known poses.
 
-Matching is guided: only features near each other's epipolar line are compared, so that repeated texture does less harm and more
-weak features survive than in pose-free matching. Two-view matches are still often false; a point must be seen by three cameras.
+Only features near each other's epipolar line are compared. Repeated texture then does less harm than in matching without poses,
+and more weak features survive. Two-view matches are often false, so a point must be seen by three cameras.
 """
 
 from __future__ import annotations
@@ -24,7 +24,10 @@ MIN_VIEWS = 3
 class Tracks:
     """Points seen by at least three cameras.
 
-    points: [P, 3] float64 world. colors: [P, 3] float32 0..1. seen: [P, C] bool, by which camera.
+    Attributes:
+        points: [P, 3] float64 world.
+        colors: [P, 3] float32 0..1.
+        seen: [P, C] bool, cameras that see each point.
     """
 
     points: np.ndarray
@@ -33,9 +36,14 @@ class Tracks:
 
 
 def triangulate(cameras: list[Camera], images: np.ndarray, neighbors: int = 8) -> Tracks:
-    """Match SIFT features between neighboring cameras and triangulate those that at least three cameras agree on.
+    """Match SIFT features between neighboring cameras and triangulate the ones that at least three cameras agree on.
 
-    images: [C, H, W, 3] uint8. Textureless images give no points; that is not an error.
+    Images without texture give no points; that is not an error.
+
+    Args:
+        cameras: All cameras.
+        images: [C, H, W, 3] uint8.
+        neighbors: Number of neighbors that each camera is matched with.
     """
     features = [detect(image) for image in images]
     first = np.cumsum([0] + [len(f.pixels) for f in features])
@@ -51,20 +59,20 @@ def triangulate(cameras: list[Camera], images: np.ndarray, neighbors: int = 8) -
 
 
 def neighbor_pairs(cameras: list[Camera], neighbors: int) -> list[tuple[int, int]]:
-    """Pairs i < j of cameras of which one is among the other's nearest."""
+    """Return the pairs i < j of cameras of which one is among the nearest neighbors of the other."""
     nearest = nearest_cameras(cameras, neighbors)
     return sorted({(min(i, int(j)), max(i, int(j))) for i in range(len(cameras)) for j in nearest[i]})
 
 
 def nearest_cameras(cameras: list[Camera], count: int) -> np.ndarray:
-    """The cameras nearest to each, nearest first; [C, min(count, C - 1)] int."""
+    """Return the nearest cameras to each camera, nearest first; [C, min(count, C - 1)] int."""
     cost = separation(cameras)
     np.fill_diagonal(cost, np.inf)
     return np.argsort(cost, 1, kind="stable")[:, : min(count, len(cameras) - 1)]
 
 
 def separation(cameras: list[Camera]) -> np.ndarray:
-    """[C, C] how different cameras' views are: their distance, as a share of the median, and 1 - cosine of their directions."""
+    """Return how different the cameras' views are, [C, C]: distance relative to the median, plus 1 - cosine of the directions."""
     centers = np.stack([c.center for c in cameras]).astype(np.float64)
     forwards = np.stack([c.forward for c in cameras]).astype(np.float64)
     gaps = np.linalg.norm(centers[:, None] - centers[None], axis=-1)
@@ -75,12 +83,17 @@ def separation(cameras: list[Camera]) -> np.ndarray:
 def _solve_stars(
     cameras: list[Camera], edges: np.ndarray, camera: np.ndarray, pixels: np.ndarray, colors: np.ndarray
 ) -> Tracks:
-    """One point for every feature whose matches in at least two other cameras agree on it.
+    """Triangulate one point for every feature whose matches in at least two other cameras agree.
 
-    A feature and its direct matches make a star. Chaining matches further (connected components) merges most of an image into one
-    track through a few false matches. Every edge of a star proposes a point; the one most other edges agree with wins.
+    A feature and its direct matches form a star. Longer chains (connected components) would merge most of an image into one
+    track through a few false matches. Every edge of a star proposes a point; the point with the most votes of other edges wins.
 
-    edges: [E, 2] int, both directions, indices into camera [F] int, pixels [F, 2] and colors [F, 3] uint8.
+    Args:
+        cameras: All cameras.
+        edges: [E, 2] int feature indices, both directions.
+        camera: [F] int, camera of each feature.
+        pixels: [F, 2] features.
+        colors: [F, 3] uint8.
     """
     edges = edges[np.argsort(edges[:, 0], kind="stable")]
     projections = np.stack([c.K.astype(np.float64) @ c.viewmat[:3].astype(np.float64) for c in cameras])
@@ -116,9 +129,15 @@ def _refine(
     pixels: np.ndarray,
     colors: np.ndarray,
 ) -> Tracks:
-    """Points from all their observations; those that no longer fit, or are seen from one direction only, are dropped.
+    """Triangulate points from all their observations, and drop points that do not fit or are seen from one direction only.
 
-    point: [O] int, the point of every observation; camera: [O] int; pixels: [O, 2]; colors: [O, 3] uint8.
+    Args:
+        cameras: All cameras.
+        projections: [C, 3, 4] projection matrices.
+        point: [O] int, point of every observation.
+        camera: [O] int, camera of every observation.
+        pixels: [O, 2] observations.
+        colors: [O, 3] uint8.
     """
     count = int(point.max(initial=-1)) + 1
     points = intersect(projections[camera], pixels, point, count)
@@ -135,14 +154,28 @@ def _refine(
 def reprojection_errors(
     projections: np.ndarray, points: np.ndarray, camera: np.ndarray, pixels: np.ndarray
 ) -> np.ndarray:
-    """Reprojection errors in pixels, [O]; infinite behind the camera. points: [O, 3]; camera: [O] int; pixels: [O, 2]."""
+    """Return reprojection errors [O], pixels; infinite behind the camera.
+
+    Args:
+        projections: [C, 3, 4] projection matrices.
+        points: [O, 3] world.
+        camera: [O] int.
+        pixels: [O, 2] observations.
+    """
     seen = np.einsum("oij,oj->oi", projections[camera, :, :3], points) + projections[camera, :, 3]
     depth = np.where(seen[:, 2] > 1e-9, seen[:, 2], np.nan)
     return np.nan_to_num(np.linalg.norm(seen[:, :2] / depth[:, None] - pixels, axis=1), nan=np.inf)
 
 
 def intersect(projections: np.ndarray, pixels: np.ndarray, track: np.ndarray, count: int) -> np.ndarray:
-    """Linear triangulation of `count` tracks; projections [O, 3, 4], pixels [O, 2], track [O] int -> [count, 3]."""
+    """Triangulate `count` points linearly; [count, 3].
+
+    Args:
+        projections: [O, 3, 4] projection matrix of every observation.
+        pixels: [O, 2] observations.
+        track: [O] int, point of every observation.
+        count: Number of points.
+    """
     rows = pixels[:, :, None] * projections[:, 2:3] - projections[:, :2]
     rows /= np.maximum(np.linalg.norm(rows[..., :3], axis=-1, keepdims=True), 1e-12)
     normal = np.zeros((count, 4, 4))
@@ -152,7 +185,7 @@ def intersect(projections: np.ndarray, pixels: np.ndarray, track: np.ndarray, co
 
 
 def _widest_angle(cameras: list[Camera], points: np.ndarray, visible: np.ndarray) -> np.ndarray:
-    """The largest angle between a point's first ray and its others, radians, [P]."""
+    """Return the largest angle [P], radians, between a point's first ray and its other rays."""
     centers = np.stack([c.center for c in cameras]).astype(np.float64)
     rays = points[:, None] - centers
     rays /= np.maximum(np.linalg.norm(rays, axis=-1, keepdims=True), 1e-12)

@@ -1,4 +1,4 @@
-"""Which way is up, from how cameras stand: people hold them level, whether they look up or down."""
+"""Up direction of a scene. People hold cameras level, whether they look up or down."""
 
 from __future__ import annotations
 
@@ -10,20 +10,21 @@ import numpy as np
 from splatreel.scene.camera import Camera
 
 SCALES = [math.sin(math.radians(angle)) for angle in (45, 30, 20, 12, 12, 12, 12)]
-"""Roll at which a camera begins to count for little, step by step: the first direction is rough, and must not throw out good ones."""
+"""Sine of the roll at which a camera's weight falls, per iteration. The first direction is rough and must not reject good
+cameras."""
 TRUST = 0.01
-"""How much the mean of the cameras' own up counts beside one camera: (3 / 30)^2, the degrees by which cameras roll and by which
-that mean leans."""
+"""Weight of the mean of the cameras' up vectors relative to one camera: (3 / 30)^2, from typical degrees of roll and of error
+of that mean."""
 LEVEL_SINE, LEVEL_CAMERAS = 0.5, 0.6
-"""The sine of a level camera's roll at most, and the share of the cameras that must be level, or else none is taken to be."""
+"""Maximum sine of the roll of a level camera, and share of the cameras that must be level for right axes to be used."""
 
 
 def upright(cameras: Sequence[Camera]) -> np.ndarray:
-    """Unit up direction [3] of the world that cameras stand in: perpendicular to their right axes, as far as these decide it.
+    """Return the unit up direction [3], perpendicular to the cameras' right axes as far as these determine it.
 
-    The mean of their up vectors leans to where most of them look from, for cameras that look down lean forward together; a level
-    camera's right axis is horizontal however it looks. u minimizes sum w (right u)^2 + TRUST |u - mean|^2, so that the mean decides
-    where right axes do not: of one camera, of parallel ones, and of cameras rolled at random. w falls for a camera on its side.
+    A level camera's right axis is horizontal for any tilt. The mean of the up vectors leans instead, since cameras that look
+    down lean forward together. The result u minimizes sum w (right u)^2 + TRUST |u - mean|^2. The mean thus decides for a
+    single camera, for parallel cameras and for cameras rolled at random. The weight w is small for rolled cameras.
     """
     rights = np.stack([camera.viewmat[0, :3] for camera in cameras])
     ups = -np.stack([camera.viewmat[1, :3] for camera in cameras])

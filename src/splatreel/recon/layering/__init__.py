@@ -1,0 +1,1 @@
+"""Motion layering: separation of static from dynamic Gaussians, tracking and relighting."""

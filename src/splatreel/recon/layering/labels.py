@@ -1,4 +1,4 @@
-"""Motion layering of one keyframe (paper 4.1): which points are static from here on, and which move."""
+"""Motion layering at a keyframe (paper section 4.1): separation of static from dynamic points."""
 
 from __future__ import annotations
 
@@ -23,9 +23,13 @@ from splatreel.scene.static_points import StaticPoints
 
 @dataclass(frozen=True)
 class Layers:
-    """The outcome of layering. alive: [S] bool, static points that stay so; settled: new static points; dynamic: what moves.
+    """Result of motion layering.
 
-    relit: what rests while its light changes, neither static nor moving.
+    Attributes:
+        alive: [S] bool, static points that stay static.
+        settled: Dynamic points that become static.
+        dynamic: Points that move during the group.
+        relit: Points that rest while their light changes. They are neither static nor dynamic.
     """
 
     alive: np.ndarray
@@ -35,11 +39,18 @@ class Layers:
 
 
 def find_layers(data: GroupInput, dynamic: Gaussians, static: StaticPoints, config: LayeringConfig) -> Layers:
-    """Which of the points at a keyframe rest in its group, and which move. dynamic: those that are not static so far."""
+    """Separate the points at a keyframe into static, dynamic and relit ones.
+
+    Args:
+        data: Training views of the group.
+        dynamic: Points that are not static so far.
+        static: Static points.
+        config: Layering settings.
+    """
     data, points = data.smaller(), Gaussians.concatenate([dynamic, static.living])
     moves = label_points(data, points, config)
     if data.span.index:
-        moves[: len(dynamic)] |= crowding(dynamic.means, data.cameras, data.layout.clearance)
+        moves[: len(dynamic)] |= near_cameras(dynamic.means, data.cameras, data.layout.clearance)
     light = np.zeros((data.span.count, len(points)), np.float32)
     if config.relighting:
         light[:, ~moves] = changes_of_light(points[~moves], data.cameras, data.images, data.near, data.device)
@@ -47,7 +58,13 @@ def find_layers(data: GroupInput, dynamic: Gaussians, static: StaticPoints, conf
 
 
 def label_points(data: GroupInput, points: Gaussians, config: LayeringConfig) -> np.ndarray:
-    """[N] bool, which points move during a group. points: as they are at the keyframe."""
+    """Return [N] bool, the points that move during a group.
+
+    Args:
+        data: Training views of the group.
+        points: N points at the keyframe.
+        config: Layering settings.
+    """
     if data.span.count < 2 or len(points) == 0:
         return np.zeros(len(points), bool)
     masks = motion_masks(data.images, make_flow(config.flow), config)
@@ -60,8 +77,16 @@ def label_points(data: GroupInput, points: Gaussians, config: LayeringConfig) ->
     return labels > DYNAMIC
 
 
-def crowding(points: np.ndarray, cameras: list[Camera], clearance: Clearance) -> np.ndarray:
-    """[N] bool: points [N, 3] in a camera's picture that it would not be shown if they rested: who has come so near stays dynamic."""
+def near_cameras(points: np.ndarray, cameras: list[Camera], clearance: Clearance) -> np.ndarray:
+    """Return [N] bool, the points that a camera sees but that clearance would hide from it if they were static.
+
+    Points this close to a camera stay dynamic, so that they are drawn.
+
+    Args:
+        points: [N, 3] positions.
+        cameras: Training cameras.
+        clearance: Depth in front of a viewer within which no static point is drawn.
+    """
     found = np.zeros(len(points), bool)
     for camera in cameras:
         found |= clearance.hides(points, camera) & inside(camera, project(camera, points)[0])
@@ -69,22 +94,31 @@ def crowding(points: np.ndarray, cameras: list[Camera], clearance: Clearance) ->
 
 
 def convertible(data: GroupInput, static: StaticPoints, least: float) -> np.ndarray:
-    """[S] bool: the static points that may turn out to move during a group: those that show where pictures change.
+    """Return [S] bool, the static points that adaptive conversion may make dynamic.
 
-    least: the share of what a point shows that must lie there; 0: all may. What no camera sees may: it can be hidden at the keyframe.
+    A point that no camera sees may be converted, since it can be hidden at the keyframe.
+
+    Args:
+        data: Training views of the group.
+        static: Static points.
+        least: Minimum share of a point's contribution that must lie in pixels that change during the group; 0 allows all
+            points.
     """
     if not least:
         return static.alive
     data = data.smaller()
     found = shares(static.living, data.cameras, changes(data.images), data.near, data.device)
-    return static.without(found < least).alive  # of NaN, all comparisons are false
+    return static.without(found < least).alive  # unseen points are NaN, which compares false
 
 
 def separate(static: StaticPoints, dynamic: Gaussians, moves: np.ndarray, light: np.ndarray) -> Layers:
-    """Sort the living static points and the dynamic ones by their labels.
+    """Sort dynamic and living static points by their labels.
 
-    moves: [D + A] bool, for the D dynamic points and then the A living static ones. light: [T, D + A]
-    as in `RelitPoints`, 0 where it stays.
+    Args:
+        static: Static points, A of them living.
+        dynamic: D dynamic points.
+        moves: [D + A] bool, for the dynamic and then the living static points.
+        light: [T, D + A] change of light as in `RelitPoints`; 0 means no change.
     """
     points = Gaussians.concatenate([dynamic, static.living])
     relit = ~moves & light.any(0)

@@ -1,4 +1,7 @@
-"""The start of a group: tracks of its dynamic points by flow, and new points for what appears (before any training)."""
+"""Tracking at the start of a group: motion of its dynamic points, and points for content that appears or departs.
+
+Tracking runs before a group's motion is trained. It gives training a starting position for every dynamic point at every frame.
+"""
 
 from __future__ import annotations
 
@@ -12,37 +15,41 @@ from splatreel.motion.flow import make_flow
 from splatreel.motion.large_displacement import large_displacements
 from splatreel.motion.lift import shares
 from splatreel.motion.new_points import ErrorMasks, error_masks, find_new_points
-from splatreel.motion.track import PointTracks, Tracker, identity
+from splatreel.motion.track import PointTracks, Tracker, identity_quats
 from splatreel.progress import Progress
 from splatreel.recon.cameras.group_input import GroupInput
 from splatreel.recon.layering.relighting import RelitPoints
 from splatreel.scene.gaussians import C0, Gaussians
 from splatreel.scene.static_points import StaticPoints
 
-LOOK_EVERY = 4
-"""Frames between two looks for things that appeared."""
+CHECK_EVERY = 4
+"""Frames between two checks for content that appeared or departed."""
 MAX_NEW_POINTS = 6000
-"""That a group takes so, or as many as it has dynamic points: flicker and noise are no things."""
-GONE = 0.7
-"""Share of what is seen of a static point, over all views, that must be wrong for it to have left its place."""
-MAX_PEELS = 3
-"""Times that one looks, at most: behind a thing's points are others of it, which show once those are gone."""
-MIN_LEAVING = 20
-"""Static points that leave together, at least: a speck is no thing, and to find out where things went takes flow once more."""
+"""Maximum number of points that tracking may add to a group; more only if the group starts with more dynamic points. Larger additions
+are flicker or noise."""
+DEPARTED_SHARE = 0.7
+"""A static point has departed if more than this share of its contribution to all views lies in wrong pixels."""
+MAX_PASSES = 3
+"""Maximum passes of the search for departed points. Removing front points can expose further wrong ones behind them."""
+MIN_DEPARTED = 20
+"""Minimum number of static points that depart together. Fewer are noise, and tracking them costs another run of optical flow."""
 
 
 @dataclass(frozen=True)
 class GroupStart:
-    """What the training of a group starts from. dynamic: its points at the keyframe.
+    """Initial state of a group's training.
 
-    tracks: [T, N, 3] their positions at every frame, shades: [T, N, 3] what their c_base gains there, or None where nobody has looked.
-    left: [A] bool, the living static points that are among them now.
+    Attributes:
+        dynamic: The group's N dynamic points at the keyframe.
+        tracks: [T, N, 3] positions at every frame; None if the points were not tracked.
+        shades: [T, N, 3] change of c_base at every frame; None if relighting was not measured.
+        departed: [A] bool, living static points that became dynamic; None if the points were not tracked.
     """
 
     dynamic: Gaussians
     tracks: np.ndarray | None = None
     shades: np.ndarray | None = None
-    left: np.ndarray | None = None
+    departed: np.ndarray | None = None
 
 
 def track(
@@ -54,72 +61,97 @@ def track(
     config: LayeringConfig,
     progress: Progress,
 ) -> GroupStart:
-    """Track dynamic points through the frames of a group; add what several views lack, and static points that leave.
+    """Track dynamic points through a group, and add points for content that appears or departs.
 
-    velocities: [N, 3], about how the dynamic points move at the keyframe, world units a frame, if that is known.
+    Args:
+        data: Training views of the group.
+        dynamic: Dynamic points at the keyframe.
+        relit: Resting points whose light changes. They are not tracked.
+        static: Static points.
+        velocities: [N, 3] approximate motion of the dynamic points at the keyframe, world units per frame; None if unknown.
+        config: Layering settings.
+        progress: Receives the current frame.
 
-    Points come in this order: dynamic ones, those that were added, relit ones, whose light is of the same frames.
+    Returns:
+        The dynamic points, then the added points, then the relit points.
     """
-    data, behind = data.smaller(), Gaussians.concatenate([static.living, relit.points])
-    tracker = Tracker(behind, data.cameras, data.images, make_flow(config.flow), data.near)
+    data, occluders = data.smaller(), Gaussians.concatenate([static.living, relit.points])
+    tracker = Tracker(occluders, data.cameras, data.images, make_flow(config.flow), data.near)
     detector = ChangeDetector(tracker, data, dynamic, static.living, relit)
     tracks = [PointTracks(dynamic, 0, velocities)]
-    room = max(MAX_NEW_POINTS, len(dynamic))
+    budget = max(MAX_NEW_POINTS, len(dynamic))
     for frame in range(1, data.span.count):
         tracker.step(tracks, frame - 1)
-        if frame % LOOK_EVERY == 0:
+        if frame % CHECK_EVERY == 0:
             progress.update(frame, moving=sum(len(track.points) for track in tracks))
             masks = detector.error_masks(tracks, frame)
-            new, motion = detector.appeared(tracks, frame, masks)
-            if 0 < len(new) <= room:
-                room -= len(new)
+            new, motion = detector.find_appeared(tracks, frame, masks)
+            if 0 < len(new) <= budget:
+                budget -= len(new)
                 tracks.append(PointTracks(new, frame, motion))
                 masks = detector.error_masks(tracks, frame)
-            leaving = detector.leaving(tracks, frame, masks)
-            if 0 < leaving.sum() <= room:
-                room -= leaving.sum()
-                tracks.append(detector.depart(leaving, frame))
+            departed = detector.find_departed(tracks, frame, masks)
+            if 0 < departed.sum() <= budget:
+                budget -= departed.sum()
+                tracks.append(detector.track_departed(departed, frame))
     tracker.track_back(tracks)
-    return _start(tracks, relit, ~detector.stays)
+    return _group_start(tracks, relit, ~detector.resting)
 
 
-def _start(tracks: list[PointTracks], relit: RelitPoints, left: np.ndarray) -> GroupStart:
-    """All tracks from their places at the keyframe on, then what is relit."""
+def _group_start(tracks: list[PointTracks], relit: RelitPoints, departed: np.ndarray) -> GroupStart:
+    """Return all tracked points, moved to their positions at the keyframe, followed by the relit points."""
     positions = [track.positions for track in tracks]
     starts = [
-        track.points.moved(places[0] - track.points.means, identity(len(track.points)))
+        track.points.moved(places[0] - track.points.means, identity_quats(len(track.points)))
         for track, places in zip(tracks[1:], positions[1:], strict=True)
     ]
     points = Gaussians.concatenate([tracks[0].points, *starts, relit.points])
     shades = np.zeros((len(relit.light), len(points), 3), np.float32)
     shades[:, len(points) - len(relit) :] = relit.shades
-    return GroupStart(points, np.concatenate([*positions, relit.tracks], axis=1), shades, left)
+    return GroupStart(points, np.concatenate([*positions, relit.tracks], axis=1), shades, departed)
 
 
 class ChangeDetector:
-    """Compares the views with the scene as it is tracked. stays: [A] bool, the living static points that have not left so far."""
+    """Comparison of the training views with the tracked scene.
+
+    Attributes:
+        resting: [A] bool, living static points that have not departed.
+        backdrops: One drawing of the resting points per camera.
+        keyframe_errors: [C, H, W] bool, pixels that are wrong at the keyframe already, such as mirrors. They indicate no change.
+    """
 
     def __init__(
         self, tracker: Tracker, data: GroupInput, dynamic: Gaussians, static: Gaussians, relit: RelitPoints
     ) -> None:
         self.tracker, self.data, self.static, self.relit = tracker, data, static, relit
-        self.stays = np.ones(len(static), bool)
-        self.backdrops = self._backdrops(self.stays)
-        self.known = self._compare(self.backdrops, dynamic, 0).error
-        """[C, H, W] bool: errors already where the points were trained: mirrors, nothing new."""
+        self.resting = np.ones(len(static), bool)
+        self.backdrops = self._draw_backdrops(self.resting)
+        self.keyframe_errors = self._compare(self.backdrops, dynamic, 0).error
 
-    def error_masks(self, tracks: list[PointTracks], frame: int, leaving: np.ndarray | None = None) -> ErrorMasks:
-        """[C, H, W]: where the views of a frame differ from the scene there, and were not wrong at the keyframe.
+    def error_masks(self, tracks: list[PointTracks], frame: int, ignored: np.ndarray | None = None) -> ErrorMasks:
+        """Return masks [C, H, W] of the pixels that are wrong at a frame and were not wrong at the keyframe.
 
-        leaving: [A] bool, static points that are left out.
+        Args:
+            tracks: All tracks. Their last frame is `frame`.
+            frame: Frame to compare.
+            ignored: [A] bool, static points that are not drawn; None draws all resting points.
         """
-        backdrops = self.backdrops if leaving is None else self._backdrops(self.stays & ~leaving)
-        found = self._compare(backdrops, _moved(tracks), frame)
-        return ErrorMasks(found.error & ~self.known, found.uncertain & ~self.known)
+        backdrops = self.backdrops if ignored is None else self._draw_backdrops(self.resting & ~ignored)
+        found = self._compare(backdrops, _points_at_last_frame(tracks), frame)
+        return ErrorMasks(found.error & ~self.keyframe_errors, found.uncertain & ~self.keyframe_errors)
 
-    def appeared(self, tracks: list[PointTracks], frame: int, masks: ErrorMasks) -> tuple[Gaussians, np.ndarray]:
-        """Gaussians, in place at a frame, of what the views show there and the scene does not, and about how they move, [N, 3]."""
-        moving, tracker = _moved(tracks), self.tracker
+    def find_appeared(self, tracks: list[PointTracks], frame: int, masks: ErrorMasks) -> tuple[Gaussians, np.ndarray]:
+        """Find content that the views show at a frame and the scene lacks.
+
+        Args:
+            tracks: All tracks. Their last frame is `frame`.
+            frame: Frame to search.
+            masks: Result of `error_masks` for this frame.
+
+        Returns:
+            New points at the frame, and their approximate motion [M, 3], world units per frame.
+        """
+        moving, tracker = _points_at_last_frame(tracks), self.tracker
         depths, here, first = tracker.depths(moving), tracker.frames[frame], moving.means[: len(tracks[0].points)]
         found = find_new_points(tracker.cameras, here, masks, depths, tracker.near, first, seed=frame)
         way = 1 if frame + 1 < len(tracker.frames) else -1
@@ -131,53 +163,59 @@ class ChangeDetector:
         sh = np.zeros((count, bands, 3), np.float32)
         sh[:, 0] = (found.colors - 0.5) / C0
         scales = np.repeat(found.sizes[:, None], 3, 1)
-        return Gaussians(found.points, identity(count), scales, np.full(count, 0.7, np.float32), sh), motion
+        return Gaussians(found.points, identity_quats(count), scales, np.full(count, 0.7, np.float32), sh), motion
 
-    def leaving(self, tracks: list[PointTracks], frame: int, masks: ErrorMasks) -> np.ndarray:
-        """[A] bool: static points that are not there any more at a frame: nearly all that the views see of them is wrong.
+    def find_departed(self, tracks: list[PointTracks], frame: int, masks: ErrorMasks) -> np.ndarray:
+        """Return [A] bool, the static points whose pixels are nearly all wrong at a frame.
 
-        Masks at the keyframe miss what rests for most of the group and then leaves at once.
+        Motion masks at the keyframe miss content that rests for most of the group and then departs suddenly.
+
+        Args:
+            tracks: All tracks. Their last frame is `frame`.
+            frame: Frame to search.
+            masks: Result of `error_masks` for this frame.
         """
-        moving, tracker = _moved(tracks), self.tracker
-        leaving = np.zeros(len(self.static), bool)
-        for peel in range(MAX_PEELS):
-            if peel:
-                masks = self.error_masks(tracks, frame, leaving)
-            staying = self.stays & ~leaving
-            everything = Gaussians.concatenate([self._resting(frame, staying), moving])
-            smaller = masks.error[:, ::2, ::2]  # tells well enough
-            found = shares(everything, tracker.half_cameras, smaller, tracker.near)[: staying.sum()] > GONE
-            if found.sum() < MIN_LEAVING:
+        moving, tracker = _points_at_last_frame(tracks), self.tracker
+        departed = np.zeros(len(self.static), bool)
+        for number in range(MAX_PASSES):
+            if number:
+                masks = self.error_masks(tracks, frame, departed)
+            resting = self.resting & ~departed
+            everything = Gaussians.concatenate([self.static[resting], self.relit.at(frame), moving])
+            half_size = masks.error[:, ::2, ::2]  # half the resolution is enough for shares
+            found = shares(everything, tracker.half_cameras, half_size, tracker.near)[: resting.sum()] > DEPARTED_SHARE
+            if found.sum() < MIN_DEPARTED:
                 break
-            leaving[staying] = found
-        return leaving
+            departed[resting] = found
+        return departed
 
-    def depart(self, leaving: np.ndarray, frame: int) -> PointTracks:
-        """These static points, which rested until the last look, and where they went since."""
-        self.stays &= ~leaving
-        self.backdrops = self._backdrops(self.stays)
-        self.tracker.set_occluders(Gaussians.concatenate([self.static[self.stays], self.relit.points]))
-        track = PointTracks(self.static[leaving], frame - LOOK_EVERY, rested=True)
-        for before in range(frame - LOOK_EVERY, frame):
+    def track_departed(self, departed: np.ndarray, frame: int) -> PointTracks:
+        """Move static points to a new track, and track them from the last check up to a frame.
+
+        Args:
+            departed: [A] bool, static points that rested until the last check.
+            frame: Frame of this check.
+        """
+        self.resting &= ~departed
+        self.backdrops = self._draw_backdrops(self.resting)
+        self.tracker.set_occluders(Gaussians.concatenate([self.static[self.resting], self.relit.points]))
+        track = PointTracks(self.static[departed], frame - CHECK_EVERY, rested=True)
+        for before in range(frame - CHECK_EVERY, frame):
             self.tracker.step([track], before)
         return track
 
-    def _resting(self, frame: int, staying: np.ndarray) -> Gaussians:
-        """The static points that stay, [A] bool, and what is relit, in the light of a frame."""
-        return Gaussians.concatenate([self.static[staying], self.relit.at(frame)])
-
-    def _backdrops(self, staying: np.ndarray) -> list[Backdrop]:
-        """The static points that stay, [A] bool, as each camera sees them."""
-        return [self.data.backdrop(self.static[staying], camera) for camera in self.data.cameras]
+    def _draw_backdrops(self, drawn: np.ndarray) -> list[Backdrop]:
+        """Draw the static points of a mask [A] bool for every camera."""
+        return [self.data.backdrop(self.static[drawn], camera) for camera in self.data.cameras]
 
     def _compare(self, backdrops: list[Backdrop], moving: Gaussians, frame: int) -> ErrorMasks:
-        """[C, H, W]: where the views of a frame differ from what stays, what is relit and what moves."""
+        """Return masks [C, H, W] of the pixels in which the views of a frame differ from the scene."""
         scene = Gaussians.concatenate([self.relit.at(frame), moving])
         views = zip(backdrops, self.data.images[frame], self.data.gains, strict=True)
         found = [error_masks(backdrop.with_others(scene) * gain, image) for backdrop, image, gain in views]
         return ErrorMasks(*(np.stack(masks) for masks in zip(*found, strict=True)))
 
 
-def _moved(tracks: list[PointTracks]) -> Gaussians:
-    """All points where the tracks have come to."""
+def _points_at_last_frame(tracks: list[PointTracks]) -> Gaussians:
+    """Return the points of all tracks, at the last frame that was tracked."""
     return Gaussians.concatenate([track.at_last_frame for track in tracks])

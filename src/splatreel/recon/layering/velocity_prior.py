@@ -1,4 +1,4 @@
-"""How points were going when one group handed them to the next."""
+"""Velocities of points at the boundary between two groups."""
 
 from __future__ import annotations
 
@@ -10,26 +10,34 @@ from scipy.spatial import KDTree
 from splatreel.scene.group import Group
 
 SAME_POINT_DISTANCE = 0.01
-"""Of the viewing distance: how far the refinement of a keyframe takes a point, some pixels."""
+"""Maximum distance between matching points, as a share of the viewing distance. Keyframe training moves a point by a few
+pixels."""
 
 
 @dataclass(frozen=True)
 class VelocityPrior:
-    """places: [N, 3] of points at a keyframe; motions: [N, 3] how they came there, world units a frame."""
+    """Velocities that one group passes to the next.
+
+    Attributes:
+        places: [N, 3] positions at the next group's keyframe.
+        motions: [N, 3] motion from the frame before, world units per frame.
+    """
 
     places: np.ndarray
     motions: np.ndarray
 
     @classmethod
     def of(cls, group: Group, frame: int) -> VelocityPrior:
-        """Of a group's points at a frame, since the frame before."""
+        """Compute the velocities of a group's dynamic points at a frame from the frame before."""
         here = group.at(frame).means
         return cls(here, here - group.at(frame - 1).means)
 
     def at(self, places: np.ndarray, unit: float) -> np.ndarray:
-        """[M, 3] float32 for points at places [M, 3], which come from these: as the nearest one; none where that is far.
+        """Return the velocity [M, 3] float32 of the nearest known point; zero if that point is too far away.
 
-        unit: viewing distance, world units.
+        Args:
+            places: [M, 3] positions at the keyframe.
+            unit: Viewing distance, world units.
         """
         motions = np.zeros((len(places), 3), np.float32)
         if len(self.places) and len(places):

@@ -1,0 +1,1 @@
+"""Live reconstruction: following a capture while it is written."""

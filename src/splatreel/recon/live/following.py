@@ -1,4 +1,4 @@
-"""From a capture that is still being written to a live reel: each group is shown as soon as it can be."""
+"""Reconstruction of a growing capture to a live reel. Each group is written as soon as it is trained."""
 
 from __future__ import annotations
 
@@ -18,17 +18,26 @@ from splatreel.config import Config
 from splatreel.errors import CaptureError
 from splatreel.progress import Progress, Silent
 from splatreel.recon.cameras.rig import Rig
+from splatreel.recon.encode.group_output import EncodedLayer, Output, ReelOutput
+from splatreel.recon.encode.group_writer import GroupWriter, PresentationHook, no_presentation
 from splatreel.recon.encode.header import open_writer
-from splatreel.recon.encode.publisher import Present, Publisher, nothing_more
+from splatreel.recon.encode.importance import weigh
 from splatreel.recon.groups import Handover, reconstruct_group, restore_group
 from splatreel.recon.init.layout import Layout
-from splatreel.recon.live.held import hold_group
 from splatreel.recon.live.lateness import Lateness, WhenLate
-from splatreel.recon.live.output import LiveOutput
-from splatreel.recon.live.renewal import is_renewed, keep_epochs, static_before, trained_points
-from splatreel.recon.live.sound import LiveSound
+from splatreel.recon.live.live_soundtrack import LiveSoundtrack
+from splatreel.recon.live.retention import (
+    EPOCH,
+    Window,
+    first_kept,
+    load_rig,
+    retirement_group,
+    save_epochs,
+    starts_epoch,
+    static_before,
+    trained_points,
+)
 from splatreel.recon.live.spans import LiveSpans
-from splatreel.recon.live.window import Window, first_kept, load_rig
 from splatreel.recon.pipeline import Result
 from splatreel.recon.preparation import prepare, save_header
 from splatreel.recon.run.device import pick_device
@@ -36,15 +45,22 @@ from splatreel.recon.run.job import Job
 from splatreel.recon.run.memory import check_memory
 from splatreel.recon.run.requirements import check_capture
 from splatreel.recon.run.run_lock import RunLock
-from splatreel.recon.run.store import Store
+from splatreel.recon.run.store import Store, StoredLayer
+from splatreel.recon.stages import publish_group
 from splatreel.scene.gaussians import Gaussians
+from splatreel.scene.group import Group
 from splatreel.scene.spans import GroupSpan
+from splatreel.scene.static_points import StaticPoints
 
 
 @dataclass(frozen=True)
 class Live:
-    """How a live reel is made. when_late: what to do when groups take longer than they last. keep: seconds that the reel keeps; None:
-    all."""
+    """Settings of a live reel.
+
+    Attributes:
+        when_late: Reaction to frames that arrive faster than groups are reconstructed.
+        keep: Seconds of video that the reel keeps; None keeps all.
+    """
 
     when_late: WhenLate = "wait"
     keep: float | None = None
@@ -59,11 +75,22 @@ def reconstruct_following(
     sound: str = "auto",
     device: str = "auto",
     progress: Progress | None = None,
-    present: Present = nothing_more,
+    present: PresentationHook = no_presentation,
 ) -> Result:
-    """Reconstruct a capture while it is being written, until it has ended; the same call continues, with the frames added since.
+    """Reconstruct a capture while it is being written, until it ends. Another call continues.
 
-    Everything else is as in `reconstruct`. Raises `CaptureError` for a capture that ends before its first frame.
+    Args:
+        follower: The growing capture.
+        out: Output folder.
+        config: Settings.
+        live: Settings of the live reel.
+        sound: See `reconstruct`.
+        device: See `reconstruct`.
+        progress: See `reconstruct`.
+        present: See `reconstruct`.
+
+    Raises:
+        CaptureError: If the capture ends before its first frame.
     """
     capture = follower.capture
     check_capture(capture)
@@ -73,29 +100,29 @@ def reconstruct_following(
         run = _LiveRun(follower, config, live, chosen, progress, Store(lock.work))
         first = next(iter(run.spans(0)), None)
         if first is None:
-            raise CaptureError(f"{capture.path}: has no frame. Record again.")
+            raise CaptureError(f"{capture.path}: the capture ended without a frame. Record again.")
         job = run.job(first, config)
         rig, layout = prepare(job, capture, lock)
-        keep_epochs(job.store, job.store.finished_groups(first_kept(job.store)) + first_kept(job.store))
+        save_epochs(job.store, job.store.finished_groups(first_kept(job.store)) + first_kept(job.store))
         save_header(job, capture, rig, layout, None)
         writer = open_writer(job.store, lock.reel, config.encode, resume=True, first_group=first_kept(job.store))
-        with LiveSound(lock.work, follower, sound, progress) as heard:
+        with LiveSoundtrack(lock.work, follower, sound, progress) as soundtrack:
 
             def shown(writer: ReelWriter, group: int | None) -> None:
-                heard.publish(writer)
+                soundtrack.write(writer)
                 present(writer, group)
 
-            output = LiveOutput(writer, Publisher(writer, job.store, chosen), shown)
+            output = LiveOutput(writer, GroupWriter(writer, job.store, chosen), shown)
             run.make(rig, layout, output)
-            heard.finish(writer)
+            soundtrack.finish(writer)
         present(writer, None)
         writer.finish()
         return Result(lock.reel, lock.work, job.store.seconds(), chosen.type)
 
 
 @contextmanager
-def _stopping(follower: Follower) -> Iterator[None]:
-    """After an error nobody waits for frames any more, a thread that decodes them neither."""
+def _stop_on_error(follower: Follower) -> Iterator[None]:
+    """Stop the follower after an error, so that no thread keeps waiting for frames."""
     try:
         yield
     except BaseException:
@@ -104,7 +131,7 @@ def _stopping(follower: Follower) -> Iterator[None]:
 
 
 class _LiveRun:
-    """The groups of a live reel, in order. What a group is made of is in its checkpoints as of any other run."""
+    """Reconstruction of the groups of a live reel, in order. The checkpoints are those of any other run."""
 
     def __init__(
         self, follower: Follower, config: Config, live: Live, device: torch.device, progress: Progress, store: Store
@@ -123,9 +150,9 @@ class _LiveRun:
         return Job(config, self.device, self.progress, self.store, [span], endless=True)
 
     def make(self, rig: Rig, layout: Layout, output: LiveOutput) -> None:
-        """All groups that are not finished, as they can be made. rig: as the first group of all finds it."""
+        """Reconstruct all groups that are not finished. rig: state of the cameras at group 0."""
         before, done = self._restore(rig, output)
-        skip = self.live.when_late == "skip"  # which group is next is then known when the one before is finished
+        skip = self.live.when_late == "skip"  # the next group is then chosen when the current one is finished
         live, taken = self.spans(done, skip), Queue[GroupSpan]()
 
         def stretches() -> Iterator[tuple[int, int]]:
@@ -137,50 +164,50 @@ class _LiveRun:
         names = before.rig.names
         with (
             FramePrefetcher(capture, names, stretches(), ahead=not skip, shared=group.overlap) as frames,
-            _stopping(self.follower),
+            _stop_on_error(self.follower),
         ):
             for pictures in frames:
                 span = taken.get()
                 for index in range(done, span.index):
-                    before = self._hold(live.span(index), before, layout, output)
+                    before = self._skip_group(live.span(index), before, layout, output)
                 before = self._reconstruct(span, pictures, before, layout, output, live)
                 done = span.index + 1
 
     def _reconstruct(
         self, span: GroupSpan, frames: np.ndarray, before: Handover, layout: Layout, output: LiveOutput, live: LiveSpans
     ) -> Handover:
-        settings = self.lateness.settings(span.index, live.behind(span))
+        settings = self.lateness.settings(span.index, live.seconds_behind(span))
         self.edge = frames[span.own].copy() if span.own < len(frames) else None
-        before = self._begin(span, before)
+        before = self._begin_group(span, before)
         before = reconstruct_group(self.job(span, settings), span, frames, before, layout, output)
-        self.window.move(output.writer)
-        self._tell(span, live)
+        self.window.drop_old_groups(output.writer)
+        self._report(span, live)
         return before
 
-    def _hold(self, span: GroupSpan, before: Handover, layout: Layout, output: LiveOutput) -> Handover:
-        """A group that is left out."""
+    def _skip_group(self, span: GroupSpan, before: Handover, layout: Layout, output: LiveOutput) -> Handover:
+        """Write a skipped group."""
         if before.reference is None:
             edge = self.edge
             if edge is None:
                 edge = self.follower.capture.read(span.first, 1, before.rig.names)[0]
             before = replace(before, reference=edge)
-        before = hold_group(self.job(span, self.config), span, self._begin(span, before), layout, output)
-        self.window.move(output.writer)
-        self.progress.note(f"Group {span.index + 1} is left out: nothing moves in it.")
+        before = write_skipped_group(self.job(span, self.config), span, self._begin_group(span, before), layout, output)
+        self.window.drop_old_groups(output.writer)
+        self.progress.note(f"Group {span.index + 1} skipped: nothing moves in it.")
         return before
 
-    def _begin(self, span: GroupSpan, before: Handover) -> Handover:
-        self.window.begins(span.index, before.rig)
-        keep_epochs(self.store, span.index)
-        if is_renewed(span.index):
+    def _begin_group(self, span: GroupSpan, before: Handover) -> Handover:
+        self.window.record_rig(span.index, before.rig)
+        save_epochs(self.store, span.index)
+        if starts_epoch(span.index):
             return replace(before, trained=trained_points(self.store, span.index - 1))
         return before
 
     def _restore(self, rig: Rig, output: LiveOutput) -> tuple[Handover, int]:
-        """What the groups that are finished hand over, and the number of the next one."""
+        """Return the state after the finished groups, and the number of the next group."""
         first, degree = first_kept(self.store), self.config.keyframe.sh_degree
         done = first + self.store.finished_groups(first)
-        if done > first and self._went_on(done - 1):
+        if done > first and self._has_grown(done - 1):
             done -= 1
             self.store.group(done).forget()
         rig = load_rig(self.store, rig)
@@ -189,23 +216,75 @@ class _LiveRun:
         output.restore_layers(self.store, first, live)
         for index in range(first, done):
             span = live.span(index)
-            self.window.begins(index, before.rig)
-            if is_renewed(index):
+            self.window.record_rig(index, before.rig)
+            if starts_epoch(index):
                 before = replace(before, static=static_before(self.store, index, degree))
             before = restore_group(self.job(span, self.config), span, before)
             output.restore(index, last=index + 1 == done)
         return before, done
 
-    def _went_on(self, group: int) -> bool:
-        """Whether a group was the last one when it was made, and is not any more."""
+    def _has_grown(self, group: int) -> bool:
+        """Return whether a group was the last one when it was made, and more frames exist now."""
         span, frames = self.spans(group).span(group), self.store.group(group).group().group.frames
         return frames < span.count and self.follower.frames > span.first + frames
 
-    def _tell(self, span: GroupSpan, live: LiveSpans) -> None:
+    def _report(self, span: GroupSpan, live: LiveSpans) -> None:
         since = self.follower.seconds_since(span.first + span.own - 1)
-        shown = "" if since is None else f" {since:.1f} s after its last frame was filmed"
-        if live.complete() > span.index + 1:
-            state = f"{live.behind(span):.1f} s more are there already"
+        latency = "" if since is None else f" {since:.1f} s after its last frame was filmed"
+        if live.complete_count() > span.index + 1:
+            state = f"{live.seconds_behind(span):.1f} s of later frames exist already"
         else:
-            state = "all is shown" if self.follower.total is not None else "waiting for frames"
-        self.progress.note(f"Group {span.index + 1} shown{shown}; {state}.")
+            state = "the capture has ended" if self.follower.total is not None else "waiting for frames"
+        self.progress.note(f"Group {span.index + 1} written{latency}; {state}.")
+
+
+class LiveOutput(ReelOutput):
+    """Output to a live reel. Layers are written with the group at which they are retired."""
+
+    def add_layer(self, group: int, first_frame: int, points: Gaussians, encoded: EncodedLayer) -> Gaussians:
+        """See `Output`."""
+        return self.writer.add_layer(group, first_frame, points, encoded=encoded, until=retirement_group(group))[0]
+
+    def restore_layers(self, store: Store, first: int, spans: LiveSpans) -> None:
+        """Write the layers of earlier groups that the first kept group shows."""
+        for index in range(first // EPOCH * EPOCH, first):
+            layer = store.group(index).layer()
+            if layer is not None and not self.writer.manifest.groups:
+                frame, points = spans.span(index).first, layer.trained
+                encoded = self.encoder.layer(index, frame, points, layer.importance, layer.steps)
+                self.add_layer(index, frame, points, encoded)
+            self.group_writer.skip(index)
+
+    def restore(self, index: int, last: bool) -> None:
+        """See `Output`."""
+        if index >= self.writer.manifest.first_group:
+            super().restore(index, last)
+
+
+def write_skipped_group(job: Job, span: GroupSpan, before: Handover, layout: Layout, output: Output) -> Handover:
+    """Write a group in which nothing moves, since a reel needs every frame. The next group starts from the same state."""
+    static = before.static if before.trained is None else _rewrite_static(job, span, before, layout, output)
+    still, count = before.dynamic, span.count
+    dq = np.tile(np.array([1, 0, 0, 0], np.float32), (count, len(still), 1))
+    light = np.tile(np.exp(before.rig.light), (count, 1)) if before.rig.light.any() else None
+    group = Group(
+        span.index, span.first, still, np.zeros((count, len(still), 3), np.float32), dq, static.alive, light=light
+    )
+    with job.timed("encode"):
+        publish_group(job, None, group, static, output)
+    return replace(before, static=static, velocity=None, trained=None)
+
+
+def _rewrite_static(job: Job, span: GroupSpan, before: Handover, layout: Layout, output: Output) -> StaticPoints:
+    """Write the living static points again."""
+    none = StaticPoints.none(job.config.keyframe.sh_degree)
+    assert before.trained is not None
+    living = before.trained[before.static.alive]
+    if not len(living):
+        return none
+    seen = Gaussians.concatenate([living, before.dynamic])
+    importance = weigh([seen], before.rig.cameras, layout.near, job.device, job.config.antialias)[: len(living)]
+    encoded = output.encoder.layer(span.index, span.first, living, importance)
+    decoded, order = output.add_layer(span.index, span.first, living, encoded), encoded[1]
+    job.store.group(span.index).save_layer(StoredLayer(living[order], decoded, importance[order]))
+    return none.with_layer(decoded)

@@ -1,4 +1,4 @@
-"""What to do where frames come faster than groups are made."""
+"""Reaction to frames that arrive faster than groups are reconstructed."""
 
 from __future__ import annotations
 
@@ -10,16 +10,20 @@ from splatreel.config.settings import changed
 from splatreel.progress import Progress
 
 WhenLate = Literal["wait", "draft", "skip"]
-"""wait: every group in order, later and later. draft: with the settings of draft until it has caught up. skip: groups are left out."""
+"""wait: reconstruct every group in order, with growing latency. draft: use draft settings until caught up. skip: skip groups."""
 
 QUICKER = ("keyframe.refine_iterations", "group.iterations_per_frame")
-"""What draft has less of in the groups after the first."""
+"""Settings of later groups that draft lowers."""
 
 
 class Lateness:
-    """Looks how far behind each group begins, and says so when it changes.
+    """Latency of a live run. It is late if another group's frames exist before a group begins, and caught up if none do.
 
-    length: seconds of a group. It is late when another group's frames are there before one begins, and has caught up when none are.
+    Attributes:
+        config: Settings.
+        when_late: Reaction to lateness.
+        length: Length of a group, seconds.
+        late: Whether the run is late.
     """
 
     def __init__(self, config: Config, when_late: WhenLate, length: float, progress: Progress) -> None:
@@ -28,29 +32,34 @@ class Lateness:
         self._draft = drafted(config)
 
     def settings(self, group: int, behind: float) -> Config:
-        """How to make a group. behind: seconds of frames that are there beyond its own."""
+        """Return the settings of a group, and report a change of lateness.
+
+        Args:
+            group: Number of the group.
+            behind: Seconds of video that exist after the end of the group.
+        """
         if not self.late and behind > self.length:
             self.late = True
             self._progress.note(
-                f"Cannot keep up: group {group + 1} begins {behind:.1f} s late{self._remedy()} (--when-late {self.when_late})."
+                f"Too slow: group {group + 1} starts {behind:.1f} s late{self._advice()} (--when-late {self.when_late})."
             )
         elif self.late and behind == 0:
             self.late = False
             self._progress.note(f"Group {group + 1}: caught up.")
         return self._draft if self.late and self.when_late == "draft" else self.config
 
-    def _remedy(self) -> str:
+    def _advice(self) -> str:
         if self.when_late == "skip":
-            return "; what was filmed meanwhile is left out"
+            return "; the frames filmed meanwhile are skipped"
         if self.when_late == "draft" and self._draft != self.config:
-            return "; groups are made with the settings of draft until it has caught up"
+            return "; draft settings are used until it has caught up"
         if self.when_late == "draft":
-            return "; its settings are those of draft already. Ask for a smaller --width, or --when-late skip"
-        return "; groups are shown later and later"
+            return "; it uses draft settings already. Choose a smaller --width, or --when-late skip"
+        return "; latency grows"
 
 
 def drafted(config: Config) -> Config:
-    """With as few iterations as draft has."""
+    """Return settings with at most the iterations of draft."""
     values = {"keyframe.refine_iterations": config.keyframe.refine_iterations}
     values["group.iterations_per_frame"] = config.group.iterations_per_frame
     return changed(config, {name: min(values[name], DRAFT[name]) for name in QUICKER})

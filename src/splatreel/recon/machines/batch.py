@@ -5,7 +5,7 @@ from __future__ import annotations
 from splatreel.codec.reader import ReelReader
 from splatreel.errors import ReconstructionError
 from splatreel.progress import Progress, parts_of
-from splatreel.recon.encode.publisher import Present
+from splatreel.recon.encode.group_writer import PresentationHook
 from splatreel.recon.jobs import ChapteredRun, chapter_job, has_scene, publish_job, scene_job
 from splatreel.recon.machines.run_spec import RunSpec
 from splatreel.recon.machines.share import JobName, Share
@@ -13,7 +13,7 @@ from splatreel.recon.machines.status import RunStatus
 from splatreel.recon.pipeline import reconstruct_sequence
 
 
-def run_job(spec: RunSpec, job: JobName, share: Share | None, progress: Progress, present: Present) -> str:
+def run_job(spec: RunSpec, job: JobName, share: Share | None, progress: Progress, present: PresentationHook) -> str:
     """One job of a run; what is finished is not made again. Returns a sentence about what there is now.
 
     share: of a job of chapters. A video of one chapter has nothing to share: its chapter makes all of it. Raises
@@ -45,7 +45,7 @@ def run_job(spec: RunSpec, job: JobName, share: Share | None, progress: Progress
         return f"{run.out}: {_named(chapters)} of {many} {'is' if len(chapters) == 1 else 'are'} there."
 
 
-def _make(run: ChapteredRun, chapters: range, progress: Progress, present: Present) -> None:
+def _make(run: ChapteredRun, chapters: range, progress: Progress, present: PresentationHook) -> None:
     if len(run.chapters) == 1:
         if chapters:
             reconstruct_sequence(run, progress, present)
@@ -58,7 +58,7 @@ def _make(run: ChapteredRun, chapters: range, progress: Progress, present: Prese
         chapter_job(run, chapter, part)
 
 
-def _finish(run: ChapteredRun, progress: Progress, present: Present) -> None:
+def _finish(run: ChapteredRun, progress: Progress, present: PresentationHook) -> None:
     if len(run.chapters) > 1:
         publish_job(run, progress, present)
     elif run.store.finished_groups() == len(run.groups):

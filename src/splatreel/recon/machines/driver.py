@@ -6,7 +6,7 @@ import socket
 
 from splatreel.errors import ReconstructionError
 from splatreel.progress import Progress
-from splatreel.recon.encode.publisher import Present
+from splatreel.recon.encode.group_writer import PresentationHook
 from splatreel.recon.jobs import ChapteredRun, ChapterPublisher, has_chapter
 from splatreel.recon.machines.reports import ChapterEnded, GroupDone, Noted, Reached, Report, Started
 from splatreel.recon.machines.status import RunStatus
@@ -24,7 +24,7 @@ class Driver:
     """
 
     def __init__(
-        self, run: ChapteredRun, progress: Progress, present: Present, workers: int, url: str | None = None
+        self, run: ChapteredRun, progress: Progress, present: PresentationHook, workers: int, url: str | None = None
     ) -> None:
         self.run, self.progress = run, progress
         self.status = RunStatus(run, url)

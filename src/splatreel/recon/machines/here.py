@@ -9,7 +9,7 @@ import torch
 from splatreel import threads
 from splatreel.errors import UsageError
 from splatreel.progress import Progress, Silent, parts_of
-from splatreel.recon.encode.publisher import Present, nothing_more
+from splatreel.recon.encode.group_writer import PresentationHook, no_presentation
 from splatreel.recon.jobs import ChapteredRun, scene_job
 from splatreel.recon.machines.driver import Driver
 from splatreel.recon.machines.run_spec import RunSpec
@@ -20,7 +20,11 @@ from splatreel.recon.run.memory import free_memory, needed_memory
 
 
 def reconstruct_here(
-    spec: RunSpec, *, workers: int | None = None, progress: Progress | None = None, present: Present = nothing_more
+    spec: RunSpec,
+    *,
+    workers: int | None = None,
+    progress: Progress | None = None,
+    present: PresentationHook = no_presentation,
 ) -> Result:
     """As `pipeline.reconstruct`, by several processes where a video has several chapters and that is quicker.
 

@@ -14,7 +14,7 @@ from typing import Any
 
 from splatreel.errors import MissingDependencyError, ReconstructionError, UsageError
 from splatreel.progress import Progress, Silent, parts_of
-from splatreel.recon.encode.publisher import Present, nothing_more
+from splatreel.recon.encode.group_writer import PresentationHook, no_presentation
 from splatreel.recon.jobs import ChapteredRun, has_scene, keep_tables
 from splatreel.recon.machines.driver import Driver
 from splatreel.recon.machines.exchange import Exchange
@@ -69,7 +69,7 @@ def reconstruct_on_cluster(
     url: str | None = None,
     options: ClusterOptions = ClusterOptions(),
     progress: Progress | None = None,
-    present: Present = nothing_more,
+    present: PresentationHook = no_presentation,
 ) -> Result:
     """As `pipeline.reconstruct`, with the scene and the chapters made by nodes of a Ray cluster; the reel is written here.
 
@@ -122,7 +122,7 @@ class _Cluster:
         self.spec = pickle.dumps(spec)
         self.mailbox = _mailbox(ray)
 
-    def make(self, present: Present) -> None:
+    def make(self, present: PresentationHook) -> None:
         """The scene, the chapters and the reel."""
         keep_tables(self.run)
         if self.exchange is not None:

@@ -1,6 +1,6 @@
 """The checkpoints of a run, OUT/work: the names of its files and of the arrays in them.
 
-Two files are kept elsewhere: run.json (`run_record`), and the sound (`encode/sound.py`).
+Two files are kept elsewhere: run.json (`run_record`), and the sound (`encode/soundtrack.py`).
 
 Whatever a stage finds is kept as soon as it is found, so that a run can be killed anywhere and continued. What is not there, or not
 yet, is loaded as None.
@@ -170,7 +170,7 @@ class GroupStore:
         return GroupStart(checkpoint.unpack(arrays), arrays.get("tracks"), arrays.get("shades"), arrays.get("left"))
 
     def save_start(self, start: GroupStart) -> None:
-        found = _present(tracks=start.tracks, shades=start.shades, left=start.left)
+        found = _present(tracks=start.tracks, shades=start.shades, left=start.departed)
         self._save("tracking", checkpoint.pack(start.dynamic) | found)
 
     def time_offsets(self) -> np.ndarray | None:

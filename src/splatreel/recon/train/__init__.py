@@ -1,0 +1,1 @@
+"""Training of keyframes and groups: losses, density control, drawing and schedules."""

@@ -1,4 +1,4 @@
-"""The first keyframe of a chapter: what its first frame shows that the scene's shared static points lack."""
+"""First keyframe of a chapter: content of its first frame that the shared static points lack."""
 
 from __future__ import annotations
 
@@ -13,28 +13,35 @@ from splatreel.motion.new_points import error_masks
 from splatreel.motion.temporal_mean import temporal_mean
 from splatreel.progress import Progress
 from splatreel.recon.cameras.group_input import GroupInput
-from splatreel.recon.init.initialise import InitialPoints, initial_points
+from splatreel.recon.init.initial_points import InitialPoints, initial_points
 from splatreel.recon.init.planesweep import inside, project
 from splatreel.recon.train.keyframe import KeyframeTrainer, starting_points
 from splatreel.recon.train.losses import CHAPTER_KEYFRAME
 from splatreel.recon.train.single_frame import train_frame
-from splatreel.recon.train.stages import gains_of
+from splatreel.recon.train.stages import known_gains
 from splatreel.scene.gaussians import Gaussians
 from splatreel.scene.static_points import StaticPoints
 
-AROUND = 7
-"""Pixels, across, by which what is missing is widened in a picture 320 wide: edges differ less than what they enclose."""
-GONE = 0.6
-"""Share of what is seen of a static point that must lie where pictures differ for it to be taken out."""
-PEELS = 3
-"""Times that one looks for such points: behind those of a thing are others of it, which show once the first are gone."""
+DILATION = 7
+"""Width by which masks of missing content are dilated, in pixels of an image 320 wide. Edges differ less than the area they
+enclose."""
+DEPARTED_SHARE = 0.6
+"""A shared static point is removed if more than this share of its contribution lies in wrong pixels."""
+MAX_PASSES = 3
+"""Passes of the search for such points. Removing front points can expose further wrong ones."""
 MISSING = 0.5
-"""Share of the cameras before which a place lies, two at least, in whose pictures something must be missing there."""
+"""Share of the cameras seeing a place, at least two, in whose images content must be missing there."""
 
 
 @dataclass(frozen=True)
 class ChapterStart:
-    """points: what is there beside the static ones. gains: [C, 3], of the cameras. alive: [S] bool, of the static points."""
+    """Result of a chapter's first keyframe.
+
+    Attributes:
+        points: New points beside the static ones.
+        gains: [C, 3] color gains of the cameras.
+        alive: [S] bool, shared static points that are kept.
+    """
 
     points: Gaussians
     gains: np.ndarray
@@ -42,10 +49,10 @@ class ChapterStart:
 
 
 def start_chapter(data: GroupInput, static: StaticPoints, config: Config, progress: Progress) -> ChapterStart:
-    """Compare the first frame with the shared static points, take out those that are wrong, and train new points where some lack.
+    """Remove shared static points that the first frame contradicts, and train new points where content is missing.
 
-    The static points stay frozen. New ones begin where the first frame alone would put them, as far as cameras agree that something
-    is missing there. What they hide has not gone.
+    The static points stay frozen. New points start at the initial points of the first frame where cameras agree that content is
+    missing. Static points that new content merely hides are kept.
     """
     keyframe = config.keyframe
     missing = missing_in(data, static)
@@ -54,11 +61,11 @@ def start_chapter(data: GroupInput, static: StaticPoints, config: Config, progre
     pixels = data.cameras[0].width * data.cameras[0].height
     most = min(keyframe.max_points, round(keyframe.points_per_pixel * pixels))
     found = initial_points(data.cameras, data.images[0], seed=data.seed)
-    static, missing = _without_gone(data, static, missing, _covers(data, found, missing, config))
+    static, missing = _remove_departed(data, static, missing, _occluders(data, found, missing, config))
     points, colors = _thinned(*_places(data, found, missing), most / max(len(found.points), 1), data.seed)
     if len(points) == 0:
         return ChapterStart(Gaussians.empty(keyframe.sh_degree), data.gains, static.alive)
-    gains = gains_of(data, config)
+    gains = known_gains(data, config)
     trainer = KeyframeTrainer(
         starting_points(points, colors, keyframe, data.unit, data.device),
         gains,
@@ -83,8 +90,8 @@ def start_chapter(data: GroupInput, static: StaticPoints, config: Config, progre
 
 
 def missing_in(data: GroupInput, static: StaticPoints) -> np.ndarray:
-    """[C, H, W] bool: where the first frame shows something else than the static points."""
-    kernel = np.ones((size := max(3, round(AROUND * data.cameras[0].width / 320) | 1), size), np.uint8)
+    """Return masks [C, H, W] bool of the pixels in which the first frame differs from the static points."""
+    kernel = np.ones((size := max(3, round(DILATION * data.cameras[0].width / 320) | 1), size), np.uint8)
     found = []
     for camera, image, gain in zip(data.cameras, data.images[0], data.gains, strict=True):
         masks = error_masks(data.draw(static.living, camera) * gain, image)
@@ -92,17 +99,24 @@ def missing_in(data: GroupInput, static: StaticPoints) -> np.ndarray:
     return np.stack(found)
 
 
-def _without_gone(
+def _remove_departed(
     data: GroupInput, static: StaticPoints, missing: np.ndarray, before: Gaussians
 ) -> tuple[StaticPoints, np.ndarray]:
-    """The static points without those that have gone, and what is missing then, [C, H, W] bool.
+    """Remove static points that the first frame contradicts.
 
-    missing: of all of them. before: about what is new, which hides what is behind it.
+    Args:
+        data: Training views.
+        static: Shared static points.
+        missing: [C, H, W] bool, pixels that differ from all static points.
+        before: Approximate new content, which hides static points behind it.
+
+    Returns:
+        The remaining static points, and the pixels that differ from them.
     """
-    for _ in range(PEELS):
+    for _ in range(MAX_PASSES):
         everything = Gaussians.concatenate([static.living, before])
         seen = shares(everything, data.cameras, missing, data.near, data.device)[: len(static.living)]
-        gone = seen > GONE  # of NaN, which no camera sees, all comparisons are false
+        gone = seen > DEPARTED_SHARE  # unseen points are NaN, which compares false
         if not gone.any():
             break
         static = static.without(gone)
@@ -110,8 +124,8 @@ def _without_gone(
     return static, missing
 
 
-def _covers(data: GroupInput, found: InitialPoints, missing: np.ndarray, config: Config) -> Gaussians:
-    """The initial points where something is missing, as things that hide what is behind them."""
+def _occluders(data: GroupInput, found: InitialPoints, missing: np.ndarray, config: Config) -> Gaussians:
+    """Return the initial points where content is missing, nearly opaque: they hide what is behind them."""
     points, colors = _places(data, found, missing)
     if len(points) == 0:
         return Gaussians.empty(config.keyframe.sh_degree)
@@ -120,7 +134,7 @@ def _covers(data: GroupInput, found: InitialPoints, missing: np.ndarray, config:
 
 
 def _places(data: GroupInput, found: InitialPoints, missing: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Initial points [P, 3] of the first frame and their colors [P, 3] 0..1, of those where cameras agree that something is missing."""
+    """Return the initial points [P, 3] and colors [P, 3] 0..1 at which cameras agree that content is missing."""
     seen, lacking = np.zeros(len(found.points)), np.zeros(len(found.points))
     for camera, mask in zip(data.cameras, missing, strict=True):
         pixels, depth = project(camera, found.points)
@@ -133,10 +147,14 @@ def _places(data: GroupInput, found: InitialPoints, missing: np.ndarray) -> tupl
 
 
 def _thinned(points: np.ndarray, colors: np.ndarray, share: float, seed: int) -> tuple[np.ndarray, np.ndarray]:
-    """A random choice of points and colors, [P, 3] each.
+    """Return a random choice of points and colors, [P, 3] each.
 
-    share: of them that a scene of such pictures can have. In a sequence the others fade while its first keyframe is trained, and few of
-    them come to move.
+    Args:
+        points: [P, 3] positions.
+        colors: [P, 3] 0..1.
+        share: Share to keep. A scene of this image size has no room for more; in a sequence the others fade during the first
+            keyframe.
+        seed: Seed of the choice.
     """
     if share >= 1 or len(points) == 0:
         return points, colors

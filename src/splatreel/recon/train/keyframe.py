@@ -1,9 +1,9 @@
-"""Static reconstruction of a keyframe: 3DGS, from sparse points or from the previous group (paper section 5.1)."""
+"""Training of a keyframe with 3DGS, from sparse points or from the previous group (paper section 5.1)."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -15,9 +15,8 @@ from splatreel.errors import GaussiansError
 from splatreel.kernels import splat
 from splatreel.progress import Progress
 from splatreel.recon.cameras.color_gains import CameraGains
-from splatreel.recon.deform.adam import Restore, together
-from splatreel.recon.train.average import Average
-from splatreel.recon.train.keyframe_density import KeyframeDensity
+from splatreel.recon.deform.adam import Restore, merge_snapshots
+from splatreel.recon.train.density import KeyframeDensity
 from splatreel.recon.train.losses import KEYFRAME, KeyframeStep, Loss, backward, psnr
 from splatreel.recon.train.pictures import Pictures
 from splatreel.recon.train.points import TrainablePoints, default_rates
@@ -26,18 +25,62 @@ from splatreel.recon.train.render import Comparable, StaticCache, deformed, draw
 from splatreel.scene.gaussians import C0, Gaussians
 
 SHOW_EVERY = 25
-"""Iterations between two that say their loss."""
+"""Iterations between two progress updates."""
 GAINS_EVERY = 4
-"""Iterations between two that compare whole pictures before static points, which the color gains are learned from; others look only
-where something moves."""
+"""Iterations between two comparisons of whole images in front of static points, which the color gains are learned from. Other
+iterations compare only tiles with moving points."""
 
 LAMBDA_DSSIM = 0.2
-"""Share of structural similarity in the photometric loss, as in 3DGS."""
+"""Weight of structural similarity in the photometric loss, as in 3DGS."""
+AVERAGE_EVERY = 4
+"""Iterations between two samples of the mean. Neighboring iterations hardly differ."""
+
+
+class Average:
+    """Running mean of tensors over the last `share` of the iterations. It restarts when rows are added or removed.
+
+    Source:
+        Polyak averaging; for networks, Izmailov et al. 2018.
+    """
+
+    def __init__(self, share: float, iterations: int) -> None:
+        self.after = iterations - round(share * iterations)
+        self._means: list[Tensor] = []
+        self._count = 0
+
+    def has_begun(self, done: int) -> bool:
+        """Return whether averaging has begun. done: number of finished iterations."""
+        return done > self.after
+
+    @torch.no_grad()
+    def add(self, done: int, tensors: Iterable[Tensor]) -> None:
+        """Add the values after an iteration."""
+        if done % AVERAGE_EVERY:
+            return
+        now = [tensor.detach() for tensor in tensors]
+        if [mean.shape for mean in self._means] != [tensor.shape for tensor in now]:
+            self._means, self._count = [tensor.clone() for tensor in now], 0
+        self._count += 1
+        for mean, tensor in zip(self._means, now, strict=True):
+            mean.lerp_(tensor, 1 / self._count)
+
+    @torch.no_grad()
+    def write_to(self, tensors: Iterable[Tensor]) -> None:
+        """Write the mean to the tensors, if it has their shapes."""
+        now = list(tensors)
+        if [mean.shape for mean in self._means] == [tensor.shape for tensor in now]:
+            for tensor, mean in zip(now, self._means, strict=True):
+                tensor.copy_(mean)
 
 
 @dataclass(frozen=True)
 class KeyframeResult:
-    """points: the Gaussians of a keyframe. gains: [C, 3] float32, the cameras' color gains that were learned with them."""
+    """Result of a keyframe's training.
+
+    Attributes:
+        points: Gaussians of the keyframe.
+        gains: [C, 3] float32, learned color gains of the cameras.
+    """
 
     points: Gaussians
     gains: np.ndarray
@@ -46,9 +89,17 @@ class KeyframeResult:
 def starting_points(
     positions: np.ndarray, colors: np.ndarray, config: KeyframeConfig, unit: float, device: torch.device
 ) -> TrainablePoints:
-    """Gaussians at sparse points, as large as the distance to their neighbors (3DGS section 5.1).
+    """Create Gaussians at sparse points, as large as the distance to their neighbors.
 
-    positions: [P, 3] world. colors: [P, 3] 0..1.
+    Args:
+        positions: [P, 3] world.
+        colors: [P, 3] 0..1.
+        config: Keyframe settings.
+        unit: Typical viewing distance, world units.
+        device: Device of the tensors.
+
+    Source:
+        3DGS, section 5.1.
     """
     points = torch.from_numpy(np.asarray(positions, np.float32)).to(device)
     neighbors = min(3, len(points) - 1)
@@ -73,7 +124,7 @@ def starting_points(
 
 
 class KeyframeTrainer:
-    """Optimizes points on the images of one frame, before frozen static ones if there are any. Adds points in the first iterations."""
+    """Trainer of the points of one frame, in front of frozen static points if there are any."""
 
     def __init__(
         self,
@@ -93,20 +144,20 @@ class KeyframeTrainer:
         self.recovery = Recovery()
 
     def train(self, pictures: Pictures, iterations: int, total: int, progress: Progress) -> None:
-        """Run `iterations` of `total` on pictures of one resolution; call again with others to go on."""
+        """Run `iterations` of `total` on images of one resolution. Another call continues with other images."""
         static = self._static_cache(pictures)
         average = Average(self.config.average_share, total)
         self.density.restart(pictures)
         end, cameras = self.done + iterations, list[int]()
-        self.recovery.keep(self.done, self)
+        self.recovery.save_state(self.done, self)
         while self.done < end:
             cameras = cameras or self.rng.permutation(len(pictures.views)).tolist()
             camera = cameras.pop()
             try:
                 loss, drawing = self.step(pictures, camera, static, self.done / total)
                 self.done += 1
-                self.recovery.passed(self.done, loss, self)
-                share, averaged = self.done / total, average.runs(self.done)
+                self.recovery.check_iteration(self.done, loss, self)
+                share, averaged = self.done / total, average.has_begun(self.done)
                 self._anneal(share)
                 self.density.update(self.done, share, drawing, pictures.views[camera], pictures, averaged)
                 if averaged:
@@ -115,29 +166,40 @@ class KeyframeTrainer:
                     self.check()
                     progress.update(self.done, loss=float(loss), points=len(self.points))
             except GaussiansError as error:
-                self.done = self.recovery.go_back(self.done, error, progress)
+                self.done = self.recovery.restore(self.done, error, progress)
                 self._anneal(self.done / total)
                 self.density.restart(pictures)
                 average = Average(self.config.average_share, total)
-        self.recovery.drop()
-        average.settle(self.points.params.values())
+        self.recovery.release_state()
+        average.write_to(self.points.params.values())
         self.density.prune(pictures.unit, self.done / total)
 
     def snapshot(self) -> Restore:
-        """All that training changes, copied."""
-        return together([self.points.snapshot(), self.gains.snapshot()])
+        """Copy everything that training changes."""
+        return merge_snapshots([self.points.snapshot(), self.gains.snapshot()])
 
     def check(self) -> None:
-        """Raises `GaussiansError` if a value is NaN or infinite."""
+        """Check all values.
+
+        Raises:
+            GaussiansError: If a value is NaN or infinite.
+        """
         self.points.check()
         splat.check_finite(gains=self.gains.values)
 
     def step(
         self, pictures: Pictures, camera: int, static: StaticCache | None, share: float
     ) -> tuple[Tensor, Comparable]:
-        """One iteration: draw what a camera sees, compare, follow the gradients. share: of training that is over.
+        """Run one iteration: draw a view, compare it and follow the gradients.
 
-        Returns the photometric loss [] and the drawing, which keeps its gradients.
+        Args:
+            pictures: Training images.
+            camera: Number of the camera.
+            static: Static points; None if there are none.
+            share: Share of training that is over, 0..1.
+
+        Returns:
+            The photometric loss [], and the drawing with its gradients.
         """
         view = pictures.views[camera]
         splats = deformed(self.points.params, None, None, view, pictures.near)
@@ -168,7 +230,7 @@ class KeyframeTrainer:
 
     @torch.no_grad()
     def psnr(self, pictures: Pictures) -> float:
-        """Mean dB over the pictures, without static points."""
+        """Return the mean PSNR, dB, over the training images, without static points."""
         values = []
         for view, image, gain in zip(pictures.views, pictures.images[0], self.gains.values, strict=True):
             shown = draw(deformed(self.points.params, None, None, view, pictures.near), view).image
@@ -181,7 +243,7 @@ class KeyframeTrainer:
         return StaticCache(self.static, pictures.views, pictures.near, self.points.means.device)
 
     def _compares_all(self, pictures: Pictures) -> bool:
-        """Also where no point is that is trained."""
+        """Return whether the next iteration compares the whole image."""
         shows = (self.done + 1) % SHOW_EVERY == 0
         return shows or self.done % GAINS_EVERY == 0 or pictures.unknown is not None
 

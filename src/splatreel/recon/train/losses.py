@@ -1,6 +1,6 @@
-"""What training minimizes: one list for keyframes, one for groups.
+"""Losses of training: one list for keyframes, one for groups.
 
-A new loss is a function of the step and its weight in this file, a line in a list, and a field for its weight in the configuration.
+A new loss is a function in this file, a line in a list, and a field for its weight in the configuration.
 """
 
 from __future__ import annotations
@@ -25,9 +25,17 @@ from splatreel.recon.train.surfaces import Depths, roughness, spread
 
 @dataclass(frozen=True, kw_only=True)
 class Step:
-    """What one iteration has drawn, and the picture that it should equal. share: 0..1, how much of training is over.
+    """Drawing of one iteration and its target image.
 
-    target: [H, W, 3] uint8. gain: [3] of the camera's channels, or None.
+    Attributes:
+        iteration: Number of the iteration.
+        share: Share of training that is over, 0..1.
+        view: View that was drawn.
+        drawing: The drawing.
+        target: [H, W, 3] uint8.
+        gain: [3] color gain of the camera; None is 1.
+        lambda_dssim: Weight of structural similarity in the photometric loss.
+        unit: Typical viewing distance, world units.
     """
 
     iteration: int
@@ -41,12 +49,19 @@ class Step:
 
     @property
     def pixels(self) -> int:
+        """Number of pixels."""
         return self.view.width * self.view.height
 
 
 @dataclass(frozen=True, kw_only=True)
 class KeyframeStep(Step):
-    """splats: the points as the view sees them. near: near plane, world units."""
+    """An iteration of a keyframe.
+
+    Attributes:
+        points: Trained points.
+        splats: The points, projected to the view.
+        near: Near plane, world units.
+    """
 
     points: TrainablePoints
     splats: Splats
@@ -54,15 +69,22 @@ class KeyframeStep(Step):
 
     @cached_property
     def depths(self) -> Depths:
-        """What depth the view shows, drawn when the first loss asks for it."""
+        """Depths of the view, drawn when first used."""
         return Depths.of(self.splats, self.view, self.near)
 
 
 @dataclass(frozen=True, kw_only=True)
 class GroupStep(Step):
-    """changes: of the points, at the moment that was drawn. frame: that was drawn, of `frames`. last: the last one let in so far.
+    """An iteration of a group.
 
-    rng: of what losses draw by lot.
+    Attributes:
+        points: Trained points.
+        changes: Changes of the points at the moment that was drawn.
+        neighbors: Nearest neighbors; None for fewer than two points.
+        frame: Frame that was drawn.
+        frames: Number of frames.
+        last: Last frame that the schedule may draw so far.
+        rng: Source of random choices.
     """
 
     points: MovingPoints
@@ -81,11 +103,14 @@ S = TypeVar("S", bound=Step, contravariant=True)
 class Loss(Generic[S]):
     """One term of the sum that training minimizes.
 
-    cost: of a step and the weight, the weighted scalar, or None where there is nothing to compare.
-    weight: the field of `KeyframeConfig` or `GroupConfig` that has it, 0 to turn the loss off; without a field it is 1.
-    every, first: it runs in the iterations first, first + every and so on, and counts `every` times there: the mean is the same.
-    after: share of training from which on it runs.
-    on_gradients: it needs no graph. `cost` runs after the backward pass, adds the gradient itself and returns None.
+    Attributes:
+        name: Name in the result of `backward`.
+        cost: Function from a step and a weight to the weighted scalar; None if there is nothing to compare.
+        weight: Field of `KeyframeConfig` or `GroupConfig` with the weight, 0 to turn the loss off; None means 1.
+        every: The loss runs in iterations first, first + every and so on, with `every` times its weight.
+        first: See `every`.
+        after: Share of training after which the loss runs.
+        on_gradients: `cost` runs after the backward pass, adds to the gradients itself and returns None.
     """
 
     name: str
@@ -97,14 +122,18 @@ class Loss(Generic[S]):
     on_gradients: bool = False
 
     def weight_at(self, step: S, config: KeyframeConfig | GroupConfig) -> float:
-        """What it counts in this step; 0 if it does not run."""
+        """Return the weight in a step; 0 if the loss does not run."""
         if step.iteration % self.every != self.first or (self.after and step.share <= self.after):
             return 0.0
         return self.every * (1.0 if self.weight is None else getattr(config, self.weight))
 
 
 def backward(losses: Sequence[Loss[S]], step: S, config: KeyframeConfig | GroupConfig) -> dict[str, Tensor]:
-    """Leaves the gradients of the losses' sum. Returns the losses that ran, by name; not those on gradients."""
+    """Compute the gradients of the sum of the losses.
+
+    Returns:
+        The losses that ran, by name, without those on gradients.
+    """
     weighted = [(loss, weight) for loss in losses if (weight := loss.weight_at(step, config))]
     costs = {loss.name: loss.cost(step, weight) for loss, weight in weighted if not loss.on_gradients}
     found = {name: cost for name, cost in costs.items() if cost is not None}
@@ -116,27 +145,27 @@ def backward(losses: Sequence[Loss[S]], step: S, config: KeyframeConfig | GroupC
 
 
 def photometric(step: Step, _weight: float) -> Tensor:
-    """How much the drawing differs from the picture (3DGS): absolute differences, and structural similarity."""
+    """Return the photometric loss of 3DGS: absolute differences and structural similarity."""
     return step.drawing.loss(step.target, step.lambda_dssim, step.gain)
 
 
 def opacity(step: KeyframeStep, weight: float) -> Tensor:
-    """The sum of all opacities, a pixel: what explains little fades, floaters first."""
+    """Return the sum of all opacities per pixel. Points that explain little fade, floaters first."""
     return weight * step.points.opacities.sum() / step.pixels
 
 
 def before_surfaces(step: KeyframeStep, weight: float) -> Tensor:
-    """What lies before the surface that a pixel shows."""
+    """Return the loss of points in front of the surface that a pixel shows."""
     return weight * spread(step.depths)
 
 
 def bent_surfaces(step: KeyframeStep, weight: float) -> Tensor:
-    """Bends in depth where the picture is plain."""
+    """Return the loss of bends in depth where the image is plain."""
     return weight * roughness(step.depths, step.target, step.unit / step.near)
 
 
 def rigidity(step: GroupStep, weight: float) -> Tensor | None:
-    """L_arap of every point with one of its neighbors, of the same random rank for all."""
+    """Return L_arap of every point with one of its neighbors, of the same random rank for all points."""
     if step.neighbors is None:
         return None
     rank = int(step.rng.integers(len(step.neighbors.index)))
@@ -145,7 +174,7 @@ def rigidity(step: GroupStep, weight: float) -> Tensor | None:
 
 
 def smoothness(step: GroupStep, weight: float) -> Tensor | None:
-    """L_temp from the frame that was drawn to one up to TEMPORAL_WINDOW frames later, and a random moment between the two."""
+    """Return L_temp between the drawn frame and one up to TEMPORAL_WINDOW frames later."""
     start = min(step.frame, max(step.last - TEMPORAL_WINDOW, 0))
     end = min(start + TEMPORAL_WINDOW, step.last)
     if step.frames < 3 or end <= start:
@@ -155,17 +184,18 @@ def smoothness(step: GroupStep, weight: float) -> Tensor | None:
 
 
 def view_dependence(step: GroupStep, weight: float) -> None:
-    """The sizes of the higher SH bands, summed, a pixel. Their gradient is a sign: it is added to what is there."""
+    """Add the gradient of the L1 norm of the higher SH bands per pixel."""
     step.points.canonical.price_sh(weight / step.pixels)
 
 
 TEMPORAL_WINDOW = 2
-"""Frames over which motion is to be smooth: the paper's number (section 5.1)."""
+"""Frames over which motion should be smooth; the paper's value (section 5.1)."""
 
 GROWTH = 0.6
-"""Share of a keyframe's iterations in which points are added; from then on opacities cost something: earlier, that hinders growth."""
+"""Share of a keyframe's iterations in which points are added. Opacities cost something only after that, since it hinders
+growth."""
 SURFACES_FROM = 0.4
-"""Share of a keyframe's iterations from which on its surfaces are looked at: earlier, they are not there yet."""
+"""Share of a keyframe's iterations after which the losses of surfaces run. Earlier there are no surfaces yet."""
 
 KEYFRAME: tuple[Loss[KeyframeStep], ...] = (
     Loss("photometric", photometric),
@@ -177,9 +207,9 @@ CHAPTER_KEYFRAME: tuple[Loss[KeyframeStep], ...] = (
     Loss("photometric", photometric),
     Loss("opacity", opacity, "lambda_opacity", after=GROWTH),
 )
-"""Of many new points before static ones: what explains little fades. Surfaces are those of bodies, which are seen from all around."""
+"""Losses of new points in front of static ones. The losses of surfaces do not apply: new content is seen from all around."""
 KEYFRAME_BEFORE_STATIC: tuple[Loss[KeyframeStep], ...] = (Loss("photometric", photometric),)
-"""Of points before static ones nothing else is asked: what moves has few points, and needs them."""
+"""Losses of a later keyframe. Moving content has few points and needs all of them, so opacity costs nothing."""
 
 GROUP: tuple[Loss[GroupStep], ...] = (
     Loss("photometric", photometric),
@@ -187,10 +217,10 @@ GROUP: tuple[Loss[GroupStep], ...] = (
     Loss("smoothness", smoothness, "lambda_temporal", every=8, first=1),
     Loss("view dependence", view_dependence, "lambda_sh", on_gradients=True),
 )
-"""The changes of colors and opacities have their price in `Appearance.step`, on the spline that they are values of."""
+"""Losses of a group. Changes of colors and opacities are regularized in `Appearance.step`, on the values of their spline."""
 
 
 def psnr(image: Tensor, target: Tensor) -> float:
-    """dB of an image [H, W, 3] against its target, uint8."""
+    """Return the PSNR, dB, of an image [H, W, 3] against its target, uint8."""
     error = (image.clamp(0, 1) - target.float() / 255).square().mean()
     return -10 * math.log10(max(float(error), 1e-12))

@@ -1,4 +1,4 @@
-"""The dynamic points of a group while it trains: Gaussians at the keyframe, how they move, and how their appearance changes."""
+"""Dynamic points of a group during training: canonical Gaussians, their motion and their appearance."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ import torch
 from torch import Tensor
 
 from splatreel.config import GroupConfig
-from splatreel.recon.deform.adam import Restore, together
+from splatreel.recon.deform.adam import Restore, merge_snapshots
 from splatreel.recon.deform.appearance import Appearance, detect_cuts
 from splatreel.recon.deform.models import make_deformation
 from splatreel.recon.deform.protocol import Deformation
@@ -26,12 +26,19 @@ CANONICAL_RATES = {
     "sh_base": 1.6e-2,
     "sh_rest": 4e-4,
 }
-"""Means per viewing distance. Bolder than a keyframe's: what moves is hidden at times, and what appeared was only guessed."""
+"""Learning rates; of means per viewing distance. They are higher than a keyframe's, since moving points may be hidden at the
+keyframe, and added points are guesses."""
 
 
 @dataclass(frozen=True)
 class Changes:
-    """What differs from the keyframe at a moment. dx: [N, 3] world units; dq: [N, 4]; shade: [N, 4] as `Appearance.at`, or None."""
+    """Difference from the keyframe at a moment.
+
+    Attributes:
+        dx: [N, 3] position offsets, world units.
+        dq: [N, 4] rotation offsets.
+        shade: [N, 4] as `Appearance.at`; None if appearance is fixed.
+    """
 
     dx: Tensor
     dq: Tensor
@@ -39,14 +46,20 @@ class Changes:
 
 
 class MovingPoints:
-    """N points in three parts, whose rows come and go together. canonical: as they are at the keyframe. appearance: None, if fixed."""
+    """Dynamic points in three parts, whose rows are added and removed merge_snapshots.
+
+    Attributes:
+        canonical: Gaussians at the keyframe.
+        deformation: Motion.
+        appearance: Change of color and opacity; None if fixed.
+    """
 
     def __init__(self, canonical: TrainablePoints, deformation: Deformation, appearance: Appearance | None) -> None:
         self.canonical, self.deformation, self.appearance = canonical, deformation, appearance
 
     @staticmethod
     def of(start: GroupStart, pictures: Pictures, config: GroupConfig, seed: int) -> MovingPoints:
-        """Where a group's training starts, on the device of its pictures."""
+        """Create the points from which a group's training starts, on the device of its images."""
         device = pictures.images.device
         rates = CANONICAL_RATES | {"means": CANONICAL_RATES["means"] * pictures.unit}
         canonical = TrainablePoints.from_gaussians(start.dynamic, rates, device)
@@ -60,33 +73,39 @@ class MovingPoints:
         return MovingPoints(canonical, deformation, Appearance(pictures.count, len(canonical), device, shades, cuts))
 
     def __len__(self) -> int:
+        """Return the number of points."""
         return len(self.canonical)
 
     @property
     def means(self) -> Tensor:
-        """[N, 3] at the keyframe, world."""
+        """Positions at the keyframe, [N, 3] world."""
         return self.canonical.means
 
     def changes(self, moment: float) -> Changes:
-        """At a moment, in frames of the group. Gradients that its tensors get are followed by the next step."""
+        """Return the changes at a moment, in frames of the group. The next step follows gradients of the returned tensors."""
         dx, dq = self.deformation.offsets(self.means, moment)
         return Changes(dx, dq, None if self.appearance is None else self.appearance.at(moment))
 
     def splats(self, changes: Changes, view: View, near: float) -> Splats:
-        """As a view sees them with those changes."""
+        """Project the points with these changes."""
         return deformed(self.canonical.params, (changes.dx, changes.dq), changes.shade, view, near)
 
     def at(self, moment: float, view: View, near: float) -> Splats:
-        """As a view sees them at a moment, in frames of the group."""
+        """Project the points at a moment, in frames of the group."""
         return self.splats(self.changes(moment), view, near)
 
     def highest_logits(self) -> Tensor:
-        """[N] logits of the opacities, at the moment when each is highest."""
+        """Return the logits [N] of the opacities, each at the moment of its maximum."""
         logits = self.canonical.params["logit_opacities"]
         return logits if self.appearance is None else logits + self.appearance.highest
 
     def step(self, share: float, pace: float = 1.0) -> None:
-        """Follow the gradients and clear them. share: 0..1, how much of training is over. pace: times the learning rates."""
+        """Follow the gradients and clear them.
+
+        Args:
+            share: Share of training that is over, 0..1.
+            pace: Factor for the learning rates.
+        """
         self.canonical.scale_rates({}, default=pace * 0.1**share)
         self.canonical.step()
         self.deformation.step(share, pace)
@@ -94,16 +113,20 @@ class MovingPoints:
             self.appearance.step(share, pace)
 
     def snapshot(self) -> Restore:
-        """What training changes, copied."""
-        return together([part.snapshot() for part in self._parts])
+        """Copy everything that training changes."""
+        return merge_snapshots([part.snapshot() for part in self._parts])
 
     def check(self) -> None:
-        """Raises `GaussiansError` if a value is NaN or infinite."""
+        """Check all values.
+
+        Raises:
+            GaussiansError: If a value is NaN or infinite.
+        """
         for part in self._parts:
             part.check()
 
     def keep(self, index: Tensor) -> None:
-        """Keep the rows of an index [M] int64, in its order; all, if there are none."""
+        """Keep the rows of an index [M] int64, in its order; keep all if the index is empty."""
         if len(index) == 0:
             return
         self.canonical.keep(index)
@@ -112,11 +135,11 @@ class MovingPoints:
             self.appearance.keep(index)
 
     def clone(self, index: Tensor) -> None:
-        """Add copies of rows, [M] int64, which move and look as these do."""
+        """Add copies of rows [M] int64, with their motion and appearance."""
         self._append(self.canonical.rows(index), index)
 
     def append(self, params: Mapping[str, Tensor]) -> None:
-        """Add points that rest so far. params: unconstrained, as `TrainablePoints` has them."""
+        """Add points at rest. params: unconstrained tensors, as in `TrainablePoints`."""
         self._append(params, None)
 
     @property

@@ -1,4 +1,4 @@
-"""The pictures that training compares with, and the views that took them."""
+"""Training images and the views that took them."""
 
 from __future__ import annotations
 
@@ -17,11 +17,15 @@ from splatreel.recon.train.render import View
 
 @dataclass(frozen=True)
 class Pictures:
-    """At one resolution. images: [T, C, H, W, 3] uint8, of a keyframe T = 1; views: C.
+    """Training images at one resolution.
 
-    near: plane before which nothing is drawn; unit: typical viewing distance; both in world units.
-    unknown: [C, H, W] bool, of a keyframe, where its pictures mean nothing; None: nowhere.
-    array: the array of `frame_array` that images are a view of, if they are one.
+    Attributes:
+        images: [T, C, H, W, 3] uint8. A keyframe has T = 1.
+        views: C views.
+        near: Near plane, world units.
+        unit: Typical viewing distance, world units.
+        unknown: [C, H, W] bool, pixels of a keyframe without a valid value; None if all are valid.
+        array: The array of `frame_array` that `images` is a view of, if there is one.
     """
 
     images: Tensor
@@ -33,13 +37,18 @@ class Pictures:
 
     @property
     def count(self) -> int:
-        """Frames T."""
+        """Number of frames, T."""
         return self.images.shape[0]
 
     def target(self, camera: int, drawn: Tensor, gain: Tensor | None) -> Tensor:
-        """[H, W, 3] uint8, what a camera's picture of the keyframe should be. Where that is unknown it may be as it is.
+        """Return the target image [H, W, 3] uint8 of a keyframe's camera.
 
-        drawn: [H, W, 3] what is drawn now, 0..1, before the camera's color gain [3].
+        Unknown pixels repeat the drawing, so that they cause no loss.
+
+        Args:
+            camera: Number of the camera.
+            drawn: [H, W, 3] current drawing, 0..1, before the color gain.
+            gain: [3] color gain of the camera; None is 1.
         """
         image = self.images[0, camera]
         if self.unknown is None:
@@ -49,9 +58,12 @@ class Pictures:
         return torch.where(self.unknown[camera][..., None], as_shown, image)
 
     def sizes(self, iterations: int, coarse_share: float, afforded: float) -> list[tuple[int, Pictures]]:
-        """In which sizes training looks at them, the smallest first, and at which of its iterations it ends to look at each.
+        """Return the resolutions that training uses, smallest first, each with the iteration at which its use ends.
 
-        coarse_share: of the iterations, which look at half size. afforded: see `Config.training_megapixels`.
+        Args:
+            iterations: Iterations of training.
+            coarse_share: Share of the iterations at half size.
+            afforded: See `Config.training_megapixels`.
         """
         *_, height, width, _ = self.images.shape
         sizes, shown = [], self
@@ -62,12 +74,12 @@ class Pictures:
         return sizes[::-1]
 
     def give_back(self) -> None:
-        """Take the pages of pictures that lie in a file out of this process; they are read again as they are needed."""
+        """Release the memory pages of images that are backed by a file. They are read again when needed."""
         if self.array is not None:
             release_pages(self.array)
 
     def halved(self) -> Pictures:
-        """The same at half size. A frame at a time, into its place: as floats, or in pieces, a group's pictures take much memory."""
+        """Return the images at half size. Frames are converted one at a time, since a group's images as floats take much memory."""
         count, cameras, height, width, channels = self.images.shape
         shape = (count, cameras, height // 2, width // 2, channels)
         array = None if self.images.is_cuda else frame_array(shape)
@@ -80,17 +92,22 @@ class Pictures:
         with ThreadPoolExecutor(threads.count()) as pool:
             list(pool.map(halve, range(count)))
         unknown = self.unknown
-        if unknown is not None:  # where any of the four pixels is
+        if unknown is not None:  # unknown if any of the four pixels is
             unknown = torch.nn.functional.max_pool2d(unknown[:, None].float(), 2)[:, 0] > 0
         views = [view.halved() for view in self.views]
         return replace(self, images=small, views=views, unknown=unknown, array=array)
 
 
 def size_ends(megapixels: float, coarse_share: float, afforded: float) -> list[float]:
-    """Shares of training after which one looks at pictures halved 0, 1, 2 times and so on no more.
+    """Return the shares of training at which the use of images halved 0, 1, 2 times and so on ends.
 
-    Of large pictures each size has the iterations that are afforded; the smallest of these sizes stands for the whole one, which the
-    coarse ones are half of.
+    Large images use each size for the iterations that are afforded. The smallest of these sizes then counts as full size, which
+    the coarse iterations halve.
+
+    Args:
+        megapixels: Size of the images.
+        coarse_share: Share of training at half size.
+        afforded: See `Config.training_megapixels`; 0 is no limit.
     """
     ends = [1.0]
     while afforded and (share := afforded / megapixels) < ends[-1] - coarse_share:
@@ -100,7 +117,7 @@ def size_ends(megapixels: float, coarse_share: float, afforded: float) -> list[f
 
 
 def halved(images: Tensor) -> Tensor:
-    """Images [C, H, W, 3] uint8 at half size, averaged over blocks of 2 x 2; an odd row or column is cut off."""
+    """Average images [C, H, W, 3] uint8 over blocks of 2 x 2 pixels. An odd row or column is cut off."""
     if images.is_cuda:
         small = torch.nn.functional.avg_pool2d(images.permute(0, 3, 1, 2).float(), 2)
         return small.round().to(torch.uint8).permute(0, 2, 3, 1).contiguous()

@@ -1,4 +1,4 @@
-"""Trainable Gaussians: leaf tensors, their optimizer, and row surgery that keeps the two together."""
+"""Trainable Gaussians: leaf tensors, their optimizer, and operations that change the rows of both."""
 
 from __future__ import annotations
 
@@ -9,17 +9,16 @@ import torch
 from torch import Tensor
 
 from splatreel.kernels import splat
-from splatreel.recon.deform.adam import Adam, Restore, step, together
+from splatreel.recon.deform.adam import Adam, Restore, merge_snapshots, step
 from splatreel.scene.gaussians import Gaussians
 
 NAMES = ("means", "quats", "log_scales", "logit_opacities", "sh_base", "sh_rest")
 
 
 class TrainablePoints:
-    """Gaussians as unconstrained leaf tensors, each with its Adam.
+    """Gaussians as unconstrained leaf tensors, each with an Adam optimizer.
 
-    params: means [N, 3], quats [N, 4], log_scales [N, 3], logit_opacities [N], sh_base [N, 1, 3], sh_rest [N, K - 1, 3].
-    Learning rates are per attribute; `means` is in world units.
+    Learning rates are per attribute. The rate of `means` is in world units.
     """
 
     def __init__(self, params: Mapping[str, Tensor], rates: Mapping[str, float]) -> None:
@@ -28,34 +27,45 @@ class TrainablePoints:
 
     @staticmethod
     def from_gaussians(gaussians: Gaussians, rates: Mapping[str, float], device: torch.device) -> TrainablePoints:
+        """Create trainable points from plain Gaussians."""
         return TrainablePoints(to_params(gaussians, device), rates)
 
     def __len__(self) -> int:
+        """Return the number of points."""
         return len(self.means)
 
     @property
     def params(self) -> dict[str, Tensor]:
+        """Unconstrained tensors by name.
+
+        They are means [N, 3], quats [N, 4], log_scales [N, 3], logit_opacities [N], sh_base [N, 1, 3] and sh_rest [N, K - 1,
+        3].
+        """
         return {name: adam.tensor for name, adam in self.adams.items()}
 
     @property
     def means(self) -> Tensor:
+        """Positions [N, 3]."""
         return self.adams["means"].tensor
 
     @property
     def quats(self) -> Tensor:
+        """Rotations [N, 4], not normalized."""
         return self.adams["quats"].tensor
 
     @property
     def scales(self) -> Tensor:
+        """Standard deviations [N, 3]."""
         return self.adams["log_scales"].tensor.exp()
 
     @property
     def opacities(self) -> Tensor:
+        """Opacities [N], 0..1."""
         return self.adams["logit_opacities"].tensor.sigmoid()
 
     @property
     def sh(self) -> tuple[Tensor, Tensor]:
-        """The color's constant part [N, 1, 3] and its higher bands [N, K - 1, 3]."""
+        """Constant part of the color [N, 1, 3], and its higher bands [N, K - 1, 3]."""
         return self.adams["sh_base"].tensor, self.adams["sh_rest"].tensor
 
     def scale_rates(self, factors: Mapping[str, float], default: float = 1.0) -> None:
@@ -64,7 +74,7 @@ class TrainablePoints:
             adam.rate = self.base_rates[name] * factors.get(name, default)
 
     def step(self, position_scale: Tensor | None = None) -> None:
-        """Follow the gradients and clear them. position_scale: [N, 1], by what the steps of positions are multiplied."""
+        """Follow the gradients and clear them. position_scale: [N, 1], factor for the steps of positions."""
         before = None if position_scale is None else self.means.detach().clone()
         step(self.adams.values())
         if before is not None and position_scale is not None:
@@ -72,23 +82,23 @@ class TrainablePoints:
                 self.means.copy_(torch.lerp(before, self.means, position_scale))
 
     def price_sh(self, price: float) -> None:
-        """Let the higher SH bands cost `price` times the sum of their absolute values, on top of the gradient that they have."""
+        """Add the gradient of `price` times the L1 norm of the higher SH bands."""
         rest = self.adams["sh_rest"].tensor
         if price and rest.grad is not None:
             rest.grad.add_(rest.detach().sign(), alpha=price)
 
     def clear(self) -> None:
-        """Forget the gradients."""
+        """Clear the gradients."""
         for adam in self.adams.values():
             adam.tensor.grad = None
 
     def keep(self, index: Tensor) -> None:
-        """Keep the rows that an index or mask selects, in its order, with their optimizer state."""
+        """Keep the rows of an index or mask, in its order, with their optimizer state."""
         for adam in self.adams.values():
             adam.rewrite(lambda rows: rows[index], lambda rows: rows[index])
 
     def append(self, params: Mapping[str, Tensor]) -> None:
-        """Add rows; their optimizer state starts at zero."""
+        """Add rows. Their optimizer state starts at zero."""
         for name, adam in self.adams.items():
             new = params[name].detach()
             zeros = torch.zeros_like(new)
@@ -97,25 +107,29 @@ class TrainablePoints:
             )
 
     def rows(self, index: Tensor) -> dict[str, Tensor]:
-        """Copies of the rows that an index or mask selects."""
+        """Return copies of the rows of an index or mask."""
         return {name: tensor.detach()[index].clone() for name, tensor in self.params.items()}
 
     def snapshot(self) -> Restore:
-        """All rows with their optimizer state, copied."""
-        return together([adam.snapshot() for adam in self.adams.values()])
+        """Copy all rows with their optimizer state."""
+        return merge_snapshots([adam.snapshot() for adam in self.adams.values()])
 
     def check(self) -> None:
-        """Raises `GaussiansError` if a value is NaN or infinite. On a GPU nobody else looks, as to look is to wait for it."""
+        """Check all values. On a GPU this is the only check, since reading a value waits for the GPU.
+
+        Raises:
+            GaussiansError: If a value is NaN or infinite.
+        """
         splat.check_finite(**self.params)
 
     def gaussians(self) -> Gaussians:
-        """The points as plain activated arrays."""
+        """Return the points as plain Gaussians."""
         self.check()
         return to_gaussians(self.params)
 
 
 def to_params(gaussians: Gaussians, device: torch.device) -> dict[str, Tensor]:
-    """Unconstrained tensors of plain Gaussians."""
+    """Convert plain Gaussians to unconstrained tensors."""
     opacities = np.clip(gaussians.opacities, 1e-4, 1 - 1e-4)
     arrays = {
         "means": gaussians.means,
@@ -129,7 +143,7 @@ def to_params(gaussians: Gaussians, device: torch.device) -> dict[str, Tensor]:
 
 
 def to_gaussians(params: Mapping[str, Tensor]) -> Gaussians:
-    """Plain activated Gaussians of unconstrained tensors."""
+    """Convert unconstrained tensors to plain Gaussians."""
     p = {name: tensor.detach().cpu() for name, tensor in params.items()}
     return Gaussians(
         p["means"].numpy(),
@@ -141,9 +155,13 @@ def to_gaussians(params: Mapping[str, Tensor]) -> Gaussians:
 
 
 def default_rates(unit: float, pace: float = 1.0) -> dict[str, float]:
-    """Learning rates of 3DGS times a pace, positions relative to `unit`, the typical viewing distance in world units.
+    """Return the learning rates of 3DGS times a pace.
 
-    The higher SH bands keep theirs: at a faster pace they learn the training cameras by heart.
+    The higher SH bands keep their rate. At a higher rate they overfit the training cameras.
+
+    Args:
+        unit: Typical viewing distance, world units. The rate of positions is relative to it.
+        pace: Factor for all other rates.
     """
     return {
         "means": pace * 2.2e-4 * unit,

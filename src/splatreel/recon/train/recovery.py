@@ -1,4 +1,4 @@
-"""Training whose numbers are no longer finite goes back to the last state in which they were, and goes on in smaller steps."""
+"""Recovery of training from NaN and infinity: return to the last good state, and continue at lower learning rates."""
 
 from __future__ import annotations
 
@@ -12,29 +12,37 @@ from splatreel.progress import Progress
 from splatreel.recon.deform.adam import Restore
 
 KEEP_EVERY = 250
-"""Iterations between two states that are kept: copies of all points and moments take as long as a fraction of one iteration."""
+"""Iterations between two saved states. Saving one takes a fraction of an iteration."""
 SLOWER = 0.5
-"""By what learning rates are multiplied each time."""
+"""Factor by which learning rates are multiplied at each recovery."""
 ATTEMPTS = 4
-"""How often training goes back before it gives up."""
+"""Recoveries before training fails."""
 
 
 class Training(Protocol):
-    """What has a state to go back to."""
+    """A training whose state can be restored."""
 
     def snapshot(self) -> Restore:
-        """Copies what training changes."""
+        """Copy everything that training changes."""
         ...
 
     def check(self) -> None:
-        """Raises `GaussiansError` if a value is NaN or infinite."""
+        """Check all values.
+
+        Raises:
+            GaussiansError: If a value is NaN or infinite.
+        """
         ...
 
 
 class Recovery:
-    """Keeps the last good state of a training. pace: what its learning rates are to be multiplied by.
+    """Last good state of a training.
 
-    One failure may be chance, and once training is past it, it goes at its usual pace. After a second it stays slow.
+    A single failure may be chance: the pace returns to 1 once training has passed it. After a second failure the pace stays
+    low.
+
+    Attributes:
+        pace: Factor for the learning rates.
     """
 
     def __init__(self) -> None:
@@ -43,42 +51,59 @@ class Recovery:
         self._done = 0
         self._restore: Restore | None = None
 
-    def keep(self, done: int, training: Training) -> None:
-        """Keep the state after so many iterations."""
+    def save_state(self, done: int, training: Training) -> None:
+        """Save the state after `done` iterations."""
         training.check()
         self._done, self._restore = done, training.snapshot()
 
-    def drop(self) -> None:
-        """Keep no state any longer. It refers to the training, and that to this: both would stay in memory for who knows how long."""
+    def release_state(self) -> None:
+        """Release the saved state. It refers to the training, and the training to this object, so both would stay in memory."""
         self._restore = None
 
-    def passed(self, done: int, loss: Tensor, training: Training) -> None:
-        """After an iteration: keep the state where it is time for it. Raises `GaussiansError` if numbers are not finite.
+    def check_iteration(self, done: int, loss: Tensor, training: Training) -> None:
+        """Check an iteration, and save the state if due.
 
-        On a GPU only states that are kept are looked at, as to look is to wait for it.
+        On a GPU only saved states are checked, since reading a value waits for the GPU.
+
+        Args:
+            done: Number of finished iterations.
+            loss: Loss [] of the last iteration.
+            training: The training.
+
+        Raises:
+            GaussiansError: If a value is NaN or infinite.
         """
         due = done >= self._done + KEEP_EVERY
         if (due or not loss.is_cuda) and not math.isfinite(loss.item()):
             raise GaussiansError(f"the training error is {loss.item()}")
         if due:
-            self.keep(done, training)
+            self.save_state(done, training)
             if self._attempts == 1 and done > self._failed:
                 self.pace = 1.0
 
-    def go_back(self, failed: int, error: GaussiansError, progress: Progress) -> int:
-        """Restore the last good state, and slow down. failed: the iteration after which numbers were found not to be finite.
+    def restore(self, failed: int, error: GaussiansError, progress: Progress) -> int:
+        """Restore the last good state and lower the learning rates.
 
-        Returns how many iterations are done. Raises `ReconstructionError` after too many attempts.
+        Args:
+            failed: Iteration after which NaN or infinity was found.
+            error: The error that was raised.
+            progress: Receives a note.
+
+        Returns:
+            Number of iterations that are done in the restored state.
+
+        Raises:
+            ReconstructionError: After too many recoveries.
         """
         if self._attempts == ATTEMPTS:
             raise ReconstructionError(
-                f"Training ends in numbers that are not finite, also at {self.pace:g} times its learning rates: {error}. Look for a "
-                "camera whose picture or pose is wrong (splatreel capture check), and leave it out; what was finished before is kept."
+                f"Training ends in NaN or infinity, even at {self.pace:g} times its learning rates: {error}. Look for a camera with "
+                "a wrong image or pose (splatreel capture check), and leave it out. Finished groups are kept."
             ) from error
         self._attempts, self._failed = self._attempts + 1, failed
         self.pace = SLOWER**self._attempts
         progress.note(
-            f"numbers were no longer finite at iteration {failed:,} ({str(error).rstrip('.')}): training goes on from iteration "
+            f"NaN or infinity at iteration {failed:,} ({str(error).rstrip('.')}): training continues from iteration "
             f"{self._done:,}, at {self.pace:g} times its learning rates"
         )
         if self._restore is not None:

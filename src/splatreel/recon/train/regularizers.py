@@ -1,4 +1,4 @@
-"""What keeps motion plausible (paper section 4.2): as rigid as possible, and smooth in time."""
+"""Regularizers of motion (paper section 4.2): rigidity and smoothness in time."""
 
 from __future__ import annotations
 
@@ -7,42 +7,62 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor
 
-from splatreel.kernels import splat
+from splatreel.kernels import motion, splat
 from splatreel.recon.deform.protocol import Deformation
 
 
 @dataclass(frozen=True)
 class Neighbors:
-    """The K nearest neighbors of N points, by rank. index: [K, N] int64. closeness: [K, N], 1 where the two coincide."""
+    """The K nearest neighbors of N points, by rank.
+
+    Attributes:
+        index: [K, N] int64.
+        closeness: [K, N], 1 where two points coincide.
+    """
 
     index: Tensor
     closeness: Tensor
 
     @staticmethod
     def of(means: Tensor, count: int) -> Neighbors | None:
-        """Up to `count` for each of means [N, 3]; None of a point that is alone. Far ones count less."""
+        """Find up to `count` neighbors for each of the means [N, 3]; return None for fewer than two points."""
         if len(means) < 2:
             return None
         index, distance = splat.nearest_neighbors(means.detach(), min(count, len(means) - 1))
         width = 2 * distance[:, -1:].median().clamp_min(1e-9)
         closeness = torch.exp(-((distance / width) ** 2))
-        return Neighbors(index.T.contiguous(), closeness.T.contiguous())  # an iteration draws one rank of all
+        return Neighbors(index.T.contiguous(), closeness.T.contiguous())  # an iteration uses one rank of all points
 
 
 def arap(means: Tensor, dx: Tensor, dq: Tensor, neighbor: Tensor, weights: Tensor, unit: float) -> Tensor:
-    """L_arap: neighbors rotate alike, translate alike and keep their distance.
+    """Return L_arap, mean over points: neighbors share rotation and translation, and keep their distance.
 
-    means, dx: [N, 3]; dq: [N, 4]; neighbor: [N] a neighbor of every point; weights: [N]. Lengths are measured in `unit`, so that the
-    loss means the same in millimeters and in meters. Only the offsets get gradients. Mean over points.
+    Only the offsets get gradients.
+
+    Args:
+        means: [N, 3] positions.
+        dx: [N, 3] position offsets.
+        dq: [N, 4] rotation offsets.
+        neighbor: [N] one neighbor of every point.
+        weights: [N] weight of each pair.
+        unit: Length that distances are divided by, so that the loss does not depend on world units.
     """
-    return splat.arap(means.detach(), dx, dq, neighbor, weights, unit)
+    return motion.arap(means.detach(), dx, dq, neighbor, weights, unit)
 
 
 def temporal(model: Deformation, means: Tensor, frame: float, other: float, delta: float, unit: float) -> Tensor:
-    """L_temp: between two close frames, offsets are linear in time.
+    """Return L_temp, mean over points: between two close frames, offsets are linear in time.
 
-    The last term of the printed formula mixes an offset with a position; it is read as the offset at frame + delta (other - frame).
-    Mean over the points.
+    The last term of the printed formula mixes an offset with a position. It is read as the offset at frame + delta (other -
+    frame).
+
+    Args:
+        model: Deformation model.
+        means: [N, 3] positions.
+        frame: First frame.
+        other: Second frame.
+        delta: Position of the sample between the two frames, 0..1.
+        unit: Typical viewing distance, world units.
     """
     dx0, dq0 = model.offsets(means, frame)
     dx1, dq1 = model.offsets(means, other)

@@ -1,4 +1,4 @@
-"""Drawing the scene while it trains: moving points in front of, between and behind static ones, which are drawn once."""
+"""Drawing during training. Static points are projected and sorted once per view, then combined with moving points."""
 
 from __future__ import annotations
 
@@ -17,9 +17,17 @@ from splatreel.scene.gaussians import Gaussians
 
 @dataclass(frozen=True)
 class View:
-    """A camera as tensors. viewmat: [4, 4]; K: [3, 3]; center: [3]. antialias: see `splat.antialiased`.
+    """A camera as tensors.
 
-    clear: up to this depth no static point is drawn, world units (`Clearance`). background: [3], 0..1, where nothing is.
+    Attributes:
+        viewmat: [4, 4] world to camera.
+        K: [3, 3] intrinsics, pixels.
+        center: [3] camera position, world units.
+        width: Image width, pixels.
+        height: Image height, pixels.
+        antialias: Draw as `splat.antialiased` describes.
+        clear: Depth up to which no static point is drawn (`Clearance`), world units.
+        background: [3] color behind all points, 0..1; None is black.
     """
 
     viewmat: Tensor
@@ -33,6 +41,7 @@ class View:
 
     @staticmethod
     def of(camera: Camera, device: torch.device, antialias: bool = False, layout: Layout | None = None) -> View:
+        """Convert a camera. A layout adds clearance and background."""
         arrays = camera.viewmat, camera.K, camera.center
         viewmat, K, center = (torch.from_numpy(array.copy()).to(device) for array in arrays)
         plain = View(viewmat, K, center, camera.width, camera.height, antialias)
@@ -42,7 +51,7 @@ class View:
         return replace(plain, clear=layout.clearance.depth(camera), background=background)
 
     def halved(self) -> View:
-        """The view of pictures that were `halved`."""
+        """Return the view of images at half size (`halved`)."""
         K = self.K.clone()
         K[:2] /= 2
         return replace(self, K=K, width=self.width // 2, height=self.height // 2)
@@ -50,7 +59,7 @@ class View:
 
 @dataclass(frozen=True)
 class Splats:
-    """Points as one view sees them, ready to be rasterized; fields as in `splat.rasterize`."""
+    """Projected points of one view, ready to be rasterized. The fields are those of `splat.rasterize`."""
 
     means2d: Tensor
     conics: Tensor
@@ -61,27 +70,37 @@ class Splats:
 
     @property
     def tensors(self) -> tuple[Tensor, Tensor, Tensor, Tensor, Tensor, Tensor]:
+        """All fields, in the order of `splat.rasterize`."""
         return self.means2d, self.conics, self.colors, self.opacities, self.depths, self.radii
 
     def rows(self, index: Tensor) -> Splats:
-        """Those of an index [M] int64."""
+        """Return the rows of an index [M] int64."""
         return Splats(*[tensor.index_select(0, index) for tensor in self.tensors])
 
     def relative_to(self, background: Tensor | None) -> Splats:
-        """With colors relative to a background's [3]: blended, they are what a picture differs by, and `draw` adds it again.
+        """Return the splats with colors relative to a background color [3].
 
-        That blends the background behind everything without a look at alpha: sum w c + (1 - sum w) b = sum w (c - b) + b.
+        `draw` adds the background to the blended image. This blends it behind everything without using alpha: sum w c + (1 -
+        sum w) b = sum w (c - b) + b.
         """
         return self if background is None else replace(self, colors=self.colors - background)
 
     @staticmethod
     def join(a: Splats, b: Splats) -> Splats:
+        """Concatenate two sets of splats."""
         return Splats(*[torch.cat(pair) for pair in zip(a.tensors, b.tensors, strict=True)])
 
 
 @dataclass(frozen=True)
 class StaticView:
-    """What one view sees of the static points. index: [M] which of them. rows: [M] where they are among the frozen splats."""
+    """Static points that one view sees.
+
+    Attributes:
+        splats: M projected points.
+        index: [M] row of each among all static points.
+        frozen: The sorted splats.
+        rows: [M] row of each among the frozen splats.
+    """
 
     splats: Splats
     index: Tensor
@@ -89,7 +108,7 @@ class StaticView:
     rows: Tensor
 
     def keep(self, kept: Tensor) -> StaticView:
-        """Those of a mask [M] bool."""
+        """Return the view with the points of a mask [M] bool only."""
         if bool(kept.all()):
             return self
         index, frozen = torch.nonzero(kept)[:, 0], splat.remove(self.frozen, self.rows[~kept])
@@ -97,28 +116,39 @@ class StaticView:
 
 
 class Comparable(Protocol):
-    """What a view sees, to be compared with a picture. means2d: [M, 2], a tensor of the graph that keeps its gradient (pixels).
-
-    Its first `moving` rows are the moving points in their order; where everything has a gradient, the static points `index` follow.
-    """
+    """A drawing that can be compared with a training image."""
 
     @property
-    def means2d(self) -> Tensor: ...
+    def means2d(self) -> Tensor:
+        """Screen positions [M, 2], pixels: a tensor of the graph that keeps its gradient."""
+        ...
+
     @property
-    def moving(self) -> int: ...
+    def moving(self) -> int:
+        """Number of moving points. They are the first rows of `means2d`."""
+        ...
+
     @property
-    def index(self) -> Tensor | None: ...
+    def index(self) -> Tensor | None:
+        """Static points of the remaining rows of `means2d`; None if static points get no gradient."""
+        ...
 
     def loss(self, target: Tensor, lambda_dssim: float, gain: Tensor | None) -> Tensor:
-        """The photometric loss [] against a picture [H, W, 3] uint8, of a camera with a color gain [3]."""
+        """Return the photometric loss [] against an image [H, W, 3] uint8 of a camera with a color gain [3]."""
         ...
 
 
 @dataclass(frozen=True)
 class Drawing:
-    """All that a view sees. image: [H, W, 3]; alpha: [H, W]. Others as of `Comparable`.
+    """A complete drawing of a view.
 
-    tiles: [ceil(H / 16), ceil(W / 16)] bool, all that was drawn anew and has a gradient; None if everything was.
+    Attributes:
+        image: [H, W, 3] colors.
+        alpha: [H, W] opacity.
+        means2d: See `Comparable`.
+        moving: See `Comparable`.
+        index: See `Comparable`.
+        tiles: [ceil(H / 16), ceil(W / 16)] bool, tiles that were drawn with gradients; None if all were.
     """
 
     image: Tensor
@@ -129,15 +159,20 @@ class Drawing:
     tiles: Tensor | None = None
 
     def loss(self, target: Tensor, lambda_dssim: float, gain: Tensor | None) -> Tensor:
-        """Of the whole picture."""
+        """Return the photometric loss over the whole image; see `Comparable.loss`."""
         return splat.photometric_loss(self.image, target, lambda_dssim, gain)
 
 
 @dataclass(frozen=True)
 class MovingTiles:
-    """Moving splats before a view's static ones, only where they are: drawn when they are compared, and never as a whole picture.
+    """Moving splats in front of a view's static ones, drawn during the comparison and only in the tiles they touch.
 
-    splats: the moving ones, and all static ones if `where` is given, [M] bool: then it is drawn only where one of those is.
+    Attributes:
+        splats: The moving splats; all static splats follow if `where` is given.
+        static: The view's static splats.
+        background: [3] color behind all points; None is black.
+        moving: Number of moving splats.
+        where: [M] bool, splats whose tiles are drawn; None draws the tiles of moving splats.
     """
 
     splats: Splats
@@ -148,22 +183,30 @@ class MovingTiles:
 
     @property
     def means2d(self) -> Tensor:
+        """See `Comparable`."""
         return self.splats.means2d
 
     @property
     def index(self) -> Tensor | None:
+        """See `Comparable`."""
         return None if self.where is None else self.static.index
 
     def loss(self, target: Tensor, lambda_dssim: float, gain: Tensor | None) -> Tensor:
-        """Short of a constant: what is compared only where nothing moves is left out. The gain gets no gradient."""
+        """Return the photometric loss, up to a constant for the tiles that are not drawn. The gain gets no gradient."""
         splats, frozen = self.splats.tensors, self.static.frozen
         return splat.layered_loss(*splats, frozen, target, lambda_dssim, gain, self.background, self.where)
 
 
 def relative_distances(means: Tensor, views: list[View], unit: float, reach: float) -> Tensor:
-    """[N] distances of points [N, 3] to the nearest view in typical viewing distances `unit`, 1 to `reach`.
+    """Return the distance [N] of points to the nearest view, in viewing distances, clamped to 1..reach.
 
-    Farther points may go as much farther in a step, and be as much larger: in pixels it is the same at any distance.
+    Step sizes and size limits of far points are scaled by it. In pixels they are then the same at any distance.
+
+    Args:
+        means: [N, 3] positions.
+        views: Training views.
+        unit: Typical viewing distance, world units.
+        reach: Largest distance returned.
     """
     centers = torch.stack([view.center for view in views])
     return (torch.cdist(means.detach(), centers).amin(1) / unit).clamp(1, reach)
@@ -178,7 +221,17 @@ def splats(
     view: View,
     near: float,
 ) -> Splats:
-    """Project points and evaluate their colors for a view. sh: [N, 1, 3] and [N, K - 1, 3]; other shapes as in `Gaussians`."""
+    """Project points and evaluate their colors for a view.
+
+    Args:
+        means: [N, 3] positions.
+        quats: [N, 4] rotations.
+        scales: [N, 3] standard deviations.
+        opacities: [N] 0..1.
+        sh: Constant part [N, 1, 3] and higher bands [N, K - 1, 3].
+        view: View to project to.
+        near: Near plane, world units.
+    """
     pinhole = view.viewmat, view.K, view.width, view.height
     projected = splat.project(means, quats, scales, *pinhole, near, view.antialias)
     colors = splat.view_colors(means, view.center, *sh)
@@ -191,7 +244,15 @@ def splats(
 def deformed(
     params: dict[str, Tensor], offsets: tuple[Tensor, Tensor] | None, shade: Tensor | None, view: View, near: float
 ) -> Splats:
-    """Points of one moment for a view. params: unconstrained, as `TrainablePoints` has them; offsets, shade: see `splat.deformed`."""
+    """Project deformed points for a view.
+
+    Args:
+        params: Unconstrained tensors, as in `TrainablePoints`.
+        offsets: Change of positions and rotations, see `splat.deformed`; None for none.
+        shade: Change of color and opacity, see `splat.deformed`; None for none.
+        view: View to project to.
+        near: Near plane, world units.
+    """
     pinhole = view.viewmat, view.K, view.width, view.height
     points = [params[name] for name in NAMES]
     seen = Splats(*splat.deformed(points, offsets, shade, pinhole, view.center, near, view.antialias))
@@ -199,7 +260,7 @@ def deformed(
 
 
 class StaticCache:
-    """Static points, which do not change: each view projects, colors and draws them once and keeps the result."""
+    """Frozen static points. Each view projects, colors and sorts them once."""
 
     def __init__(self, gaussians: Gaussians, views: list[View], near: float, device: torch.device) -> None:
         self.views = views
@@ -209,25 +270,27 @@ class StaticCache:
         self._views: dict[int, StaticView] = {}
 
     def __len__(self) -> int:
+        """Return the number of points, hidden ones included."""
         return len(self.alive)
 
     @property
     def means(self) -> Tensor:
+        """Positions [S, 3]."""
         return self.params["means"]
 
     def set_alive(self, alive: Tensor) -> None:
-        """Hide the points that became dynamic. alive: [S] bool."""
+        """Hide points that became dynamic. alive: [S] bool, a subset of the points that are alive now."""
         self.alive = alive.clone()
         self._views = {camera: view.keep(alive[view.index]) for camera, view in self._views.items()}
 
     def revive(self, alive: Tensor) -> None:
-        """Show points again that were hidden. alive: [S] bool."""
+        """Replace the mask of living points, [S] bool. Unlike `set_alive`, it may show hidden points again."""
         self.alive = alive
         self._views.clear()
 
     @torch.no_grad()
     def view(self, camera: int) -> StaticView:
-        """The living points that view number `camera` sees."""
+        """Return the living points that view number `camera` sees."""
         if camera not in self._views:
             index = torch.nonzero(self.alive)[:, 0]
             points = activate({name: value[index] for name, value in self.params.items()})
@@ -240,13 +303,13 @@ class StaticCache:
         return self._views[camera]
 
     def set_views(self, views: list[View]) -> None:
-        """Be seen by other views from now on."""
+        """Replace the views."""
         self.views = views
         self._views.clear()
 
 
 def activate(params: dict[str, Tensor]) -> tuple[Tensor, Tensor, Tensor, Tensor, tuple[Tensor, Tensor]]:
-    """means, quats, scales, opacities and sh of unconstrained tensors, as `splats` takes them."""
+    """Convert unconstrained tensors to the means, quats, scales, opacities and sh that `splats` takes."""
     sh = params["sh_base"], params["sh_rest"]
     return params["means"], params["quats"], params["log_scales"].exp(), params["logit_opacities"].sigmoid(), sh
 
@@ -254,8 +317,12 @@ def activate(params: dict[str, Tensor]) -> tuple[Tensor, Tensor, Tensor, Tensor,
 def draw(moving: Splats, view: View, static: StaticView | None = None, layered: bool = True) -> Drawing:
     """Rasterize moving points together with a view's static ones.
 
-    layered: draw only the tiles that a moving point touches, and keep the static picture in the others. Picture and gradients of
-    the moving points are the same; static ones get no gradient.
+    Args:
+        moving: Moving splats.
+        view: View to draw.
+        static: The view's static splats; None draws the moving ones only.
+        layered: Draw only tiles that a moving point touches, and copy the static image elsewhere. The image and the gradients
+            of the moving points are the same; static points get no gradient.
     """
     count = len(moving.means2d)
     parts = moving if static is None or layered else Splats.join(moving, static.splats)
@@ -270,9 +337,13 @@ def draw(moving: Splats, view: View, static: StaticView | None = None, layered: 
 
 
 def moving_tiles(moving: Splats, view: View, static: StaticView, also: Tensor | None = None) -> MovingTiles:
-    """As `draw`, of the tiles that a moving point touches, to be compared only.
+    """Prepare a comparison of the tiles that moving points touch.
 
-    also: [S] bool, static points that get gradients too: the tiles are those where one of them is, or a moving one.
+    Args:
+        moving: Moving splats.
+        view: View to draw.
+        static: The view's static splats.
+        also: [S] bool, static points that get gradients and whose tiles are drawn too; None for none.
     """
     count, parts, where = len(moving.means2d), moving, None
     if also is not None:
@@ -284,12 +355,12 @@ def moving_tiles(moving: Splats, view: View, static: StaticView, also: Tensor | 
 
 
 def _add_background(background: Tensor | None, image: Tensor) -> Tensor:
-    """What differs from a background, added to it."""
+    """Add the background to an image that was blended relative to it."""
     return image if background is None else image + background
 
 
 def contributions(moving: Splats, view: View, static: StaticView) -> Tensor:
-    """[N] how much of a view's picture every moving point fills, in pixels: its blending weights, summed."""
+    """Return the pixels that every moving point fills in a view, [N]: the sum of its blending weights."""
     marks = torch.zeros_like(moving.colors, requires_grad=True)
     marked = replace(moving, means2d=moving.means2d.detach().requires_grad_(), colors=marks)
     draw(marked, replace(view, background=None), static).image[..., 0].sum().backward()

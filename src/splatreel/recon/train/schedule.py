@@ -1,4 +1,4 @@
-"""Which frame and which camera an iteration looks at: progressive frame sampling (paper section 4.2), then rounds of all pictures."""
+"""Order of training images: progressive frame sampling (paper section 4.2), then rounds over all images."""
 
 from __future__ import annotations
 
@@ -7,14 +7,15 @@ import torch
 from torch import Tensor
 
 LEAST_DRAWS, MOST_DRAWS = 0.5, 3.0
-"""How often a frame comes up in a round, at least and at most."""
+"""Range of how often a frame is drawn per round."""
 
 
 class FrameSchedule:
-    """Frames are let in from near to far over the first `progressive` share of training; then all pictures come in rounds.
+    """Sampler of frames and cameras.
 
-    While the frontier moves, a third of the draws goes to its last three frames: they are the ones that are still wrong. In a round
-    every picture comes up about once, in random order: as often as its frame is worse than the others were in the rounds before.
+    Frames are added in temporal order over the first `progressive` share of training. Meanwhile a third of the draws goes to
+    the last three frames, which have the largest error. After that every image is drawn about once per round, in random order;
+    frames with a larger loss in earlier rounds are drawn more often.
     """
 
     FRONTIER_SHARE = 0.35
@@ -28,31 +29,33 @@ class FrameSchedule:
         self._losses: Tensor | None = None
 
     def frontier(self, iteration: int) -> int:
-        """Last frame that may be drawn: floor(T n / N) of the paper."""
+        """Return the last frame that may be drawn: floor(T n / N) of the paper."""
         if iteration >= self.warm:
             return self.frames - 1
         return min(self.frames - 1, int(self.frames * iteration / self.warm))
 
     def draw(self, iteration: int) -> tuple[int, int]:
-        """Frame and camera."""
+        """Return the frame and the camera of an iteration."""
         if iteration < self.warm:
             return self._near(self.frontier(iteration)), int(self.rng.integers(self.cameras))
         if not self._round:
-            copies = np.floor(np.repeat(self.wanted(), self.cameras) + self.rng.random(self.frames * self.cameras))
+            copies = np.floor(
+                np.repeat(self.draws_per_round(), self.cameras) + self.rng.random(self.frames * self.cameras)
+            )
             pictures = np.repeat(np.arange(self.frames * self.cameras), copies.astype(np.int64))
             self._round = self.rng.permutation(pictures).tolist() or [
                 int(self.rng.integers(self.frames * self.cameras))
             ]
         return divmod(self._round.pop(), self.cameras)
 
-    def note(self, frame: int, camera: int, loss: Tensor) -> None:
-        """What the loss of a picture was when it came up; stays on the device of the loss until a round is over."""
+    def record_loss(self, frame: int, camera: int, loss: Tensor) -> None:
+        """Record the loss of an image. It stays on its device until the round is over."""
         if self._losses is None:
             self._losses = torch.full((self.frames, self.cameras), torch.nan, device=loss.device)
         self._losses[frame, camera] = loss.detach()
 
-    def wanted(self) -> np.ndarray:
-        """[T] how often each frame shall come up in a round, 1 in the mean: its loss by that of its cameras in other frames."""
+    def draws_per_round(self) -> np.ndarray:
+        """Return how often each frame is drawn per round, [T], mean 1: its loss relative to other frames of the same cameras."""
         share = np.ones(self.frames)
         if self._losses is not None:
             losses = self._losses.cpu().numpy().astype(np.float64)
@@ -63,6 +66,7 @@ class FrameSchedule:
         return share / share.mean()
 
     def _near(self, last: int) -> int:
+        """Draw a frame up to `last`."""
         if self.rng.random() < self.FRONTIER_SHARE:
             return max(0, last - int(self.rng.integers(self.FRONTIER_FRAMES)))
         return int(self.rng.integers(last + 1))

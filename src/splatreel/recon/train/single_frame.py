@@ -1,4 +1,4 @@
-"""One frame as a scene of its own: standard 3DGS from its images alone. The first keyframe of a run is one, and the yardstick."""
+"""Reconstruction of one frame as a static scene with 3DGS: the first keyframe of a run, and a baseline."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ import torch
 from splatreel.config import Config
 from splatreel.progress import Progress, Silent
 from splatreel.recon.cameras.color_gains import CameraGains
-from splatreel.recon.init.initialise import InitialPoints, initial_points, near_plane
+from splatreel.recon.init.initial_points import InitialPoints, initial_points, near_plane
 from splatreel.recon.init.layout import Layout, border_color, measure
 from splatreel.recon.train.keyframe import KeyframeTrainer, starting_points
 from splatreel.recon.train.pictures import Pictures
@@ -18,8 +18,8 @@ from splatreel.recon.train.render import View
 from splatreel.scene.camera import Camera
 from splatreel.scene.gaussians import Gaussians
 
-POOR = 20.0
-"""dB on the training views of a scene below which its user hears of it: pictures of noise and haste alone have more."""
+LOW_PSNR = 20.0
+"""PSNR of training images, dB, below which the user is warned. Noise and short training alone give more."""
 
 
 def reconstruct_single_frame(
@@ -33,12 +33,21 @@ def reconstruct_single_frame(
     device: torch.device | None = None,
     progress: Progress | None = None,
 ) -> tuple[Gaussians, Layout]:
-    """Reconstruct one frame as a static scene, as the first keyframe of a run is (paper section 5.1); not encoded.
+    """Reconstruct one frame as a static scene, like the first keyframe of a run (paper section 5.1). It is not encoded.
 
-    images: [C, H, W, 3] uint8 of the training cameras. points: [P, 3] and point_colors: [P, 3] 0..1, sparse points of this very
-    frame, if any. near: nothing is closer to a camera than this, world units. device: the CPU by default. progress: it
-    has `first_iterations` steps. Raises `ReconstructionError` if images and cameras do not fit, `GaussiansError` if training
-    ends in numbers that are not finite.
+    Args:
+        cameras: Training cameras.
+        images: [C, H, W, 3] uint8 of the training cameras.
+        config: Settings.
+        points: [P, 3] sparse points of this frame; None triangulates them.
+        point_colors: [P, 3] 0..1, colors of `points`.
+        near: Minimum distance of content from a camera, world units.
+        device: Device to train on; the CPU by default.
+        progress: Receives `first_iterations` steps.
+
+    Raises:
+        ReconstructionError: If images and cameras do not match.
+        GaussiansError: If training ends in NaN or infinity.
     """
     keyframe = config.keyframe
     seeds, layout = lay_out(cameras, images, config, points, point_colors, near)
@@ -59,7 +68,7 @@ def lay_out(
     point_colors: np.ndarray | None = None,
     near: float | None = None,
 ) -> tuple[InitialPoints, Layout]:
-    """Initial points of a frame and the measures of the scene. Other arguments and errors are those of `initial_points`."""
+    """Find the initial points of a frame and the measures of the scene. Arguments and errors are those of `initial_points`."""
     seeds = initial_points(cameras, images, points, point_colors, near, config.seed)
     layout = measure(cameras, seeds.points, near_plane(cameras, seeds.points))
     return seeds, replace(layout, background=border_color(images)) if config.background else layout
@@ -73,7 +82,16 @@ def first_keyframe_trainer(
     gains: CameraGains,
     config: Config,
 ) -> KeyframeTrainer:
-    """A trainer of all points of a frame, on the device of the gains. positions: [P, 3] world. colors: [P, 3] 0..1."""
+    """Create a trainer of all points of a frame, on the device of the gains.
+
+    Args:
+        positions: [P, 3] world.
+        colors: [P, 3] 0..1.
+        layout: Measures of the scene.
+        cameras: Training cameras.
+        gains: Color gains.
+        config: Settings.
+    """
     keyframe = config.keyframe
     points = starting_points(positions, colors, keyframe, layout.unit, gains.values.device)
     pixels = cameras[0].width * cameras[0].height
@@ -92,9 +110,18 @@ def train_frame(
     progress: Progress,
     unknown: np.ndarray | None = None,
 ) -> None:
-    """Train on one frame, at first in smaller sizes (`Pictures.sizes`). images: [C, H, W, 3] uint8.
+    """Train on one frame, first at smaller sizes (`Pictures.sizes`).
 
-    unknown: [C, H, W] bool, where they mean nothing.
+    Args:
+        trainer: Trainer of the points.
+        cameras: Training cameras.
+        images: [C, H, W, 3] uint8.
+        layout: Measures of the scene.
+        iterations: Iterations of training.
+        coarse_share: Share of the iterations at half size.
+        config: Settings.
+        progress: Receives the current iteration.
+        unknown: [C, H, W] bool, pixels without a valid value; None if all are valid.
     """
     device = trainer.points.means.device
     views = [View.of(camera, device, config.antialias, layout) for camera in cameras]
@@ -106,6 +133,6 @@ def train_frame(
             trainer.train(shown, end - begin, iterations, progress)
             begin = end
     progress.update(iterations, points=len(trainer.points))
-    if trainer.static is None and (psnr := trainer.psnr(pictures)) < POOR:
-        why = "the cameras do not agree on what they see. Are their poses, lenses and clocks right?"
-        progress.note(f"the pictures that were trained on come out with {psnr:.1f} dB only: {why}")
+    if trainer.static is None and (psnr := trainer.psnr(pictures)) < LOW_PSNR:
+        why = "the cameras disagree. Check their poses, intrinsics and synchronization"
+        progress.note(f"low PSNR of the training images, {psnr:.1f} dB: {why}")

@@ -1,4 +1,4 @@
-"""The stages that train: a keyframe, and how a group moves. Each takes what it looks at and gives what it learned."""
+"""Training stages of a run: the first keyframe, later keyframes and groups."""
 
 from __future__ import annotations
 
@@ -13,8 +13,7 @@ from splatreel.recon.cameras.group_input import GroupInput
 from splatreel.recon.cameras.time_offsets import TimeOffsets
 from splatreel.recon.layering.labels import convertible
 from splatreel.recon.layering.tracking import GroupStart
-from splatreel.recon.train.export import GroupResult
-from splatreel.recon.train.group import GroupTrainer
+from splatreel.recon.train.group import GroupResult, GroupTrainer
 from splatreel.recon.train.keyframe import KeyframeResult, KeyframeTrainer
 from splatreel.recon.train.losses import KEYFRAME, KEYFRAME_BEFORE_STATIC
 from splatreel.recon.train.pictures import Pictures
@@ -33,11 +32,17 @@ def train_first_keyframe(
     progress: Progress,
     unknown: np.ndarray | None = None,
 ) -> KeyframeResult:
-    """All points of the first group's keyframe, from initial ones. positions: [P, 3] world. colors: [P, 3] 0..1.
+    """Train all points of the first group's keyframe, from initial points.
 
-    unknown: [C, H, W] bool, where the pictures mean nothing.
+    Args:
+        data: Training views of the group.
+        positions: [P, 3] world.
+        colors: [P, 3] 0..1.
+        config: Settings.
+        progress: Receives the current iteration.
+        unknown: [C, H, W] bool, pixels without a valid value; None if all are valid.
     """
-    keyframe, gains = config.keyframe, gains_of(data, config)
+    keyframe, gains = config.keyframe, known_gains(data, config)
     trainer = first_keyframe_trainer(positions, colors, data.layout, data.cameras, gains, config)
     return _trained(data, trainer, keyframe.first_iterations, keyframe.coarse_share, config, progress, unknown)
 
@@ -45,11 +50,11 @@ def train_first_keyframe(
 def train_keyframe(
     data: GroupInput, dynamic: Gaussians, static: StaticPoints, config: Config, progress: Progress
 ) -> KeyframeResult:
-    """The dynamic points of a later keyframe, as the group before left them, before frozen static ones."""
+    """Train the dynamic points of a later keyframe, starting from the previous group, in front of frozen static points."""
     keyframe = config.keyframe
     points = TrainablePoints.from_gaussians(dynamic, default_rates(data.unit, keyframe.rate_scale), data.device)
     most = len(points) + max(1000, len(points) // 3)
-    gains, behind = gains_of(data, config), static.living
+    gains, behind = known_gains(data, config), static.living
     trainer = KeyframeTrainer(
         points,
         gains,
@@ -65,7 +70,7 @@ def train_keyframe(
 def train_group(
     data: GroupInput, start: GroupStart, static: StaticPoints, config: Config, progress: Progress
 ) -> GroupResult:
-    """How the dynamic points move. start: where they begin, and how about they go."""
+    """Train the motion of a group's dynamic points from an initial state."""
     trainer = group_trainer(data, start, static, config, convertible(data, static, config.layering.adapt_changed_share))
     return trainer.train(progress)
 
@@ -73,7 +78,15 @@ def train_group(
 def group_trainer(
     data: GroupInput, start: GroupStart, static: StaticPoints, config: Config, may_move: np.ndarray | None = None
 ) -> GroupTrainer:
-    """may_move: [S] bool, the static points that conversion may make dynamic; None: all that are alive."""
+    """Create the trainer of a group.
+
+    Args:
+        data: Training views of the group.
+        start: Initial state.
+        static: Static points.
+        config: Settings.
+        may_move: [S] bool, static points that may be converted; None allows all living points.
+    """
     images = torch.from_numpy(data.images).to(data.device)
     views = [View.of(camera, data.device, data.antialias, data.layout) for camera in data.cameras]
     time_offsets = TimeOffsets(len(data.cameras), config.group.time_offsets)
@@ -83,15 +96,15 @@ def group_trainer(
         start,
         static,
         config,
-        gains=gains_of(data, config),
+        gains=known_gains(data, config),
         time_offsets=time_offsets,
         may_move=may_move,
         seed=data.seed + data.span.index,
     )
 
 
-def gains_of(data: GroupInput, config: Config) -> CameraGains:
-    """As they are known so far, to be learned further."""
+def known_gains(data: GroupInput, config: Config) -> CameraGains:
+    """Return the color gains that are known so far, to be refined."""
     gains = CameraGains(len(data.cameras), data.device, config.correct_colors)
     gains.load(torch.from_numpy(data.gains).to(data.device))
     return gains

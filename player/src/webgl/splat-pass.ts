@@ -1,0 +1,81 @@
+/** Second pass: the splats of the target, each a quad, from far to near. */
+import type { Eye } from "../draw/eye";
+import { Program } from "./program";
+import { splatFragment, splatVertex } from "./shaders";
+import { integerTexture, type SplatTarget } from "./splat-target";
+import { TEXTURE_WIDTH } from "../draw/texture-layout";
+import { rowsOf } from "./textures";
+
+export class SplatPass {
+  private readonly program: Program;
+  private readonly quads: WebGLVertexArrayObject;
+  private readonly corners: WebGLBuffer;
+  private order: WebGLTexture | null = null;
+  private orderRows = 0;
+  private points = 0;
+
+  constructor(private readonly gl: WebGL2RenderingContext, private readonly target: SplatTarget) {
+    this.program = new Program(gl, splatVertex, splatFragment);
+    this.quads = gl.createVertexArray();
+    this.corners = gl.createBuffer();
+    gl.bindVertexArray(this.quads);
+    gl.bindBuffer(gl.ELEMENT_ARRAY_BUFFER, this.corners);
+    gl.bufferData(gl.ELEMENT_ARRAY_BUFFER, rowOfQuads(), gl.STATIC_DRAW);
+    gl.bindVertexArray(null);
+  }
+
+  /** Wait until its shaders are compiled. Throws `ReelError` where the driver refuses them. */
+  check(): void {
+    this.program.check();
+  }
+
+  /** Points in the order. */
+  get count(): number {
+    return this.points;
+  }
+
+  /** Far-to-near order of points, as the sort worker gave it: whole rows, of which `count` entries are points. */
+  setOrder(order: Uint32Array, count: number): void {
+    const { gl } = this;
+    const rows = rowsOf(count);
+    if (rows > this.orderRows) {
+      gl.deleteTexture(this.order);
+      this.orderRows = Math.max(rows, Math.ceil(1.25 * this.orderRows));
+      this.order = integerTexture(gl, gl.R32UI, this.orderRows);
+    }
+    gl.bindTexture(gl.TEXTURE_2D, this.order);
+    gl.texSubImage2D(gl.TEXTURE_2D, 0, 0, 0, TEXTURE_WIDTH, rows, gl.RED_INTEGER, gl.UNSIGNED_INT, order);
+    this.points = count;
+  }
+
+  run({ framebuffer, x, y, view }: Eye): void {
+    const { gl, program } = this;
+    gl.bindFramebuffer(gl.FRAMEBUFFER, framebuffer);
+    gl.viewport(x, y, view.width, view.height);
+    program.use();
+    program.texture("uShape", 0, gl.TEXTURE_2D, this.target.shape);
+    program.texture("uColor", 1, gl.TEXTURE_2D, this.target.color);
+    program.texture("uOrder", 2, gl.TEXTURE_2D, this.order);
+    gl.uniform2f(program.at("uSize"), view.width, view.height);
+    gl.bindVertexArray(this.quads);
+    gl.enable(gl.BLEND);
+    gl.blendFunc(gl.ONE, gl.ONE_MINUS_SRC_ALPHA);
+    // A row of the order an instance: instances of a single quad are slow on many devices.
+    gl.drawElementsInstanced(gl.TRIANGLES, 6 * TEXTURE_WIDTH, gl.UNSIGNED_SHORT, 0, rowsOf(this.points));
+    gl.disable(gl.BLEND);
+  }
+
+  delete(): void {
+    this.gl.deleteTexture(this.order);
+    this.gl.deleteVertexArray(this.quads);
+    this.gl.deleteBuffer(this.corners);
+    this.program.delete();
+  }
+}
+
+/** Indices of two triangles a splat, for as many splats as a row of the order holds. */
+function rowOfQuads(): Uint16Array {
+  const indices = new Uint16Array(6 * TEXTURE_WIDTH);
+  for (let i = 0; i < TEXTURE_WIDTH; i++) indices.set([0, 1, 2, 2, 1, 3].map((corner) => 4 * i + corner), 6 * i);
+  return indices;
+}

@@ -1,0 +1,154 @@
+/** The points of one file in GPU memory. */
+import { PLAIN, ReelError } from "../base/errors";
+import type { Gaussians } from "../decode/gaussians";
+import type { Offsets } from "../decode/offsets";
+import { ENTRIES_PER_ROW, ENTRY_TEXELS, POINT_TEXELS } from "./shaders";
+import { TEXTURE_WIDTH } from "../draw/texture-layout";
+
+export function rowsOf(count: number): number {
+  return Math.ceil(count / TEXTURE_WIDTH);
+}
+
+/** What stays on the CPU of a group's offsets once they are uploaded. */
+export type OffsetRange = Pick<Offsets, "frames" | "dxMin" | "dxStep" | "dqMin" | "dqStep" | "worldly" | "appearance">;
+
+export class PointTextures {
+  readonly count: number;
+  readonly shDegree: number;
+  readonly points: WebGLTexture | null = null;
+  readonly codebook: WebGLTexture | null = null;
+  readonly range: OffsetRange | null = null;
+  flags: WebGLTexture | null = null;
+  dx: WebGLTexture | null = null;
+  dq: WebGLTexture | null = null;
+  appearance: WebGLTexture | null = null;
+
+  /** firstRow: where the file's points lie in the textures the project pass draws into. */
+  constructor(private readonly gl: WebGL2RenderingContext, readonly firstRow: number, points: Gaussians, offsets: Offsets | null) {
+    this.count = points.count;
+    this.shDegree = points.shDegree;
+    if (points.count === 0) return;
+    this.points = this.uploadPoints(points);
+    if (points.shDegree > 0) this.codebook = this.uploadCodebook(points.codebook, 3 * ((points.shDegree + 1) ** 2 - 1));
+    if (offsets) {
+      this.range = offsets;
+      this.dx = this.uploadFrames(offsets.dx, offsets.frames, gl.RGBA16UI, gl.UNSIGNED_SHORT);
+      this.dq = this.uploadFrames(offsets.dq, offsets.frames, gl.RGBA8UI, gl.UNSIGNED_BYTE);
+      if (offsets.appearance) this.appearance = this.uploadFrames(offsets.appearance.data, offsets.frames, gl.RGBA8UI, gl.UNSIGNED_BYTE);
+    }
+  }
+
+  /** Flags [N] of timeline.staticFlags, for a layer. */
+  setFlags(flags: Uint8Array): void {
+    if (this.count === 0) return;
+    const { gl } = this;
+    const rows = rowsOf(this.count);
+    const padded = new Uint8Array(rows * TEXTURE_WIDTH);
+    padded.set(flags);
+    if (this.flags === null) {
+      this.flags = this.create(gl.TEXTURE_2D);
+      gl.texStorage2D(gl.TEXTURE_2D, 1, gl.R8UI, TEXTURE_WIDTH, rows);
+    }
+    gl.bindTexture(gl.TEXTURE_2D, this.flags);
+    gl.pixelStorei(gl.UNPACK_ALIGNMENT, 1);
+    gl.texSubImage2D(gl.TEXTURE_2D, 0, 0, 0, TEXTURE_WIDTH, rows, gl.RED_INTEGER, gl.UNSIGNED_BYTE, padded);
+  }
+
+  delete(): void {
+    for (const texture of [this.points, this.codebook, this.flags, this.dx, this.dq, this.appearance]) this.gl.deleteTexture(texture);
+  }
+
+  private uploadPoints(points: Gaussians): WebGLTexture {
+    const { gl } = this;
+    const rows = rowsOf(points.count);
+    const layer = rows * TEXTURE_WIDTH * 4;
+    const words = new Uint32Array(POINT_TEXELS * layer);
+    const floats = new Float32Array(words.buffer);
+    const { means, quats, scales, opacities, shBase, shRest } = points;
+    for (let i = 0; i < points.count; i++) {
+      let at = 4 * i;
+      for (let a = 0; a < 3; a++) floats[at + a] = means[3 * i + a];
+      words[at + 3] = shRest[i];
+      at += layer;
+      for (let a = 0; a < 3; a++) floats[at + a] = scales[3 * i + a];
+      words[at + 3] = halves(opacities[i], shBase[3 * i]);
+      at += layer;
+      words[at] = halves(quats[4 * i], quats[4 * i + 1]);
+      words[at + 1] = halves(quats[4 * i + 2], quats[4 * i + 3]);
+      words[at + 2] = halves(shBase[3 * i + 1], shBase[3 * i + 2]);
+    }
+    const texture = this.create(gl.TEXTURE_2D_ARRAY);
+    gl.texStorage3D(gl.TEXTURE_2D_ARRAY, 1, gl.RGBA32UI, TEXTURE_WIDTH, rows, POINT_TEXELS);
+    gl.texSubImage3D(gl.TEXTURE_2D_ARRAY, 0, 0, 0, 0, TEXTURE_WIDTH, rows, POINT_TEXELS, gl.RGBA_INTEGER, gl.UNSIGNED_INT, words);
+    return texture;
+  }
+
+  private uploadCodebook(codebook: Float32Array, numbers: number): WebGLTexture {
+    const { gl } = this;
+    const entries = codebook.length / numbers;
+    const rows = Math.ceil(entries / ENTRIES_PER_ROW);
+    const most = gl.getParameter(gl.MAX_TEXTURE_SIZE) as number;
+    if (rows > most) throw new ReelError(`A file of the reel has more view-dependent colors than this device holds (${entries} of ${most * ENTRIES_PER_ROW}).`, { plain: PLAIN.device });
+    const width = ENTRIES_PER_ROW * ENTRY_TEXELS;
+    const values = new Float32Array(rows * width * 4);
+    for (let e = 0; e < entries; e++) {
+      for (let i = 0; i < numbers; i++) {
+        values[4 * (e * ENTRY_TEXELS + Math.floor(i / 3)) + (i % 3)] = codebook[e * numbers + i];
+      }
+    }
+    const texture = this.create(gl.TEXTURE_2D);
+    gl.texStorage2D(gl.TEXTURE_2D, 1, gl.RGBA16F, width, rows);
+    gl.texSubImage2D(gl.TEXTURE_2D, 0, 0, 0, width, rows, gl.RGBA, gl.FLOAT, values);
+    return texture;
+  }
+
+  /** [T, N, 4] into one layer a frame: whole rows, then what is left of the last one. */
+  private uploadFrames(values: Uint16Array | Uint8Array, frames: number, format: number, type: number): WebGLTexture {
+    const { gl, count } = this;
+    const texture = this.create(gl.TEXTURE_2D_ARRAY);
+    gl.texStorage3D(gl.TEXTURE_2D_ARRAY, 1, format, TEXTURE_WIDTH, rowsOf(count), frames);
+    gl.pixelStorei(gl.UNPACK_ALIGNMENT, 1);
+    const whole = Math.floor(count / TEXTURE_WIDTH);
+    const left = count - whole * TEXTURE_WIDTH;
+    const part = (t: number, row: number, width: number, rows: number): void => {
+      const first = 4 * (t * count + row * TEXTURE_WIDTH);
+      const data = values.subarray(first, first + 4 * width * rows);
+      gl.texSubImage3D(gl.TEXTURE_2D_ARRAY, 0, 0, row, t, width, rows, 1, gl.RGBA_INTEGER, type, data);
+    };
+    for (let t = 0; t < frames; t++) {
+      if (whole > 0) part(t, 0, TEXTURE_WIDTH, whole);
+      if (left > 0) part(t, whole, left, 1);
+    }
+    return texture;
+  }
+
+  private create(target: number): WebGLTexture {
+    const { gl } = this;
+    const texture = gl.createTexture();
+    gl.bindTexture(target, texture);
+    for (const name of [gl.TEXTURE_MIN_FILTER, gl.TEXTURE_MAG_FILTER]) gl.texParameteri(target, name, gl.NEAREST);
+    for (const name of [gl.TEXTURE_WRAP_S, gl.TEXTURE_WRAP_T]) gl.texParameteri(target, name, gl.CLAMP_TO_EDGE);
+    return texture;
+  }
+}
+
+const float = new Float32Array(1);
+const bits = new Uint32Array(float.buffer);
+
+/** Bits of the nearest half-precision number. */
+export function half(value: number): number {
+  float[0] = value;
+  const x = bits[0];
+  const sign = (x >>> 16) & 0x8000;
+  const magnitude = x & 0x7fffffff;
+  if (magnitude >= 0x47800000) return sign | 0x7bff; // too large: the largest half
+  if (magnitude < 0x38800000) {
+    // Subnormal: a multiple of 2^-24.
+    return sign | Math.round(Math.abs(value) * 2 ** 24);
+  }
+  return Math.min((sign | ((magnitude - 0x38000000 + 0x1000) >>> 13)) & 0xffff, sign | 0x7bff);
+}
+
+function halves(low: number, high: number): number {
+  return (half(low) | (half(high) << 16)) >>> 0;
+}

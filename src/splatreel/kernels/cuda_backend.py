@@ -1,0 +1,142 @@
+"""The CUDA backend: gsplat's kernels."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import torch
+import torch.nn.functional as functional
+from torch import Tensor
+
+from splatreel.errors import MissingDependencyError
+from splatreel.kernels.backend import Backend, FrozenSplats, Splats
+from splatreel.kernels.cpu.project import BLUR, FINE_BLUR
+
+TILE = 16
+
+
+def _gsplat():
+    try:
+        import gsplat
+    except ImportError as error:
+        raise MissingDependencyError(
+            "Tensors are on CUDA, but gsplat is not installed. Run `pip install splatreel[cuda]`, or use --device cpu."
+        ) from error
+    return gsplat
+
+
+@dataclass(frozen=True)
+class Held:
+    """Splats that do not change. spans: [M, 4] the tiles that each touches, see `tile_spans`."""
+
+    splats: Splats
+    spans: Tensor
+
+
+class CudaBackend(Backend):
+    """Kernels for CUDA tensors: gsplat's. What gsplat lacks is plain torch."""
+
+    def project(
+        self,
+        means: Tensor,
+        quats: Tensor,
+        scales: Tensor,
+        viewmat: Tensor | np.ndarray,
+        K: Tensor | np.ndarray,
+        width: int,
+        height: int,
+        near: float,
+        antialias: bool,
+    ) -> tuple[Tensor, Tensor, Tensor, Tensor]:
+        """Return means2d, conics, depths and radii. gsplat leaves the rows of culled Gaussians unset; they become zero here."""
+        pose = torch.as_tensor(viewmat, dtype=torch.float32, device=means.device)[None]
+        lens = torch.as_tensor(K, dtype=torch.float32, device=means.device)[None]
+        blur = FINE_BLUR if antialias else BLUR
+        radii, means2d, depths, conics, _ = _gsplat().fully_fused_projection(
+            means, None, quats, scales, pose, lens, width, height, eps2d=blur, near_plane=near
+        )
+        radii = radii[0].amax(-1).int()
+        seen = radii > 0
+        zero = torch.zeros((), device=means.device)
+        means2d = torch.where(seen[:, None], means2d[0], zero)
+        conics = torch.where(seen[:, None], conics[0], zero)
+        return means2d, conics, torch.where(seen, depths[0], zero), radii
+
+    def spherical_harmonics(self, degree: int, directions: Tensor, coefficients: Tensor) -> Tensor:
+        return _gsplat().spherical_harmonics(degree, directions, coefficients)
+
+    def rasterize(self, splats: Splats, width: int, height: int, tiles: Tensor | None = None) -> tuple[Tensor, Tensor]:
+        """Return image and alpha. tiles: [rows, columns] bool, the tiles to draw; gsplat leaves the other tiles empty."""
+        means2d, conics, colors, opacities, depths, radii = splats
+        gsplat = _gsplat()
+        tiles_x, tiles_y = -(-width // TILE), -(-height // TILE)
+        extents = radii[None, :, None].expand(-1, -1, 2).contiguous()
+        _, pairs, ids = gsplat.isect_tiles(
+            means2d.detach()[None], extents, depths.detach()[None], TILE, tiles_x, tiles_y
+        )
+        offsets = gsplat.isect_offset_encode(pairs, 1, tiles_x, tiles_y)
+        masks = None if tiles is None else tiles[None].contiguous()
+        image, alpha = gsplat.rasterize_to_pixels(
+            means2d[None], conics[None], colors[None], opacities[None], width, height, TILE, offsets, ids, masks=masks
+        )
+        return image[0], alpha[0, ..., 0]
+
+    def freeze(self, splats: Splats, width: int, height: int) -> FrozenSplats:
+        means2d, conics, colors, opacities, depths, radii = splats
+        kept = means2d.detach(), conics.detach(), colors.detach(), opacities.detach(), depths, radii
+        image, alpha = self.rasterize(kept, width, height)
+        return FrozenSplats(image, alpha, Held(kept, tile_spans(means2d, radii, width, height)))
+
+    def remove(self, frozen: FrozenSplats, gone: Tensor) -> FrozenSplats:
+        """Return the same rows, where the removed splats have no opacity."""
+        means2d, conics, colors, opacities, depths, radii = frozen.held.splats
+        height, width = frozen.alpha.shape
+        return self.freeze((means2d, conics, colors, opacities.index_fill(0, gone, 0.0), depths, radii), width, height)
+
+    def rasterize_among(self, splats: Splats, frozen: FrozenSplats) -> tuple[Tensor, Tensor, Tensor]:
+        """Draw the tiles that any of the splats touches, with the frozen splats that touch one of these tiles."""
+        height, width = frozen.alpha.shape
+        tiles = touched_tiles(tile_spans(splats[0], splats[-1], width, height), width, height)
+        near = touching(frozen.held.spans, tiles)
+        m, c, k, o, d, r = (
+            torch.cat([some, all_[near]]) for some, all_ in zip(splats, frozen.held.splats, strict=True)
+        )
+        image, alpha = self.rasterize((m, c, k, o, d, r), width, height, tiles)
+        drawn = tiles.repeat_interleave(TILE, 0).repeat_interleave(TILE, 1)[:height, :width]
+        return torch.where(drawn[..., None], image, frozen.image), torch.where(drawn, alpha, frozen.alpha), tiles
+
+
+def tile_spans(means2d: Tensor, radii: Tensor, width: int, height: int) -> Tensor:
+    """Return [N, 4]: first and last tile column, first and last tile row that each splat touches; last < first if none.
+
+    The square around the radius decides, as in gsplat.
+    """
+    low = ((means2d.detach() - radii[:, None]) / TILE).floor().long()
+    high = ((means2d.detach() + radii[:, None]) / TILE).floor().long()
+    columns, rows = -(-width // TILE), -(-height // TILE)
+    left, right = low[:, 0].clamp_min(0), high[:, 0].clamp_max(columns - 1)
+    top, bottom = low[:, 1].clamp_min(0), high[:, 1].clamp_max(rows - 1)
+    seen = (radii > 0) & (right >= left) & (bottom >= top)
+    empty = torch.tensor([0, -1, 0, -1], device=means2d.device)
+    return torch.where(seen[:, None], torch.stack([left, right, top, bottom], 1), empty)
+
+
+def touched_tiles(spans: Tensor, width: int, height: int) -> Tensor:
+    """Return [rows, columns] bool: the tiles that any splat of spans [N, 4] touches, by sums over corners."""
+    rows, columns = -(-height // TILE), -(-width // TILE)
+    there = (spans[:, 1] >= spans[:, 0]).long()  # a weight of 0 or 1: dropping rows would wait for the GPU
+    left, right, top, bottom = (spans.long() * there[:, None]).unbind(1)
+    corners = torch.zeros((rows + 1) * (columns + 1), dtype=torch.int64, device=spans.device)
+    for y, x, sign in ((top, left, 1), (top, right + 1, -1), (bottom + 1, left, -1), (bottom + 1, right + 1, 1)):
+        corners.index_add_(0, y * (columns + 1) + x, there, alpha=sign)
+    return corners.view(rows + 1, columns + 1).cumsum(0).cumsum(1)[:rows, :columns] > 0
+
+
+def touching(spans: Tensor, tiles: Tensor) -> Tensor:
+    """Return [M] int64: the splats of spans [N, 4] that touch any of the tiles [rows, columns] bool, by sums over rectangles."""
+    area = functional.pad(tiles.long().cumsum(0).cumsum(1), (1, 0, 1, 0))
+    left, right, top, bottom = spans.long().unbind(1)
+    right, bottom = right.clamp_min(-1) + 1, bottom.clamp_min(-1) + 1
+    inside = area[bottom, right] - area[top, right] - area[bottom, left] + area[top, left]
+    return torch.nonzero((inside > 0) & (right > left))[:, 0]

@@ -1,0 +1,163 @@
+"""Writing of finished groups from checkpoints to a reel, in order."""
+
+from __future__ import annotations
+
+import dataclasses
+import os
+from collections import deque
+from collections.abc import Callable
+from concurrent.futures import Future, ThreadPoolExecutor
+from dataclasses import dataclass
+
+import numpy as np
+import torch
+
+from splatreel.codec.predictive.precision import Steps
+from splatreel.codec.writer import ReelWriter
+from splatreel.recon.encode.importance import Importance, group_importance
+from splatreel.recon.run.store import Store, StoredGroup, StoredLayer
+from splatreel.scene.gaussians import Gaussians
+from splatreel.scene.group import Group
+
+MAX_WORKERS = 8
+"""Maximum number of groups encoded at a time. Each is held in memory."""
+
+PresentationHook = Callable[[ReelWriter, int | None], None]
+"""Hook that adds content beside the points, such as a poster. It is called with a group's index after each group, and with
+None at the end, before the reel is declared complete."""
+
+
+def no_presentation(writer: ReelWriter, group: int | None) -> None:
+    """Add nothing."""
+
+
+@dataclass(frozen=True)
+class PreparedGroup:
+    """A group to be encoded, and the encoded layers that are born at it."""
+
+    group: Group
+    importance: np.ndarray | None
+    steps: Steps
+    layers: list[PreparedLayer]
+
+
+@dataclass(frozen=True)
+class PreparedLayer:
+    """An encoded layer and the order of its points. until: the group at which the layer is retired; None if never."""
+
+    points: Gaussians
+    data: bytes
+    order: np.ndarray
+    until: int | None
+
+
+class GroupWriter:
+    """Writer of finished groups from checkpoints, in order from the first.
+
+    Attributes:
+        writer: Writer of the reel.
+        store: Checkpoints.
+        device: Device on which missing importance is measured.
+        measured: Importance measured here, by group. Another writer of the same store can reuse it.
+        encoded: Write the files that chapters encoded, instead of encoding again.
+    """
+
+    def __init__(
+        self,
+        writer: ReelWriter,
+        store: Store,
+        device: torch.device,
+        measured: dict[int, Importance] | None = None,
+        encoded: bool = False,
+    ) -> None:
+        self.writer, self.store, self.device, self.encoded = writer, store, device, encoded
+        self.measured = {} if measured is None else measured
+        self._firsts = store.chapter_firsts()
+        self._shared = self._order = np.zeros(0, np.int64)
+
+    def write(self, index: int) -> None:
+        """Write a group."""
+        ready = self._prepare(index)
+        self._write(ready, self.store.group(index).encoded_group() if self.encoded else None)
+
+    def write_all(self, count: int, done: Callable[[int], None]) -> None:
+        """Write the first `count` groups. The predictive codec encodes several at a time, in threads.
+
+        Args:
+            count: Number of groups.
+            done: Called with the number of groups written so far.
+        """
+        workers = min(os.cpu_count() or 1, MAX_WORKERS) if self.writer.config.codec == "predictive" else 1
+        waiting: deque[tuple[PreparedGroup, Future[dict[str, bytes]]]] = deque()
+        with ThreadPoolExecutor(workers) as pool:
+            for index in range(count):
+                ready = self._prepare(index)
+                files = pool.submit(self.writer.encoder.group, ready.group, ready.importance, ready.steps)
+                waiting.append((ready, files))
+                while len(waiting) > (workers if index + 1 < count else 0):
+                    before, files = waiting.popleft()
+                    self._write(before, files.result())
+                    done(before.group.index + 1)
+
+    def skip(self, index: int) -> None:
+        """Pass over a group that the reel contains already."""
+        for shared, layer in self._born(index):
+            self._extend(np.arange(len(layer.trained)), shared)
+
+    def _prepare(self, index: int) -> PreparedGroup:
+        stored = self.store.group(index).group()
+        group = stored.group
+        born = self._born(index)
+        moving, resting = self._importance(stored, [layer for _, layer in born])
+        layers = []
+        for shared, layer in born:
+            known = layer.importance
+            if known is None and resting is not None:
+                known = resting[len(self._order) : len(self._order) + len(layer.trained)]
+            layers.append(self._ready(index, group.first_frame, layer, known, shared))
+            self._extend(layers[-1].order, shared)
+        # The alive bits are in the order of training; another encoder may order the points differently.
+        group = dataclasses.replace(group, alive=group.alive[self._order])
+        return PreparedGroup(group, moving, stored.steps, layers)
+
+    def _born(self, index: int) -> list[tuple[bool, StoredLayer]]:
+        """Return the layers born at a group, each with a flag: shared by all chapters."""
+        own, shared = self.store.group(index).layer(), None
+        if self._firsts is not None and index in self._firsts:
+            self._order = self._shared  # the layers of the previous chapter retire here
+            shared = self.store.scene.layer() if index == 0 else None
+        return [(s, layer) for s, layer in ((True, shared), (False, own)) if layer is not None and len(layer.trained)]
+
+    def _extend(self, order: np.ndarray, shared: bool) -> None:
+        self._order = np.concatenate([self._order, len(self._order) + order])
+        if shared:
+            self._shared = self._order
+
+    def _ready(
+        self, index: int, first_frame: int, layer: StoredLayer, importance: np.ndarray | None, shared: bool
+    ) -> PreparedLayer:
+        until = None if shared or self._firsts is None else min((f for f in self._firsts if f > index), default=None)
+        store = self.store.scene if shared else self.store.group(index)
+        data = store.encoded_layer() if self.encoded else None
+        if data is not None:
+            return PreparedLayer(layer.trained, data, np.arange(len(layer.trained)), until)
+        encoded = self.writer.encoder.layer(index, first_frame, layer.trained, importance, layer.steps)
+        return PreparedLayer(layer.trained, *encoded, until)
+
+    def _importance(self, stored: StoredGroup, born: list[StoredLayer]) -> Importance:
+        """Return the importance that the run measured, or measure it now."""
+        if stored.importance is not None and all(layer.importance is not None for layer in born):
+            return stored.importance, None
+        index = stored.group.index
+        if index not in self.measured:
+            static = self.store.static(index)
+            reel = self.writer.manifest, self.writer.config
+            self.measured[index] = group_importance(*reel, static, stored.group, self.device)
+        return self.measured[index]
+
+    def _write(self, ready: PreparedGroup, files: dict[str, bytes] | None) -> None:
+        group = ready.group
+        for layer in ready.layers:
+            encoded = layer.data, layer.order
+            self.writer.add_layer(group.index, group.first_frame, layer.points, encoded=encoded, until=layer.until)
+        self.writer.add_group(group, encoded=files or self.writer.encoder.group(group, ready.importance, ready.steps))

@@ -1,0 +1,199 @@
+"""Choice of steps by slope: as fine as held-out views need."""
+
+from dataclasses import asdict, astuple, replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+import torch
+
+from splatreel.codec.encoder import ReelEncoder
+from splatreel.codec.group_file import decode_group, decode_layer
+from splatreel.codec.predictive.precision import STEPS, Steps
+from splatreel.config import EncodeConfig
+from splatreel.recon.cameras.group_input import GroupInput
+from splatreel.recon.coverage.trial import Trial
+from splatreel.recon.encode.step_choice import (
+    COARSEST,
+    FINEST,
+    Slope,
+    encode_group_by_slope,
+    encode_layer_by_slope,
+    equal_slopes,
+)
+from splatreel.recon.init.layout import Layout
+from splatreel.recon.run.checkpoint import load_arrays, save_arrays
+from splatreel.recon.run.store import Store, StoredGroup, StoredLayer
+from splatreel.scene.gaussians import Gaussians
+from splatreel.scene.group import Group
+from splatreel.scene.spans import GroupSpan
+from splatreel.scene.static_points import StaticPoints
+from tests.recon.captures import blots
+from tests.recon.scenes import ring
+
+FRAMES = 4
+CLOSE = Trial("cam00", 10.0, 99.0, 12.0, 12.0)
+"""A trial after which new views are no worse than others."""
+
+
+def uneven(points: Gaussians) -> Gaussians:
+    """Return points of different sizes and opacities, so that their rounding errors differ."""
+    rng = np.random.default_rng(2)
+    scales = points.scales * rng.uniform(0.7, 1.3, points.scales.shape)
+    return Gaussians(points.means, points.quats, scales, rng.uniform(0.6, 0.99, len(points)), points.sh)
+
+
+WALL = uneven(blots(200, [-3, -2, 0.5], [3, 2, 2.0], 0.1, 0))
+THING = uneven(blots(30, [-1.6, -0.6, -0.6], [-0.6, 0.6, 0.2], 0.08, 1))
+
+
+def moving() -> Group:
+    dx = np.zeros((FRAMES, len(THING), 3), np.float32)
+    dx[:, :, 0] = 0.2 * np.arange(FRAMES)[:, None]
+    dq = np.tile(np.array([1, 0, 0, 0], np.float32), (FRAMES, len(THING), 1))
+    return Group(0, 0, THING, dx, dq, np.ones(len(WALL), bool))
+
+
+def seen(noise: float) -> GroupInput:
+    """Draw both for all cameras. noise: standard deviation, gray levels."""
+    cameras = ring(4, width=96, height=64)
+    blank = np.zeros((FRAMES, len(cameras), 64, 96, 3), np.uint8)
+    layout = Layout(0.1, 4.0, [0.0, -1, 0], [[-3.0, -2, -1], [3, 2, 1]], background=(0.2, 0.3, 0.4))
+    gains, late = np.full((len(cameras), 3), 1.1, np.float32), np.zeros(len(cameras))
+    span, cpu = GroupSpan(0, 0, FRAMES, FRAMES), torch.device("cpu")
+    data = GroupInput(span, blank, cameras, gains, late, None, layout, cpu, 0, False)
+    rng, group = np.random.default_rng(0), moving()
+    for frame in range(FRAMES):
+        for c, camera in enumerate(cameras):
+            picture = 255 * 1.1 * data.draw(Gaussians.concatenate([group.at(float(frame)), WALL]), camera)
+            blank[frame, c] = np.rint(picture + rng.normal(0, noise, picture.shape)).clip(0, 255)
+    return data
+
+
+def lost(data: GroupInput, thing: Group, wall: Gaussians) -> float:
+    """Return the loss of PSNR, dB, relative to the original points, over all frames and cameras."""
+    errors = []
+    for group, resting in ((moving(), WALL), (thing, wall)):
+        every = (Gaussians.concatenate([group.at(float(frame)), resting]) for frame in range(FRAMES))
+        shown = [[np.clip(1.1 * data.draw(points, c), 0, 1) for c in data.cameras] for points in every]
+        errors.append(np.square(np.array(shown) - data.images / 255).mean())
+    return float(10 * np.log10(errors[1] / errors[0]))
+
+
+def size(steps: Steps) -> float:
+    """Return the geometric mean of the steps that every file has, in multiples of the default steps."""
+    chosen, usual = (np.array(astuple(some)) for some in (steps, STEPS))
+    kept = [name not in ("rest", "motion", "turn", "shade") for name in asdict(STEPS)]
+    return float(np.exp(np.log(chosen / usual)[kept].mean()))
+
+
+def layer(noise: float, trial: Trial | None = CLOSE, config: EncodeConfig | None = None) -> tuple[bytes, Steps]:
+    data, importance = seen(noise), np.ones((len(WALL), 3), np.float32)
+    encoder = ReelEncoder(config or EncodeConfig())
+    (file, order), steps = encode_layer_by_slope(encoder, data, WALL, THING, len(THING), importance, trial)
+    assert sorted(order) == list(range(len(WALL)))
+    return file, steps
+
+
+def test_layer_loss_is_small_at_any_distance() -> None:
+    losses = {}
+    for noise in (1.0, 12.0):
+        file, steps = layer(noise)
+        losses[noise] = size(steps), lost(seen(noise), moving(), decode_layer(file, "layer")[1])
+    assert losses[1.0][0] < 0.7 * losses[12.0][0]
+    assert max(loss for _, loss in losses.values()) < 0.3
+
+
+def test_noisy_views_give_coarser_steps() -> None:
+    file, steps = layer(40.0)
+    usual, _ = ReelEncoder(EncodeConfig()).layer(0, 0, WALL, np.ones((len(WALL), 3), np.float32))
+    assert size(steps) > 1.3
+    assert len(file) < len(usual)
+
+
+def test_near_group_loses_less() -> None:
+    data, encoder, static = seen(1.0), ReelEncoder(EncodeConfig()), StaticPoints(WALL, np.ones(len(WALL), bool))
+    importance, uri = np.ones((len(THING), 3), np.float32), "groups/0000.safetensors"
+    files, steps = encode_group_by_slope(encoder, data, moving(), static, importance, CLOSE)
+    assert size(steps) < 1
+    usual = encoder.group(moving(), importance)[uri]
+    losses = [lost(data, decode_group(made, "group"), WALL) for made in (usual, files[uri])]
+    assert losses[1] < 0.5 * losses[0]
+
+
+def test_steps_follow_trial_error() -> None:
+    close, far, farther = (size(layer(1.0, replace(CLOSE, psnr=psnr))[1]) for psnr in (99.0, 40.0, 30.0))
+    assert close < far < farther
+
+
+def test_steps_are_finer_for_small_share_of_reel() -> None:
+    """The price is per 10 % of the reel. If groups take most bytes, a layer's bytes are cheap."""
+    data, importance, encoder = seen(6.0), np.ones((len(WALL), 3), np.float32), ReelEncoder(EncodeConfig())
+    few, many = (
+        size(encode_layer_by_slope(encoder, data, WALL, THING, n, importance, CLOSE)[1]) for n in (0, 20 * len(WALL))
+    )
+    assert many < 0.7 * few
+
+
+def test_group_without_dynamic_points_uses_default_steps() -> None:
+    data, encoder, static = seen(1.0), ReelEncoder(EncodeConfig()), StaticPoints(WALL, np.ones(len(WALL), bool))
+    still = Group(0, 0, THING[:0], np.zeros((4, 0, 3), np.float32), np.zeros((4, 0, 4), np.float32), static.alive)
+    files, steps = encode_group_by_slope(encoder, data, still, static, np.zeros((0, 3), np.float32), CLOSE)
+    assert steps == STEPS
+    assert files == encoder.group(still)
+
+
+def test_steps_without_trial_use_training_views() -> None:
+    """Held-out views are assumed to have twice the error of training views, so that steps are larger."""
+    tried, untried = size(layer(6.0)[1]), size(layer(6.0, None)[1])
+    assert 1.2 * tried < untried < 3 * tried
+
+
+def test_coarseness_multiplies_chosen_steps() -> None:
+    """Measuring at another coarseness would compensate it."""
+    usual, coarse = (layer(6.0, CLOSE, EncodeConfig(coarseness=value)) for value in (0.65, 1.95))
+    assert usual[1] == coarse[1]
+    assert len(coarse[0]) < 0.95 * len(usual[0])
+
+
+def test_equal_slopes_gives_attributes_same_slope() -> None:
+    slopes = {"shape": Slope(900.0, 4e-7), "color": Slope(100.0, 9e-7), "rest": Slope(400.0, 1e-8)}
+    price = 8e-10
+    steps = equal_slopes(STEPS, slopes, price)
+    for attribute in ("shape", "color"):
+        factor = getattr(steps, attribute) / getattr(STEPS, attribute)
+        # The error is error * factor^2 and the bytes fall by saved * d factor / factor.
+        assert 2 * slopes[attribute].error * factor**2 / slopes[attribute].saved == pytest.approx(price)
+    assert steps.rest == pytest.approx(4 * STEPS.rest)
+    assert (steps.position, steps.motion) == (STEPS.position, STEPS.motion)
+
+
+def test_equal_slopes_clamps_steps() -> None:
+    slopes = {"shape": Slope(1.0, 1.0), "color": Slope(1e6, 0.0)}
+    steps = equal_slopes(STEPS, slopes, 1e-9)
+    assert steps.shape == pytest.approx(FINEST * STEPS.shape)
+    assert steps.color == pytest.approx(COARSEST * STEPS.color)
+
+
+def test_paper_codec_uses_default_steps() -> None:
+    assert layer(1.0, CLOSE, EncodeConfig(codec="h265"))[1] == STEPS
+
+
+def test_checkpoint_keeps_steps(tmp_path: Path) -> None:
+    store = Store(tmp_path).group(0)
+    store.save_layer(StoredLayer(WALL, WALL, None, STEPS.scaled(0.3)))
+    store.save_group(StoredGroup(moving(), None, replace(STEPS, rest=0.05)))
+    assert store.layer().steps == STEPS.scaled(0.3)
+    assert store.group().steps == replace(STEPS, rest=0.05)
+
+
+def test_old_checkpoint_has_one_factor_or_none(tmp_path: Path) -> None:
+    store = Store(tmp_path).group(0)
+    store.save_layer(StoredLayer(WALL, WALL))
+    file = store.folder / "layer.safetensors"
+    arrays = load_arrays(file)
+    del arrays["steps"]
+    save_arrays(file, arrays)
+    assert store.layer().steps == STEPS
+    save_arrays(file, arrays | {"fineness": np.array([0.5])})
+    assert store.layer().steps == STEPS.scaled(0.5)
