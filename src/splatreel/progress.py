@@ -63,11 +63,14 @@ class Progress(Protocol):
 class Silent:
     """Progress display that shows nothing."""
 
-    def stage(self, name: str, total: int, span: Span | None = None) -> None: ...
+    def stage(self, name: str, total: int, span: Span | None = None) -> None:
+        """Show nothing."""
 
-    def update(self, done: int, **numbers: float) -> None: ...
+    def update(self, done: int, **numbers: float) -> None:
+        """Show nothing."""
 
-    def note(self, text: str) -> None: ...
+    def note(self, text: str) -> None:
+        """Show nothing."""
 
 
 class PartOf:
@@ -83,15 +86,18 @@ class PartOf:
         self._progress, self._begin, self._end = progress, begin, end
 
     def stage(self, name: str, total: int, span: Span | None = None) -> None:
+        """Start a stage."""
         if span is not None:
             scale = self._end - self._begin
             span = self._begin + scale * span[0], self._begin + scale * span[1]
         self._progress.stage(name, total, span)
 
     def update(self, done: int, **numbers: float) -> None:
+        """Show nothing."""
         self._progress.update(done, **numbers)
 
     def note(self, text: str) -> None:
+        """Show nothing."""
         self._progress.note(text)
 
 
@@ -113,6 +119,7 @@ class Estimate:
         self._stage_start = clock()
 
     def stage(self, total: int, span: Span | None) -> None:
+        """Start a stage."""
         if self.span is not None:
             self._job_seconds += self.stage_seconds
         self.total, self.done, self.span = total, 0, span
@@ -122,6 +129,7 @@ class Estimate:
 
     @property
     def stage_seconds(self) -> float:
+        """Show nothing."""
         return self._clock() - self._stage_start
 
     @property
@@ -162,6 +170,7 @@ class Lines:
         self._watch: threading.Thread | None = None
 
     def stage(self, name: str, total: int, span: Span | None = None) -> None:
+        """Start a stage."""
         with self._lock:
             self._name, self._ended = name, False
             self._estimate.stage(total, span)
@@ -172,6 +181,7 @@ class Lines:
             self._watch.start()
 
     def update(self, done: int, **numbers: float) -> None:
+        """Report finished steps."""
         with self._lock:
             finished = done >= self._estimate.total
             if finished and self._ended:
@@ -188,11 +198,13 @@ class Lines:
             self._print(", ".join(p for p in parts if p))
 
     def note(self, text: str) -> None:
+        """Show one line."""
         with self._lock:
             self._last = self._clock()
             self._print(text)
 
     def close(self) -> None:
+        """End the display."""
         self._closed.set()
         with self._lock:
             self._stream.flush()
@@ -267,6 +279,7 @@ class Terminal:
         self._estimate = Estimate()
 
     def stage(self, name: str, total: int, span: Span | None = None) -> None:
+        """Start a stage."""
         if self._task is None:
             self._bars.start()
         self._bars.settle()
@@ -274,6 +287,7 @@ class Terminal:
         self._task = self._bars.add_task(name, total=total, text="")
 
     def update(self, done: int, **numbers: float) -> None:
+        """Report finished steps."""
         self._estimate.done = done
         left = self._estimate.seconds_left() if done < self._estimate.total else None
         time_text = "" if left is None or left < 0.5 else self._estimate.in_words(left)
@@ -281,9 +295,11 @@ class Terminal:
         self._bars.update(self._task, completed=done, text=text)
 
     def note(self, text: str) -> None:
+        """Show nothing."""
         self._bars.console.print(printable(text), markup=False, highlight=False)
 
     def close(self) -> None:
+        """Show nothing."""
         self._bars.stop()
 
 

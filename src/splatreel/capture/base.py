@@ -184,10 +184,12 @@ class Capture(ABC):
 
     @property
     def width(self) -> int:
+        """Width of the images in pixels."""
         return self.cameras[0].width
 
     @property
     def height(self) -> int:
+        """Height of the images in pixels."""
         return self.cameras[0].height
 
     def camera(self, name: str) -> Camera:

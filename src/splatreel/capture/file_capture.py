@@ -25,7 +25,8 @@ class FrameSource(Protocol):
     fps: float
 
     @property
-    def frames(self) -> int: ...
+    def frames(self) -> int:
+        """Number of time steps."""
 
     def read_camera(self, out: np.ndarray, first: int, name: str) -> None:
         """Read time steps from `first` on of a camera into out [count, H, W, 3] uint8, resized to H x W."""
@@ -133,13 +134,17 @@ class FileCapture(Capture):
         self.frames = min(available, self.limit or available) - self.first_frame
 
     def sources(self) -> list[Path]:
+        """Return the files that are read."""
         return self._source.sources(self.first_frame, self.frames)
 
     def frame_tables(self) -> dict[str, FrameTable]:
+        """Return the frame tables of the videos."""
         return {path.relative_to(self.path).as_posix(): table for path, table in self._source.tables().items()}
 
     def tracks(self) -> dict[str, Track]:
+        """Return the sound by camera."""
         return self._source.tracks(self.first_frame)
 
     def close(self) -> None:
+        """Close open files."""
         self._source.close()

@@ -40,9 +40,11 @@ class LocalFiles:
     """Files on this machine."""
 
     def source(self, path: Path) -> Any:
+        """Return an argument for PyAV and Pillow."""
         return str(path)
 
     def raw(self, path: Path) -> BinaryIO:
+        """Open a file for random access."""
         return open(path, "rb")
 
 
@@ -88,9 +90,11 @@ class RemoteCaptureFiles:
             self._place(name, size)
 
     def source(self, path: Path) -> Any:
+        """Return an argument for PyAV and Pillow."""
         return self.raw(path) if path.is_relative_to(self.root) else str(path)
 
     def raw(self, path: Path) -> BinaryIO:
+        """Open a file for random access."""
         if not path.is_relative_to(self.root):
             return open(path, "rb")
         name = path.relative_to(self.root).as_posix()

@@ -60,6 +60,7 @@ class FrameTable:
 
     @property
     def frames(self) -> int:
+        """Number of displayed frames."""
         return len(self.pts)
 
     @property

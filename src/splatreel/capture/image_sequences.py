@@ -55,6 +55,7 @@ class ImageSequences:
             picture[:] = read_image(file, out.shape[2], out.shape[1], self._where)
 
     def sources(self, first: int, count: int) -> list[Path]:
+        """Return the files that are read."""
         return [file for files in self._files.values() for file in files[first : first + count]]
 
     def tables(self) -> dict[Path, FrameTable]:

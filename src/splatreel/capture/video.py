@@ -38,6 +38,7 @@ class IndexOnly:
         self._begins, self._ends = self._payload()
 
     def read(self, count: int) -> bytes:
+        """Return bytes at the position, zeros for image data."""
         count = max(min(count, self._size - self._at), 0)
         place = bisect_right(self._begins, self._at) - 1
         if place >= 0 and self._at < self._ends[place]:
@@ -50,13 +51,16 @@ class IndexOnly:
         return data
 
     def seek(self, offset: int, whence: int = io.SEEK_SET) -> int:
+        """Set the position."""
         self._at = {io.SEEK_SET: 0, io.SEEK_CUR: self._at, io.SEEK_END: self._size}[whence] + offset
         return self._at
 
     def tell(self) -> int:
+        """Return the position."""
         return self._at
 
     def close(self) -> None:
+        """Close open files."""
         self._file.close()
 
     def _payload(self) -> tuple[list[int], list[int]]:

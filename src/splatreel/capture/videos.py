@@ -130,5 +130,6 @@ class Videos:
         return found
 
     def close(self) -> None:
+        """Close open files."""
         for video in self._files.values():
             video.close()

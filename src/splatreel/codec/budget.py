@@ -29,7 +29,8 @@ class Coded(Protocol):
     """Section described by its parameters."""
 
     @property
-    def parameters(self) -> dict[str, Any]: ...
+    def parameters(self) -> dict[str, Any]:
+        """Parameters of the section."""
 
 
 def allowed_memory(size: int) -> int:

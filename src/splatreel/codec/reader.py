@@ -46,10 +46,12 @@ class ReelReader:
 
     @property
     def fps(self) -> float:
+        """Frames per second."""
         return self.manifest.fps
 
     @property
     def frames(self) -> int:
+        """Number of frames."""
         return self.manifest.frames
 
     @property

@@ -28,6 +28,7 @@ class Clearance:
     share: float = 0.0
 
     def to_dict(self) -> dict[str, Any]:
+        """Return the JSON value that `from_dict` accepts."""
         return {"focus": list(self.focus), "share": self.share}
 
     @staticmethod

@@ -39,6 +39,7 @@ class Dynamic3DGS:
         return len(self._arrays["means3D"])
 
     def read(self, frame: int, origin: np.ndarray | None = None) -> Gaussians:
+        """Return the Gaussians of a frame."""
         arrays = self._arrays
         found = Gaussians(
             means=arrays["means3D"][frame] - (0.0 if origin is None else origin),

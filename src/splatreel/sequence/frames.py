@@ -66,6 +66,7 @@ class PlyFrames:
         return len(self.files)
 
     def read(self, frame: int, origin: np.ndarray | None = None) -> Gaussians:
+        """Return the Gaussians of a frame."""
         file = self.files[frame]
         return check_plausible(read_ply(file, origin), str(file))
 

@@ -77,9 +77,11 @@ class LocalFolder:
         self.path = path
 
     def address(self, name: str) -> str:
+        """Return the name of a file for messages."""
         return str(self.path / name)
 
     def read(self, name: str, most: int) -> bytes | None:
+        """Return the first `most` bytes of a file, or None."""
         try:
             with open(self.path / name, "rb") as file:
                 return file.read(most)
@@ -89,6 +91,7 @@ class LocalFolder:
             raise self._failed(name, "cannot be read", error) from error
 
     def read_range(self, name: str, begin: int, end: int) -> bytes:
+        """Return the bytes from `begin` to `end` (exclusive) of a file."""
         try:
             with open(self.path / name, "rb") as file:
                 file.seek(begin)
@@ -97,6 +100,7 @@ class LocalFolder:
             raise self._failed(name, "cannot be read", error) from error
 
     def write(self, name: str, data: bytes, headers: Headers = PLAIN) -> None:
+        """Create or replace a file."""
         path = self.path / name
         try:
             path.parent.mkdir(parents=True, exist_ok=True)
@@ -107,12 +111,14 @@ class LocalFolder:
             raise self._failed(name, f"could not be written ({len(data)} bytes)", error) from error
 
     def sizes(self, prefix: str = "") -> dict[str, int]:
+        """Return the sizes of files by name."""
         try:
             return {name: size for name, size in self._walk() if name.startswith(prefix)}
         except OSError as error:
             raise self._failed(prefix, "cannot be listed", error) from error
 
     def remove(self, name: str) -> None:
+        """Delete a file."""
         try:
             (self.path / name).unlink(missing_ok=True)
         except OSError as error:

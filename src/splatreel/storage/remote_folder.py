@@ -46,9 +46,11 @@ class RemoteFolder:
             )
 
     def address(self, name: str) -> str:
+        """Return the name of a file for messages."""
         return f"{self._url}/{name}"
 
     def read(self, name: str, most: int) -> bytes | None:
+        """Return the first `most` bytes of a file, or None."""
         try:
             return self._files.cat_file(f"{self._root}/{name}", start=0, end=most)
         except FileNotFoundError:
@@ -57,12 +59,14 @@ class RemoteFolder:
             raise self._failed(name, "cannot be read", error) from error
 
     def read_range(self, name: str, begin: int, end: int) -> bytes:
+        """Return the bytes from `begin` to `end` (exclusive) of a file."""
         try:
             return self._files.cat_file(f"{self._root}/{name}", start=begin, end=end) if end > begin else b""
         except Exception as error:
             raise self._failed(name, "cannot be read", error) from error
 
     def write(self, name: str, data: bytes, headers: Headers = PLAIN) -> None:
+        """Create or replace a file."""
         path = f"{self._root}/{name}"
         try:
             if self._protocol in _WHOLE:
@@ -73,6 +77,7 @@ class RemoteFolder:
             raise self._failed(name, f"could not be written ({len(data)} bytes)", error) from error
 
     def sizes(self, prefix: str = "") -> dict[str, int]:
+        """Return the sizes of files by name."""
         folder = posixpath.dirname(prefix)
         try:
             self._files.invalidate_cache()
@@ -90,6 +95,7 @@ class RemoteFolder:
         return {"prefix": last} if last and self._protocol in _BY_PREFIX else {}
 
     def remove(self, name: str) -> None:
+        """Delete a file."""
         try:
             with contextlib.suppress(FileNotFoundError):
                 self._files.rm_file(f"{self._root}/{name}")

@@ -34,21 +34,27 @@ class RetryingFolder:
         self._folder, self._report, self._pauses = folder, report, pauses
 
     def address(self, name: str) -> str:
+        """Return the name of a file for messages."""
         return self._folder.address(name)
 
     def read(self, name: str, most: int) -> bytes | None:
+        """Return the first `most` bytes of a file, or None."""
         return self._try(lambda: self._folder.read(name, most))
 
     def read_range(self, name: str, begin: int, end: int) -> bytes:
+        """Return the bytes from `begin` to `end` (exclusive) of a file."""
         return self._try(lambda: self._folder.read_range(name, begin, end))
 
     def write(self, name: str, data: bytes, headers: Headers = PLAIN) -> None:
+        """Create or replace a file."""
         self._try(lambda: self._folder.write(name, data, headers))
 
     def sizes(self, prefix: str = "") -> dict[str, int]:
+        """Return the sizes of files by name."""
         return self._try(lambda: self._folder.sizes(prefix))
 
     def remove(self, name: str) -> None:
+        """Delete a file."""
         self._try(lambda: self._folder.remove(name))
 
     def _try(self, action: Callable[[], T]) -> T:

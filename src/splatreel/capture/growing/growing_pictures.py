@@ -75,6 +75,7 @@ class GrowingPictures:
             picture[:] = read_image(self._names[name].file(first + index), out.shape[2], out.shape[1])
 
     def sources(self, first: int, count: int) -> list[Path]:
+        """Return the files that are read."""
         return [names.folder for names in self._names.values()]
 
     def tables(self) -> dict[Path, FrameTable]:

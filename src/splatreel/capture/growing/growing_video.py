@@ -46,6 +46,7 @@ class Tail:
             self._growth.pause()
 
     def close(self) -> None:
+        """Close open files."""
         if self._file is not None:
             self._file.close()
 

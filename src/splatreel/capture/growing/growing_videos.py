@@ -27,17 +27,34 @@ class GrowingCamera(Protocol):
     fps: float
 
     @property
-    def written(self) -> Path: ...
+    def written(self) -> Path:
+        """File that can be read already."""
+
     @property
-    def last(self) -> float | None: ...
+    def last(self) -> float | None:
+        """Seconds from the first frame to the last complete one."""
+
     @property
-    def waiting_for(self) -> Path: ...
-    def update(self) -> None: ...
-    def settle(self) -> None: ...
-    def numbers(self, wanted: np.ndarray) -> np.ndarray: ...
-    def read_into(self, out: np.ndarray, numbers: np.ndarray) -> None: ...
-    def sound(self) -> Packets: ...
-    def close(self) -> None: ...
+    def waiting_for(self) -> Path:
+        """File of the next frame."""
+
+    def update(self) -> None:
+        """Report finished steps."""
+
+    def settle(self) -> None:
+        """Count everything that exists, after the capture has ended."""
+
+    def numbers(self, wanted: np.ndarray) -> np.ndarray:
+        """Return the number of the frame nearest to each time."""
+
+    def read_into(self, out: np.ndarray, numbers: np.ndarray) -> None:
+        """Decode frames with ascending numbers into an array."""
+
+    def sound(self) -> Packets:
+        """Yield the packets of the sound track."""
+
+    def close(self) -> None:
+        """Stop reading."""
 
 
 class GrowingVideos:
@@ -99,6 +116,7 @@ class GrowingVideos:
         camera.read_into(out, camera.numbers(wanted))
 
     def sources(self, first: int, count: int) -> list[Path]:
+        """Return the files that are read."""
         return [camera.path for camera in self._cameras.values()]
 
     def tables(self) -> dict[Path, FrameTable]:
@@ -115,6 +133,7 @@ class GrowingVideos:
         yield from read_packets(self._cameras[name].sound(), channels, start)
 
     def close(self) -> None:
+        """Stop reading."""
         for camera in self._cameras.values():
             camera.close()
 

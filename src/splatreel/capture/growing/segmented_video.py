@@ -189,6 +189,7 @@ class SegmentedVideo:
                     yield segment.begins - segment.start, packet
 
     def close(self) -> None:
+        """Close open files."""
         for video in self._open.values():
             video.close()
         self._open.clear()

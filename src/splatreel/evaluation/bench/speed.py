@@ -196,6 +196,7 @@ class LoopedCapture(Capture):
         )
 
     def sources(self) -> list[Path]:
+        """Return the files that are read."""
         return self.source.sources()
 
     def _read_into(self, out: np.ndarray, first: int, cameras: list[str]) -> None:
