@@ -27,6 +27,7 @@ class FrameSource(Protocol):
     @property
     def frames(self) -> int:
         """Number of time steps."""
+        ...
 
     def read_camera(self, out: np.ndarray, first: int, name: str) -> None:
         """Read time steps from `first` on of a camera into out [count, H, W, 3] uint8, resized to H x W."""

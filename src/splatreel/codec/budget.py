@@ -31,6 +31,7 @@ class Coded(Protocol):
     @property
     def parameters(self) -> dict[str, Any]:
         """Parameters of the section."""
+        ...
 
 
 def allowed_memory(size: int) -> int:

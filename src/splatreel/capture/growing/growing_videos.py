@@ -29,14 +29,17 @@ class GrowingCamera(Protocol):
     @property
     def written(self) -> Path:
         """File that can be read already."""
+        ...
 
     @property
     def last(self) -> float | None:
         """Seconds from the first frame to the last complete one."""
+        ...
 
     @property
     def waiting_for(self) -> Path:
         """File of the next frame."""
+        ...
 
     def update(self) -> None:
         """Report finished steps."""
@@ -46,12 +49,14 @@ class GrowingCamera(Protocol):
 
     def numbers(self, wanted: np.ndarray) -> np.ndarray:
         """Return the number of the frame nearest to each time."""
+        ...
 
     def read_into(self, out: np.ndarray, numbers: np.ndarray) -> None:
         """Decode frames with ascending numbers into an array."""
 
     def sound(self) -> Packets:
         """Yield the packets of the sound track."""
+        ...
 
     def close(self) -> None:
         """Stop reading."""
