@@ -29,7 +29,7 @@ from tests.fuzz.target import check
 
 
 def instrument() -> None:
-    """Follow coverage in all functions and methods of the codec but those that numba compiles, whose code has to stay as it is."""
+    """Measure coverage in all functions and methods of the codec except those that numba compiles."""
     for entry in pkgutil.iter_modules(codec.__path__, f"{codec.__name__}."):
         module = import_module(entry.name)
         classes = [value for value in vars(module).values() if isinstance(value, type)]
@@ -43,7 +43,7 @@ def instrument() -> None:
 
 
 def keep(program: Path, name: str) -> None:
-    """Write the edited file of a program where the tests find it."""
+    """Write the edited file of a program to the tests' data."""
     seed, data = run(program.read_bytes())
     FOLDER.mkdir(exist_ok=True)
     (FOLDER / f"{seed.split('-')[0]}-{name}.bin").write_bytes(data)
