@@ -1,7 +1,8 @@
-"""The golden reel with sound: a wall that flashes, and a click at the moment of every flash.
+"""The golden reel with sound: a wall that flashes, and a click at each flash.
 
-tests/data/golden-sound: 4 s at 50 frames a second, groups of a second. Offsets are interpolated between frames, so that a flash that
-is there from frame f on rises over the frame before; the click is in the middle of that rise, at (f - 1/2) / 50 s.
+tests/data/golden-sound: 4 s at 50 frames per second, in groups of one second. Offsets are interpolated between frames,
+so a flash that starts at frame f rises over the previous frame. The click is in the middle of that rise, at (f - 1/2) /
+50 s.
 """
 
 from __future__ import annotations

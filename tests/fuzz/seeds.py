@@ -42,7 +42,11 @@ def pages() -> dict[str, bytes]:
 
 @cache
 def files() -> dict[str, bytes]:
-    """Return `layer-NAME` and `group-NAME` of every configuration, the `manifest` and `sound` of a reel, `manifest-long` and its first `page`."""
+    """Return all seeds by name.
+
+    They are `layer-NAME` and `group-NAME` of every configuration, the `manifest` and `sound` of a reel, and
+    `manifest-long` with its first `page`.
+    """
     found = {}
     for name, config in CONFIGURATIONS.items():
         found[f"layer-{name}"], _ = encode_layer(0, 0, points(POINTS, degree=2), config, weights(POINTS))
