@@ -182,7 +182,7 @@ def test_unreliable_model_is_refused(
     monkeypatch.setattr("splatreel.capture.calibrate._Solver.solve", lambda *_: moments)
     monkeypatch.setattr("splatreel.capture.calibrate._rig", lambda model: model)
     here = "splatreel.capture.calibrate.run_in_child"  # where what is patched is not patched
-    monkeypatch.setattr(here, lambda function, *arguments, hear: function(hear, *arguments))
+    monkeypatch.setattr(here, lambda function, *arguments, on_message: function(on_message, *arguments))
     with pytest.raises(CaptureError, match=said):
         calibrate(tmp_path, Silent())
     assert not (tmp_path / "sparse").exists()

@@ -110,7 +110,7 @@ def test_layers_out_of_order_are_refused(tmp_path, lives, message):
 
 def test_alive_counts_the_points_that_live_at_a_group(tmp_path):
     writer = grown(tmp_path, 4)
-    with pytest.raises(ReelError, match=r"Group 4 has alive flags of 12 static points .* hold 6"):
+    with pytest.raises(ReelError, match=r"Group 4 has alive flags of 12 static points.* hold 6"):
         writer.add_group(new_group(4, 3, 12))
 
 

@@ -117,7 +117,7 @@ def test_verify_finds_damaged_sound(tmp_path) -> None:
     ("change", "said"),
     [
         ({"channels": 2}, "1 channels.*expected 2"),
-        ({"segments": [{}, {"start": 2.5}]}, "has sound of 2.000 s where 2.500 s was expected"),
+        ({"segments": [{}, {"start": 2.5}]}, "has sound at 2.000 s, expected 2.500 s"),
         ({"segments": [{"seconds": 1}, {}]}, "holds sound up to"),
         ({"segments": [{}, {"seconds": 3000}]}, "up to 4.000 s, not 3002.000 s"),
     ],

@@ -185,7 +185,7 @@ def test_without_resume_the_old_reel_is_dropped(tmp_path):
 def test_wrong_alive_length_is_refused(tmp_path, alive):
     writer = new_writer(tmp_path)
     writer.add_layer(0, 0, points(20))
-    with pytest.raises(ReelError, match=f"{alive} static points .* hold 20"):
+    with pytest.raises(ReelError, match=f"{alive} static points.* hold 20"):
         writer.add_group(new_group(0, 3, alive))
 
 

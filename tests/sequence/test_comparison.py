@@ -89,7 +89,7 @@ def test_blind_cameras_are_refused_before_writing(tmp_path: Path, capsys: pytest
     film, file = write_film(tmp_path / "film", [frame(0)]), tmp_path / "cameras.json"
     file.write_text(entries([away(camera) for camera in cameras()], np.zeros(3)))
     assert main(["import", str(film), "--out", str(tmp_path / "reel"), "--cameras", str(file)]) == 1
-    assert f"the cameras of {file} see nothing of the film" in capsys.readouterr().err
+    assert f"the cameras of {file} see nothing of the sequence" in capsys.readouterr().err
     assert not (tmp_path / "reel").exists()
 
 
@@ -99,7 +99,7 @@ def test_blind_camera_is_named_and_skipped(tmp_path: Path, capsys: pytest.Captur
     file.write_text(entries([away(views[0]), *views[1:]], np.zeros(3)))
     assert main(["import", str(film), "--out", str(tmp_path / "reel"), "--cameras", str(file)]) == 0
     said = capsys.readouterr().out
-    assert "Cameras that see nothing of the film: cam0." in said
+    assert "Cameras that see nothing of the sequence: cam0." in said
     assert float(said.split("pictures have ")[1].split(" dB")[0]) < 90
 
 
